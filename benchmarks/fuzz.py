@@ -36,7 +36,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 import numpy as np
 
 from saddlering_ros.bags import bag_info, read_run, write_bag
-from saddlering_ros.doubts.wiring import wiring_notes
+from saddlering_ros.doubts.finding import lines
+from saddlering_ros.doubts.wiring import wiring_findings
 from saddlering_ros.record import BagError, Record, TestMetadata
 from saddlering_ros.rig import default_rig, TONNE
 
@@ -291,7 +292,7 @@ def suspicion(draws: int) -> dict[str, Any]:
             for bag in write_campaign(truth, Path(folder), names, record, RIG):
                 run = read_run(bag)
                 runs += 1
-                notes = wiring_notes(RIG, run.elevation, run.load, run.gaps)
+                notes = lines(wiring_findings(RIG, run.elevation, run.load, run.gaps))
                 false += [f'{name} {seed} {bag.name}: {note}' for note in notes
                           if 'stays at' not in note or 'saturation' not in name]
                 found, of = put_in_faults(run, bool(notes))
@@ -319,7 +320,7 @@ def put_in_faults(run: Record, already: bool) -> tuple[list[str], int]:
         order[one], order[other] = other, one
         faults[f'{one + 1} and {other + 1} swapped'] = lambda gaps, order=order: gaps[order]
     return [what for what, change in faults.items()
-            if not wiring_notes(RIG, run.elevation, run.load, change(run.gaps))], len(faults)
+            if not wiring_findings(RIG, run.elevation, run.load, change(run.gaps))], len(faults)
 
 
 def with_row(gaps: np.ndarray, probe: int, row: np.ndarray) -> np.ndarray:

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.bags.reader import (
-    notes_on_rig,
     raw_topic,
 )
 from saddlering_ros.bags.scan import OnShare, Scan, scan
+from saddlering_ros.doubts.finding import lines
+from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.reading import absent_topic, mirrored_topic, run_of_record
 from saddlering_ros.doubts.readings import (
     check_load_unit,
@@ -138,7 +139,7 @@ def bag_info(
     count = None
     if run is not None:
         notes += run.notes
-        notes += notes_on_rig(rig, run, record)
+        notes += lines(findings_on_rig(rig, run, record))
         count = _plateau_count(run, problems)
     return _assemble(found, facts, raw, run, count, problems, notes)
 

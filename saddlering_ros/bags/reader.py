@@ -11,12 +11,12 @@ import numpy as np
 
 from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
-from saddlering_ros.doubts.on_rig import line_notes, parity_notes, rig_notes
+from saddlering_ros.doubts.finding import lines
+from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.reading import absent_topic, mirrored_topic, run_of_record
 from saddlering_ros.doubts.readings import (
     MIN_SAMPLES,
 )
-from saddlering_ros.doubts.wiring import exchange_notes, wiring_notes
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
@@ -98,18 +98,8 @@ def read_run(
     run = replace(run_of_record(record, facts, rig), sha256=open_directory(path).sha256())
     run = run if elevation is None else replace(run, elevation=float(elevation))
     if rig is not None:
-        run.notes.extend(notes_on_rig(rig, run, record))
+        run.notes.extend(lines(findings_on_rig(rig, run, record)))
     return run
-
-
-def notes_on_rig(rig: Rig, run: Record, record: RawRecord) -> list[str]:
-    """Probable faults of a run on this rig: wiring, zero, kind, units."""
-    spans = [(record[name].min_range, record[name].max_range) for name in PROBE_TOPICS]
-    wiring = wiring_notes(rig, run.elevation, run.load, run.gaps)
-    parity = [] if wiring or rig.probes.absent else [*parity_notes(rig, run.load, run.gaps),
-                                *line_notes(rig, float(run.time[-1]), run.load, run.gaps)]
-    return [*wiring, *parity, *exchange_notes(rig, run.time, run.load, run.gaps),
-            *rig_notes(rig, run.test, run.time, run.load, spans)]
 
 
 def usable_facts(

@@ -14,7 +14,8 @@ from saddlering_ros.cli._arguments import (
 from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
-    from saddlering_ros.doubts.driver import DriverFinding, HeardTopic
+    from saddlering_ros.doubts.driver import HeardTopic
+    from saddlering_ros.doubts.finding import Finding
 
 
 EXAMPLES = (
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     count = faults(found)
     document = {
         'faults': count,
-        'findings': [{'level': one.level, 'topic': one.topic, 'words': one.words}
+        'findings': [{'level': one.severity, 'topic': one.where, 'words': one.words}
                      for one in found],
         'topics': {name: _figures(one) for name, one in heard.items()}}
     if not tell_json(args, document):
@@ -90,13 +91,13 @@ def _figures(one: HeardTopic) -> dict[str, Any]:
             **{name: value if isfinite(value) else None for name, value in figures.items()}}
 
 
-def _print(heard: dict[str, HeardTopic], found: list[DriverFinding]) -> None:
+def _print(heard: dict[str, HeardTopic], found: list[Finding]) -> None:
     for name, one in heard.items():
         figures = _figures(one)
         if figures['rate'] is not None and figures['mean'] is not None:
             print(f'{name}: {len(one)} samples at {figures["rate"]:.5g} Hz, mean '
                   f'{figures["mean"]:.6g}, {1e3 * figures["delay"]:.3g} ms from stamp to arrival')
-    for line in found:
-        print(line)
+    for finding in found:
+        print(f'{finding.severity}: {finding}')
     if not found:
         print('this driver has no fault')

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.doubts.finding import FAULT, Finding, NOTE
 from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
-from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_notes
+from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_findings
 from saddlering_ros.record import BagError
 from saddlering_ros.record.alignment import align, gap_mask
 from saddlering_ros.record.guard import load_limits, probe_limits, SampleGuard
@@ -21,8 +22,6 @@ from saddlering_ros.rig import mirrored_gap, Rig
 
 Stamps = NDArray[np.int64]
 Floats = NDArray[np.float64]
-
-FAULT, NOTE = 'fault', 'note'
 
 MIN_SAMPLES = 20
 """Fewer samples of a topic cannot be judged."""
@@ -48,6 +47,13 @@ NARROW_MARGIN = 0.1
 
 MOVED = 50.0
 """Readings that spread by more than this many standard deviations of their noise have moved."""
+
+LIMITS = {
+    'other_clock': CLOCK_LIMIT, 'skew': SKEW_LIMIT, 'other_rate': RATE_TOLERANCE,
+    'stamps_no_times': RATE_TOLERANCE, 'block_stamps': SHARED_STAMPS,
+    'other_range': SPAN_TOLERANCE, 'narrow_margin': NARROW_MARGIN, 'load_still': MIN_LOAD_SPAN,
+    'few_samples': MIN_SAMPLES}
+"""Limits by kind of finding, in the units stated above."""
 
 
 @dataclass(frozen=True)
@@ -84,32 +90,17 @@ class HeardTopic:
         return float(np.median(self.arrivals - self.stamps)) / 1e9 if len(self) else math.nan
 
 
-@dataclass(frozen=True)
-class DriverFinding:
-    """One finding: FAULT (to be mended before a test) or NOTE, topic, fault and remedy."""
+class _Findings(list[Finding]):
+    def fault(self, kind: str, where: str, words: str) -> None:
+        self.append(Finding(kind, words, where, LIMITS.get(kind), FAULT))
 
-    level: str
-    topic: str
-    words: str
-
-    def __str__(self) -> str:
-        return f'{self.level}: {self.topic}: {self.words}'
-
-
-@dataclass
-class _Findings:
-    found: list[DriverFinding] = field(default_factory=list)
-
-    def fault(self, topic: str, words: str) -> None:
-        self.found.append(DriverFinding(FAULT, topic, words))
-
-    def note(self, topic: str, words: str) -> None:
-        self.found.append(DriverFinding(NOTE, topic, words))
+    def note(self, kind: str, where: str, words: str) -> None:
+        self.append(Finding(kind, words, where, LIMITS.get(kind), NOTE))
 
 
 def check_driver(
     rig: Rig, heard: Mapping[str, HeardTopic], elevation: float, rate: float | None = None,
-) -> list[DriverFinding]:
+) -> list[Finding]:
     """Faults and notes on the topics `heard` (by name, the five of a rig), faults first.
 
     elevation [rad] decides to which side a load must move each probe; rate [Hz]: wanted of every
@@ -131,50 +122,59 @@ def check_driver(
         _skew(found, heard, [topic.name for topic in probes])
         _load(found, rig, heard[LOAD_TOPIC])
         _directions(found, rig, heard, elevation)
-    return sorted(found.found, key=lambda one: one.level != FAULT)
+    return sorted(found, key=lambda one: one.severity != FAULT)
 
 
 def _absent(found: _Findings, topic: RigTopic, one: HeardTopic | None) -> None:
     wrong = [kind for kind in (() if one is None else one.types) if kind != topic.type]
     if wrong:
-        found.fault(topic.name, f'is published as {wrong[0]}: publish {topic.type}')
+        found.fault('wrong_type', topic.name, f'is published as {wrong[0]}: publish {topic.type}')
     elif one is None or not one.publishers:
-        found.fault(topic.name, 'it has no publisher: start the driver, or remap its topic')
+        found.fault('no_publisher', topic.name,
+                    'it has no publisher: start the driver, or remap its topic')
     else:
-        found.fault(topic.name, f'{len(one)} samples came from {one.publishers} publisher(s): '
+        found.fault('few_samples', topic.name,
+                    f'{len(one)} samples came from {one.publishers} publisher(s): '
                     'check that the driver reads its device, or listen longer')
 
 
 def _source(found: _Findings, topic: RigTopic, one: HeardTopic) -> None:
     if one.publishers > 1:
-        found.fault(topic.name, f'{one.publishers} publishers, whose samples are mixed: end all '
+        found.fault('several_publishers', topic.name,
+                    f'{one.publishers} publishers, whose samples are mixed: end all '
                     'but one')
     if one.frame_id != topic.frame_id:
-        found.note(topic.name, f'frame_id is {one.frame_id!r}: set it to {topic.frame_id!r}')
+        found.note('frame_id', topic.name,
+                   f'frame_id is {one.frame_id!r}: set it to {topic.frame_id!r}')
 
 
 def _stamps(found: _Findings, topic: RigTopic, one: HeardTopic, rate: float | None) -> None:
     unset = int((one.stamps <= 0).sum())
     if unset:
-        found.fault(topic.name, f'{unset} of {len(one)} stamps are not set: stamp each sample '
+        found.fault('stamps_unset', topic.name,
+                    f'{unset} of {len(one)} stamps are not set: stamp each sample '
                     'with the time of its measurement')
         return
     steps = np.diff(one.stamps)
     shared, back = int((steps == 0).sum()), int((steps < 0).sum())
     if shared > SHARED_STAMPS * len(steps):
-        found.fault(topic.name, f'{shared} of {len(one)} samples have the stamp of the one '
+        found.fault('block_stamps', topic.name,
+                    f'{shared} of {len(one)} samples have the stamp of the one '
                     'before: stamp each sample of a block with its own time')
         return
     if shared:
-        found.fault(topic.name, f'{shared} samples have the stamp of the one before')
+        found.fault('shared_stamps', topic.name,
+                    f'{shared} samples have the stamp of the one before')
     if back:
-        found.fault(topic.name, f'{back} stamps go back: publish samples in the order of their '
+        found.fault('stamps_go_back', topic.name,
+                    f'{back} stamps go back: publish samples in the order of their '
                     'measurement')
         return
     _rates(found, topic, one, rate)
     if abs(one.delay) > CLOCK_LIMIT:
         side = 'behind' if one.delay > 0.0 else 'ahead of'
-        found.fault(topic.name, f'stamps are {abs(one.delay):.3g} s {side} the clock of this '
+        found.fault('other_clock', topic.name,
+                    f'stamps are {abs(one.delay):.3g} s {side} the clock of this '
                     'machine: synchronise the clocks (chrony, PTP), or stamp in UTC')
 
 
@@ -182,34 +182,40 @@ def _rates(found: _Findings, topic: RigTopic, one: HeardTopic, wanted: float | N
     gaps = gap_mask(one.stamps)
     if gaps.any():
         longest = float(np.diff(one.stamps)[gaps].max()) / 1e9
-        found.fault(topic.name, f'{int(gaps.sum())} gaps in the stamps, longest {longest:.3g} s: '
+        found.fault('gaps', topic.name,
+                    f'{int(gaps.sum())} gaps in the stamps, longest {longest:.3g} s: '
                     'samples are lost in the driver or on the way (best effort on a busy network)')
     if wanted is not None and abs(one.rate / wanted - 1.0) > RATE_TOLERANCE:
-        found.fault(topic.name, f'comes at {one.rate:.4g} Hz, and {wanted:g} Hz is required')
+        found.fault('other_rate', topic.name,
+                    f'comes at {one.rate:.4g} Hz, and {wanted:g} Hz is required')
     arrived = float(one.arrivals[-1] - one.arrivals[0])
     stamped = float(one.stamps[-1] - one.stamps[0])
     if not gaps.any() and arrived > 1e9 and abs(stamped / arrived - 1.0) > RATE_TOLERANCE:
-        found.fault(topic.name, f'stamps advance by {stamped / 1e9:.3g} s in '
+        found.fault('stamps_no_times', topic.name,
+                    f'stamps advance by {stamped / 1e9:.3g} s in '
                     f'{arrived / 1e9:.3g} s: the stamps are not times, or the driver falls behind')
 
 
 def _values(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> None:
     unknown = int((~np.isfinite(one.values)).sum())
     if unknown:
-        found.fault(topic.name, f'{unknown} of {len(one)} readings are not numbers: leave out '
+        found.fault('not_numbers', topic.name,
+                    f'{unknown} of {len(one)} readings are not numbers: leave out '
                     'what was not measured')
     values = one.values[np.isfinite(one.values)]
     if not len(values):
         return
     if (values == values[0]).all():
-        found.fault(topic.name, f'the reading never changes ({values[0]:.6g} {topic.unit}): a '
+        found.fault('never_changes', topic.name,
+                    f'the reading never changes ({values[0]:.6g} {topic.unit}): a '
                                 'sensor has noise; check that it is connected')
     guard = SampleGuard(load_limits(rig) if topic is LOAD else probe_limits(rig))
     guard.push(Samples(one.stamps, one.values))
     counts = guard.counters
     impossible = counts.impossible + counts.leaps_of_reading + counts.doubtful_load
     if impossible and not _in_other_unit(found, rig, topic, values):
-        found.fault(topic.name, f'{impossible} readings that this rig cannot have (from '
+        found.fault('impossible', topic.name,
+                    f'{impossible} readings that this rig cannot have (from '
                     f'{values.min():.4g} to {values.max():.4g} {topic.unit}): the nodes refuse '
                     'them; look for spikes, the unit and the rig file')
     if topic is not LOAD:
@@ -224,7 +230,7 @@ def _in_other_unit(found: _Findings, rig: Rig, topic: RigTopic, values: Floats) 
         else:
             check_probe_unit('', values, rig.probes.min_range, rig.probes.max_range)
     except BagError as problem:
-        found.fault(topic.name, str(problem).removeprefix(': '))
+        found.fault('other_unit', topic.name, str(problem).removeprefix(': '))
         return True
     return False
 
@@ -235,18 +241,22 @@ def _range(
     low, high = rig.probes.min_range, rig.probes.max_range
     span = high - low
     if not one.high > one.low:
-        found.note(topic.name, f'states no range: fill in min_range {low:g} and max_range '
+        found.note('no_span', topic.name,
+                   f'states no range: fill in min_range {low:g} and max_range '
                    f'{high:g}')
     elif max(abs(one.low - low), abs(one.high - high)) > SPAN_TOLERANCE * span:
-        found.fault(topic.name, f'its range is {one.low:.4g} to {one.high:.4g} m and that of the '
+        found.fault('other_range', topic.name,
+                    f'its range is {one.low:.4g} to {one.high:.4g} m and that of the '
                     f'rig file {low:.4g} to {high:.4g} m: correct one of them')
     ended = int(((values <= low) | (values >= high)).sum())
     margin = min(float(np.median(values)) - low, high - float(np.median(values)))
     if ended:
-        found.fault(topic.name, f'{ended} of {len(values)} readings at or beyond an end of the '
+        found.fault('at_limit_of_span', topic.name,
+                    f'{ended} of {len(values)} readings at or beyond an end of the '
                     'range: check the position and the unit of the probe')
     elif margin < NARROW_MARGIN * span:
-        found.note(topic.name, f'the gap is {margin * 1e3:.3g} mm from an end of the range: move '
+        found.note('narrow_margin', topic.name,
+                   f'the gap is {margin * 1e3:.3g} mm from an end of the range: move '
                    'the probe to the middle')
 
 
@@ -257,14 +267,16 @@ def _skew(
     for name in probes:
         skew = heard[name].delay - load
         if abs(skew) > SKEW_LIMIT and abs(load) < CLOCK_LIMIT:
-            found.fault(name, f'stamps are {abs(skew) * 1e3:.3g} ms '
+            found.fault('skew', name,
+                        f'stamps are {abs(skew) * 1e3:.3g} ms '
                         f'{"older" if skew > 0.0 else "younger"} than those of the load that '
                         'arrive with them: use one clock for both, and stamp with the time of '
                         'measurement')
     rates = [heard[name].rate for name in probes]
     load_rate = heard[LOAD_TOPIC].rate
     if min(rates) < 0.5 * load_rate:
-        found.note(probes[int(np.argmin(rates))], f'comes at {min(rates):.4g} Hz and the '
+        found.note('slow_probe', probes[int(np.argmin(rates))],
+                   f'comes at {min(rates):.4g} Hz and the '
                    f'load at {load_rate:.4g} Hz: damping is known better with equal rates')
 
 
@@ -276,12 +288,14 @@ def _load(found: _Findings, rig: Rig, one: HeardTopic) -> None:
     if low < load_limits(rig).low:
         return  # these readings are refused, which is a finding already
     if low < -rig.limits.negative_max:
-        found.fault(LOAD_TOPIC, f'the load falls to {low:.4g} N: publish a pushing load as '
+        found.fault('load_negative', LOAD_TOPIC,
+                    f'the load falls to {low:.4g} N: publish a pushing load as '
                     'positive, and zero the load cell')
     elif high < rig.limits.unit_min and high - low > MOVED * white_noise(values):
         _in_other_unit(found, rig, LOAD, values)
     elif high < rig.limits.unit_min:
-        found.note(LOAD_TOPIC, f'the load is {low:.4g} to {high:.4g} N: at rest without preload, '
+        found.note('load_at_rest', LOAD_TOPIC,
+                   f'the load is {low:.4g} to {high:.4g} N: at rest without preload, '
                    f'or not in newtons; sign and unit are known from {rig.preload:.4g} N on')
 
 
@@ -293,7 +307,8 @@ def _directions(
     stamps, values = _in_order(load)
     least = MIN_LOAD_SPAN * rig.full_scale_load
     if len(values) < MIN_SAMPLES or float(np.ptp(values)) < least:
-        found.note(LOAD_TOPIC, 'the load did not move: polarity, order of the probes and sign of '
+        found.note('load_still', LOAD_TOPIC,
+                   'the load did not move: polarity, order of the probes and sign of '
                    f'the load are not checked; move it by {rig.force_words(least)} meanwhile')
         return
     probes = rig.probes
@@ -302,8 +317,8 @@ def _directions(
     if probes.absent:
         other = gaps[probes.partner_row]
         gaps = np.insert(gaps, probes.absent - 1, mirrored_gap(probes, other), axis=0)
-    for words in wiring_notes(rig, elevation, values, gaps):
-        found.fault('probes', words)
+    for finding in wiring_findings(rig, elevation, values, gaps):
+        found.append(replace(finding, where='probes', severity=FAULT))
 
 
 def _in_order(one: HeardTopic) -> tuple[Stamps, Floats]:
@@ -313,6 +328,6 @@ def _in_order(one: HeardTopic) -> tuple[Stamps, Floats]:
     return stamps, one.values[kept][first]
 
 
-def faults(found: Sequence[DriverFinding]) -> int:
+def faults(found: Sequence[Finding]) -> int:
     """How many of the findings are faults."""
-    return sum(one.level == FAULT for one in found)
+    return sum(one.severity == FAULT for one in found)

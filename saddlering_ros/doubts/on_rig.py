@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.doubts.comparison import rig_in_words
+from saddlering_ros.doubts.finding import Finding, Kind
 from saddlering_ros.doubts.readings import LENGTH_UNITS
-from saddlering_ros.doubts.wiring import wiring_notes
+from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.displacement import displacement_of_run
 from saddlering_ros.record.plateaus import find_holds
@@ -30,36 +31,83 @@ FORCE_UNITS = {'kgf': 9.80665, 'daN': 10.0, 'lbf': 4.4482216, 'kips': 4448.2216}
 UNIT_TOLERANCE = 0.03
 """Largest deviation of a ratio from that of a unit for the note."""
 
-PEAK_TOLERANCE = 1.1
-"""Share of full scale, in another unit, below which its record stays, and above ..."""
-
 PEAK_SHARE = 0.3
+"""Share of full scale, in another unit, which the highest load reaches."""
 
 PARTS = 20
 """Parts of a record over which the parity is averaged."""
 
 MIN_HOLDS = 8
-MIN_HELD_SHARE = 0.6
-"""Number of holds, and share of its time in them, with which a dynamic record looks static."""
-
-
-PARITY_SHARE = 0.004
-"""Share of the largest motion by which the parity may follow the load without a note."""
+"""Number of holds with which a dynamic record looks static."""
 
 PARITY_ERRORS = 5.0
-"""... and so many standard deviations of its means over a twentieth of the record."""
+"""Standard deviations of its means over a twentieth of the record by which the parity may follow
+the load."""
 
+PARITY_FOLLOWS = Kind(
+    'parity_follows_load',
+    'the parity of probes 1 and 3 follows the load by {moved}; that of a rigid ring is constant: '
+    'cross-talk, a gain, a bracket or the ring itself (diagnose reports which)',
+    threshold=0.004)
+"""Share of the largest motion by which the parity may follow the load."""
+
+PARITY_OSCILLATES = Kind(
+    'parity_oscillates',
+    'the parity of probes 1 and 3 oscillates by {size} at {frequency}, which a rigid ring cannot: '
+    'mains pickup, a vibration of the probes, or one above half the sampling rate that is seen at '
+    'a wrong frequency (aliasing): filter before sampling',
+    threshold=60.0)
+"""Ratio of the power of a line of the spectrum to the median about it. Chance: once in 1e14
+records."""
+
+LOAD_UNIT = Kind(
+    'load_unit',
+    'the load begins at {start:.4g} and ends at {peak:.4g} at most, which looks like {units} (the '
+    'preload is {preload:.4g} N): publish newtons, or K comes out about {factor:.2g} times too '
+    'small')
+
+OVERLOAD = Kind(
+    'overload',
+    'the load reaches {peak} and the full scale is {full}: the unit or the gain of the load, or '
+    'full_scale_load of the rig file, is wrong',
+    threshold=1.1)
+"""Share of the full scale, in any unit, below which the highest load stays."""
+
+START_OFF_PRELOAD = Kind(
+    'start_off_preload',
+    'the record starts at {start}, which is not near the preload ({preload}): displacements count '
+    'from there')
+
+SPAN_UNIT = Kind(
+    'span_unit',
+    'probe {probe} publishes a span up to {high:.4g} m and the rig file gives {wanted:.4g} m, '
+    'which looks like {unit}: publish metres')
+
+LOOKS_STATIC = Kind(
+    'looks_static',
+    'the load is held at {holds} levels, which looks like a static test: give --test static, or '
+    'correct the metadata of the bag',
+    threshold=0.6)
+"""Share of its time in holds with which a dynamic record looks static."""
 
 MIN_LINE_SAMPLES = 200
 LINE_REACH = 12
-"""Lines of the spectrum on either side of one with which it is compared ..."""
-
-LINE_RATIO = 60.0
-"""... and by what factor its power exceeds their median. Chance: once in 1e14 records."""
+"""Lines of the spectrum on either side of one with which it is compared."""
 
 
-def parity_notes(rig: Rig, load: Floats, gaps: Floats) -> list[str]:
-    """One line if the parity of the radial probes in gaps (4, N) [m] follows the load (N,) [N].
+def findings_on_rig(rig: Rig, run: Record, record: RawRecord) -> list[Finding]:
+    """Probable faults of a run on this rig: wiring, zero, kind, units."""
+    spans = [(record[name].min_range, record[name].max_range) for name in PROBE_TOPICS]
+    findings = wiring_findings(rig, run.elevation, run.load, run.gaps)
+    if not findings and not rig.probes.absent:
+        findings = [*parity_findings(rig, run.load, run.gaps),
+                    *line_findings(rig, float(run.time[-1]), run.load, run.gaps)]
+    return [*findings, *exchange_findings(rig, run.time, run.load, run.gaps),
+            *rig_findings(rig, run.test, run.time, run.load, spans)]
+
+
+def parity_findings(rig: Rig, load: Floats, gaps: Floats) -> list[Finding]:
+    """One finding if the parity of the radial probes in gaps (4, N) [m] follows the load (N,) [N].
 
     The parity (d1 + d3)/2 of a rigid ring is zero with any contact.
     """
@@ -74,15 +122,14 @@ def parity_notes(rig: Rig, load: Floats, gaps: Floats) -> list[str]:
     slope, start = np.polyfit(force, parity, 1)
     moved = abs(float(slope)) * float(np.ptp(force))
     spread = float(np.std(parity - start - slope * force, ddof=2))
-    if moved < max(PARITY_SHARE * float(np.ptp(means[:4], axis=1).max()), PARITY_ERRORS * spread):
+    largest = float(np.ptp(means[:4], axis=1).max())
+    if moved < max(PARITY_FOLLOWS.limit * largest, PARITY_ERRORS * spread):
         return []
-    return [f'the parity of probes 1 and 3 follows the load by {quantity(moved, "m", digits=2)}; '
-            'that of a rigid ring is constant: cross-talk, a gain, a bracket or the ring itself '
-            '(diagnose reports which)']
+    return [PARITY_FOLLOWS.at(moved=quantity(moved, 'm', digits=2))]
 
 
-def line_notes(rig: Rig, seconds: float, load: Floats, gaps: Floats) -> list[str]:
-    """One line if the parity of the radial probes holds an oscillation of one frequency.
+def line_findings(rig: Rig, seconds: float, load: Floats, gaps: Floats) -> list[Finding]:
+    """One finding if the parity of the radial probes holds an oscillation of one frequency.
 
     gaps (4, N) [m] over `seconds`. The ring's own vibration leaves the parity as it is: what
     shows there is picked up, or a vibration of the frame, or what lies above half the sampling
@@ -99,13 +146,10 @@ def line_notes(rig: Rig, seconds: float, load: Floats, gaps: Floats) -> list[str
     place = int(np.argmax(power[LINE_REACH:-LINE_REACH] / usual)) + LINE_REACH
     size = 4.0 * math.sqrt(power[place]) / parity.size
     noise = float(np.std(np.diff(parity))) / math.sqrt(2.0)
-    if power[place] < LINE_RATIO * usual[place - LINE_REACH] or size < noise:
+    if power[place] < PARITY_OSCILLATES.limit * usual[place - LINE_REACH] or size < noise:
         return []
-    return [f'the parity of probes 1 and 3 oscillates by {quantity(size, "m", digits=2)} at '
-            f'{quantity(place / seconds, "Hz")}, which a rigid ring cannot: mains pickup, '
-            'a vibration of '
-            'the probes, or one above half the sampling rate that is seen at a wrong frequency '
-            '(aliasing): filter before sampling']
+    return [PARITY_OSCILLATES.at(size=quantity(size, 'm', digits=2),
+                                 frequency=quantity(place / seconds, 'Hz'))]
 
 
 def _median_about(power: Floats) -> Floats:
@@ -115,10 +159,10 @@ def _median_about(power: Floats) -> Floats:
     return np.asarray(np.maximum(np.median(windows[:, beside], axis=1), 1e-300))
 
 
-def rig_notes(
+def rig_findings(
     rig: Rig, test: str, time: Floats, load: Floats, spans: list[tuple[float, float]],
-) -> list[str]:
-    """One line each for a test of a kind on a rig; spans [m] as the probes publish them."""
+) -> list[Finding]:
+    """Findings on a test of a kind on a rig; spans [m] as the probes publish them."""
     if count_where(np.isfinite, load) < len(load):
         kept = np.isfinite(load)
         time, load = time[kept], load[kept]
@@ -126,30 +170,28 @@ def rig_notes(
             *_kind(test, time, load)]
 
 
-def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[str]:
+def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
     zero = zero_of_record(rig, time, load)
     start, peak = zero.load, float(extremes(load)[1])
     looks = [
         name for name, factor in FORCE_UNITS.items()
         if rig.preload > 0.0 and abs(start * factor / rig.preload - 1.0) < UNIT_TOLERANCE
-        and PEAK_SHARE < peak * factor / rig.full_scale_load < PEAK_TOLERANCE
+        and PEAK_SHARE < peak * factor / rig.full_scale_load < OVERLOAD.limit
     ]
     if looks:
-        return [f'the load begins at {start:.4g} and ends at {peak:.4g} at most, which looks like '
-                f'{" or ".join(looks)} (the preload is {rig.preload:.4g} N): publish newtons, or '
-                f'K comes out about {FORCE_UNITS[looks[0]]:.2g} times too small']
-    if peak > PEAK_TOLERANCE * rig.full_scale_load:
-        return [f'the load reaches {rig.force_words(peak)} and the full scale is '
-                f'{rig.force_words(rig.full_scale_load)}: the unit or the gain of the load, or '
-                'full_scale_load of the rig file, is wrong']
+        return [LOAD_UNIT.at(start=start, peak=peak, units=' or '.join(looks),
+                             preload=rig.preload, factor=FORCE_UNITS[looks[0]])]
+    if peak > OVERLOAD.limit * rig.full_scale_load:
+        return [OVERLOAD.at(peak=rig.force_words(peak),
+                            full=rig.force_words(rig.full_scale_load))]
     if not zero.near_preload:
-        return [f'the record starts at {rig.force_words(start)}, which is not near the preload '
-                f'({rig.force_words(rig.preload)}): displacements count from there']
+        return [START_OFF_PRELOAD.at(start=rig.force_words(start),
+                                     preload=rig.force_words(rig.preload))]
     return []
 
 
-def _unit_of_probes(rig: Rig, spans: list[tuple[float, float]]) -> list[str]:
-    notes = []
+def _unit_of_probes(rig: Rig, spans: list[tuple[float, float]]) -> list[Finding]:
+    findings = []
     wanted = rig.probes.max_range
     for number, (_, high) in enumerate(spans, start=1):
         if not math.isfinite(high) or abs(high / wanted - 1.0) < UNIT_TOLERANCE:
@@ -157,37 +199,63 @@ def _unit_of_probes(rig: Rig, spans: list[tuple[float, float]]) -> list[str]:
         looks = [name for name, factor in LENGTH_UNITS.items()
                  if abs(high * factor / wanted - 1.0) < UNIT_TOLERANCE]
         if looks:
-            notes.append(
-                f'probe {number} publishes a span up to {high:.4g} m and the rig file gives '
-                f'{wanted:.4g} m, which looks like {looks[0]}: publish metres')
-    return notes
+            findings.append(
+                SPAN_UNIT.at(probe=number, high=high, wanted=wanted, unit=looks[0]))
+    return findings
 
 
-def _kind(test: str, time: Floats, load: Floats) -> list[str]:
+def _kind(test: str, time: Floats, load: Floats) -> list[Finding]:
     if test != 'dynamic':
         return []
     holds = find_holds(time, load)
     held = sum(float(time[stop - 1] - time[start]) for start, stop in holds)
-    if len(holds) < MIN_HOLDS or held < MIN_HELD_SHARE * float(time[-1] - time[0]):
+    if len(holds) < MIN_HOLDS or held < LOOKS_STATIC.limit * float(time[-1] - time[0]):
         return []
-    return [f'the load is held at {len(holds)} levels, which looks like a static test: give '
-            '--test static, or correct the metadata of the bag']
+    return [LOOKS_STATIC.at(holds=len(holds))]
 
 
-MAX_ELEVATION_ERROR = math.radians(20.0)
-"""Accuracy [degrees] of the elevation from tilt over lift, on sound rings of 48 and 97 rollers."""
+MIN_PEAK = 0.5
+"""Share of the full scale that the highest load of a test reaches."""
 
-MAX_OVERLOAD, MIN_PEAK = 1.05, 0.5
-"""Shares of the full scale between which the highest load of a test lies."""
+OTHER_RIG = Kind(
+    'other_rig',
+    'it was recorded on a rig with the hash {hash}, and this rig is another ({rig})')
 
-MAX_START_ERROR = 0.04
+OTHER_RANGE = Kind(
+    'other_range',
+    'probe {probe} states a range of {low:g} to {high:g} mm, the rig file {rig_low:g} to '
+    '{rig_high:g} mm (rig.probes.min_range, max_range)')
+
+OUT_OF_RANGE = Kind(
+    'out_of_range',
+    'probe {probe} reads {low:.3f} to {high:.3f} mm, outside of the range in the rig file '
+    '(rig.probes.min_range, max_range)')
+
+OTHER_FULL_SCALE = Kind(
+    'other_full_scale',
+    'the highest load is {peak}, the full scale in the rig file {full} (rig.full_scale_load)',
+    threshold=1.05)
+"""Share of the full scale that the highest load of a test does not exceed."""
+
+OTHER_PRELOAD = Kind(
+    'other_preload',
+    'the record starts at {start}, the preload in the rig file is {preload} (rig.preload)',
+    threshold=0.04)
 """Share of the full scale by which a record may start beside the preload."""
 
+OTHER_ELEVATION = Kind(
+    'other_elevation',
+    'tilt and axial motion agree with an elevation of about {apparent:.0f} deg and the bag states '
+    "{stated:g}: the elevation, the trunnion (rig.trunnion), the probes' span "
+    '(rig.probes.axial_span) or the pitch radius (rig.axial_rows.pitch_radius) is wrong',
+    threshold=math.radians(20.0))
+"""Error [rad] of the elevation from tilt over lift, on sound rings of 48 and 97 rollers."""
 
-def check_rig(rig: Rig, record: RawRecord, run: Record) -> list[str]:
-    """One line for each contradiction between bag and rig; [] if there is none."""
+
+def check_rig(rig: Rig, record: RawRecord, run: Record) -> list[Finding]:
+    """A finding for each contradiction between bag and rig; [] if there is none."""
     return [*_hash(rig, run), *_ranges(rig, record), *_loads(rig, run),
-            *wiring_notes(rig, run.elevation, run.load, run.gaps), *_elevation(rig, run)]
+            *wiring_findings(rig, run.elevation, run.load, run.gaps), *_elevation(rig, run)]
 
 
 def apparent_elevation(rig: Rig, run: Record) -> float | None:
@@ -212,53 +280,47 @@ def apparent_elevation(rig: Rig, run: Record) -> float | None:
     return math.atan2(1.0, cotangent)
 
 
-def _hash(rig: Rig, run: Record) -> list[str]:
+def _hash(rig: Rig, run: Record) -> list[Finding]:
     if not run.rig_hash or run.rig_hash == rig.digest:
         return []
-    return [f'it was recorded on a rig with the hash {short_digest(run.rig_hash)}, and this rig '
-            f'is another ({rig_in_words(rig)})']
+    return [OTHER_RIG.at(hash=short_digest(run.rig_hash), rig=rig_in_words(rig))]
 
 
-def _ranges(rig: Rig, record: RawRecord) -> list[str]:
+def _ranges(rig: Rig, record: RawRecord) -> list[Finding]:
     probes = rig.probes
-    lines = []
+    findings = []
     for number in probes.present:
         raw = record[PROBE_TOPICS[number - 1]]
         stated = (raw.min_range, raw.max_range)
         if not np.allclose(stated, (probes.min_range, probes.max_range), rtol=1e-3, atol=1e-9):
-            lines.append(
-                f'probe {number} states a range of {stated[0] * 1e3:g} to {stated[1] * 1e3:g} mm, '
-                f'the rig file {probes.min_range * 1e3:g} to {probes.max_range * 1e3:g} mm '
-                '(rig.probes.min_range, max_range)')
+            findings.append(OTHER_RANGE.at(
+                probe=number, low=stated[0] * 1e3, high=stated[1] * 1e3,
+                rig_low=probes.min_range * 1e3, rig_high=probes.max_range * 1e3))
         low, high = map(float, extremes(raw.values))
         if low < probes.min_range or high > probes.max_range:
-            lines.append(f'probe {number} reads {low * 1e3:.3f} to {high * 1e3:.3f} mm, outside '
-                         'of the range in the rig file (rig.probes.min_range, max_range)')
-    return lines
+            findings.append(OUT_OF_RANGE.at(probe=number, low=low * 1e3, high=high * 1e3))
+    return findings
 
 
-def _loads(rig: Rig, run: Record) -> list[str]:
+def _loads(rig: Rig, run: Record) -> list[Finding]:
     peak, start = float(np.nanmax(run.load)), float(np.nanmedian(run.load[:10]))
     full = rig.full_scale_load
-    lines = []
-    if not MIN_PEAK * full <= peak <= MAX_OVERLOAD * full:
-        lines.append(f'the highest load is {rig.force_words(peak)}, the full scale in the rig '
-                     f'file {rig.force_words(full)} (rig.full_scale_load)')
-    if abs(start - rig.preload) > MAX_START_ERROR * full:
-        lines.append(f'the record starts at {rig.force_words(start, 2)}, the preload in the rig '
-                     f'file is {rig.force_words(rig.preload, 2)} (rig.preload)')
-    return lines
+    findings = []
+    if not MIN_PEAK * full <= peak <= OTHER_FULL_SCALE.limit * full:
+        findings.append(
+            OTHER_FULL_SCALE.at(peak=rig.force_words(peak), full=rig.force_words(full)))
+    if abs(start - rig.preload) > OTHER_PRELOAD.limit * full:
+        findings.append(OTHER_PRELOAD.at(start=rig.force_words(start, 2),
+                                         preload=rig.force_words(rig.preload, 2)))
+    return findings
 
 
-def _elevation(rig: Rig, run: Record) -> list[str]:
-    found = apparent_elevation(rig, run)
-    if found is None:
+def _elevation(rig: Rig, run: Record) -> list[Finding]:
+    apparent = apparent_elevation(rig, run)
+    if apparent is None:
         return []
-    apart = (found - run.elevation + math.pi / 2.0) % math.pi - math.pi / 2.0
-    if abs(apart) <= MAX_ELEVATION_ERROR:
+    apart = (apparent - run.elevation + math.pi / 2.0) % math.pi - math.pi / 2.0
+    if abs(apart) <= OTHER_ELEVATION.limit:
         return []
-    return ['tilt and axial motion agree with an elevation of about '
-            f'{math.degrees(run.elevation + apart):.0f} '
-            f'deg and the bag states {math.degrees(run.elevation):g}: the elevation, the trunnion '
-            "(rig.trunnion), the probes' span (rig.probes.axial_span) or the pitch radius "
-            '(rig.axial_rows.pitch_radius) is wrong']
+    return [OTHER_ELEVATION.at(apparent=math.degrees(run.elevation + apart),
+                               stated=math.degrees(run.elevation))]

@@ -13,16 +13,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.doubts.finding import Finding, Kind, lines
 from saddlering_ros.doubts.readings import (
     check_load_unit,
     check_overlap,
     check_probe_unit,
     check_values,
+    clock_findings,
+    load_findings,
     MIN_SAMPLES,
-    notes_between,
-    notes_on_load,
-    notes_on_probe,
-    quality_notes,
+    probe_findings,
+    quality_findings,
     unit_outside,
 )
 from saddlering_ros.record.aligner import aligned_record
@@ -55,6 +56,21 @@ MAX_REFUSED_SHARE = 0.05
 """Largest share of refused samples. With more of them the unit, the sensor or the rig file is
 wrong."""
 
+REFUSED = Kind(
+    'refused',
+    '{count} samples are refused, as live nodes refuse them ({words}): validity marks what is '
+    'interpolated across them, and identification and diagnosis leave it out')
+DOUBTFUL_LOAD = Kind(
+    'doubtful_load',
+    '{count} samples lie behind a step that the hydraulics cannot make in its time '
+    '(rig.full_scale_time), as when a counter rolls over: validity marks what is simulated by '
+    'them, and identification and diagnosis leave it out')
+PROBE_ABSENT = Kind(
+    'probe_absent',
+    'probe {absent} is absent (rig.probes.absent): delta_x is of probe {partner} alone, with the '
+    'ring taken as rigid; the parity is unknown, and causes that show in it cannot be told from '
+    'others')
+
 MAX_GAP_SHARE = 0.5
 """Share of a probe's record in gaps above which its stamps come by blocks."""
 
@@ -75,20 +91,21 @@ def run_of_record(
         is_paired = a_pair_reads(gaps[:, rows])
         used[rows] &= is_paired
         published[rows] &= is_paired
-    notes = [*record.notes, *absence_notes(rig), *load.notes, *notes_on_load(load.stamps)]
+    notes = [*record.notes, *lines(absence_findings(rig)), *load.notes,
+             *lines(load_findings(load.stamps))]
     for raw, aligned in zip(probes, gaps, strict=True):
         if raw.topic == absent:
             continue  # Its partner has the same faults, and a note on each.
         notes += raw.notes
-        notes += notes_on_probe(raw.topic, raw.stamps, raw.values, raw.min_range, raw.max_range,
-                                gap_mask(raw.stamps), aligned)
+        notes += lines(probe_findings(raw.topic, raw.stamps, raw.values, raw.min_range,
+                                      raw.max_range, gap_mask(raw.stamps), aligned))
     for raw, guard in zip(topics, guards, strict=True):
         if raw.topic != absent:
-            notes += notes_on_refused(raw.topic, guard.counters)
+            notes += lines(refusal_findings(raw.topic, guard.counters))
     possible = possible_record(record, rig or default_rig())
     found = record_quality(possible)
-    notes += record_quality_notes(possible, found, absent)
-    if int(np.count_nonzero(used)) < MIN_SAMPLES:
+    notes += lines(record_quality_findings(possible, found, absent))
+    if int(np.count_nonzero(published)) < MIN_SAMPLES:
         raise BagError(
             f'{where}: fewer than {MIN_SAMPLES} load stamps have readings of all four probes: '
             + _why_apart(probes))
@@ -141,22 +158,15 @@ def limits_of(name: str, rig: Rig) -> ReadingLimits:
     return load_limits(rig) if name == LOAD_TOPIC else probe_limits(rig)
 
 
-def notes_on_refused(topic: str, counters: GuardCounters) -> list[str]:
-    """The refused and the doubtful samples of a topic, a line each."""
-    notes, counts = [], counters.refused
+def refusal_findings(topic: str, counters: GuardCounters) -> list[Finding]:
+    """The refused and the doubtful samples of a topic."""
+    findings, counts = [], counters.refused
     if counts:
         words = ', '.join(f'{count} {name.replace("_", " ")}' for name, count in counts.items())
-        notes.append(
-            f'{topic}: {sum(counts.values())} samples are refused, as live nodes '
-            f'refuse them ({words}): validity marks what is interpolated across them, and '
-            'identification and diagnosis leave it out')
+        findings.append(REFUSED.at(topic, count=sum(counts.values()), words=words))
     if counters.doubtful_load:
-        notes.append(
-            f'{topic}: {counters.doubtful_load} samples lie behind a step that the '
-            'hydraulics cannot make in its time (rig.full_scale_time), as when a counter '
-            'rolls over: validity marks what is simulated by them, and identification and '
-            'diagnosis leave it out')
-    return notes
+        findings.append(DOUBTFUL_LOAD.at(topic, count=counters.doubtful_load))
+    return findings
 
 
 def marks_of(
@@ -204,18 +214,18 @@ def record_quality(record: RawRecord) -> dict[str, TopicQuality]:
             for name in (LOAD_TOPIC, *PROBE_TOPICS)}
 
 
-def record_quality_notes(
+def record_quality_findings(
     record: RawRecord, found: dict[str, TopicQuality], absent: str = '',
-) -> list[str]:
-    """The same in words, a line each; none on the topic of the absent probe."""
-    notes = []
+) -> list[Finding]:
+    """What of it is doubtful; nothing on the topic of the absent probe."""
+    findings = []
     for name, quality in found.items():
         if name == absent:
             continue
-        notes += quality_notes(name, quality, 'N' if name == LOAD_TOPIC else 'm')
+        findings += quality_findings(name, quality, 'N' if name == LOAD_TOPIC else 'm')
     load = record[LOAD_TOPIC]
     seconds = float(load.stamps[-1] - load.stamps[0]) * 1e-9
-    return notes + notes_between(
+    return findings + clock_findings(
         found[LOAD_TOPIC], [found[name] for name in PROBE_TOPICS], seconds)
 
 
@@ -258,12 +268,9 @@ def mirrored_topic(rig: Rig, topics: Mapping[str, RawTopic]) -> RawTopic:
                    values=scratch_copy(mirrored_gap(rig.probes, other.values)))
 
 
-def absence_notes(rig: Rig | None) -> list[str]:
-    """A line on the absent probe."""
+def absence_findings(rig: Rig | None) -> list[Finding]:
+    """A finding on the absent probe."""
     if not absent_topic(rig):
         return []
     assert rig is not None
-    absent, partner = rig.probes.absent, rig.probes.partner
-    return [f'probe {absent} is absent (rig.probes.absent): delta_x is of probe {partner} alone, '
-            'with the ring taken as rigid; the parity is unknown, and causes that show in it '
-            'cannot be told from others']
+    return [PROBE_ABSENT.at(absent=rig.probes.absent, partner=rig.probes.partner)]

@@ -8,15 +8,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.doubts.finding import Finding, Kind
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.alignment import gap_mask
 from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.quality import filter_lag, median_of_known, rate_share, TopicQuality
 from saddlering_ros.record.scratch import count_where, extremes, spread
 from saddlering_ros.rig import LoadLimits, TONNE
-
-MAX_ABSENT_UNMENTIONED = 0.005
-"""Largest share of load stamps without a reading (as at both ends of a record) without a note."""
 
 LENGTH_UNITS = {
     'inches': 0.0254, 'feet': 0.3048, 'millimetres': 1e-3, 'mils': 25.4e-6, 'micrometres': 1e-6,
@@ -31,6 +29,48 @@ MAX_SPAN = 0.1
 
 FAR_OUTSIDE = 20.0
 """Distance of a typical gap from the probe's span, in spans, that shows another unit."""
+
+GAPS = Kind('gaps', '{count} gap{plural} in the stamps, the longest {longest:.3f} s')
+
+NO_READING = Kind(
+    'no_reading', 'has no reading at {count} of {stamps} load stamps', threshold=0.005)
+"""Share of load stamps without a reading, as at both ends of a record."""
+
+AT_LIMIT_OF_SPAN = Kind(
+    'at_limit_of_span',
+    '{count} of {readings} readings are at or beyond the limits of its span ({low:g} to {high:g} '
+    'm){unit}')
+NO_SPAN = Kind('no_span', 'states no span (min_range, max_range)')
+NEVER_CHANGES = Kind('never_changes', 'the reading never changes')
+
+HELD = Kind(
+    'held',
+    '{percent:.0f} % of consecutive readings are equal: the sensor reads at about {update:.3g} Hz '
+    'and is published at {rate:.4g} Hz; readings are up to {age:.3g} ms old, which shifts D1 and '
+    "D2: record at the sensor's own rate")
+COARSE = Kind(
+    'coarse',
+    'its resolution of {step} is coarser than its noise ({noise} rms): rounding counts as noise; '
+    'use a finer range of the converter')
+SPIKES = Kind(
+    'spikes',
+    '{count} of its readings are spikes, the first at sample {first}: identification and '
+    'diagnosis leave them out')
+STALL = Kind(
+    'stall',
+    '{count} equal readings in a row from {seconds:.2f} s on: the converter or the logger stopped')
+AT_LIMIT = Kind(
+    'at_limit',
+    '{count} readings equal the {value} that no other reading exceeds: the sensor or its '
+    'amplifier is at a limit')
+FILTERED = Kind(
+    'filtered',
+    '{subject} low-passed at about {bandwidth:.2g} Hz and the other readings are not, or less: a '
+    'lag of about {lag:.1f} ms, which shifts D1 and D2: give all channels the same filter')
+DRIFT = Kind(
+    'clock_drift',
+    'load and probes are stamped at rates that differ by {percent:.3g} %: if both should have one '
+    'rate, a clock drifts by {drift:.3g} ms over the record, which shifts D1 and D2')
 
 def check_values(where: str, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
     """Raise BagError if any of `values` (N,) at `stamps` (N,) [ns] is NaN or infinite."""
@@ -96,12 +136,12 @@ def check_overlap(
         f'{abs(apart):.6g} s apart): synchronise the clocks, or start both recordings together')
 
 
-def notes_on_load(stamps: NDArray[np.int64]) -> list[str]:
+def load_findings(stamps: NDArray[np.int64]) -> list[Finding]:
     """Faults of the stamps of the load."""
-    return _notes_on_gaps('load', stamps, gap_mask(stamps))
+    return _gaps('load', stamps, gap_mask(stamps))
 
 
-def notes_on_probe(
+def probe_findings(
     topic: str,
     stamps: NDArray[np.int64],
     gaps: NDArray[np.float64],
@@ -109,36 +149,36 @@ def notes_on_probe(
     max_range: float,
     is_gap: NDArray[np.bool_],
     aligned: NDArray[np.float64],
-) -> list[str]:
+) -> list[Finding]:
     """Faults of the readings of a probe; `aligned` (N,) are those at the stamps of the load."""
-    notes = _notes_on_gaps(topic, stamps, is_gap)
+    findings = _gaps(topic, stamps, is_gap)
     absent = count_where(np.isnan, aligned)
-    if absent > MAX_ABSENT_UNMENTIONED * len(aligned):
-        notes.append(f'{topic}: has no reading at {absent} of {len(aligned)} load stamps')
+    if absent > NO_READING.limit * len(aligned):
+        findings.append(NO_READING.at(topic, count=absent, stamps=len(aligned)))
     if _is_span(min_range, max_range):
         at_limit = count_where(lambda part: (part <= min_range) | (part >= max_range), gaps)
         if at_limit:
             unit = unit_outside(gaps, min_range, max_range)
-            notes.append(
-                f'{topic}: {at_limit} of {len(gaps)} readings are at or beyond the limits of its '
-                f'span ({min_range:g} to {max_range:g} m){unit}')
+            findings.append(AT_LIMIT_OF_SPAN.at(
+                topic, count=at_limit, readings=len(gaps), low=min_range, high=max_range,
+                unit=unit))
     else:
-        notes.append(f'{topic}: states no span (min_range, max_range)')
+        findings.append(NO_SPAN.at(topic))
     lowest, highest = extremes(gaps)
     if lowest == highest:
-        notes.append(f'{topic}: the reading never changes')
-    return notes
+        findings.append(NEVER_CHANGES.at(topic))
+    return findings
 
 
-def _notes_on_gaps(
+def _gaps(
     topic: str, stamps: NDArray[np.int64], is_gap: NDArray[np.bool_],
-) -> list[str]:
+) -> list[Finding]:
     count = int(is_gap.sum())
     if not count:
         return []
     before = np.flatnonzero(is_gap)
     longest = int((stamps[before + 1] - stamps[before]).max()) / 1e9
-    return [f'{topic}: {count} gap{"s" * (count > 1)} in the stamps, the longest {longest:.3f} s']
+    return [GAPS.at(topic, count=count, plural='s' * (count > 1), longest=longest)]
 
 
 def _is_span(low: float, high: float) -> bool:
@@ -161,55 +201,39 @@ def _guess_unit(typical: float, low: float, high: float) -> str:
     return inside[min(inside)] if inside else 'another unit'
 
 
-def quality_notes(topic: str, found: TopicQuality, unit: str) -> list[str]:
-    """One line for each thing that makes a topic's readings doubtful."""
-    notes = []
-    if found.is_held:
-        notes.append(
-            f'{topic}: {100.0 * found.repeated:.0f} % of consecutive readings are equal: the '
-            f'sensor reads at about {found.update_rate:.3g} Hz and is published at '
-            f'{found.rate:.4g} Hz; readings are up to {1e3 / found.update_rate:.3g} ms old, '
-            'which shifts D1 and D2: record at the '
-            "sensor's own rate")
-    elif found.is_coarse:
-        notes.append(
-            f'{topic}: its resolution of {quantity(found.resolution, unit)} is coarser than its '
-            f'noise ({quantity(found.noise, unit)} rms): rounding counts as noise; use a '
-            'finer range of the converter')
-    if found.spikes.size:
-        notes.append(
-            f'{topic}: {found.spikes.size} of its readings are spikes, the first at sample '
-            f'{int(found.spikes[0])}: identification and diagnosis leave them out')
-    start, count = found.stall
+def quality_findings(topic: str, quality: TopicQuality, unit: str) -> list[Finding]:
+    """What makes a topic's readings doubtful."""
+    findings = []
+    if quality.is_held:
+        findings.append(HELD.at(
+            topic, percent=100.0 * quality.repeated, update=quality.update_rate,
+            rate=quality.rate, age=1e3 / quality.update_rate))
+    elif quality.is_coarse:
+        findings.append(COARSE.at(topic, step=quantity(quality.resolution, unit),
+                                  noise=quantity(quality.noise, unit)))
+    if quality.spikes.size:
+        findings.append(
+            SPIKES.at(topic, count=quality.spikes.size, first=int(quality.spikes[0])))
+    start, count = quality.stall
     if count:
-        notes.append(
-            f'{topic}: {count} equal readings in a row from {start / found.rate:.2f} s on: the '
-            'converter or the logger stopped')
-    value, often = found.limit
+        findings.append(STALL.at(topic, count=count, seconds=start / quality.rate))
+    value, often = quality.limit
     if often:
-        notes.append(
-            f'{topic}: {often} readings equal the {quantity(value, unit)} that no other reading '
-            'exceeds: the sensor or its amplifier is at a limit')
-    return notes
+        findings.append(AT_LIMIT.at(topic, count=often, value=quantity(value, unit)))
+    return findings
 
 
-def notes_between(
-    load: TopicQuality, probes: Sequence[TopicQuality], seconds: float
-) -> list[str]:
-    """Notes on load and probes together over a record of `seconds`."""
-    notes = []
+def clock_findings(
+    load: TopicQuality, probes: Sequence[TopicQuality], seconds: float,
+) -> list[Finding]:
+    """Findings on load and probes together over a record of `seconds`."""
+    findings = []
     lag = filter_lag(load, probes)
     if lag:
-        slow, name = ((load.bandwidth, 'the load seems') if lag > 0.0 else
-                      (median_of_known([one.bandwidth for one in probes]), 'the probes seem'))
-        notes.append(
-            f'{name} low-passed at about {slow:.2g} Hz and the other readings are not, or less: '
-            f'a lag of about {1e3 * abs(lag):.1f} ms, which shifts D1 and D2: give all channels '
-            'the same filter')
+        slow, subject = ((load.bandwidth, 'the load seems') if lag > 0.0 else
+                         (median_of_known([one.bandwidth for one in probes]), 'the probes seem'))
+        findings.append(FILTERED.at(subject=subject, bandwidth=slow, lag=1e3 * abs(lag)))
     share = rate_share(load, probes, seconds)
     if share:
-        notes.append(
-            f'load and probes are stamped at rates that differ by {100.0 * abs(share):.3g} %: '
-            'if both should have one rate, a clock drifts by '
-            f'{1e3 * abs(share) * seconds:.3g} ms over the record, which shifts D1 and D2')
-    return notes
+        findings.append(DRIFT.at(percent=100.0 * abs(share), drift=1e3 * abs(share) * seconds))
+    return findings

@@ -17,6 +17,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.doubts.finding import Finding, Kind
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.scratch import blocks, complete_rows, spread
 from saddlering_ros.rig import FORCE_UNITS, gap_increment, resolve_load, Rig
@@ -29,17 +30,42 @@ MIN_LOAD_SPAN = 0.1
 CLEAR_SIDE = 0.25
 """Smallest share of the largest motion at which the side of a probe is certain."""
 
-DEAD_SHARE = 0.02
-"""Share of the largest motion below which a probe does not follow the load."""
-
-SAME_LIMIT, MIRROR_LIMIT = 0.1, 0.06
-"""Two probes mirror each other if their sum is at most the second number times their difference
-(rms). Probes 1 and 3 do not mirror each other from the first number on."""
-
-STUCK_LOAD_CHANGE = 0.05
-"""Share of the load's span that must pass while a reading stands still, for it to be stuck."""
+OPPOSITE_LIMIT = 0.1
+"""Sum of probes 1 and 3, as a share of their difference (rms), from which on they do not mirror
+each other."""
 
 STUCK_SAMPLES = 20
+
+STUCK = Kind(
+    'probe_stuck',
+    'probe {probe} stays at {gap:.2f} µm while the load changes from {loads}: the probe is stuck, '
+    'or at an end of its range',
+    threshold=0.05)
+"""Share of the load's span that passes while a reading stands still."""
+
+DEAD = Kind(
+    'probe_dead',
+    'probe {probe} does not follow the load: its reading changes by {motion} over {span}, that '
+    'of another probe by {largest}; check that the probe is connected and faces the ring',
+    threshold=0.02)
+"""Share of the largest motion below which a probe does not follow the load."""
+
+SWAPPED = Kind(
+    'probes_swapped',
+    'probes {first} and {second} have opposite readings (their sum is {percent:.1f} % of their '
+    'difference) and probes 1 and 3, which should be opposite, are not ({opposite:.0f} %): '
+    'channels look swapped',
+    threshold=0.06)
+"""Sum of two probes, as a share of their difference (rms), up to which they mirror each other."""
+
+WRONG_SIDE = Kind('probe_on_wrong_side', '{guess}: µm per {unit} {slopes}')
+
+EXCHANGED = Kind(
+    'probes_exchanged',
+    'probes {first} and {second} exchange their readings at {seconds:.3f} s while the load stands '
+    'still: a cable or a channel was moved: repeat the test',
+    threshold=8.0)
+"""Change of each reading at an exchange, as a multiple of the usual change over ROWS."""
 
 
 @dataclass(frozen=True)
@@ -51,21 +77,23 @@ class _Response:
     span: float
 
 
-def wiring_notes(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> list[str]:
-    """Probable faults in gaps (4, N) [m] over load (N,) [N] at `elevation` [rad], a line each."""
+def wiring_findings(
+    rig: Rig, elevation: float, load: Floats, gaps: Floats,
+) -> list[Finding]:
+    """Probable faults in gaps (4, N) [m] over load (N,) [N] at `elevation` [rad]."""
     load, gaps = complete_rows(load, gaps)
     if len(load) < STUCK_SAMPLES or float(np.ptp(load)) < MIN_LOAD_SPAN * rig.full_scale_load:
         return []
     probes = [number - 1 for number in rig.probes.present]
-    stuck = {probe: note for probe in probes if (note := _stuck(rig, probe, load, gaps[probe]))}
+    stuck = {probe: finding for probe in probes
+             if (finding := _stuck(rig, probe, load, gaps[probe])) is not None}
     increments = gap_increment(rig.probes, gaps, gaps[:, 0])
     response = _response(load, increments)
     expected = _expected(rig, elevation)
-    dead = {probe: note for probe in probes
-            if probe not in stuck and (note := _dead(rig, probe, response, expected))}
-    notes = [*stuck.values(), *dead.values()]
-    if notes:
-        return notes
+    dead = [finding for probe in probes if probe not in stuck
+            and (finding := _dead(rig, probe, response, expected)) is not None]
+    if stuck or dead:
+        return [*stuck.values(), *dead]
     return _mirrored(increments) or _sides(rig, response, expected)
 
 
@@ -92,28 +120,24 @@ def _clear(expected: Floats) -> NDArray[np.bool_]:
     return np.asarray(np.abs(expected) >= CLEAR_SIDE * largest)
 
 
-def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> str:
+def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> Finding | None:
     """The longest stretch of equal readings, if much load passes meanwhile."""
     changes = np.flatnonzero(np.diff(gap) != 0.0)
     edges = np.concatenate([[0], changes + 1, [len(gap)]])
     longest = int(np.argmax(np.diff(edges)))
     first, stop = int(edges[longest]), int(edges[longest + 1])
     low, high = float(load[first:stop].min()), float(load[first:stop].max())
-    if stop - first < STUCK_SAMPLES or high - low < STUCK_LOAD_CHANGE * float(np.ptp(load)):
-        return ''
-    return (f'probe {probe + 1} stays at {gap[first] * 1e6:.2f} µm '
-            f'while the load changes from {rig.force_range(low, high, 2)}: the probe is '
-            'stuck, or at an end of its range')
+    if stop - first < STUCK_SAMPLES or high - low < STUCK.limit * float(np.ptp(load)):
+        return None
+    return STUCK.at(probe=probe + 1, gap=gap[first] * 1e6, loads=rig.force_range(low, high, 2))
 
 
-def _dead(rig: Rig, probe: int, response: _Response, expected: Floats) -> str:
+def _dead(rig: Rig, probe: int, response: _Response, expected: Floats) -> Finding | None:
     largest = float(response.motion.max())
-    if not _clear(expected)[probe] or response.motion[probe] >= DEAD_SHARE * largest:
-        return ''
-    return (f'probe {probe + 1} does not follow the load: its reading changes by '
-            f'{quantity(response.motion[probe], "m")} over {rig.force_words(response.span)}, that '
-            f'of another probe by {quantity(largest, "m")}; check that the probe is connected and '
-            'faces the ring')
+    if not _clear(expected)[probe] or response.motion[probe] >= DEAD.limit * largest:
+        return None
+    return DEAD.at(probe=probe + 1, motion=quantity(response.motion[probe], 'm'),
+                   span=rig.force_words(response.span), largest=quantity(largest, 'm'))
 
 
 def _unlikeness(one: Floats, other: Floats) -> float:
@@ -122,24 +146,23 @@ def _unlikeness(one: Floats, other: Floats) -> float:
     return float(np.sqrt(np.mean((one + other) ** 2))) / max(difference, 1e-12)
 
 
-def _mirrored(increments: Floats) -> list[str]:
+def _mirrored(increments: Floats) -> list[Finding]:
     """Probes 1 and 3 must mirror each other; another pair that does shows swapped channels."""
     around = increments - increments.mean(axis=1, keepdims=True)
-    own = _unlikeness(around[0], around[2])
-    if own < SAME_LIMIT or own > 1.0 / SAME_LIMIT:
+    opposite = _unlikeness(around[0], around[2])
+    if opposite < OPPOSITE_LIMIT or opposite > 1.0 / OPPOSITE_LIMIT:
         return []  # They do, or move to the same side: `_sides` judges that.
     pairs = {(a, b): _unlikeness(around[a], around[b])
              for a in range(4) for b in range(a + 1, 4) if (a, b) != (0, 2)}
     pair = min(pairs, key=lambda key: pairs[key])
-    if pairs[pair] > MIRROR_LIMIT or pairs[pair] > own / 3.0:
+    if pairs[pair] > SWAPPED.limit or pairs[pair] > opposite / 3.0:
         return []
-    return [f'probes {pair[0] + 1} and {pair[1] + 1} have opposite readings (their sum is '
-            f'{100 * pairs[pair]:.1f} % of their difference) and probes 1 and 3, which should be '
-            f'opposite, are not ({100 * own:.0f} %): channels look swapped']
+    return [SWAPPED.at(first=pair[0] + 1, second=pair[1] + 1, percent=100 * pairs[pair],
+                       opposite=100 * opposite)]
 
 
-def _sides(rig: Rig, response: _Response, expected: Floats) -> list[str]:
-    """A note on probes that move to the wrong side."""
+def _sides(rig: Rig, response: _Response, expected: Floats) -> list[Finding]:
+    """A finding on probes that move to the wrong side."""
     clear = _clear(expected)
     wrong = [probe for probe in range(4)
              if clear[probe] and response.slope[probe] * expected[probe] < 0.0]
@@ -159,37 +182,36 @@ def _sides(rig: Rig, response: _Response, expected: Floats) -> list[str]:
         wrong = [probe for probe in wrong if probe + 1 in rig.probes.present]
         names = ' and '.join(str(probe + 1) for probe in wrong)
         guess = f'wrong polarity of probe{"s" * (len(wrong) > 1)} {names} (rig.probes.polarity)'
-    return [f'{guess}: µm per {rig.force_unit} {slopes}']
+    return [WRONG_SIDE.at(guess=guess, unit=rig.force_unit, slopes=slopes)]
 
 
 ROWS = 2
 """Rows over which readings are compared. One of them may be interpolated across the exchange."""
 
 USUAL_SHARE = 0.99
-MIN_SIZE = 8.0
-"""Smallest change of each reading at an exchange, as a multiple of the change over ROWS that this
-share of the rows does not exceed."""
+"""Share of the rows that the usual change over ROWS covers."""
 
 MATCH = 0.1
 """Largest difference from the earlier reading of the other probe, as a share of the change."""
 
 
-def exchange_notes(rig: Rig, time: Floats, load: Floats, gaps: Floats) -> list[str]:
-    """A line for each pair of probes (of gaps (4, N)) that exchange their readings at rest."""
-    found: dict[tuple[int, int], float] = {}
+def exchange_findings(
+    rig: Rig, time: Floats, load: Floats, gaps: Floats,
+) -> list[Finding]:
+    """A finding for each pair of probes (of gaps (4, N)) that exchange their readings at rest."""
+    exchanges: dict[tuple[int, int], float] = {}
     usual = [_usual_change(row) for row in gaps]
     for part in blocks(len(load) - ROWS, time, load, gaps):
         rows = slice(part.start, part.stop + ROWS)
         still = np.abs(load[rows][ROWS:] - load[rows][:-ROWS]) < rig.limits.level_step
         for pair in combinations(range(len(gaps)), 2):
             first, second = (gaps[probe, rows] for probe in pair)
-            size = MIN_SIZE * max(usual[pair[0]], usual[pair[1]])
+            size = EXCHANGED.limit * max(usual[pair[0]], usual[pair[1]])
             places = np.flatnonzero(still & _exchanged(first, second, size))
             if len(places):
-                found.setdefault(pair, float(time[part.start + int(places[0]) + 1]))
-    return [f'probes {one + 1} and {other + 1} exchange their readings at {at:.3f} s while the '
-            'load stands still: a cable or a channel was moved: repeat the test'
-            for (one, other), at in found.items()]
+                exchanges.setdefault(pair, float(time[part.start + int(places[0]) + 1]))
+    return [EXCHANGED.at(first=pair[0] + 1, second=pair[1] + 1, seconds=seconds)
+            for pair, seconds in exchanges.items()]
 
 
 def _usual_change(values: Floats) -> float:

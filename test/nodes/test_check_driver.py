@@ -13,7 +13,8 @@ import pytest
 from rosnet import Client, wait_until
 from test_examples import ended, start
 
-from saddlering_ros.doubts.driver import check_driver, FAULT, HeardTopic, NOTE
+from saddlering_ros.doubts.driver import check_driver, HeardTopic
+from saddlering_ros.doubts.finding import FAULT, NOTE
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import NodeGroup
@@ -38,7 +39,7 @@ def heard_topics(record) -> Heard:
 
 def findings(heard: Heard, level: str = FAULT, rate: float | None = None) -> list[str]:
     found = check_driver(RIG, heard, np.radians(50.0), rate)
-    return [f'{one.topic}: {one.words}' for one in found if one.level == level]
+    return [str(one) for one in found if one.severity == level]
 
 
 def test_nothing_is_wrong_with_a_sound_driver(heard_topics: Heard) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.cli.main import main
+from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import check_rig
 from saddlering_ros.rig import default_rig, load_rig, Rig, RigError
 from saddlering_ros.rig.drawing import draft_rig_file, drawing_svg, ENTRIES, save_drawing
@@ -64,7 +65,7 @@ def test_the_drawing_leaves_out_the_probe_that_the_rig_does_not_have():
     (replace(RIG, preload=2e4), 'the record starts at 0.50 t'),
 ])
 def test_a_bag_speaks_against_a_wrong_rig_file(rig: Rig, words: str) -> None:
-    found = check_rig(rig, read_raw(BAG), read_run(BAG, rig=rig))
+    found = lines(check_rig(rig, read_raw(BAG), read_run(BAG, rig=rig)))
     assert any(words in line for line in found)
 
 
@@ -75,4 +76,4 @@ def test_a_wrong_elevation_and_another_hash_are_found_and_a_right_rig_is_not(
     assert main(['rig', '--check', str(BAG), '--elevation', '20']) == 2
     assert 'tilt and axial motion agree with an elevation of about 5' in capsys.readouterr().out
     run = replace(read_run(BAG), details={'rig_hash': 'f' * 64})
-    assert 'a rig with the hash ffffffffffff' in check_rig(RIG, read_raw(BAG), run)[0]
+    assert 'a rig with the hash ffffffffffff' in lines(check_rig(RIG, read_raw(BAG), run))[0]
