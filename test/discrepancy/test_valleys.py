@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import Effect, Model, Noise, Parameter, Run
+from saddlering_ros.discrepancy import DiscrepancyError, Effect, Model, Noise, Parameter, Run
 from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_problem
 from saddlering_ros.discrepancy.problem.fits import Candidate, refit, run_refits
@@ -65,3 +65,14 @@ def test_an_effect_that_a_wrong_valley_of_the_base_conceals_is_selected() -> Non
     fit = select(space, SearchLog())
     assert fit.candidate.ids == ('fade',)
     assert item.from_unit(float(fit.theta_unit[0])) == pytest.approx(TRUE, abs=1e-2)
+
+
+@pytest.mark.parametrize('beyond', [1e-12, 1e-3])
+def test_only_rounding_may_put_a_start_outside_its_bounds(run: Run, beyond: float) -> None:
+    high = MODEL.base['rate'].high
+    problem = problem_of(MODEL, [run], start={'rate': high * (1.0 + beyond)})
+    if beyond < 1e-9:
+        assert problem.first_guess() == pytest.approx([1.0])
+        return
+    with pytest.raises(DiscrepancyError, match='is outside'):
+        problem.first_guess()

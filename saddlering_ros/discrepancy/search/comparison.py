@@ -105,7 +105,8 @@ class Comparison:
     @cached_property
     def visible(self) -> float:
         """Largest rms of the change that base parameters cannot imitate, as a share of range."""
-        return self.space.scale.beyond_base(self.more.prediction - self.less.prediction)
+        change = self.more.prediction - self.less.prediction
+        return float(self.space.scale.beyond_base_of_each(change[:, None])[0])
 
     @property
     def is_real(self) -> bool:

@@ -32,12 +32,8 @@ class ChangeScale:
             run.time.size for _ in problem.system.views for run in problem.runs])[:-1]
         self._base = orthonormal(self._seen(base_plain))
 
-    def beyond_base(self, change: Array) -> float:
-        """Largest rms over runs and views of a stacked change (n,), as a share of range."""
-        return float(self.beyond_base_of_each(change[:, None])[0])
-
     def beyond_base_of_each(self, changes: Array) -> Array:
-        """The same (B,) for stacked changes (n, B)."""
+        """Largest rms (B,) over runs and views of stacked changes (n, B), as shares of range."""
         return np.asarray(self._sizes(changes).max(axis=0))
 
     def by_run(self, change: Array) -> dict[str, Array]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from saddlering_ros.discrepancy.problem.system import Array
+from saddlering_ros.discrepancy.search.limits import POWER_QUANTILE
 from saddlering_ros.estimation.rest import RestSegment
 from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
 
@@ -29,9 +30,6 @@ that give the level of the noise."""
 
 NEIGHBOURS = 15
 """Independent frequencies on each side that give the level of the noise, to a fifth."""
-
-POWER_QUANTILE = 1.2816
-"""Normal quantile of 0.9: found nine times in ten."""
 
 WINDOW_WIDTH = 2.0
 """Independent frequencies that a Hann window combines into one."""
