@@ -105,7 +105,7 @@ def run_of_record(
     possible = possible_record(record, rig or default_rig())
     found = record_quality(possible)
     notes += lines(record_quality_findings(possible, found, absent))
-    if int(np.count_nonzero(published)) < MIN_SAMPLES:
+    if int(np.count_nonzero(used)) < MIN_SAMPLES:
         raise BagError(
             f'{where}: fewer than {MIN_SAMPLES} load stamps have readings of all four probes: '
             + _why_apart(probes))
