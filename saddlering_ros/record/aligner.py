@@ -21,16 +21,14 @@ from saddlering_ros.record.alignment import (
     GAP_HISTORY,
     gap_limit,
     JITTER_NS,
+    longer_hold,
     Mask,
     readings_at,
     SILENT_AFTER_NS,
     Stamps,
 )
-from saddlering_ros.record.samples import Rows, Samples
+from saddlering_ros.record.samples import AlignedRows, Samples
 from saddlering_ros.record.scratch import blocks, scratch_array, scratch_mask
-
-MAX_HOLD_NS = 50_000_000
-"""Largest time [ns] that a load sample is held back for an earlier one to overtake it."""
 
 NEVER = 2**63 - 1
 """A silence [ns] that no probe reaches: the rows wait for all probes."""
@@ -46,56 +44,6 @@ KEPT = 256
 
 SERVED, ABSENT, SILENT, WAITS, IN_GAP, BEFORE = range(6)
 """What a probe answers at a load stamp. The largest answer of all probes decides on the row."""
-
-
-def longer_hold(hold: int, delay: int) -> int:
-    """Time [ns] that samples are held back after one that came `delay` [ns] too late.
-
-    It is twice the delay, so that the next late samples are in time.
-    """
-    return min(max(hold, 2 * delay), MAX_HOLD_NS)
-
-
-@dataclass(frozen=True)
-class AlignedRows:
-    """Load samples in order of their stamps, with the readings of the C probes there.
-
-    stamps (N,) [ns]; time (N,) [s] since the first load stamp (after the last restart); loads
-    (N,) [N]; gaps (C, N) [m], NaN where a probe has no reading; given (N,): where every probe
-    reads or does not work, so that the row serves for a zero; published (N,): also those during
-    a shorter silence of a probe, which are published once there is a zero; restart: how often
-    the load's stamps had jumped back before these rows.
-    """
-
-    stamps: Stamps
-    time: Floats
-    loads: Floats
-    gaps: Floats
-    given: Mask
-    published: Mask
-    restart: int
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-    def pick(self, rows: Rows) -> AlignedRows:
-        """Some of the rows."""
-        return AlignedRows(self.stamps[rows], self.time[rows], self.loads[rows],
-                           self.gaps[:, rows], self.given[rows], self.published[rows],
-                           self.restart)
-
-    @staticmethod
-    def join(batches: Sequence[AlignedRows]) -> AlignedRows:
-        """Several batches of one test as one."""
-        if len(batches) == 1:
-            return batches[0]
-        return AlignedRows(
-            np.concatenate([batch.stamps for batch in batches]),
-            np.concatenate([batch.time for batch in batches]),
-            np.concatenate([batch.loads for batch in batches]),
-            np.concatenate([batch.gaps for batch in batches], axis=1),
-            np.concatenate([batch.given for batch in batches]),
-            np.concatenate([batch.published for batch in batches]), batches[-1].restart)
 
 
 @dataclass

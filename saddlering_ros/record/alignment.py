@@ -48,12 +48,24 @@ SILENT_AFTER_NS = 250_000_000
 which rows are published without it, once there is a zero. It is longer than a step of a replay in
 lockstep (0.2 s), and shorter than the silence that an interlock takes for a fault (0.3 s)."""
 
+MAX_HOLD_NS = 50_000_000
+"""Largest time [ns] that a load sample is held back for an earlier one to overtake it."""
+
+
 def seconds_array(stamps: Stamps, epoch: int) -> Floats:
     """Seconds from `epoch` to each of `stamps` (both ns)."""
     elapsed: Floats = scratch_array(stamps.shape, np.float64)
     for part in blocks(len(stamps), stamps, elapsed):
         elapsed[part] = (stamps[part] - np.int64(epoch)).astype(np.float64) / 1e9
     return elapsed
+
+
+def longer_hold(hold: int, delay: int) -> int:
+    """Time [ns] that samples are held back after one that came `delay` [ns] too late.
+
+    It is twice the delay, so that the next late samples are in time.
+    """
+    return min(max(hold, 2 * delay), MAX_HOLD_NS)
 
 
 def gap_limit(history: list[int]) -> int:

@@ -1,4 +1,4 @@
-"""Samples and ring displacements in batches: what the computations take and give."""
+"""Samples, aligned rows and ring displacements in batches: what the computations take and give."""
 
 from __future__ import annotations
 
@@ -76,6 +76,48 @@ class Samples:
 def no_samples() -> Samples:
     """An empty batch of samples."""
     return Samples(np.empty(0, np.int64), np.empty(0))
+
+
+@dataclass(frozen=True)
+class AlignedRows:
+    """Load samples in order of their stamps, with the readings of the C probes there.
+
+    stamps (N,) [ns]; time (N,) [s] since the first load stamp (after the last restart); loads
+    (N,) [N]; gaps (C, N) [m], NaN where a probe has no reading; given (N,): where every probe
+    reads or does not work, so that the row serves for a zero; published (N,): also those during
+    a shorter silence of a probe, which are published once there is a zero; restart: how often
+    the load's stamps had jumped back before these rows.
+    """
+
+    stamps: Stamps
+    time: Floats
+    loads: Floats
+    gaps: Floats
+    given: NDArray[np.bool_]
+    published: NDArray[np.bool_]
+    restart: int
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def pick(self, rows: Rows) -> AlignedRows:
+        """Some of the rows."""
+        return AlignedRows(self.stamps[rows], self.time[rows], self.loads[rows],
+                           self.gaps[:, rows], self.given[rows], self.published[rows],
+                           self.restart)
+
+    @staticmethod
+    def join(batches: Sequence[AlignedRows]) -> AlignedRows:
+        """Several batches of one test as one."""
+        if len(batches) == 1:
+            return batches[0]
+        return AlignedRows(
+            np.concatenate([batch.stamps for batch in batches]),
+            np.concatenate([batch.time for batch in batches]),
+            np.concatenate([batch.loads for batch in batches]),
+            np.concatenate([batch.gaps for batch in batches], axis=1),
+            np.concatenate([batch.given for batch in batches]),
+            np.concatenate([batch.published for batch in batches]), batches[-1].restart)
 
 
 def _not_given() -> Floats:

@@ -10,8 +10,7 @@ from itertools import chain
 
 import numpy as np
 
-from saddlering_ros.record.aligner import longer_hold
-from saddlering_ros.record.alignment import JITTER_NS
+from saddlering_ros.record.alignment import JITTER_NS, longer_hold
 from saddlering_ros.record.guard import load_limits, SampleGuard
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.samples import (

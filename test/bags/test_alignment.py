@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from saddlering_ros.record.aligner import aligned_record, AlignedRows, Aligner
+from saddlering_ros.record.aligner import aligned_record, Aligner
 from saddlering_ros.record.alignment import (
     align,
     DEAD_AFTER_NS,
@@ -18,7 +18,7 @@ from saddlering_ros.record.alignment import (
     LEAP_NS,
     seconds_array,
 )
-from saddlering_ros.record.samples import Samples
+from saddlering_ros.record.samples import AlignedRows, Samples
 
 EPOCH = 1_700_000_000_000_000_000
 MILLISECOND = 1_000_000
