@@ -63,7 +63,7 @@ class Hdf5Source(SlicedSource):
             self._places: dict[str, _Place] = {}
             columns: list[Column] = []
             self._file.visititems(lambda name, item: self._visit(name, item, columns))
-        except (OSError, RuntimeError, KeyError) as problem:
+        except (OSError, RuntimeError, KeyError, ValueError, TypeError) as problem:
             raise ImportingError(f'{path}: is damaged, or not an HDF5 file ({problem}): save it '
                                  'again') from problem
         self._columns = tuple(columns[:MAX_COLUMNS])
@@ -77,7 +77,7 @@ class Hdf5Source(SlicedSource):
         """The values of a column in a slice of rows."""
         try:
             values = self._places[name].read(self._file, part)
-        except (OSError, RuntimeError) as problem:
+        except (OSError, RuntimeError, ValueError, TypeError) as problem:
             raise ImportingError(f'{self.path}: {name} cannot be read ({problem}): save the file '
                                  'again') from problem
         return _texts(values) if self.column(name).kind == TEXT else as_numbers(values)
@@ -192,7 +192,7 @@ class MatlabSource(SlicedSource):
             names = [name for name, _, kind in whosmat(path) if kind in _READ]
             held = loadmat(path, variable_names=names, struct_as_record=False, squeeze_me=True)
         except (MatReadError, OSError, ValueError, NotImplementedError, TypeError,
-                EOFError) as problem:
+                EOFError, KeyError, IndexError, zlib.error, MemoryError) as problem:
             raise ImportingError(f'{path}: is damaged, or a MATLAB file of an unknown form '
                                  f'({problem}): save it again, with -v7 or -v7.3') from problem
         self._values: dict[str, NDArray[Any]] = {}

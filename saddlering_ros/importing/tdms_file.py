@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+import logging
 from pathlib import Path
 from typing import Any
 
 from nptdms import TdmsFile
+from nptdms.log import log_manager
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +20,7 @@ from saddlering_ros.importing.source import (
     MOMENT,
     NUMBER,
     SlicedSource,
+    Source,
     TEXT,
     Timing,
 )
@@ -32,7 +37,8 @@ class TdmsSource(SlicedSource):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         try:
-            self._file = TdmsFile.open(path, raw_timestamps=True)
+            with _log_as_warnings(self):
+                self._file = TdmsFile.open(path, raw_timestamps=True)
             channels = [channel for group in self._file.groups() for channel in group.channels()]
         except Exception as problem:  # npTDMS has no error class of its own
             raise ImportingError(f'{path}: is damaged, or a TDMS file of an unknown form '
@@ -48,7 +54,8 @@ class TdmsSource(SlicedSource):
     def read(self, name: str, part: slice) -> NDArray[Any]:
         """The values of a column in a slice of rows."""
         try:
-            values = self._channels[name].read_data(part.start, part.stop - part.start)
+            with _log_as_warnings(self):
+                values = self._channels[name].read_data(part.start, part.stop - part.start)
         except Exception as problem:
             raise ImportingError(f'{self.path}: channel {name} cannot be read ({problem}): save '
                                  'the file again') from problem
@@ -66,6 +73,23 @@ class TdmsSource(SlicedSource):
             name, str(channel.properties.get('unit_string', '') or
                       channel.properties.get('NI_UnitDescription', '')), rows, kind,
             tuple(map(str, first)), _timing(channel), (channel.name,))
+
+
+@contextmanager
+def _log_as_warnings(source: Source) -> Iterator[None]:
+    """Make what npTDMS logs (that the file is cut off, say) a warning of the import."""
+    handler = logging.Handler(logging.WARNING)
+    setattr(handler, 'emit', lambda record: source.warnings.add(  # noqa: B010
+        f'{source.path}: npTDMS: {record.getMessage()}'))
+    loggers = list(log_manager.loggers.values())
+    before = [logger.handlers for logger in loggers]
+    for logger in loggers:
+        logger.handlers, logger.propagate = [handler], False
+    try:
+        yield
+    finally:
+        for logger, handlers in zip(loggers, before, strict=True):
+            logger.handlers = handlers
 
 
 def _kind(channel: Any) -> str:

@@ -9,6 +9,7 @@ import struct
 import zlib
 
 import h5py
+from logger_files import make_record, write_mat5, write_tdms
 from map_documents import convert, document, plain_table, readings, refusal, ROWS, stamps, TIME
 import numpy as np
 import pytest
@@ -185,3 +186,22 @@ def test_a_link_to_itself_is_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / 'loop').symlink_to(tmp_path / 'loop')
     with pytest.raises(ImportingError, match='cannot be read'):
         open_sources([tmp_path / 'loop'])
+
+
+def test_a_tdms_file_that_is_cut_off_is_said_to_be(tmp_path: Path, capfd) -> None:
+    path = tmp_path / 'a.tdms'
+    write_tdms(path, make_record())
+    path.write_bytes(path.read_bytes()[:-900])
+    (source,) = open_sources([path])
+    assert any('less data than expected' in line for line in source.warnings.all())
+    assert capfd.readouterr().err == ''
+
+
+def test_a_damaged_matlab_file_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mat'
+    write_mat5(path, make_record())
+    content = bytearray(path.read_bytes())
+    content[400:460] = bytes(60)
+    path.write_bytes(content)
+    with pytest.raises(ImportingError, match='is damaged'):
+        open_sources([path])
