@@ -22,7 +22,7 @@ from saddlering_ros.diagnosis.verdict import (
     signature_cosines,
     Verdict,
 )
-from saddlering_ros.discrepancy import Settings
+from saddlering_ros.discrepancy import probabilities_of, Settings
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.estimation.identifiability import distinct_elevations
 from saddlering_ros.identification import Identification, IdentificationError, identify
@@ -84,14 +84,17 @@ def diagnose(
     notes += repeated_laws(laws_of_user, signature_cosines(diagnosis))
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
     if diagnosis.verdict == 'unknown' and _is_rounding(figures):
-        diagnosis = replace(diagnosis, verdict='none', causes=())
+        diagnosis = replace(
+            diagnosis, verdict='none', causes=(), complete=True, remainder=(),
+            probabilities=probabilities_of('none', (), 0.0))
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '
                      'coarse probes')
     sentence = next_test(diagnosis, [*runs, *hold_out], rig)
     rigs = rigs_of(records)
     if len(rigs) > 1 and diagnosis.verdict != 'none':
         # A difference between the rigs would be named as a cause.
-        diagnosis = replace(diagnosis, verdict='unknown')
+        diagnosis = replace(
+            diagnosis, verdict='unknown', probabilities=probabilities_of('unknown', (), 0.0))
         sentence = f'Diagnose the bags of each rig separately: {", ".join(rigs)}.'
     return Verdict(diagnosis, figures, tuple(notes), sentence, rig, seed, law)
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.records import PreparedRecord
 from saddlering_ros.diagnosis.wording import (
+    headline,
     shape_words,
     ShapeEntry,
     SimulatedTestEntry,
@@ -252,6 +253,11 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
         'runs': [_run_entry(figures) for figures in verdict.runs],
         'parameters': _parameters_entry(verdict.contact_law),
         'next_test': verdict.next_test,
+        'complete': diagnosis.complete,
+        'remainder': [vars(rest) for rest in diagnosis.remainder],
+        'probabilities': diagnosis.probabilities,
+        'stability': diagnosis.stability,
+        'influence': [vars(stretch) for stretch in diagnosis.influence],
         'simulated_tests': [_simulated_test(one) for one in diagnosis.separations],
         'detection_limits': [_limit_entry(limit) for limit in diagnosis.observability.limits],
         'immaterial': [_evidence_entry(one) for one in diagnosis.search.immaterial],
@@ -269,6 +275,7 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
         'seed': verdict.seed,
         'seconds': diagnosis.seconds,
     })
+    document['headline'] = headline(document)
     return document
 
 

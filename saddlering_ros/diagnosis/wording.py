@@ -12,8 +12,11 @@ from typing import Any, cast, TypedDict
 from saddlering_ros.discrepancy import (
     cause_lines,
     CauseEntry,
+    certainty_words,
     gain_words,
     ReductionEntry,
+    rest_words,
+    share_words,
     SizeEntry,
     verdict_line,
 )
@@ -130,7 +133,32 @@ class SimulatedTestEntry(TypedDict):
     by_truth: Shares
 
 
+class RemainderEntry(TypedDict):
+    """What is left beyond noise in a channel of a run, and the coordinate that it follows."""
+
+    run: str
+    channel: str
+    share_of_range: float
+    times_noise: float
+    along: str
+
+
+class InfluenceEntry(TypedDict):
+    """What a stretch of a run adds to the evidence for the causes, in misfit."""
+
+    run: str
+    start: float
+    end: float
+    evidence: float
+
+
 class _VerdictMore(TypedDict, total=False):
+    complete: bool
+    remainder: list[RemainderEntry]
+    headline: str
+    probabilities: Shares
+    stability: float
+    influence: list[InfluenceEntry]
     simulated_tests: list[SimulatedTestEntry]
     gain: TotalReductionEntry
     detection_limits: list[LimitEntry]
@@ -192,15 +220,28 @@ def headline(document: VerdictDocument) -> str:
                 f"or smaller than {100.0 * MATERIAL:g} % of a channel's range.")
     if verdict == 'unknown':
         shapes = '; '.join(shape_words(shape) for shape in shapes_of(document))
-        return ('Something is wrong, and no cause of the catalogue explains the misfit. '
+        return ('Something is wrong, and no cause of the catalogue is established. '
                 + (f'The residual: {shapes}.' if shapes else ''))
     causes = causes_of(document)
     if verdict == 'ambiguous':
         return ('The simulation lacks a cause. '
-                + ' '.join(_open_cause(cause) for cause in causes))
+                + ' '.join(_open_cause(cause) for cause in causes) + _rest(document))
     names = [f'{lowered(title_of(cause["effect"]))} ({size_of(cause)})' for cause in causes]
     *others, last = names
-    return f'The simulation lacks {", ".join(others)}{" and " if others else ""}{last}.'
+    lacking = f'{", ".join(others)}{" and " if others else ""}{last}'
+    if document.get('complete', True):
+        return f'The simulation lacks {lacking}.'
+    gain = document['gain']
+    return (f'The simulation lacks mainly {lacking}: '
+            f'{share_words(gain["fit"], gain["held_out"])}.{_rest(document)}')
+
+
+def _rest(document: VerdictDocument) -> str:
+    """The largest remainder, or nothing."""
+    if not document.get('remainder'):
+        return ''
+    most = document['remainder'][0]
+    return rest_words(most['share_of_range'], most['channel'])
 
 
 def gain_sentence(document: VerdictDocument) -> str:
@@ -329,7 +370,8 @@ def _open_cause(cause: CauseEntry) -> str:
 def document_text(document: VerdictDocument) -> str:
     """Verdict, next test, misfit reduction, open questions, in plain lines."""
     verdict = document['verdict']
-    lines = [verdict_line(verdict), headline(document), gain_sentence(document)]
+    lines = [verdict_line(verdict), headline(document), gain_sentence(document),
+             certainty_words(document.get('probabilities', {}), document.get('stability', 1.0))]
     if document['next_test']:
         lines.append(f'next test: {document["next_test"]}')
     lines = [*filter(None, lines), '']

@@ -33,6 +33,7 @@ from saddlering_ros.discrepancy.search.comparison import Evidence
 from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest
 from saddlering_ros.discrepancy.search.limits import DetectionLimit, observed
 from saddlering_ros.discrepancy.search.space import prepare
+from saddlering_ros.discrepancy.verdict.established import probabilities_of
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
     CauseEntry,
@@ -42,7 +43,14 @@ from saddlering_ros.discrepancy.verdict.results import (
     Residual,
     SizeEntry,
 )
-from saddlering_ros.discrepancy.verdict.wording import cause_lines, gain_words, verdict_line
+from saddlering_ros.discrepancy.verdict.wording import (
+    cause_lines,
+    certainty_words,
+    gain_words,
+    rest_words,
+    share_words,
+    verdict_line,
+)
 from saddlering_ros.estimation.rest import RestSegment
 
 __all__ = [
@@ -78,6 +86,7 @@ __all__ = [
     'SystemWithTangents',
     'Term',
     'cause_lines',
+    'certainty_words',
     'check',
     'describe',
     'diagnose',
@@ -86,6 +95,9 @@ __all__ = [
     'gain_words',
     'observed',
     'prepare',
+    'probabilities_of',
+    'rest_words',
+    'share_words',
     'tangent',
     'verdict_line',
 ]

@@ -29,9 +29,10 @@ from saddlering_ros.discrepancy.problem.system import (
     System,
 )
 from saddlering_ros.discrepancy.search.signatures import effect_starts, MIN_SHARE, orthonormal
-from saddlering_ros.discrepancy.verdict.results import Diagnosis, RunPrediction
+from saddlering_ros.discrepancy.verdict.results import Diagnosis, Remainder, RunPrediction
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
+from saddlering_ros.quantities import percent
 
 MODEL_SETTINGS = Settings(form_error=0.02, rounds=20, max_rounds=100)
 """Strictness of a diagnosis of a declared model: its laws are assumed to be nearly exact. Its
@@ -100,7 +101,8 @@ def problem_of(
 def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
     """The same in the units of the channels, with warnings for the reader."""
     diagnosis = _with_noise_doubts(diagnosis)
-    warnings = [*diagnosis.warnings, *system.failure_sentences()]
+    warnings = [
+        *diagnosis.warnings, *_exceeded(diagnosis, system), *system.failure_sentences()]
     if not diagnosis.converged:
         warnings.append(
             'a fit on which the verdict rests had not converged: give more rounds by '
@@ -108,6 +110,19 @@ def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
         )
     predictions = tuple(_in_units(prediction, system) for prediction in diagnosis.runs)
     return replace(diagnosis, warnings=tuple(warnings), runs=predictions)
+
+
+def _exceeded(diagnosis: Diagnosis, system: ModelSystem) -> list[str]:
+    """A sentence for every channel that is left more than the model error declared for it."""
+    largest: dict[str, Remainder] = {}
+    for rest in diagnosis.remainder:
+        largest.setdefault(rest.channel, rest)
+    declared = {name: channel.model_error for name, channel in system.model.channels.items()}
+    return [
+        f'{name} in {rest.run}: {percent(rest.share_of_range)} of range is left, more than the '
+        f'declared model error of {percent(declared[name])}'
+        for name, rest in largest.items() if declared[name] > 0.0
+    ]
 
 
 def _declared(runs: Sequence[Run] | Sequence[RunBlocks]) -> list[Run]:
@@ -119,9 +134,14 @@ def _declared(runs: Sequence[Run] | Sequence[RunBlocks]) -> list[Run]:
 
 
 def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
-    """The same with a warning, and without a name, if the misfit does not agree with the noise."""
-    metric, fit = diagnosis.fits.metric, diagnosis.fits.after
+    """The same with a warning, and without a name, if the misfit does not agree with the noise.
+
+    Where a model error is declared, a residual far below it is what the declaration says, and one
+    below it is nothing.
+    """
+    metric, fit = diagnosis.fits.metric.with_offsets(), diagnosis.fits.after
     problem = metric.problem
+    allowed = problem.assumptions.allowed_error or (0.0,) * len(problem.channel_ranges)
     residual = fit.prediction - problem.measured
     white = metric.whiten(residual)
     under, over = [], []
@@ -132,13 +152,15 @@ def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
         free = max(left.size - fit.theta_unit.size - 1, 1)
         statistic = float(white[part] @ white[part])
         noise = metric.noise[run.name, channel]
-        if overestimated(statistic, free, noise.pairs) and not _is_exact(problem, noise, run):
+        has_error = allowed[channel] > 0.0 or _is_exact(problem, noise, run)
+        if overestimated(statistic, free, noise.pairs) and not has_error:
             over.append(overestimated_sentence(statistic, free, f'{name} in {run.name}'))
         beyond = float(np.mean(left**2)) * (1.0 - free / max(statistic, free))
-        material = beyond >= (MODEL_SETTINGS.materiality * problem.view_ranges[name]) ** 2
+        least = max(MODEL_SETTINGS.materiality, allowed[channel])
+        material = beyond >= (least * problem.view_ranges[name]) ** 2
         if material and underestimated(statistic, free, noise.pairs):
             under.append(underestimated_sentence(statistic, free, f'{name} in {run.name}'))
-    if diagnosis.verdict == 'unknown':
+    if diagnosis.verdict == 'unknown' or diagnosis.remainder:
         under = []  # The warning on a remaining misfit is given already.
     if not under and not over:
         return diagnosis
@@ -271,13 +293,19 @@ def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
 
 
 def _residual_lines(metric: Metric, fit: Fit) -> list[str]:
-    """The residual of the base in units of the noise, by channel and run."""
+    """The rms of the residual of the base over that of the noise, by channel and run.
+
+    Whitened, a slow misfit of many times the noise would hide among fast samples.
+    """
     problem = metric.problem
-    white = metric.whiten(fit.prediction - problem.measured)
+    residual = fit.prediction - problem.measured
     lines = []
-    for index, channel, part in problem.slices:
-        ratio = float(np.sqrt(np.mean(white[part] ** 2)))
-        name, run = problem.system.channel_names[channel], problem.runs[index].name
-        lines.append(f'{name} in {run}: the residual of the base fit is {ratio:.3g} times the '
-                     'noise')
+    for index, channel, _ in problem.slices:
+        name, run = problem.system.channel_names[channel], problem.runs[index]
+        seen = problem.freed(problem.by_run(residual)[index][channel], run, name)
+        size = problem.mean_square(seen, run, name) ** 0.5
+        noise = metric.noise[run.name, channel].variances(run.width)
+        ratio = size / max(float(np.mean(noise)) ** 0.5, JITTER)
+        lines.append(f'{name} in {run.name}: the residual of the base fit is {ratio:.3g} times '
+                     f'the noise, {percent(size / problem.view_ranges[name])} of range')
     return lines

@@ -15,6 +15,7 @@ from saddlering_ros.discrepancy.next_test import separate_open_models, Separatio
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import (
+    Array,
     Proposal,
     refuse_repeats,
     RunBlocks,
@@ -23,6 +24,7 @@ from saddlering_ros.discrepancy.problem.system import (
 )
 from saddlering_ros.discrepancy.search.comparison import SearchLog
 from saddlering_ros.discrepancy.search.limits import observed
+from saddlering_ros.discrepancy.search.model_error import best_again, space_beside_error
 from saddlering_ros.discrepancy.search.selection import (
     Alternatives,
     check_alternatives,
@@ -37,9 +39,31 @@ from saddlering_ros.discrepancy.search.space import (
     prepare,
     space_about,
 )
-from saddlering_ros.discrepancy.verdict.judgement import judge, residual_of
-from saddlering_ros.discrepancy.verdict.publication import publish
-from saddlering_ros.discrepancy.verdict.results import Cause, Diagnosis
+from saddlering_ros.discrepancy.verdict.established import (
+    as_seen_in,
+    doubts_of,
+    influence_of,
+    MIN_TAKEN,
+    own_kind_left,
+    probabilities_of,
+    remainder_of,
+    stability_of,
+)
+from saddlering_ros.discrepancy.verdict.judgement import (
+    explained_share_of,
+    is_under_declared_error,
+    judge,
+    Judgement,
+    residual_of,
+)
+from saddlering_ros.discrepancy.verdict.publication import Publication, publish
+from saddlering_ros.discrepancy.verdict.results import (
+    Cause,
+    Diagnosis,
+    Remainder,
+    Residual,
+    Verdict,
+)
 from saddlering_ros.discrepancy.verdict.steady_lines import find_steady_lines, find_swings
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 
@@ -47,6 +71,9 @@ PARTIAL_SUBJECT = 0.5
 """A law is proposed beside partial causes that explain this share of the misfit, else alone: with
 less than half explained, the causes describe the misfit worse than the law might."""
 
+
+MAX_LEARNT = 3
+"""Number of times that model error is learnt from the model that it led to."""
 
 MAX_BASES = 3
 """Number of times that the search begins again about a better fit of the base. Chosen for cost:
@@ -91,11 +118,15 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
     refuse_repeats(problem.all_runs)
     start, slow_lines = _without_slow_lines(prepare(problem))
     search = _searched(start)
-    space, fit, alternatives, log = search.space, search.fit, search.alternatives, search.log
     observability = observed(search.begun)
-    before = residual_of(space, space.base)
-    after = residual_of(space, fit) if fit.candidate.effects else before
-    judgement = judge(space, fit, alternatives, before, after)
+    watch.progress('misfit reduction', 0.8)
+    answer = _answer(search)
+    is_open = answer.judgement.verdict == 'unknown' and bool(problem.system.effects)
+    if is_open and not problem.assumptions.is_persistent:
+        watch.progress('causes beside model error', 0.83)
+        answer = _beside_error(answer)
+    space, fit, alternatives = answer.search.space, answer.search.fit, answer.search.alternatives
+    judgement, published, log = answer.judgement, answer.published, search.log
     lines = find_steady_lines(space.problem, space.trials)
     log.immaterial += lines.immaterial
 
@@ -103,8 +134,6 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
     if judgement.verdict == 'ambiguous':
         watch.progress('next test', 0.85)
         separations = separate_open_models(space, fit, alternatives)
-    watch.progress('misfit reduction', 0.88)
-    published = publish(space, fit, alternatives, before, after)
     law = None
     if judgement.verdict == 'unknown' and problem.assumptions.proposes_law:
         watch.progress('search for a law', 0.9)
@@ -112,7 +141,7 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         # hold no nuisance parameters, which would take a share of the misfit from the law.
         is_partial = judgement.explained >= PARTIAL_SUBJECT
         subject = published.fits.after if is_partial else published.fits.before
-        proposer = Proposer(space.metric, space.max_pairs)
+        proposer = Proposer(search.space.metric, search.space.max_pairs)
         law = proposer.law_for(subject)
     steady = (*lines.causes, *slow_lines)
     verdict = 'named' if steady and judgement.verdict == 'none' else judgement.verdict
@@ -127,18 +156,123 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         explained=judgement.explained,
         next_test=separations[0].proposal.sentence if separations else None,
         separations=separations,
-        warnings=(*judgement.warnings, *published.warnings),
+        warnings=judgement.warnings,
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.runs,
         fits=published.fits,
         law=law,
-        residual_before=before,
-        residual_after=after,
+        residual_before=answer.before,
+        residual_after=answer.after,
         observability=replace(observability, limits=(*observability.limits, *lines.limits)),
         search=log,
         simulations=space.problem.simulations,
         seconds=clock.monotonic() - began,
+        complete=not answer.remainder and verdict != 'unknown',
+        remainder=answer.remainder,
+        probabilities=probabilities_of(verdict, [cause.group for cause in causes], answer.taken),
+        stability=stability_of(space, fit, answer.process),
+        influence=influence_of(space, fit),
     )
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A search, its verdict and its published numbers.
+
+    before, after: residuals in the metric without learnt model error; process: that error, if it
+    was learnt; taken: share of the misfit's power that the causes take in their best view.
+    """
+
+    search: Search
+    judgement: Judgement
+    before: Residual
+    after: Residual
+    published: Publication
+    remainder: tuple[Remainder, ...]
+    taken: float
+    process: Array | None = None
+
+
+def _answer(search: Search) -> Answer:
+    """The verdict in the metric of noise, nuisance parameters and declared model error."""
+    space, fit = search.space, search.fit
+    before = residual_of(space, space.base)
+    if is_under_declared_error(space, before):
+        search, fit = replace(search, fit=space.base, alternatives={}), space.base
+    after = residual_of(space, fit) if fit.candidate.effects else before
+    judgement = judge(space, fit, search.alternatives, before, after)
+    published = publish(space, fit, search.alternatives, before, after)
+    if published.doubts:
+        judgement = replace(
+            judgement, verdict='unknown', warnings=(*judgement.warnings, *published.doubts))
+    taken = 0.0 if published.shares is None else published.shares.best
+    return Answer(search, judgement, before, after, published, remainder_of(space, fit, after),
+                  taken)
+
+
+def _beside_error(strict: Answer) -> Answer:
+    """The verdict if what remains is error of the model: whether causes are established beside it.
+
+    A secondary cause that takes too little of what remains without it is left out, and what it
+    took becomes model error.
+    """
+    search, process = _search_beside_error(strict.search)
+    noise_alone = strict.search.space
+    while search.fit.candidate.effects:
+        space, fit, alternatives = search.space, search.fit, search.alternatives
+        before, after = residual_of(space, space.base), residual_of(space, fit)
+        published = publish(space, fit, alternatives, before, after, process)
+        weak = {name: shares.best for name, shares in published.member_shares.items()
+                if shares.best < MIN_TAKEN}
+        if weak:
+            worst = min(weak, key=lambda name: weak[name])
+            search, process = _learnt_again(search, space.without(fit, worst))
+            continue
+        seen = as_seen_in(noise_alone, published.fits.after)
+        left = residual_of(noise_alone, seen)
+        assert published.shares is not None
+        doubts = [
+            *doubts_of(space, fit, published.shares, published.member_shares, alternatives),
+            *own_kind_left(noise_alone, seen, left)]
+        if doubts and space.problem.assumptions.form_error > 0.0:
+            break
+        is_open = any(alternatives.get(name) for name in fit.candidate.ids)
+        verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'
+        share = explained_share_of(strict.before, left)
+        return Answer(search, Judgement(verdict, share, tuple(doubts or [REST_WARNING])),
+                      strict.before, left, published, remainder_of(noise_alone, seen, left),
+                      published.shares.best, process)
+    return strict
+
+
+REST_WARNING = ('what remains is more than noise and fits no cause: every interval and comparison '
+                'of causes counts it as error of the model')
+
+
+def _search_beside_error(search: Search) -> tuple[Search, Array]:
+    """The causes that stand out against model error as large as what they leave."""
+    space, fit, log = search.space, search.fit, SearchLog()
+    has_forms = space.problem.assumptions.form_error > 0.0
+    for _ in range(MAX_LEARNT):
+        learnt_from = fit.candidate.key
+        space, fit, process = space_beside_error(space, fit)
+        fit = best_again(space, search.space, fit) if has_forms else select(space, log)
+        fit = prune(space, fit, log)
+        if fit.candidate.key == learnt_from:
+            break
+    alternatives: Alternatives = {}
+    if fit.candidate.effects:
+        fit, alternatives = check_alternatives(space, fit, log)
+    return Search(search.begun, space, fit, alternatives, log), process
+
+
+def _learnt_again(search: Search, fit: Fit) -> tuple[Search, Array]:
+    """The search with another model, whose residual is the model error."""
+    space, fit, process = space_beside_error(search.space, fit)
+    alternatives: Alternatives = {}
+    if fit.candidate.effects:
+        fit, alternatives = check_alternatives(space, fit, search.log)
+    return replace(search, space=space, fit=fit, alternatives=alternatives), process
 
 
 def _without_slow_lines(space: ModelSpace) -> tuple[ModelSpace, tuple[Cause, ...]]:

@@ -25,7 +25,7 @@ from saddlering_ros.diagnosis.wording import (
     VerdictDocument,
     why_lost,
 )
-from saddlering_ros.discrepancy import CauseEntry
+from saddlering_ros.discrepancy import CauseEntry, certainty_words
 from saddlering_ros.effects import catalogue
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
@@ -54,6 +54,8 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
         html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
         html.paragraph(headline(document), 'headline'),
         html.paragraph(gain_sentence(document)),
+        html.paragraph(certainty_words(
+            document.get('probabilities', {}), document.get('stability', 1.0))),
     ]
     if document.get('next_test'):
         parts.insert(2, html.paragraph(f'Next test: {document["next_test"]}', 'next'))

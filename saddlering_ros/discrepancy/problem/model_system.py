@@ -145,6 +145,7 @@ class ModelSystem:
             relearns=True,
             many_valleys=True,
             offsets=tuple(offsets),
+            allowed_error=tuple(item.model_error for item in self.model.channels.values()),
             model_error=None,
             form_error=0.0,
             coordinate_waves=(COORDINATE_WAVES, COORDINATE_WAVES),

@@ -59,9 +59,11 @@ class Assumptions:
 
     learn_noise: source of the noise; relearns: whether the noise is learnt again from the
     residual of a model with the causes; offsets: spread of the constant of each channel, None
-    if it is free; model_error: smooth error over the drive, None for none; form_error: share
-    of the misfit explained by an effect by which its shapes may exceed their bounds while a name
-    remains valid; 0: laws are exact, so that every residual beyond noise is a doubt;
+    if it is free; allowed_error: share of the range of each channel under which a residual is
+    nothing, whatever its shape, None for 0; model_error: smooth error over the drive, None for
+    none; form_error: share of the misfit explained by an effect by which its shapes may exceed
+    their bounds while a name remains valid; 0: laws are exact, so that every residual beyond
+    noise is a doubt;
     coordinate_waves: half waves that are tested along the first coordinate and along each
     other one; proposes_law: whether a law is proposed if no cause explains the misfit;
     many_valleys: whether the base may have several minima, so that the best one without an
@@ -72,6 +74,7 @@ class Assumptions:
     learn_noise: LearnNoise = learn_noise
     relearns: bool = False
     offsets: tuple[float, ...] | None = None
+    allowed_error: tuple[float, ...] | None = None
     model_error: ModelErrorPrior | None = field(default_factory=ModelErrorPrior)
     form_error: float = 0.1
     coordinate_waves: tuple[int, int] = (6, 3)
@@ -303,9 +306,10 @@ class Metric:
         """The same noise with these nuisance parameters: columns (n, k) times their spreads."""
         return replace(self, shared=SharedErrors.of(self.whiten_noise(nuisances)))
 
-    def with_offsets(self) -> Metric:
-        """The same noise with the offsets of every run and channel marginalised."""
-        return self.marginalise(offset_columns(self.problem))
+    def with_offsets(self, process: Array | None = None) -> Metric:
+        """The same noise with offsets of every run and channel, and columns of a process."""
+        offsets = offset_columns(self.problem)
+        return self.marginalise(offsets if process is None else np.hstack([offsets, process]))
 
     def with_nuisances(self, point: Point, prediction: Array) -> Metric:
         """The same noise with every nuisance parameter marginalised, evaluated at a point."""

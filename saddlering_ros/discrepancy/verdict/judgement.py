@@ -288,9 +288,40 @@ def _too_many_words(effects: int, open_members: Sequence[str]) -> str:
 def _is_left(space: ModelSpace, after: Residual) -> bool:
     """Whether a real and material residual remains, in all or in one channel of one run."""
     settings = space.settings
+    if any(allowed_sizes(space).values()):
+        return _exceeds_declared_error(space, after)
     if after.slow.is_real_and_material(settings) or after.fast.is_real_and_material(settings):
         return True
     return bool(_unexplained(space, after))
+
+
+def allowed_sizes(space: ModelSpace) -> dict[str, float]:
+    """Size by view, as a share of range, under which a residual is declared to be nothing."""
+    problem = space.problem
+    declared = problem.assumptions.allowed_error
+    if declared is None:
+        return dict.fromkeys(problem.system.views, 0.0)
+    return {
+        view: max(declared[channel] for channel in np.flatnonzero(weights))
+        for view, weights in problem.system.views.items()
+    }
+
+
+def is_under_declared_error(space: ModelSpace, before: Residual) -> bool:
+    """Whether a model error is declared and the simulator alone is not wrong by more."""
+    return any(allowed_sizes(space).values()) and not _exceeds_declared_error(space, before)
+
+
+def _exceeds_declared_error(space: ModelSpace, residual: Residual) -> bool:
+    """Whether a real residual is larger than the declared model error somewhere."""
+    settings, slow, fast = space.settings, residual.slow, residual.fast
+    least = {view: max(settings.materiality, own) for view, own in allowed_sizes(space).items()}
+    chance = min([slow.p_value, *slow.chances.values()])
+    if chance < settings.error_rate and any(
+        float(np.max(size)) >= least[view] for view, size in slow.sizes.items()
+    ):
+        return True
+    return fast.is_real_and_material(settings) and fast.visible >= least[fast.view]
 
 
 def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
@@ -298,16 +329,18 @@ def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
     problem = space.problem
     if problem.assumptions.form_error > 0.0:
         return []  # Judged in each view, against the form error of the effects.
+    allowed = allowed_sizes(space)
+    least = {view: max(space.settings.materiality, own) for view, own in allowed.items()}
     unexplained = [
         f'{channel} in {run}'
         for (channel, run), chance in after.slow.chances.items()
         if chance < space.settings.error_rate
-        and after.slow.sizes[channel][_number(problem.runs, run)] >= space.settings.materiality
+        and after.slow.sizes[channel][_number(problem.runs, run)] >= least[channel]
     ]
     unexplained += [
         f'{test.view} along {test.coordinate}'
         for test in (*after.consistency, *after.shapes)
-        if test.p_value < space.settings.error_rate and test.visible >= space.settings.materiality
+        if test.p_value < space.settings.error_rate and test.visible >= least[test.view]
     ]
     return unexplained
 
@@ -336,7 +369,7 @@ def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[
             f'{len(fit.candidate.effects)} effects were needed for one channel: so many effects '
             'can fit any misfit, and none of them is certain'
         )
-    return [*doubts, *_shapes_at_bounds(space, fit)]
+    return [*doubts, *shapes_at_bounds(space, fit)]
 
 
 def _exceeds_forms(space: ModelSpace, fit: Fit) -> bool:
@@ -345,7 +378,7 @@ def _exceeds_forms(space: ModelSpace, fit: Fit) -> bool:
     return remaining.is_real_and_material(space.settings)
 
 
-def _shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
+def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
     """A sentence for every shape of a cause that is stopped by its bound.
 
     A shape is stopped if the misfit beyond the bound would fall by more than noise and the

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,12 @@ from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter
 from saddlering_ros.discrepancy.search.comparison import Comparison
 from saddlering_ros.discrepancy.search.selection import Alternatives
-from saddlering_ros.discrepancy.search.space import AT_BOUND, ModelSpace, refit_full_jacobian
+from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
+from saddlering_ros.discrepancy.verdict.established import (
+    Prediction,
+    Shares,
+    sizes_at_bounds,
+)
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
     Estimate,
@@ -21,14 +26,18 @@ from saddlering_ros.discrepancy.verdict.results import (
     RunPrediction,
 )
 from saddlering_ros.estimation.least_squares import covariance
-from saddlering_ros.quantities import quantity
+from saddlering_ros.quantities import percent
+
+RUNS = ('runs held out in turn', 'held-out runs')
 
 
 @dataclass(frozen=True)
 class Publication:
     """Numbers for the reader, of the selected model and of the base alone.
 
-    warnings: sentences on sizes at their bounds; converged: whether all fits converged.
+    shares: what all causes together take of the misfit, None without causes; member_shares: what
+    each of several takes of the misfit without it; doubts: sentences on sizes at their bounds and
+    on runs that are predicted worse; converged: whether all fits converged.
     """
 
     causes: tuple[Cause, ...]
@@ -37,24 +46,27 @@ class Publication:
     gain: Gain
     runs: tuple[RunPrediction, ...]
     fits: PublishedFits
-    warnings: tuple[str, ...]
+    shares: Shares | None
+    member_shares: Mapping[str, Shares]
+    doubts: tuple[str, ...]
     converged: bool
 
 
 def publish(
-    space: ModelSpace, fit: Fit, alternatives: Alternatives, before: Residual, after: Residual
+    space: ModelSpace, fit: Fit, alternatives: Alternatives, before: Residual, after: Residual,
+    process: Array | None = None,
 ) -> Publication:
     """Refit the selected models with no other freedom than the offsets of the runs.
 
     During naming, parameters and nuisance parameters share a misfit, but a parameter file
     holds parameters only. This fit therefore gives the published values, predictions and
     gains. The part that nuisance parameters would have explained adds to the uncertainty of
-    the published values.
+    the published values. process: model error in the metric of the fits, if it was learnt.
     """
     problem, rate = space.problem, space.settings.error_rate
     parameters = problem.system.base_parameters
     is_persistent = problem.assumptions.is_persistent
-    metric = space.metric if is_persistent else space.metric.with_offsets()
+    metric = space.metric if is_persistent else space.metric.with_offsets(process)
     less = {name: space.without(fit, name) for name in fit.candidate.ids}
     judged = [space.base, fit, *less.values()]
     base, model, *others = refit_full_jacobian(metric, judged, space.settings.max_rounds)
@@ -65,8 +77,17 @@ def publish(
     refitted = {refit.candidate.key: refit for refit in (base, model, *others)}
     plain = dict(zip(refitted, plain_fits(problem, list(refitted.values())), strict=True))
 
+    prediction = Prediction(problem, space.metric.noise)
+    taken = {
+        key: prediction.shares(other, plain[model.candidate.key])
+        for key, other in plain.items() if key != model.candidate.key
+    }
+
     def gain_over(other: Fit) -> Gain:
-        return gain_of(problem, plain[other.candidate.key], plain[model.candidate.key])
+        key = other.candidate.key
+        gain = gain_of(problem, plain[key], plain[model.candidate.key])
+        known = gain.held_out is not None and key in taken
+        return replace(gain, interval=taken[key].interval) if known else gain
 
     causes = []
     for effect, variant, part in model.candidate.slices(len(parameters)):
@@ -92,24 +113,25 @@ def publish(
         runs=_predictions(problem, base, model),
         fits=PublishedFits(
             metric, base, model, _in_units(parameters, model.theta_unit, covariance)),
-        warnings=tuple(_sizes_at_bounds(model, len(parameters))),
+        shares=taken.get(base.candidate.key),
+        member_shares={} if len(less) < 2 else {
+            name: taken[other.candidate.key] for name, other in less.items()},
+        doubts=(*sizes_at_bounds(problem, model), *_failed_predictions(gain_over(base), causes)),
         converged=all(refit.converged for refit in [*refitted.values(), *plain.values()]),
     )
 
 
-def _sizes_at_bounds(fit: Fit, base_parameters: int) -> list[str]:
-    """A sentence for every effect whose size is at its bound."""
-    sentences = []
-    for effect, _, part in fit.candidate.slices(base_parameters):
-        size, theta_unit = effect.size, float(fit.theta_unit[part.start])
-        value = size.from_unit(theta_unit)
-        present = abs(value - effect.neutral) / (size.high - size.low)
-        if min(theta_unit, 1.0 - theta_unit) < AT_BOUND < present:
-            sentences.append(
-                f'{effect.id}: its {size.name} is at the bound of '
-                f'{quantity(value, size.unit)}: the size exceeds the expected range, or '
-                'another cause contributes')
-    return sentences
+def _failed_predictions(whole: Gain, causes: Sequence[Cause]) -> list[str]:
+    """A sentence if the causes predict other runs worse than the base, or one surely does."""
+    gains = {' and '.join(cause.effect for cause in causes): whole}
+    gains.update({
+        cause.effect: cause.gain for cause in causes
+        if cause.gain.interval is not None and cause.gain.interval[1] < 0.0})
+    return [
+        f'{name} predicts {RUNS[gain.how == "held out"]} worse: the misfit there rises by '
+        f'{percent(-gain.held_out)}, so that it is not named'
+        for name, gain in gains.items() if gain.held_out is not None and gain.held_out < 0.0
+    ][:1]
 
 
 def _covariance(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, TypedDict
 
@@ -164,6 +164,30 @@ class Residual:
 
 
 @dataclass(frozen=True)
+class Remainder:
+    """What is left beyond noise in a channel of a run: rms as a share of range and over the noise.
+
+    along: the coordinate that it follows most.
+    """
+
+    run: str
+    channel: str
+    share_of_range: float
+    times_noise: float
+    along: str
+
+
+@dataclass(frozen=True)
+class Influence:
+    """What a stretch of a run [s] adds to the evidence for the causes, in misfit."""
+
+    run: str
+    start: float
+    end: float
+    evidence: float
+
+
+@dataclass(frozen=True)
 class PublishedFits:
     """The published fits of the base, and of base and causes, by parameters alone.
 
@@ -183,7 +207,10 @@ class Diagnosis:
     base: base parameters beside the causes; base_alone: without causes; explained: share of
     the misfit; warnings: reasons for a reader's doubt; converged: whether every fit behind the
     verdict converged. law: a proposed law, with `unknown` only. separations: proposed tests,
-    the best first, with their separation of an `ambiguous` group.
+    the best first, with their separation of an `ambiguous` group. complete: whether no more than
+    noise and declared model error is left; remainder: what is. probabilities: of each cause or
+    group ('a or b'), of 'none' and of 'unknown'. stability: share of refits with the same first
+    cause; influence: what each stretch adds to the evidence.
     """
 
     verdict: Verdict
@@ -205,6 +232,18 @@ class Diagnosis:
     simulations: int
     seconds: float
     separations: tuple[Separation, ...] = ()
+    complete: bool = True
+    remainder: tuple[Remainder, ...] = ()
+    probabilities: Mapping[str, float] = field(default_factory=dict)
+    stability: float = 1.0
+    influence: tuple[Influence, ...] = ()
+
+    @property
+    def headline(self) -> str:
+        """The verdict in one or two sentences."""
+        from saddlering_ros.discrepancy.verdict.wording import headline_of
+
+        return headline_of(self)
 
     def summary(self) -> str:
         """The verdict in plain lines."""

@@ -18,6 +18,13 @@ PARTIAL = ' (explains part of the misfit only)'
 """Words behind the title of a cause that is real beside something else that is wrong."""
 
 
+MIN_TOLD = 0.005
+"""Smallest probability that is told."""
+
+MIN_STABLE = 0.8
+"""Share of refits with the same first cause below which a verdict is near its limit."""
+
+
 def verdict_line(verdict: str) -> str:
     """The verdict and what it means."""
     return f'verdict: {verdict} ({VERDICT_WORDS[verdict]})'
@@ -55,9 +62,52 @@ def estimates_words(estimates: Mapping[str, Estimate]) -> str:
     return ', '.join(f'{name} {estimate_words(one)}' for name, one in estimates.items())
 
 
+def headline_of(diagnosis: Diagnosis) -> str:
+    """Whether a cause is established, and what is left."""
+    rest = ''
+    if diagnosis.remainder:
+        most = diagnosis.remainder[0]
+        rest = rest_words(most.share_of_range, most.channel)
+    if diagnosis.verdict == 'none':
+        return 'These data show nothing that the simulation lacks.'
+    if diagnosis.verdict == 'unknown':
+        return f'Something is wrong, and no cause is established.{rest}'
+    names = ' and '.join(
+        ' or '.join(cause.group) if len(cause.group) > 1 else cause.definition.title
+        for cause in diagnosis.causes)
+    mainly = '' if diagnosis.complete else 'Mainly: '
+    gain = diagnosis.gain
+    return f'{mainly}{names} ({share_words(gain.fit, gain.held_out)}).{rest}'
+
+
+def share_words(fitted: float, held_out: float | None) -> str:
+    """'91 % of the misfit on held-out runs'."""
+    if held_out is None:
+        return f'{percent(fitted)} of the misfit on fitted runs'
+    return f'{percent(held_out)} of the misfit on held-out runs'
+
+
+def rest_words(share_of_range: float, channel: str) -> str:
+    """' A rest of 0.4 % of range in delta_y fits no cause.'."""
+    return f' A rest of {percent(share_of_range)} of range in {channel} fits no cause.'
+
+
+def certainty_words(probabilities: Mapping[str, float], stability: float) -> str:
+    """Probabilities and stability of a verdict in one line; nothing without probabilities."""
+    if not probabilities:
+        return ''
+    told = ', '.join(
+        f'{name} {percent(share)}'
+        for name, share in sorted(probabilities.items(), key=lambda pair: -pair[1])
+        if share >= MIN_TOLD)
+    near = ', so that the verdict is near its limit' if stability < MIN_STABLE else ''
+    return (f'Probabilities: {told}. {percent(stability)} of the refits have the same first '
+            f'cause{near}.')
+
+
 def summary_text(diagnosis: Diagnosis) -> str:
     """Verdict, causes, misfit reduction, parameters, warnings of a declared model."""
-    lines = [verdict_line(diagnosis.verdict)]
+    lines = [verdict_line(diagnosis.verdict), diagnosis.headline]
     for cause in diagnosis.causes:
         lines += cause_lines(cause.entry(), estimates_words(cause.parameters))
     if diagnosis.separations:
@@ -67,6 +117,7 @@ def summary_text(diagnosis: Diagnosis) -> str:
     if diagnosis.causes:
         gain = diagnosis.gain
         lines.append(f'misfit reduction: {gain_words(gain.fit, gain.held_out)}')
+    lines.append(certainty_words(diagnosis.probabilities, diagnosis.stability))
     if diagnosis.verdict == 'unknown':
         after = diagnosis.residual_after
         tests = sorted((*after.consistency, *after.shapes), key=lambda test: test.p_value)

@@ -1,0 +1,106 @@
+"""Model error learnt from a residual: what this machine shows beyond noise, as a process.
+
+Whatever the best model of these runs leaves is taken to be a process that any of its runs could
+show again: cosines over the time of each run, whose spreads follow the smoothed spectrum of the
+residual. In a metric with these cosines a likelihood ratio counts only what such an error could
+not do, so that the evidence for a cause is as sure as the machine is reproducible.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from saddlering_ros.discrepancy.problem.fits import Fit, tangent
+from saddlering_ros.discrepancy.problem.problem import Metric, nuisance_columns
+from saddlering_ros.discrepancy.problem.system import Array
+from saddlering_ros.discrepancy.search.signatures import whitened_by
+from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
+
+ERROR_WAVES = 60
+"""Half waves of the process in a run; what is faster is learnt as noise."""
+
+MAX_COLUMNS = 600
+"""Largest number of cosines of all runs and channels."""
+
+SMOOTHED_SHARE, MIN_SMOOTHED = 0.3, 3
+"""Lines on each side over which a spread is averaged: share of the frequency, and at least."""
+
+MAX_SINGLES = 6
+"""Number of single effects that are refitted in the metric with model error."""
+
+MIN_DEGREES = 4
+"""Smallest number of degrees of freedom of the level of the process."""
+
+
+def space_beside_error(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit, Array]:
+    """A space in whose metric the residual of `fit` is model error, the fit, and the process."""
+    problem = space.problem
+    process, degrees = error_process(space.metric, fit)
+    nuisances = nuisance_columns(problem, fit.point, fit.prediction)
+    metric = space.metric.marginalise(np.hstack([nuisances, process]))
+    base, fit = refit_full_jacobian(
+        metric, [space.base, fit], space.settings.max_rounds)
+    sensitivities = tangent(metric, base)
+    beside = ModelSpace(
+        metric=metric, base=base, base_tangent=sensitivities,
+        signatures=whitened_by(metric, space.signatures, sensitivities), scale=space.scale,
+        trials=space.trials)
+    beside.pairs = min(space.pairs, degrees)
+    beside.max_pairs = min(space.max_pairs, degrees)
+    return beside, beside.keep(fit), process
+
+
+def error_process(metric: Metric, fit: Fit) -> tuple[Array, int]:
+    """Columns (n, k) of one standard deviation each, and the degrees of freedom of their level.
+
+    The runs of a channel share one spectrum. What noise alone would leave in a line is no model
+    error.
+    """
+    problem = metric.problem
+    residual = metric.without_nuisances(fit.prediction - problem.measured)
+    columns: list[Array] = []
+    degrees = []
+    for channel in range(len(problem.system.channel_names)):
+        slots = [item for item in problem.slices if item[1] == channel]
+        shapes = [_waves(metric, index) for index, _, _ in slots]
+        power = np.full((len(slots), ERROR_WAVES + 1), np.nan)
+        for row, waves, (index, _, part) in zip(power, shapes, slots, strict=True):
+            run = problem.runs[index]
+            present = 1.0 if run.present is None else run.present[channel]
+            weight = np.sqrt(run.width * present)
+            weighted = waves * weight[:, None]
+            found = np.linalg.lstsq(weighted, weight * residual[part], rcond=1e-6)[0]
+            row[: found.size] = found**2
+        spread = np.sqrt(_smoothed(power))
+        degrees.append(len(slots) * float((spread**2).sum() ** 2 / max((spread**4).sum(), 1e-300)))
+        for waves, (_, _, part) in zip(shapes, slots, strict=True):
+            block = np.zeros((problem.size, waves.shape[1]))
+            block[part] = waves * spread[: waves.shape[1]]
+            columns.append(block)
+    return np.hstack(columns), max(MIN_DEGREES, int(min(degrees)))
+
+
+def _waves(metric: Metric, run: int) -> Array:
+    """Cosines (N, 1 + K) of 0 to K half waves along the time of a run."""
+    time = metric.problem.runs[run].time
+    count = min(ERROR_WAVES, time.size // 4, MAX_COLUMNS // len(metric.problem.slices))
+    share = (time - time[0]) / max(float(np.ptp(time)), 1e-300)
+    return np.asarray(np.cos(np.pi * share[:, None] * np.arange(count + 1)))
+
+
+def _smoothed(power: Array) -> Array:
+    """Mean square (K + 1,) of each line over the runs (R, K + 1) and the lines about it."""
+    answer = np.zeros(power.shape[1])
+    for line in range(power.shape[1]):
+        half = max(MIN_SMOOTHED, round(SMOOTHED_SHARE * line))
+        around = power[:, max(0, line - half) : line + half + 1]
+        if np.isfinite(around).any():
+            answer[line] = np.nanmean(around)
+    return answer
+
+
+def best_again(space: ModelSpace, before: ModelSpace, fit: Fit) -> Fit:
+    """The best of `fit` and of the single effects that fitted best before, in another metric."""
+    singles = sorted(before.single_effect_fits(), key=before.penalised)[:MAX_SINGLES]
+    refitted = refit_full_jacobian(space.metric, singles, space.settings.rounds)
+    return min([space.base, fit, *(space.keep(item) for item in refitted)], key=space.penalised)

@@ -1,0 +1,338 @@
+"""Whether causes are established, and what they leave.
+
+A stand-in for a law that is in no catalogue explains a part of the misfit too, and no likelihood
+ratio tells: with the noise of the sensors alone it is beyond doubt. What tells is how much of the
+misfit beyond noise a cause takes in a view, on fitted runs and on runs that it predicts. The model
+error of the machine is in the metric in which likelihood ratios and alternatives are judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from saddlering_ros.discrepancy.problem.fits import Fit, left_out_residuals
+from saddlering_ros.discrepancy.problem.problem import Problem
+from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
+from saddlering_ros.discrepancy.search.comparison import Comparison, crowded
+from saddlering_ros.discrepancy.search.selection import Alternatives
+from saddlering_ros.discrepancy.search.space import AT_BOUND, ModelSpace
+from saddlering_ros.discrepancy.verdict.judgement import allowed_sizes, shapes_at_bounds
+from saddlering_ros.discrepancy.verdict.results import Influence, Remainder, Residual
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.quantities import percent, quantity
+
+MIN_TAKEN = 0.85
+"""Share of the power of a view's misfit beyond noise that an established cause takes, both where
+it is fitted and where it predicts. Stand-ins took up to 0.80 on the development seeds of
+docs/benchmarks."""
+
+MAX_OWN_KIND = 0.7
+"""Share of the remainder that may go as the causes act, in other proportions."""
+
+STRETCHES = 4
+"""Stretches of a run whose part of the evidence is told, and which are drawn for intervals."""
+
+DRAWS = 400
+"""Draws of stretches for the interval of a reduction."""
+
+
+Noises = Mapping[tuple[str, int], ChannelNoise]
+"""Noise by run name and channel."""
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Shares of the misfit's power beyond noise that a model takes beside another, by view.
+
+    worst_run: share of all misfit in the run with the least. interval: of the reduction of the
+    rms on predicted runs, 95 %.
+    """
+
+    fitted: Mapping[str, float]
+    predicted: Mapping[str, float]
+    worst_run: float
+    interval: tuple[float, float] | None
+
+    @property
+    def best(self) -> float:
+        """Share in the view in which the model takes most, where it is fitted and predicts."""
+        return max(
+            (min(share, self.predicted.get(view, share)) for view, share in self.fitted.items()),
+            default=0.0)
+
+
+class Prediction:
+    """Squares of residuals of plain fits, by run, view and stretch, as shares of the range."""
+
+    def __init__(self, problem: Problem, noise: Noises) -> None:
+        self._problem = problem
+        self._held = problem.held_out
+        self._noise = noise
+
+    def shares(self, less: Fit, more: Fit) -> Shares:
+        """What `more` takes of the misfit of `less`."""
+        problem = self._problem
+        fitted = [
+            _squares(problem, problem.runs,
+                     problem.by_run(fit.prediction - problem.measured))
+            for fit in (less, more)]
+        predicted = [self._predicted(fit) for fit in (less, more)]
+        runs = fitted[1].sum(axis=(1, 2)) / np.maximum(fitted[0].sum(axis=(1, 2)), 1e-300)
+        floor = self._floor()
+        whole = [item for item in predicted if item is not None]
+        known = len(whole) == 2 and all(np.isfinite(item).all() for item in whole)
+        return Shares(
+            _taken(problem, fitted[0], fitted[1], floor),
+            _taken(problem, whole[0], whole[1], floor) if known else {},
+            1.0 - float(runs.max()),
+            _interval(whole[0], whole[1]) if known else None)
+
+    def _predicted(self, fit: Fit) -> Array | None:
+        """Squares on held-out runs, or on each run predicted from the others."""
+        problem = self._problem
+        if self._held:
+            left = [problem.system.predict_many(run, [fit.point])[0] - run.channels
+                    for run in self._held]
+            return _squares(problem, self._held, left)
+        if len(problem.runs) < 2:
+            return None
+        return _squares(problem, problem.runs, left_out_residuals(problem, fit))
+
+    def _floor(self) -> Array:
+        """Mean square of noise (V,) in each view, as a share of the squared range."""
+        problem = self._problem
+        floors = []
+        for view, weights in problem.system.views.items():
+            powers = [noise_power(self._noise, run, weights) for run in problem.runs]
+            floors.append(float(np.mean(powers)) / problem.view_ranges[view] ** 2)
+        return np.array(floors)
+
+
+def noise_power(noise: Noises, run: RunBlocks, weights: Array) -> float:
+    """Mean square of the noise of a view in a run."""
+    return sum(
+        float(weight) ** 2 * float(np.mean(noise[run.name, channel].variances(run.width)))
+        for channel, weight in enumerate(weights) if weight)
+
+
+def _squares(
+    problem: Problem, runs: Sequence[RunBlocks], residuals: Sequence[Array]
+) -> Array:
+    """Mean squares (R, V, S) by run, view and stretch, as shares of the squared range."""
+    answer = np.zeros((len(runs), len(problem.system.views), STRETCHES))
+    for row, run, residual in zip(answer, runs, residuals, strict=True):
+        for place, (view, weights) in enumerate(problem.system.views.items()):
+            seen = problem.freed(weights @ residual, run, view) / problem.view_ranges[view]
+            there = problem.root_weights(run, view) > 0.0
+            parts = np.array_split(np.flatnonzero(there), STRETCHES)
+            row[place] = [float(np.mean(seen[part] ** 2)) if part.size else 0.0 for part in parts]
+    return answer
+
+
+def _taken(problem: Problem, less: Array, more: Array, floor: Array) -> dict[str, float]:
+    """Share of the power beyond noise in `less` that `more` has not, by view."""
+    shares = {}
+    for place, view in enumerate(problem.system.views):
+        before = float(less[:, place].mean()) - float(floor[place])
+        after = max(float(more[:, place].mean()) - float(floor[place]), 0.0)
+        if before > 0.0:
+            shares[view] = 1.0 - after / before
+    return shares
+
+
+def _interval(less: Array, more: Array) -> tuple[float, float]:
+    """95 % interval of the reduction of the rms, from draws of stretches."""
+    before, after = (item.mean(axis=1).ravel() for item in (less, more))
+    draw = np.random.default_rng(0).integers(0, before.size, (DRAWS, before.size))
+    ratios = after[draw].mean(axis=1) / np.maximum(before[draw].mean(axis=1), 1e-300)
+    low, high = np.quantile(1.0 - np.sqrt(ratios), [0.025, 0.975])
+    return float(low), float(high)
+
+
+def doubts_of(
+    space: ModelSpace, fit: Fit, whole: Shares, members: Mapping[str, Shares],
+    alternatives: Alternatives,
+) -> list[str]:
+    """Reasons why the effects of a fit beside model error are not established."""
+    doubts = [*shapes_at_bounds(space, fit), *sizes_at_bounds(space.problem, fit)]
+    for name, own in {' and '.join(fit.candidate.ids): whole, **members}.items():
+        if own.best < MIN_TAKEN:
+            doubts.append(
+                f'{name} takes {percent(max(own.best, 0.0))} of the power of the misfit beyond '
+                f'noise, less than the {percent(MIN_TAKEN)} that a cause takes which nothing '
+                'else could stand for')
+    if whole.interval is None:
+        doubts.append('one run only: that the causes predict other runs is not shown')
+    elif whole.interval[0] <= 0.0:
+        doubts.append(
+            f'on runs that it predicts, the reduction of the misfit is between '
+            f'{percent(whole.interval[0])} and {percent(whole.interval[1])}')
+    if whole.worst_run < 0.0:
+        doubts.append('in one of the fitted runs the misfit is larger with the causes')
+    explained = [Comparison(space, space.without(fit, name), fit) for name in fit.candidate.ids]
+    if not all(item.is_real for item in explained):
+        doubts.append('an error like the one that remains could be this large by chance')
+    if crowded([item.added for item in explained], space.settings):
+        doubts.append('three effects act in one channel: so many can fit any misfit')
+    open_members = [name for name in fit.candidate.ids if alternatives.get(name)]
+    if open_members and len(fit.candidate.effects) > 1:
+        doubts.append(f'beside another cause, other effects can replace {open_members[0]}')
+    return doubts
+
+
+def own_kind_left(space: ModelSpace, fit: Fit, residual: Residual) -> list[str]:
+    """A sentence if most of what a fit leaves goes as its causes act, in other proportions.
+
+    A law that is a little unlike the true one leaves such a remainder; an error of the rest of
+    the model goes along other coordinates as well.
+    """
+    own = [item.statistic - item.dimensions for item in residual.consistency
+           if 'as the cause acts' in item.coordinate]
+    families = [max(item.statistic - item.dimensions, 0.0) for item in residual.consistency]
+    whole = max(fit.misfit - space.metric.free_count, sum(families), 1.0)
+    if max(own, default=0.0) < MAX_OWN_KIND * whole:
+        return []
+    return [f'{percent(min(max(own) / whole, 1.0))} of what remains goes along the coordinates of '
+            f'{" and ".join(fit.candidate.ids)} itself: the law is another one']
+
+
+def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
+    """A sentence for every effect whose size is at its bound, which is no name."""
+    sentences = []
+    for effect, _, part in fit.candidate.slices(len(problem.system.base_parameters)):
+        size, theta_unit = effect.size, float(fit.theta_unit[part.start])
+        value = size.from_unit(theta_unit)
+        present = abs(value - effect.neutral) / (size.high - size.low)
+        if min(theta_unit, 1.0 - theta_unit) < AT_BOUND < present and not size.periodic:
+            sentences.append(
+                f'{effect.id}: its {size.name} is at the bound of {quantity(value, size.unit)}: '
+                'the size exceeds the expected range, or another cause contributes, so that it '
+                'is not named')
+    return sentences
+
+
+def remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Remainder, ...]:
+    """What a fit leaves beyond noise and declared model error, by run and view, largest first."""
+    problem, settings = space.problem, space.settings
+    slow, allowed, names = residual.slow, allowed_sizes(space), problem.system.channel_names
+    left: list[Remainder] = []
+    everywhere = slow.is_real_and_material(settings)
+    for view, weights in problem.system.views.items():
+        for number, run in enumerate(problem.runs):
+            size = float(slow.sizes[view][number])
+            chance = min(slow.chances.get((names[channel], run.name), 1.0)
+                         for channel in np.flatnonzero(weights))
+            is_real = everywhere or chance < settings.error_rate
+            if size < max(settings.materiality, allowed[view]) or not is_real:
+                continue
+            left.append(_rest(space, run, view, size, _along(residual, view)))
+    fast = residual.fast
+    if fast.is_real_and_material(settings) and fast.visible >= allowed.get(fast.view, np.inf):
+        run = next(run for run in problem.runs if run.name == fast.run)
+        left.append(_rest(space, run, fast.view, fast.visible, 'time'))
+    told = {item.channel for item in left}
+    for test in (*residual.consistency, *residual.shapes):
+        is_real = test.p_value < settings.error_rate and problem.assumptions.form_error == 0.0
+        least = max(settings.materiality, allowed[test.view])
+        if is_real and test.visible >= least and test.view not in told:
+            run = problem.runs[int(np.argmax(slow.sizes[test.view]))]
+            left.append(_rest(space, run, test.view, test.visible, test.coordinate))
+            told.add(test.view)
+    return tuple(sorted(left, key=lambda item: -item.share_of_range))
+
+
+def _rest(space: ModelSpace, run: RunBlocks, view: str, size: float, along: str) -> Remainder:
+    """A remainder of an rms `size`, as a share of range, beside the noise of the run."""
+    problem = space.problem
+    noise = noise_power(space.metric.noise, run, problem.system.views[view]) ** 0.5
+    times = size * problem.view_ranges[view] / max(noise, 1e-300)
+    return Remainder(run.name, view, size, float(np.hypot(1.0, times)), along)
+
+
+def _along(residual: Residual, view: str) -> str:
+    """The coordinate along which most of the remainder of a view goes."""
+    tests = [item for item in residual.shapes if item.view == view]
+    return min(tests, key=lambda item: item.p_value).coordinate if tests else 'time'
+
+
+def as_seen_in(space: ModelSpace, fit: Fit) -> Fit:
+    """A fit of another metric in the metric of `space`."""
+    whitened = space.metric.whiten(fit.prediction - space.problem.measured)
+    return replace(fit, whitened=whitened, misfit=float(whitened @ whitened))
+
+
+def influence_of(space: ModelSpace, fit: Fit) -> tuple[Influence, ...]:
+    """What each stretch of each run adds to the evidence for the causes."""
+    problem = space.problem
+    falls = problem.by_run(space.base.whitened**2 - fit.whitened**2)
+    answer = []
+    for run, fall in zip(problem.runs, falls, strict=True):
+        for part in np.array_split(np.arange(run.time.size), STRETCHES):
+            answer.append(Influence(
+                run.name, float(run.time[part[0]]), float(run.time[part[-1]]),
+                float(fall[:, part].sum())))
+    return tuple(answer)
+
+
+def stability_of(space: ModelSpace, fit: Fit, process: Array | None) -> float:
+    """Share of refits that end in the same first cause.
+
+    Each run is left out once; the model error is half and twice as large; stretches are drawn
+    again. The models keep their parameters: a run that is left out leaves the sum of the others.
+    """
+    problem = space.problem
+    models = [space.base, *space.single_effect_fits()]
+    if all(item.candidate.key != fit.candidate.key for item in models):
+        models.append(fit)
+    wanted = set(fit.candidate.ids) or {''}
+    sizes = np.array([item.theta_unit.size for item in models]) * space.log_size
+    parts = np.array([_by_stretch(problem, item.whitened) for item in models])
+    count = len(problem.runs)
+    sums = [parts.sum(axis=1) - parts[:, STRETCHES * run : STRETCHES * (run + 1)].sum(axis=1)
+            for run in range(count if count > 1 else 0)]
+    draws = np.random.default_rng(1).integers(0, parts.shape[1], (4, parts.shape[1]))
+    sums += [parts[:, draw].sum(axis=1) for draw in draws]
+    residuals = np.column_stack([item.prediction - problem.measured for item in models])
+    for factor in (0.5, 2.0) if process is not None else ():
+        scaled = space.metric.marginalise(np.hstack([factor * np.asarray(process)]))
+        sums.append((scaled.whiten(residuals) ** 2).sum(axis=0))
+    same = 0
+    for total in sums:
+        best = models[int(np.argmin(total + sizes))]
+        same += bool(wanted & (set(best.candidate.ids) or {''}))
+    return same / max(len(sums), 1)
+
+
+def _by_stretch(problem: Problem, whitened: Array) -> Array:
+    """Squares (R * S,) of a whitened residual by stretch of each run."""
+    return np.array([
+        float((block[:, part] ** 2).sum())
+        for block in problem.by_run(whitened)
+        for part in np.array_split(np.arange(block.shape[1]), STRETCHES)])
+
+
+CHANCES = ((0.0, 0.25), (0.5, 0.45), (0.75, 0.6), (0.85, 0.93), (0.95, 0.99), (1.0, 0.995))
+"""Share of the misfit's power that a first cause takes, and how often it was the true one or in
+the group of the true one on the development seeds of docs/benchmarks."""
+
+ESTABLISHED, NOTHING = 0.97, 0.97
+"""The same for causes that explain all misfit beyond noise, and for no cause."""
+
+
+def probabilities_of(
+    verdict: str, groups: Sequence[tuple[str, ...]], taken: float
+) -> dict[str, float]:
+    """Probability of each cause or group, of none and of an unknown cause; they sum to 1."""
+    if verdict == 'none':
+        return {'none': NOTHING, 'unknown': 1.0 - NOTHING}
+    chance = float(np.interp(taken, *np.array(CHANCES).T))
+    if verdict == 'unknown':
+        chance = min(chance, CHANCES[2][1])
+    names = [' or '.join(group) for group in groups]
+    weights = 0.5 ** np.arange(len(names)) if verdict == 'unknown' else np.ones(len(names))
+    shares = chance * weights / max(float(weights.sum()), 1.0)
+    answer = {name: float(share) for name, share in zip(names, shares, strict=True)}
+    return {**answer, 'none': 0.0, 'unknown': 1.0 - sum(answer.values())}

@@ -1,0 +1,126 @@
+"""Claims on a machine whose rest is not perfect: what is established, and what is left."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saddlering_ros.discrepancy import (
+    Channel,
+    check,
+    diagnose,
+    Diagnosis,
+    Effect,
+    Model,
+    Parameter,
+    Run,
+)
+
+TIME = np.linspace(0.0, 20.0, 500)
+STD = 0.004
+
+
+def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    drive = np.asarray(run.inputs['drive'])
+    speed = np.asarray(run.inputs['speed'])
+    seen = parameters['gain'] * drive + parameters['cubic.size'] * drive**3
+    return {'seen': seen + parameters['friction.size'] * np.tanh(speed / 0.05)}
+
+
+MODEL = Model(
+    simulate,
+    {'gain': Parameter(0.5, 2.0)},
+    {'friction': Effect('Dry friction', {'size': Parameter(-1, 1)}),
+     'cubic': Effect('A cubic spring', {'size': Parameter(-1, 1)})},
+    {'seen': Channel()},
+)
+
+
+def record(number: int, friction: float, error: float, seed: int = 1) -> Run:
+    """A run with friction, and an error of the model: a bend over the drive and a slow wander."""
+    random = np.random.default_rng([seed, number])
+    drive = np.sin((0.9 + 0.2 * number) * TIME) + 0.4 * np.sin(2.7 * TIME + number)
+    inputs = {'drive': drive, 'speed': np.gradient(drive, TIME)}
+    run = Run(f'run {number}', TIME, inputs, {'seen': TIME})
+    values = {'gain': 1.2, 'cubic.size': 0.0, 'friction.size': friction}
+    wander = np.sin(0.31 * TIME * (1 + number) + random.uniform(0, 6))
+    seen = simulate(values, run)['seen'] + error * (wander + np.sin(2.0 * drive + 1.0))
+    return replace(run, outputs={'seen': seen + STD * random.normal(size=TIME.size)})
+
+
+def found(friction: float, error: float, model: Model = MODEL, seed: int = 1) -> Diagnosis:
+    runs = [record(number, friction, error, seed) for number in range(4)]
+    return diagnose(model, runs[:3], hold_out=runs[3:])
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_a_main_cause_is_established_and_what_it_leaves_is_stated(seed: int) -> None:
+    answer = found(0.3, 0.02, seed=seed)
+    assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('named', ['friction'])
+    assert not answer.complete
+    assert 0.001 < answer.remainder[0].share_of_range < 0.03
+    assert answer.remainder[0].times_noise > 2.0
+    assert answer.headline.startswith('Mainly: Dry friction (')
+    assert sum(answer.probabilities.values()) == pytest.approx(1.0)
+    assert answer.probabilities['friction'] > 0.9
+    assert answer.stability > 0.8
+    assert sum(part.evidence for part in answer.influence) > 100.0
+    size = answer.causes[0].parameters['size']
+    assert abs(size.value - 0.3) < 3.0 * size.std
+    interval = answer.gain.interval
+    assert interval is not None
+    assert answer.gain.held_out is not None
+    assert interval[0] < answer.gain.held_out < interval[1]
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_without_the_true_law_nothing_is_established(seed: int) -> None:
+    neutral = {'friction.size': 0.0}
+    model = replace(
+        MODEL, effects={'cubic': MODEL.effects['cubic']},
+        simulate=lambda values, run: simulate({**neutral, **values}, run))
+    answer = found(0.3, 0.02, model, seed)
+    assert answer.verdict == 'unknown'
+    assert not answer.complete
+    assert answer.probabilities['unknown'] > 0.3
+
+
+def test_a_sound_machine_with_an_honest_model_error_is_sound_and_a_small_one_is_reported() -> None:
+    def declared(share: float) -> Diagnosis:
+        return found(0.0, 0.05, replace(MODEL, channels={'seen': Channel(model_error=share)}))
+
+    assert declared(0.0).verdict == 'unknown'
+    small = declared(0.002)
+    assert small.verdict == 'unknown'
+    assert any('more than the declared model error of 0.2' in item for item in small.warnings)
+    for share in (0.03, 0.1, 0.3):
+        answer = declared(share)
+        assert answer.verdict == 'none'
+        assert answer.complete
+        assert answer.causes == ()
+        assert not any('noise' in item for item in answer.warnings)
+
+
+def test_the_check_does_not_hide_a_slow_misfit_among_fast_samples() -> None:
+    lines = [line for line in check(MODEL, [record(0, 0.0, 0.2), record(1, 0.0, 0.2)])
+             if 'the residual of the base fit' in line]
+    assert len(lines) == 2
+    assert all(float(line.split(' times ')[0].rsplit(' ', 1)[1]) > 10.0 for line in lines)
+
+
+def test_a_cause_that_predicts_other_runs_worse_has_no_name() -> None:
+    runs = [record(number, 0.3, 0.0) for number in range(2)]
+    answer = diagnose(MODEL, runs, hold_out=[record(2, -0.3, 0.0)])
+    assert answer.verdict == 'unknown'
+    assert answer.gain.held_out is not None
+    assert answer.gain.held_out < 0.0
+    assert any('on runs that it predicts' in item for item in answer.warnings)
+
+
+def test_a_size_at_its_bound_is_no_name() -> None:
+    narrow = {**MODEL.effects, 'friction': Effect('Dry friction', {'size': Parameter(-0.2, 0.2)})}
+    answer = found(0.3, 0.0, replace(MODEL, effects=narrow))
+    assert answer.verdict == 'unknown'
+    assert any('is at the bound' in item for item in answer.warnings)
