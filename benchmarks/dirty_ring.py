@@ -1,0 +1,124 @@
+"""A dirty ring: many small errors at once, drawn, on the ring of independent_ring.py.
+
+    python benchmarks/dirty_ring.py [--seeds 1 2 ...] [--effects NAME,NAME | none]
+
+Of a sound real ring nothing is exact: load cell, elevation, trunnion, probes, friction, raceways,
+structure and temperature each have a small error. One cause of the catalogue, about ten times as
+large, is hidden beside them. Printed is the verdict on each, with what it says about the rest.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault('SADDLERING_THREADS', '1')
+
+import argparse
+from collections import Counter
+from dataclasses import replace
+import math
+from pathlib import Path
+import tempfile
+import time as clock
+
+from independent import draw_ring, RIG, verdict_on
+from independent_faults import fault_of, slider_state
+from independent_ring import Array, Fault, Motion, Sliders, usual_courses
+import numpy as np
+
+FULL = RIG.full_scale_load
+MAIN = ('load_offset', 'load_nonlinearity', 'cylinder_friction', 'elevation_error', 'bracket_play',
+        'moment_arm', 'radial_friction', 'tilt_friction', 'tilt_compliance', 'axial_compliance',
+        'ring_ovalisation', 'unequal_rows', 'film_creep', 'probe_gain', 'probe_nonlinearity')
+"""Causes that are hidden."""
+
+
+def raceway(draw: np.random.Generator) -> tuple[Array, Array]:
+    """Waviness of orders 2 to 8 with 0.5 um each: amplitudes and phases."""
+    return 0.5e-6 * draw.standard_normal(7), draw.uniform(0.0, 2.0 * np.pi, 7)
+
+
+def wave(phi: Array, own: tuple[Array, Array]) -> Array:
+    """The waviness at an angle (N,) about the ring [m]."""
+    return np.asarray(own[0] @ np.cos(np.arange(2, 9)[:, None] * phi + own[1][:, None]))
+
+
+def dirty(fault: Fault, draw: np.random.Generator) -> Fault:
+    """`fault` and every small error of a real ring beside it."""
+    gain, bend = 3e-3 * draw.standard_normal(), 1e-3 * draw.standard_normal()
+    offset, cylinder = 150.0 * draw.standard_normal(), 300.0 * abs(draw.standard_normal())
+    angle, arm = math.radians(0.03) * draw.standard_normal(), 2e-3 * draw.standard_normal()
+    radial, tilt = 350.0 * abs(draw.standard_normal()), 300.0 * abs(draw.standard_normal())
+    gains, bends = 2e-3 * draw.standard_normal(4), 8.0 * draw.standard_normal(4)
+    heights, warms = 2e-3 * draw.standard_normal(2), 3e-9 * draw.standard_normal(4)
+    curves, phases = 0.15e-6 * draw.standard_normal(4), draw.uniform(0.5, 1.5, 4)
+    axial, middle = raceway(draw), raceway(draw)
+
+    def load(time: Array, measured: Array) -> Array:
+        at = measured if fault.ring_load is None else fault.ring_load(time, measured)
+        return at * (1.0 + gain) + offset + bend * FULL * np.sin(np.pi * measured / FULL) - (
+            cylinder * slider_state(measured, 500.0))
+
+    def turn(time: Array, at: Array) -> Array:
+        own = np.zeros(at.size) if fault.turn is None else fault.turn(time, at)
+        return np.asarray(own + angle)
+
+    def readings(motion: Motion) -> Array:
+        d = motion.d
+        added = d * gains + bends * d**2 + np.outer(motion.time - motion.time[0], warms)
+        added += curves * np.sin(np.pi * phases * motion.load[:, None] / FULL)
+        added[:, 0] += heights[0] * motion.motion[:, 2]
+        added[:, 2] -= heights[1] * motion.motion[:, 2]
+        return np.asarray(added)
+
+    def gap(own: tuple[Array, Array], more: object) -> object:
+        return lambda phi: wave(phi, own) + (more(phi) if callable(more) else 0.0)
+
+    def beside(own: Sliders, force: float) -> Sliders:
+        return own if own.total > 0.0 else Sliders(force, 2e-6)
+
+    return replace(
+        fault, ring_load=load, turn=turn, arm=fault.arm + arm,
+        gap_axial=gap(axial, fault.gap_axial), gap_radial=gap(middle, fault.gap_radial),
+        friction_x=beside(fault.friction_x, radial),
+        friction_tilt=beside(fault.friction_tilt, tilt),
+        readings=(*fault.readings, readings))
+
+
+def trial(effect: str, seed: int, folder: Path, counts: Counter[str]) -> None:
+    """One dirty ring with one cause, or none, counted and printed."""
+    began = clock.process_time()
+    ring, noise = draw_ring(seed)
+    fault = fault_of(effect, np.random.default_rng([seed, 12])).fault if effect else Fault()
+    whole = dirty(fault, np.random.default_rng([seed, 13]))
+    found = verdict_on(ring, noise, whole, usual_courses(RIG), seed, folder).diagnosis
+    groups = [list(cause.group) for cause in found.causes]
+    named = found.verdict in ('named', 'ambiguous')
+    right = effect in (groups[0] if groups else [])
+    kind = 'sound' if not effect else 'hidden'
+    counts[kind] += 1
+    counts[f'{kind}: {found.verdict}'] += 1
+    counts['right and established'] += named and right
+    counts['wrong name'] += named and not right
+    counts['right and first, not established'] += right and not named
+    print(f'{seed} {effect or "none"}: {found.verdict} {groups}, gain {found.gain.fit:.2f} '
+          f'{found.gain.held_out}, {clock.process_time() - began:.0f} s', flush=True)
+    for warning in found.warnings:
+        print(f'    {warning}', flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--seeds', nargs='*', type=int, default=[1])
+    parser.add_argument('--effects', default=','.join(MAIN))
+    args = parser.parse_args()
+    counts: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in args.seeds:
+            for effect in args.effects.split(','):
+                trial('' if effect == 'none' else effect, seed, Path(folder), counts)
+    print(', '.join(f'{name} {count}' for name, count in sorted(counts.items())))
+
+
+if __name__ == '__main__':
+    main()
