@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rigs import as_read
 
-from saddlering_ros.bags.reader import notes_on_rig
+from saddlering_ros.doubts.finding import lines
+from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.reading import run_of_record
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.identification import Identification, identify
@@ -329,7 +330,7 @@ def runs_of(records: tuple[RawRecord, ...]) -> tuple[Record, ...]:
     rig = default_rig()
     runs = tuple(run_of_record(record, record.facts, rig) for record in records)
     for run, record in zip(runs, records, strict=True):
-        run.notes.extend(notes_on_rig(rig, run, record))
+        run.notes.extend(lines(findings_on_rig(rig, run, record)))
     return runs
 
 

@@ -16,7 +16,8 @@ import math
 import numpy as np
 from rigs import as_read, sized_rig
 
-from saddlering_ros.bags.reader import notes_on_rig
+from saddlering_ros.doubts.finding import lines
+from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.reading import run_of_record
 from saddlering_ros.record import RawRecord
 from saddlering_ros.record.metadata import TestMetadata
@@ -98,7 +99,7 @@ def notes_on(draw: Draw, seed: int) -> list[str]:
     """What `info` would say of it."""
     record = recorded(draw, seed)
     run = run_of_record(record, record.facts, draw.rig)
-    return [*run.notes, *notes_on_rig(draw.rig, run, record)]
+    return [*run.notes, *lines(findings_on_rig(draw.rig, run, record))]
 
 
 def main() -> None:
