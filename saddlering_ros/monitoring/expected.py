@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.rig import ParameterSet, Rig
+from saddlering_ros.rig.zeroing import STEADY_SHARE
 from saddlering_ros.ring.simulator import static_response
 
 Array = NDArray[np.float64]
@@ -48,6 +49,7 @@ class ExpectedMotion:
 
     def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float) -> None:
         """Compute the curves for one elevation [rad]."""
+        self._tolerance = STEADY_SHARE * rig.full_scale_load  # noise at preload is not outside
         self._loads = np.linspace(rig.preload, rig.full_scale_load, LOADS)
         values = parameters.contact.to_array()
         self._motion = static_response(rig, values, elevation, self._loads)
@@ -70,7 +72,7 @@ class ExpectedMotion:
         """The motion at a load [N] from that at the load of the zero; None: from preload."""
         validity = self._bits | (NO_ZERO if zero_load is None else 0)
         inside = float(np.clip(load, self._loads[0], self._loads[-1]))
-        validity |= OUTSIDE if inside != load else 0
+        validity |= OUTSIDE if abs(inside - load) > self._tolerance else 0
         begin = self._loads[0] if zero_load is None else zero_load
         motion = self._between(self._motion, inside) - self._between(self._motion, begin)
         if not np.isfinite(motion).all():

@@ -55,6 +55,7 @@ def test_the_covariance_is_that_of_drawn_parameters(model: ExpectedMotion) -> No
 
 def test_what_does_not_hold_is_stated(model: ExpectedMotion) -> None:
     assert model.at(2.0 * RIG.full_scale_load, None).validity == OUTSIDE | NO_ZERO
+    assert model.at(RIG.preload - 60.0, ZERO).validity == 0, 'noise at preload'
     bare = ParameterSet(TRUE_TO_SCALE, {'radial_friction': {'force': 1e3}})
     expected = ExpectedMotion(RIG, bare, ELEVATION).at(LOAD, ZERO)
     assert expected.validity == NO_COVARIANCE | WITHOUT_EFFECTS
