@@ -14,7 +14,7 @@ from saddlering_ros.diagnosis.records import (
     PreparedRecord,
     rigs_of,
 )
-from saddlering_ros.diagnosis.ring_system import RingSystem
+from saddlering_ros.diagnosis.ring_system import certificate_notes, RingSystem
 from saddlering_ros.diagnosis.verdict import (
     contact_law,
     run_figures,
@@ -81,6 +81,7 @@ def diagnose(
     laws_of_user = sorted(
         name for name in named if isinstance(catalogue().get(name), LawEffect))
     notes = [*check_set(records, rig), *diagnosis.warnings, *law.notes]
+    notes += certificate_notes(rig, diagnosis.causes)
     notes += repeated_laws(laws_of_user, signature_cosines(diagnosis))
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
     if diagnosis.verdict == 'unknown' and _is_rounding(figures):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import compress
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis.records import LoadGrid
-from saddlering_ros.discrepancy import Effect, Parameter, Point, RunBlocks
+from saddlering_ros.discrepancy import Cause, Effect, Parameter, Point, RunBlocks
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, size_factor, TRUE_TO_SCALE
@@ -228,6 +228,8 @@ class RingSystem:
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
         """Nuisance columns: unequal rollers, uncertain clearances and weight, noise of the load.
 
+        Every instrument with a certificate adds its own error.
+
         Where rollers begin to touch, a little load moves the ring far. An error of the
         load at the ring then shifts the place of that motion, so that the noise of the
         load shows as much as that of the probes.
@@ -251,7 +253,8 @@ class RingSystem:
             known.append(
                 np.stack(
                     [0.5 * (above - below) for above, below in sides]
-                    + [CURVATURE * (0.5 * (above + below) - usual) for above, below in sides],
+                    + [CURVATURE * (0.5 * (above + below) - usual) for above, below in sides]
+                    + self._instrument_errors(run, base),
                     axis=-1,
                 )
             )
@@ -264,6 +267,20 @@ class RingSystem:
             answer.append(np.concatenate([block, load, own], axis=2))
             start += run.channels.size
         return answer
+
+    def _instrument_errors(self, run: RunBlocks, base: Array) -> list[Array]:
+        """Changes (C, N) of a run by one standard uncertainty of each stated instrument."""
+        errors = certified_errors(self.rig)
+        points = [Point(base), *(Point(base, effects) for effects in errors)]
+        span = self.rig.instruments.axial_span
+        if not errors and span is None:
+            return []
+        predicted = self.predict_many(run, points)
+        changes = [one - predicted[0] for one in predicted[1:]]
+        if span is not None:
+            weights = self.views['gamma']
+            changes.append(np.outer(0.5 * span * np.sign(weights), weights @ predicted[0]))
+        return changes
 
     def _load_noise(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
         """Changes (C, N, k) by noise of the load where a little load moves the ring far.
@@ -337,6 +354,49 @@ class RingSystem:
                 catalogue_of_effects.extension_of(point.effects, self.rig),
                 catalogue_of_effects.laws_of(point.effects))
         return point_read
+
+
+CERTIFIED = {
+    'load_gain': ('load_gain', 'gain'), 'load_offset': ('load_offset', 'offset'),
+    'load_nonlinearity': ('load_nonlinearity', 'curvature'),
+    'elevation': ('elevation_error', 'angle'), 'probe_lag': ('probe_lag', 'time'),
+    'clock': ('clock_offset', 'offset'), 'trunnion': ('moment_arm', 'offset'),
+    'radial_height': ('probe_height', 'height'),
+}
+"""Effect and parameter of an instrument's error, by the name in the rig file."""
+
+
+def certified_errors(rig: Rig) -> list[dict[str, dict[str, float]]]:
+    """One standard uncertainty of each stated instrument, as effects of the catalogue."""
+    stated = rig.instruments
+    errors = [{effect: {parameter: float(getattr(stated, name))}}
+              for name, (effect, parameter) in CERTIFIED.items()
+              if getattr(stated, name) is not None]
+    for probe in rig.probes.present:
+        if stated.probe_gain is not None:
+            errors.append({'probe_gain': {
+                'probe': float(probe), 'gain': stated.probe_gain[probe - 1]}})
+        if stated.probe_nonlinearity is not None:
+            errors.append({'probe_nonlinearity': {
+                'probe': float(probe), 'curvature': stated.probe_nonlinearity}})
+    return errors
+
+
+def certificate_notes(rig: Rig, causes: Iterable[Cause]) -> list[str]:
+    """For each cause on an instrument with a certificate, how far it lies beyond it."""
+    uncertainties = {effect: (parameter, getattr(rig.instruments, name))
+                     for name, (effect, parameter) in CERTIFIED.items()}
+    gains = rig.instruments.probe_gain
+    uncertainties['probe_gain'] = ('gain', None if gains is None else max(gains))
+    uncertainties['probe_nonlinearity'] = ('curvature', rig.instruments.probe_nonlinearity)
+    notes = []
+    for cause in causes:
+        parameter, uncertainty = uncertainties.get(cause.effect, ('', None))
+        if uncertainty is not None and parameter in cause.parameters:
+            times = abs(cause.parameters[parameter].value) / uncertainty
+            notes.append(f'{cause.effect} is {times:.1f} times the standard uncertainty of its '
+                         f'certificate ({uncertainty:g})')
+    return notes
 
 
 def _beside(per_newton: Array) -> Array:

@@ -367,6 +367,7 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
         },
         systematic=trust.systematic,
         collinearity=trust.collinearity,
+        budget=trust.budget,
         ellipses={
             f'K{row},n{row}': stiffness_ellipse(contact.to_array(), trust.covariance, row)
             for row in (1, 2)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.files import Provenance
-from saddlering_ros.identification.uncertainty import IMPERFECTIONS, Profile
+from saddlering_ros.identification.imperfections import IMPERFECTIONS
+from saddlering_ros.identification.uncertainty import Profile
 from saddlering_ros.quantities import percent, quantity, significant, span
 from saddlering_ros.record import Record
 from saddlering_ros.rig import (
@@ -53,6 +54,7 @@ class Identification:
     at_bound: dict[str, bool]
     systematic: dict[str, Array]
     collinearity: dict[str, float]
+    budget: dict[str, dict[str, float]]
     ellipses: dict[str, Array] = field(repr=False)
     evaluations: int
     elapsed: float
@@ -110,6 +112,7 @@ class Identification:
                 }
                 for key, shift in self.systematic.items()
             },
+            'budget': self.budget,
             'ellipses': {key: points.tolist() for key, points in self.ellipses.items()},
             'profiles': {
                 name: {

@@ -9,7 +9,7 @@ covariance I + S S^T (S: unequal_rollers.py) give it the covariance G G^T + G S 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,59 +27,18 @@ from saddlering_ros.estimation.identifiability import (
 )
 from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.statistics import chi_squared_quantile
+from saddlering_ros.identification.imperfections import (
+    certified_errors,
+    DELAY,
+    Imperfection,
+    IMPERFECTIONS,
+)
 from saddlering_ros.identification.objective import predict, refine, Refinement, WeightedObjective
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.rig import PARAMETER_NAMES, probes_to_displacement, Rig
 from saddlering_ros.ring.roller_scatter import scatter_columns, SimulatedCourse
 
 Array = NDArray[np.float64]
-
-@dataclass(frozen=True)
-class Imperfection:
-    """A small imperfection of every rig, and its effect on predicted increments."""
-
-    name: str
-    words: str
-    load: Callable[[Array, float], Array] = lambda load, full_scale: load
-    rig: Callable[[Rig], Rig] = lambda rig: rig
-    elevation: float = 0.0
-    delay: float = 0.0
-
-    def on_load(self, one: Observation, full_scale: float) -> Array:
-        """The loads [N] of an observation with this imperfection, for its simulation."""
-        load = one.fine_load
-        if one.dynamic and self.delay:
-            load = np.asarray(np.interp(one.fine_time - self.delay, one.fine_time, load))
-        return self.load(load, full_scale)
-
-
-def _nonlinear(load: Array, full_scale: float) -> Array:
-    """A load [N] whose error is a parabola over its range, 0.1 % of full scale in the middle."""
-    return load + 0.001 * 4.0 * load * (full_scale - load) / full_scale
-
-
-def _with_axial_clearance(rig: Rig) -> Rig:
-    row = rig.axial_rows
-    return replace(rig, axial_rows=replace(row, clearance=row.clearance + 5e-6))
-
-
-def _with_radial_clearance(rig: Rig) -> Rig:
-    row = rig.radial_row
-    return replace(rig, radial_row=replace(row, clearance=row.clearance + 5e-6))
-
-
-DELAY = 1e-3
-"""Delay [s] of the probes whose effect is reported."""
-
-IMPERFECTIONS = (
-    Imperfection('load_nonlinearity', '0.1 % of full scale load nonlinearity', load=_nonlinear),
-    Imperfection('axial_clearance', '5 µm of axial clearance', rig=_with_axial_clearance),
-    Imperfection('radial_clearance', '5 µm of radial clearance', rig=_with_radial_clearance),
-    Imperfection('elevation', '0.1 deg of elevation', elevation=float(np.radians(0.1))),
-    Imperfection('load_gain', '0.5 % of load gain', load=lambda load, _: 1.005 * load),
-    Imperfection('delay', '1 ms between the clocks of load and probes', delay=DELAY),
-)
-"""Small errors that no fit can detect; the change of the parameters by each is reported."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +49,8 @@ class Uncertainty:
     correlation (6, 6). noise_covariance (6, 6) and noise_std (6,) (coordinates) count noise
     alone: the change of the estimate by another test of the same ring. intervals by name;
     systematic: imperfection to shift (6,) in coordinates; determined and reasons by name;
-    collinearity by subset of names ('K1,n1').
+    collinearity by subset of names ('K1,n1'); budget: per free parameter the share of its variance
+    by source, of noise, unequal rollers and each instrument with a certificate.
     """
 
     std: Array
@@ -105,6 +65,7 @@ class Uncertainty:
     reasons: dict[str, str]
     collinearity: dict[str, float]
     reduced_chi_square: float
+    budget: dict[str, dict[str, float]]
 
 
 @dataclass(frozen=True)
@@ -136,7 +97,8 @@ def assess(
     freedom = max(1, objective.size - len(space.free))
     reduced = best.chi_square / freedom
     widening = max(1.0, reduced, *objective.mean_squares(best.contact))
-    systematic = systematic_shifts(objective, space, best)
+    systematic = systematic_shifts(objective, space, best, IMPERFECTIONS)
+    certified = systematic_shifts(objective, space, best, certified_errors(objective.rig))
     # Delay of logger and filters between load and probes, within the limits from the readings.
     lag = max(one.doubtful_lag for one in objective.observations)
     late = systematic['delay'][space.free] * lag / DELAY
@@ -144,7 +106,10 @@ def assess(
     by_noise = at_noise * widening + np.outer(late, late)
     inverse = np.asarray(np.linalg.pinv(best.jacobian, rcond=1e-9), dtype=np.float64)
     moved = roller_shifts(objective, best.contact, inverse)
-    inner = by_noise + moved @ moved.T
+    by_rollers = moved @ moved.T
+    of_instruments = {name: shift[space.free] for name, shift in certified.items()}
+    inner = by_noise + by_rollers + sum(
+        (np.outer(shift, shift) for shift in of_instruments.values()), np.zeros_like(by_noise))
     without_misfit = inner - at_noise * (widening - 1.0)
     coordinate_std = _spread_over_six(np.sqrt(np.diag(inner)), space)
     scale = space.scale(best.contact)
@@ -168,7 +133,19 @@ def assess(
         reasons=reasons,
         collinearity=collinearity(best.jacobian, space.names),
         reduced_chi_square=float(reduced),
+        budget=_budget(space, {
+            'noise': np.diag(by_noise), 'unequal_rollers': np.diag(by_rollers),
+            **{name: shift**2 for name, shift in of_instruments.items()}}),
     )
+
+
+def _budget(space: SearchSpace, variances: dict[str, Array]) -> dict[str, dict[str, float]]:
+    """Per free parameter the share of its variance by source (GUM, JCGM 100, 5.1)."""
+    total = sum(variances.values(), np.zeros(len(space.free)))
+    return {PARAMETER_NAMES[index]: {
+                name: float(variance[position] / total[position])
+                for name, variance in variances.items()}
+            for position, index in enumerate(space.free)}
 
 
 def _spread_over_six(values: Array, space: SearchSpace) -> Array:
@@ -202,16 +179,17 @@ def _intervals(
 
 
 def systematic_shifts(
-    objective: WeightedObjective, space: SearchSpace, best: Refinement
+    objective: WeightedObjective, space: SearchSpace, best: Refinement,
+    imperfections: Sequence[Imperfection],
 ) -> dict[str, Array]:
     """Change of the parameters by each imperfection, (6,) coordinates."""
     inverse = np.linalg.pinv(best.jacobian, rcond=1e-9)
     base = objective.residuals(best.contact[None, :])[0]
-    shifts = {}
-    for imperfection in IMPERFECTIONS:
-        changed = _whitened(objective, best.contact, imperfection) - base
-        shifts[imperfection.name] = _spread_over_six(inverse @ changed, space)
-    return shifts
+    return {
+        imperfection.name: _spread_over_six(
+            inverse @ (_whitened(objective, best.contact, imperfection) - base), space)
+        for imperfection in imperfections
+    }
 
 
 def _whitened(objective: WeightedObjective, contact: Array, imperfection: Imperfection) -> Array:
@@ -225,7 +203,8 @@ def _whitened(objective: WeightedObjective, contact: Array, imperfection: Imperf
             elevation=one.elevation + imperfection.elevation,
             zero_load=float(imperfection.load(np.array(one.zero_load), full_scale)),
         )
-        parts.append(predict(rig, contact[None, :], changed) - one.displacement)
+        predicted = imperfection.reading(predict(rig, contact[None, :], changed))
+        parts.append(predicted - one.displacement)
     return np.concatenate(objective.whiten(parts), axis=1)[0]
 
 

@@ -28,6 +28,7 @@ from saddlering_ros.rig.geometry import (
     size_factor,
     with_absent,
 )
+from saddlering_ros.rig.instruments import Instruments
 from saddlering_ros.rig.parameter_file import (
     ContactParameters,
     PARAMETER_NAMES,
@@ -59,10 +60,10 @@ from saddlering_ros.rig.zeroing import zero_of_record, ZeroReading, ZeroWindow
 __all__ = [
     'CHANNELS', 'FORCE_UNITS', 'FULL_SCALE_LOAD', 'MICRO_UNITS', 'OPPOSITE', 'PARAMETER_NAMES',
     'PARAMETER_UNITS', 'TONNE', 'TRUE_TO_SCALE', 'Carriage', 'ContactParameters',
-    'Displacement', 'LoadLimits', 'ParameterSet', 'ParameterSource', 'Probes', 'ResolvedLoad',
-    'Rig', 'RigError', 'RollerRow', 'Trunnion', 'ZeroReading', 'ZeroWindow', 'check_bounds',
-    'default_rig', 'displacement_to_probes', 'force_decimals', 'force_range', 'force_words',
-    'gap_increment', 'line_contact_stiffness', 'load_rig', 'measured_displacement',
+    'Displacement', 'Instruments', 'LoadLimits', 'ParameterSet', 'ParameterSource', 'Probes',
+    'ResolvedLoad', 'Rig', 'RigError', 'RollerRow', 'Trunnion', 'ZeroReading', 'ZeroWindow',
+    'check_bounds', 'default_rig', 'displacement_to_probes', 'force_decimals', 'force_range',
+    'force_words', 'gap_increment', 'line_contact_stiffness', 'load_rig', 'measured_displacement',
     'mirrored_gap', 'parameters_from_mapping', 'parameters_to_mapping',
     'probes_to_displacement', 'read_parameters', 'resolve_load', 'rig_digest',
     'rig_from_parameters', 'shipped_rig_file', 'short_digest', 'size_factor',

@@ -13,6 +13,7 @@ from typing import Any
 
 from saddlering_ros.errors import did_you_mean, refuse_unknown_keys
 from saddlering_ros.quantities import compact
+from saddlering_ros.rig.instruments import Instruments, instruments_from
 from saddlering_ros.rig.parameter_file import EXPONENTS, PARAMETER_NAMES
 from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters, RigError
 from saddlering_ros.rig.units import (
@@ -108,7 +109,7 @@ class Rig:
     """The whole rig; every default is a project assumption, not a measured dimension.
 
     radial_row is called middle_row in files. full_scale_time [s]: the shortest time in which the
-    hydraulics change the load by full scale.
+    hydraulics change the load by full scale. instruments: what certificates state.
     """
 
     axial_rows: RollerRow
@@ -121,6 +122,7 @@ class Rig:
     full_scale_load: float = FULL_SCALE_LOAD
     full_scale_time: float = FULL_SCALE_TIME
     force_unit: str = 't'
+    instruments: Instruments = field(default_factory=Instruments)
 
     @property
     def limits(self) -> LoadLimits:
@@ -321,6 +323,8 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
         full_scale_load=rig.number('full_scale_load', 1.0, 1e9, default=FULL_SCALE_LOAD),
         full_scale_time=rig.number('full_scale_time', 1e-4, 1e4, default=FULL_SCALE_TIME),
         force_unit=_force_unit(rig, where),
+        instruments=(instruments_from(rig.raw('instruments'), where) if rig.has('instruments')
+                     else Instruments()),
         bounds=_bounds(bounds, where),
     )
     if result.probes.max_range <= result.probes.min_range:
@@ -355,7 +359,7 @@ def shipped_rig_file() -> Path | None:
 SHORT_DIGITS = 12
 """Digits of the form for people."""
 
-NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time', 'absent')
+NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time', 'absent', 'instruments')
 """Fields of a Rig for identification, guarding and display, and the number of a probe that is
 absent. They are not part of the hash: the ring is the same."""
 

@@ -139,9 +139,12 @@ def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
     from the stiffnesses by clearances and a weight that are not known well enough.
     """
     axial, middle, carriage = rig.axial_rows, rig.radial_row, rig.carriage
+    stated = rig.instruments
+    clearance = CLEARANCE_UNKNOWN if stated.clearance is None else stated.clearance
+    share = WEIGHT_UNKNOWN if stated.weight is None else stated.weight
     pairs = []
     for sign in (1.0, -1.0):
-        gap, weight = sign * CLEARANCE_UNKNOWN, 1.0 + sign * WEIGHT_UNKNOWN
+        gap, weight = sign * clearance, 1.0 + sign * share
         pairs.append(
             (
                 replace(rig, axial_rows=replace(axial, clearance=axial.clearance + gap)),

@@ -1,0 +1,41 @@
+"""Claims about the budget of an identification with certificates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+import sys
+
+import numpy as np
+import pytest
+
+from saddlering_ros.identification import identify
+from saddlering_ros.rig import Instruments, PARAMETER_NAMES, TRUE_TO_SCALE
+
+sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmarks'))
+from rigs import RIG, virtual_run
+
+
+@pytest.fixture(scope='module')
+def runs():
+    return [virtual_run('static', 50.0, TRUE_TO_SCALE, seed=1),
+            virtual_run('dynamic', 50.0, TRUE_TO_SCALE, seed=2)]
+
+
+def test_a_certificate_widens_what_depends_on_it_by_its_own_size(runs):
+    plain = identify(runs, RIG)
+    stated = identify(runs, replace(RIG, instruments=Instruments(load_gain=2e-3)))
+    # A load that is wrong by a share is, but for the weight, K1 and K2 wrong by that share.
+    widened = np.sqrt(np.diag(stated.covariance) - np.diag(plain.covariance))
+    contact = plain.parameters.contact.to_array()
+    for index in (PARAMETER_NAMES.index('K2'), PARAMETER_NAMES.index('D2')):
+        assert widened[index] / contact[index] == pytest.approx(2e-3, rel=0.35)
+    assert np.allclose(stated.parameters.contact.to_array(), contact, rtol=1e-9)
+
+
+def test_the_shares_of_the_budget_sum_to_one_and_name_each_source(runs):
+    found = identify(runs, replace(RIG, instruments=Instruments(load_gain=2e-3, clearance=2e-6)))
+    for shares in found.budget.values():
+        assert sum(shares.values()) == pytest.approx(1.0)
+        assert set(shares) == {'noise', 'unequal_rollers', 'load_gain', 'clearance_axial',
+                               'clearance_radial'}

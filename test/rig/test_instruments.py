@@ -1,0 +1,70 @@
+"""Claims about the certificates of a rig's instruments: their entries, and what they change."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saddlering_ros.diagnosis.ring_system import certified_errors as errors_of_diagnosis
+from saddlering_ros.identification.imperfections import certified_errors
+from saddlering_ros.rig import default_rig, Instruments, RigError
+from saddlering_ros.rig.instruments import instruments_from, NAMES
+
+RIG = default_rig()
+STATED = dict.fromkeys(NAMES, 0.001)
+
+
+def test_one_number_serves_four_probes_and_four_numbers_one_each():
+    assert instruments_from({'probe_gain': 0.002}, 'f').probe_gain == (0.002,) * 4
+    four = [0.001, 0.002, 0.003, 0.004]
+    assert instruments_from({'probe_gain': four}, 'f').probe_gain == tuple(four)
+
+
+@pytest.mark.parametrize(('entry', 'said'), [
+    ({'load_gian': 1e-3}, 'load_gain'), ({'load_gain': 0.0}, 'above zero'),
+    ({'load_gain': -1e-3}, 'above zero'), ({'clock': [1e-3, 1e-3]}, 'above zero'),
+    ({'probe_gain': [1e-3, 1e-3]}, 'four of them'), ({'weight': True}, 'above zero'),
+    ('none', 'not a section')])
+def test_an_entry_of_no_use_is_refused_in_one_line(entry, said):
+    with pytest.raises(RigError, match=said) as refusal:
+        instruments_from(entry, 'rig.yaml')
+    assert '\n' not in str(refusal.value)
+
+
+def test_certificates_do_not_change_the_hash_of_a_rig():
+    assert replace(RIG, instruments=instruments_from(STATED, 'f')).digest == RIG.digest
+
+
+def test_every_stated_instrument_has_an_error_and_the_others_have_none():
+    assert certified_errors(RIG) == []
+    assert errors_of_diagnosis(RIG) == []
+    made = certified_errors(replace(RIG, instruments=instruments_from(STATED, 'f')))
+    covered = {one.name.rstrip('_1234').replace('_axial', '').replace('_radial', '').replace(
+        '_x', '').replace('_y', '') for one in made}
+    assert covered >= set(NAMES) - {'axial_span', 'radial_height'}
+    assert {'axial_span', 'radial_height'} <= {one.name for one in made}
+    assert Instruments(load_gain=1e-3).not_stated == tuple(
+        name for name in NAMES if name != 'load_gain')
+
+
+@pytest.mark.parametrize('number', [1, 2, 3, 4])
+def test_the_gain_of_a_probe_is_that_of_its_own_reading(number):
+    rig = replace(RIG, instruments=Instruments(probe_gain=(0.01,) * 4))
+    error = next(one for one in certified_errors(rig) if one.name == f'probe_gain_{number}')
+    seen = np.array([[[3e-5], [2e-5], [4e-5]]])
+    half = 0.5 * rig.probes.axial_span
+    read = error.reading(seen)[0, :, 0]
+
+    def probes(motion):
+        x, y, tilt = motion
+        return np.array([x, y + half * tilt, -x, y - half * tilt])
+
+    change = probes(read) - probes(seen[0, :, 0])
+    own = 0.01 * probes(seen[0, :, 0])[number - 1]
+    pair = {1: 3, 3: 1}.get(number)
+    # The parity of the radial pair takes half of the error; the axial pair is seen as it is.
+    assert change[number - 1] == pytest.approx(0.5 * own if pair else own)
+    others = [index for index in range(4) if index + 1 not in (number, pair)]
+    assert change[others] == pytest.approx([0.0] * len(others), abs=1e-18)
