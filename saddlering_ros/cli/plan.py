@@ -17,6 +17,9 @@ EXAMPLES = (
 )
 
 
+UNTRIED = 'it simulates every test that could be added: half a minute'
+
+
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(

@@ -19,13 +19,13 @@ from saddlering_ros.diagnosis.next_test import LoadCourse, staircase
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import (
     Assumptions,
+    Observability,
     observed,
     Point,
     prepare,
     Problem,
     RunBlocks,
 )
-from saddlering_ros.discrepancy.search.limits import Observability
 from saddlering_ros.effects import catalogue
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.process import ChannelNoise, TIME_CONSTANTS

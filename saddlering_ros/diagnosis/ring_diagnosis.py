@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from saddlering_ros import discrepancy
+from saddlering_ros.diagnosis.certificates import certificate_notes
 from saddlering_ros.diagnosis.next_test import next_test, propose, repeated_laws
 from saddlering_ros.diagnosis.records import (
     build_record,
@@ -14,7 +15,7 @@ from saddlering_ros.diagnosis.records import (
     PreparedRecord,
     rigs_of,
 )
-from saddlering_ros.diagnosis.ring_system import certificate_notes, RingSystem
+from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.verdict import (
     contact_law,
     run_figures,

@@ -31,7 +31,7 @@ from saddlering_ros.discrepancy.problem.system import (
 )
 from saddlering_ros.discrepancy.search.comparison import Evidence
 from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest
-from saddlering_ros.discrepancy.search.limits import DetectionLimit, observed
+from saddlering_ros.discrepancy.search.limits import DetectionLimit, Observability, observed
 from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.discrepancy.verdict.established import probabilities_of
 from saddlering_ros.discrepancy.verdict.results import (
@@ -68,6 +68,7 @@ __all__ = [
     'Model',
     'ModelErrorPrior',
     'Noise',
+    'Observability',
     'Parameter',
     'Point',
     'Problem',

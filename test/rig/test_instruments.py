@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saddlering_ros.diagnosis.ring_system import certified_errors as errors_of_diagnosis
+from saddlering_ros.diagnosis.certificates import certified_errors as errors_of_diagnosis
 from saddlering_ros.identification.imperfections import certified_errors
 from saddlering_ros.rig import default_rig, Instruments, RigError
 from saddlering_ros.rig.instruments import instruments_from, NAMES
