@@ -26,6 +26,9 @@ FIRST_CELL = 10_000_000
 BACKWARDS = SECOND // 4
 """A stamp that is further back than this [ns] is another replay, not a late sample."""
 
+APART = 30 * SECOND
+"""A stamp that is further ahead than this [ns] of all others begins another test."""
+
 LEFTOVERS = 1.0
 """Time after a jump in which other streams may still carry earlier samples [s]."""
 
@@ -97,7 +100,9 @@ class Traces:
     """All streams of the page on one grid of time cells.
 
     channels: how many each stream has, by name; limit: cells per stream at most; window: the
-    longest time kept [s]. `version` changes whenever data sent before are void.
+    longest time kept [s]. `version` changes whenever data sent before are void. The streams show
+    one test: stamps that jump back, or by more than APART ahead, begin the next one. `received`
+    counts the samples of the test by stream, `left_out` those of all that are not drawn.
     """
 
     def __init__(self, channels: Mapping[str, int], limit: int = 1200,
@@ -107,6 +112,8 @@ class Traces:
         self.version = 0
         self.turn = 0
         self._leftovers_until = 0.0
+        self._start = 0
+        self.left_out = 0
         self.clear()
 
     def clear(self) -> None:
@@ -115,17 +122,35 @@ class Traces:
         self.origin: int | None = None
         self.newest = 0
         self.width = FIRST_CELL
+        self.received = dict.fromkeys(self._channels, 0)
         self._last: dict[str, int] = {}
         self._ended: dict[str, int] = {}
         self._cells = {name: Cells.none(count) for name, count in self._channels.items()}
 
     def push(self, name: str, stamps: Stamps, values: Floats) -> None:
         """Take samples: stamps (N,) [ns], values (C, N), NaN in channels that are not known."""
-        good = np.isfinite(values).any(axis=0)
-        stamps, values = stamps[good], values[:, good]
+        step = np.diff(stamps)
+        jumps = np.flatnonzero((step < -BACKWARDS) | (step > APART)) + 1
+        for some in np.split(np.arange(len(stamps)), jumps):
+            self._push(name, stamps[some], values[:, some])
+
+    def begin(self, start: int, end: int) -> None:
+        """A test from start to end [ns] is announced: what is drawn of another one goes."""
+        if self.origin is not None and not start - SECOND <= self.origin <= end:
+            self._begin_anew(start)
+
+    def _push(self, name: str, stamps: Stamps, values: Floats) -> None:
+        """Take samples of one test."""
         if not len(stamps):
             return
-        stamps, values = self._of_this_replay(name, stamps, values)
+        if self._is_leftover(name, int(stamps.min())):
+            self.left_out += len(stamps)
+            return
+        self.received[name] += len(stamps)
+        self._last[name] = int(stamps.max())
+        good = np.isfinite(values).any(axis=0)
+        self.left_out += int(np.count_nonzero(~good))
+        stamps, values = stamps[good], values[:, good]
         if not len(stamps):
             return
         if self.origin is None:
@@ -136,26 +161,30 @@ class Traces:
         number = (stamps - self.origin) // self.width
         self._cells[name] = joined(self._cells[name], cells_of(number, values, self.turn))
 
-    def _of_this_replay(self, name: str, stamps: Stamps, values: Floats,
-                        ) -> tuple[Stamps, Floats]:
-        """The samples that belong to the drawing; a stream that jumps back begins it anew.
+    def _is_leftover(self, name: str, started: int) -> bool:
+        """Whether samples from that stamp on belong to the test before; begins a new one if due.
 
-        Streams are drained one after another: when one has jumped back, the others may still hold
-        the end of what was before, which is left out for LEFTOVERS.
+        Streams are drained one after another: when one has jumped, the others may still hold the
+        end of what was before, which is left out for LEFTOVERS.
         """
-        started = int(stamps.min())
-        if name in self._ended:
-            if started < self._ended[name] - BACKWARDS or time.monotonic() > self._leftovers_until:
-                del self._ended[name]
-            else:
-                return stamps[:0], values[:, :0]
+        ended = self._ended.pop(name, self._start)
+        is_old = (started >= ended - BACKWARDS if ended > self._start
+                  else ended < self._start and started < self._start - BACKWARDS)
+        if is_old and time.monotonic() <= self._leftovers_until:
+            self._ended[name] = ended
+            return True
         last = self._last.get(name)
-        if last is not None and started < last - BACKWARDS:
-            ended = {other: stamp for other, stamp in self._last.items() if other != name}
-            self.clear()
-            self._ended, self._leftovers_until = ended, time.monotonic() + LEFTOVERS
-        self._last[name] = int(stamps.max())
-        return stamps, values
+        if (last is not None and started < last - BACKWARDS) or (
+                self.origin is not None and started > self.newest + APART):
+            self._begin_anew(started, name)
+        return False
+
+    def _begin_anew(self, start: int, first: str = '') -> None:
+        """Begin the test that starts at that stamp; of it the stream `first` has come."""
+        ended = {name: stamp for name, stamp in self._last.items() if name != first}
+        self.clear()
+        self._start, self._ended = start, ended
+        self._leftovers_until = time.monotonic() + LEFTOVERS
 
     def _make_room(self) -> None:
         assert self.origin is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import contextlib
 from dataclasses import asdict, dataclass, field
 import json
@@ -22,7 +22,13 @@ from rclpy.qos import qos_profile_action_status_default
 from sensor_msgs.msg import Range
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
-from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, RingParameters
+from saddlering_interfaces.msg import (
+    ReplayProgress,
+    ReplayState,
+    RingAlarm,
+    RingDisplacement,
+    RingParameters,
+)
 from saddlering_ros.bags.messages import decode_displacements, decode_samples
 from saddlering_ros.bags.wire import CdrError
 from saddlering_ros.errors import SaddleringError
@@ -49,12 +55,18 @@ from saddlering_ros.ros.names import (
     DISPLACEMENT,
     IDENTIFY,
     PARAMETERS_IN_FORCE,
+    PROGRESS,
     RESIDUAL,
     RING_ALARM,
     SIMULATED,
     STATE,
 )
-from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, RawSubscription
+from saddlering_ros.ros.raw_topics import (
+    LATCHED,
+    LATCHED_BY_SEVERAL,
+    PROGRESS_QOS,
+    RawSubscription,
+)
 
 NAME = 'saddlering_live'
 STREAMS = {'load': LOAD.relative, 'measured': DISPLACEMENT, 'simulated': SIMULATED,
@@ -137,6 +149,7 @@ class Watcher:
         self.commands = Commands(self.node)
         self._band: list[float | None] = [None] * len(CHANNELS)
         self._doubt = ''
+        self._published: dict[str, int] = {}
         self._facts: dict[str, str] = {}
         self._health: dict[str, tuple[float, dict[str, Any]]] = {}
         self._parameters: dict[str, Any] | None = None
@@ -149,6 +162,7 @@ class Watcher:
         subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 50)
         subscribe(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters, LATCHED_BY_SEVERAL)
         subscribe(ReplayState, STATE, self._on_replay, LATCHED)
+        subscribe(ReplayProgress, PROGRESS, self._on_progress, PROGRESS_QOS)
         subscribe(RingAlarm, RING_ALARM, self._on_alarm, LATCHED)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=NAME, daemon=True)
@@ -195,7 +209,9 @@ class Watcher:
             return {
                 'health': health, 'parameters': self._parameters, 'replay': self._replay,
                 'alarm': with_link(self._alarm, health), 'band': self._band, 'doubt': self._doubt,
-                'commands': self.commands.as_page(),
+                'commands': self.commands.as_page(), 'left_out': self.traces.left_out,
+                'missing': missing_words(self.traces.received, self._published_by_stream())
+                if self._replay is not None and self._replay['state'] == 'finished' else '',
                 'jobs': {name: asdict(job) for name, job in self._jobs.items()}}
 
     def clear(self) -> None:
@@ -302,9 +318,20 @@ class Watcher:
         share = (to_stamp(message.now) - start) / max(end - start, 1)
         words = ('waiting', 'playing', 'paused', 'finished')[min(message.state, 3)]
         with self.lock:
+            if words != 'finished':
+                self.traces.begin(start, end)
             self._replay = {'state': words, 'share': min(max(share, 0.0), 1.0),
                             'speed': round(float(message.speed), 1),
                             'waiting_for': list(message.waiting_for)}
+
+    def _on_progress(self, message: ReplayProgress) -> None:
+        with self.lock:
+            self._published.update(zip(message.outputs, map(int, message.published),
+                                       strict=False))
+
+    def _published_by_stream(self) -> dict[str, int]:
+        return {name: self._published.get(subscription.topic, 0)
+                for name, subscription in self._streams.items()}
 
     def _on_alarm(self, message: RingAlarm) -> None:
         shown = alarm_as_page(message)
@@ -328,6 +355,12 @@ def doubt_words(validity: NDArray[np.uint8]) -> str:
     if (validity & DOUBTFUL_LOAD).any():
         words.append('by a doubtful load')
     return '; '.join(words)
+
+
+def missing_words(received: Mapping[str, int], published: Mapping[str, int]) -> str:
+    """Samples of the test that its nodes published and that have not arrived here; '' if all."""
+    return ', '.join(f'{due - received[name]} of {due} samples of {name}'
+                     for name, due in published.items() if received[name] < due)
 
 
 def in_namespace(status: str, namespace: str) -> bool:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from saddlering_ros.live.traces import Traces
-from saddlering_ros.live.watcher import doubt_words
+from saddlering_ros.live.watcher import doubt_words, missing_words
 
 SECOND = 1_000_000_000
 SCALES = {'load': 1.0, 'measured': 1.0}
@@ -82,6 +82,44 @@ def test_streams_drained_one_after_another_are_one_replay():
         found = traces.since(-1, SCALES)
         assert found['load']['cell'] == found['measured']['cell']
         assert len(found['load']['cell']) == 400
+
+
+def test_a_test_ten_minutes_after_another_is_drawn_alone_and_as_finely():
+    traces = Traces(CHANNELS)
+    pushed(traces, 50 * SECOND, 10.0)
+    late = 650 * SECOND
+    traces.push('load', late + np.arange(1000) * SECOND // 100, np.ones((1, 1000)))
+    traces.push('measured', 60 * SECOND + np.arange(50) * SECOND // 100, np.ones((2, 50)))
+    pushed(traces, late, 10.0)
+    found = traces.since(-1, SCALES)
+    assert [len(found[name]['cell']) for name in SCALES] == [1000, 1000]
+    assert found['measured']['cell'][-1] * traces.width < 10 * SECOND
+    assert traces.received == {'load': 1000, 'measured': 10000}
+    assert traces.left_out == 50
+
+
+def test_a_batch_that_holds_the_end_of_one_test_and_the_start_of_the_next_is_parted():
+    for later in (-600, 600):
+        traces = Traces(CHANNELS)
+        stamps = 1000 * SECOND + np.arange(100) * SECOND // 100
+        traces.push('load', np.append(stamps, stamps + later * SECOND), np.ones((1, 200)))
+        assert traces.received['load'] == len(traces.since(-1, SCALES)['load']['cell']) == 100
+
+
+def test_a_test_announced_a_few_seconds_after_another_is_drawn_alone_from_its_first_sample():
+    traces = Traces(CHANNELS)
+    pushed(traces, 50 * SECOND, 5.0)
+    traces.begin(58 * SECOND, 63 * SECOND)
+    pushed(traces, 58 * SECOND, 5.0)
+    traces.begin(58 * SECOND, 63 * SECOND)
+    assert traces.received['measured'] == 5000
+    assert len(traces.since(-1, SCALES)['measured']['cell']) == 500
+
+
+def test_samples_that_the_nodes_published_and_the_page_has_not_are_counted():
+    assert missing_words({'load': 5, 'measured': 9}, {'load': 5, 'measured': 8}) == ''
+    assert missing_words({'load': 5, 'measured': 8400}, {'load': 5, 'measured': 10000}) == (
+        '1600 of 10000 samples of measured')
 
 
 def test_samples_that_are_no_numbers_are_left_out():

@@ -50,31 +50,42 @@ function take(message) {
   stale = true;
 }
 
-function loop(name, row) {
-  const x = [];
-  const y = [];
-  for (const [cell, values] of [...streams[name]].sort((a, b) => a[0] - b[0])) {
-    const load = streams.load.get(cell);
-    if (!load) continue;
-    x.push(load.mean[0]);
-    y.push(values.mean[row]);
+// Cells of a stream in order; a stretch ends where for more than a second nothing came.
+function stretches(name) {
+  const found = [];
+  let before = -Infinity;
+  for (const entry of [...streams[name]].sort((a, b) => a[0] - b[0])) {
+    if ((entry[0] - before - 1) * width > 1) found.push([]);
+    found.at(-1).push(entry);
+    before = entry[0];
   }
-  return { x, y };
+  return found;
 }
 
-function means(name, row) {
-  const cells = [...streams[name]].sort((a, b) => a[0] - b[0]);
-  return { x: cells.map(([cell]) => (cell + 0.5) * width),
-    y: cells.map(([, values]) => values.mean[row]) };
+function points(name, of) {
+  const rows = stretches(name).flatMap((cells, i) => [
+    ...(i ? [[null, null]] : []), ...cells.map(of).filter(Boolean)]);
+  return { x: rows.map((row) => row[0]), y: rows.map((row) => row[1]) };
 }
+
+const loop = (name, row) => points(name, ([cell, values]) => {
+  const load = streams.load.get(cell);
+  return load && [load.mean[0], values.mean[row]];
+});
+
+const means = (name, row) => points(
+  name, ([cell, values]) => [(cell + 0.5) * width, values.mean[row]]);
 
 function extremes(name, row) {
-  const cells = [...streams[name]].filter(([, values]) => values.low[row] !== null)
-    .sort((a, b) => a[0] - b[0]);
-  const at = cells.map(([cell]) => (cell + 0.5) * width);
-  return { x: [...at, ...[...at].reverse()],
-    y: [...cells.map(([, values]) => values.low[row]),
-      ...cells.map(([, values]) => values.high[row]).reverse()] };
+  const found = { x: [], y: [] };
+  for (const stretch of stretches(name)) {
+    const cells = stretch.filter(([, values]) => values.low[row] !== null);
+    const at = cells.map(([cell]) => (cell + 0.5) * width);
+    found.x.push(...at, ...[...at].reverse(), null);
+    found.y.push(...cells.map(([, values]) => values.low[row]),
+      ...cells.map(([, values]) => values.high[row]).reverse(), null);
+  }
+  return found;
 }
 
 const SETTINGS = { responsive: true, displaylogo: false,
@@ -300,6 +311,8 @@ function showAlarm(alarm) {
 function show(state) {
   showAlarm(state.alarm);
   byId('doubt').textContent = state.doubt;
+  byId('lost').textContent = (state.missing ? `Not received: ${state.missing}. ` : '')
+    + (state.left_out ? `${state.left_out} samples are not drawn: of an earlier test, or not known.` : '');
   showReplay(state.replay);
   showCommands(state.commands);
   showParameters(state.parameters);
