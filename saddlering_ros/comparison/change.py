@@ -117,6 +117,10 @@ class Change:
         document = {
             'verdict': self.verdict,
             'headline': self.headline,
+            'complete': found.complete,
+            'remainder': [vars(rest) for rest in found.remainder],
+            'probabilities': found.probabilities,
+            'stability': found.stability,
             'causes': [] if self.verdict == 'none' else [
                 _cause_document(cause, self.verdict == 'unknown') for cause in found.causes],
             'runs': [
