@@ -15,7 +15,11 @@ import numpy as np
 
 from saddlering_ros.bags import read_run
 from saddlering_ros.bags.samples import displacement_columns
-from saddlering_ros.doubts import refuse_other_rig, refuse_repeats
+from saddlering_ros.doubts import (
+    refuse_other_rig,
+    refuse_parameters_of_other_rig,
+    refuse_repeats,
+)
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Origin, whole_file
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
@@ -157,8 +161,9 @@ def inputs_of(
 ) -> Inputs:
     """The inputs of a call; paths are read, one bag may stand without a list.
 
-    Without `rig`, the rig is that with which the bags were read. Raises ApiError or BagError if a
-    bag or the parameters belong to another rig, unless trust_rig. names: of the two arguments.
+    Without `rig`, the rig is that with which the bags were read. Raises ApiError, BagError or
+    RigError if a bag or the parameters belong to another rig, unless trust_rig. names: of the two
+    arguments.
     """
     check_calls(on_progress, is_cancelled)
     given, held = _several(names[0], bags), _several(names[1], hold_out)
@@ -202,12 +207,8 @@ def _check_rig(
                 'to continue with it')
     refuse_other_rig(runs_of(bags), rig,
                      is_given=is_given or rig.digest != load_rig(None).digest)
-    recorded = '' if law is None else law.source.rig_hash
-    if recorded and recorded != rig.digest:
-        raise ApiError(
-            f'the parameters belong to the rig with the hash {short_digest(recorded)}, and the '
-            f'rig in use has {short_digest(rig.digest)}: give rig=FILE of that rig, or '
-            'trust_rig=True to continue with this rig')
+    if law is not None:
+        refuse_parameters_of_other_rig(law, rig)
 
 
 def for_fits(bags: Sequence[Bag], held_out: Sequence[Bag] = ()) -> tuple[list[Bag], list[Bag]]:

@@ -236,6 +236,7 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', type=bag_read, metavar='BAG',
                         help='rosbag2 directory or .mcap file')
     add_rig_option(parser)
+    add_trust_option(parser)
     add_fact_options(parser)
 
 
@@ -248,9 +249,9 @@ def add_fact_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_trust_option(parser: argparse.ArgumentParser) -> None:
-    """The option to continue although a bag states another rig."""
+    """The option to continue although a bag or the parameters state another rig."""
     parser.add_argument('--trust-rig', action='store_true',
-                        help='accept a bag that states another rig than --rig')
+                        help='accept a bag or parameters that state another rig than --rig')
 
 
 def add_parameter_options(parser: argparse.ArgumentParser) -> None:

@@ -34,14 +34,32 @@ def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Ba
                 for path in paths]
 
 
-def read_shown(args: argparse.Namespace, rig: Rig) -> Record:
-    """The test of the one bag of a command, with a bar of how much was read."""
+def read_shown(args: argparse.Namespace, bag: str, rig: Rig) -> Record:
+    """The test of one bag of a command, with a bar of how much was read.
+
+    BagError if the bag states another rig, unless --trust-rig.
+    """
     from saddlering_ros.bags import read_run
     from saddlering_ros.cli._terminal import Bar
+    from saddlering_ros.doubts import refuse_other_rig
 
     with Bar() as bar:
-        return read_run(args.bag, test=args.test, elevation=radians(args.elevation), rig=rig,
-                        on_progress=bar.reading(args.bag))
+        run = read_run(bag, test=args.test, elevation=radians(args.elevation), rig=rig,
+                       on_progress=bar.reading(bag))
+    if not args.trust_rig:
+        refuse_other_rig([run], rig, is_given=args.rig is not None)
+    return run
+
+
+def read_model(args: argparse.Namespace) -> tuple[Rig, ParameterSet]:
+    """The rig and the parameters of a command; RigError if these belong to another rig."""
+    from saddlering_ros.doubts import refuse_parameters_of_other_rig
+    from saddlering_ros.rig import load_rig, read_parameters
+
+    rig, parameters = load_rig(args.rig), read_parameters(args.params)
+    if not args.trust_rig:
+        refuse_parameters_of_other_rig(parameters, rig)
+    return rig, parameters
 
 
 def check_outputs(args: argparse.Namespace) -> None:
@@ -90,12 +108,11 @@ def deliver_simulation(args: argparse.Namespace, stretches_of: StretchesOf, what
     """Read the bag, compute its samples stretch by stretch, and deliver them as `what`."""
     from saddlering_ros.bags.samples import displacement_columns
     from saddlering_ros.cli._terminal import Bar
-    from saddlering_ros.rig import load_rig, read_parameters
 
     check_outputs(args)
     take_effects(args)
-    rig, parameters = load_rig(args.rig), read_parameters(args.params)
-    run = read_shown(args, rig)
+    rig, parameters = read_model(args)
+    run = read_shown(args, args.bag, rig)
     notes = list(run.notes)
     with Bar() as bar:
         stretches, zero = stretches_of(

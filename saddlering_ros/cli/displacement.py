@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
 
     check_outputs(args)
     rig = load_rig(args.rig)
-    test_run = read_shown(args, rig)
+    test_run = read_shown(args, args.bag, rig)
     zero = zero_of_run(rig, test_run)
     notes = list(test_run.notes)
     if not zero.reading.near_preload:

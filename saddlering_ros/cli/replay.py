@@ -10,6 +10,7 @@ from saddlering_ros.cli._arguments import (
     add_json_option,
     add_network_options,
     add_rig_option,
+    add_trust_option,
     bag_read,
     domain_of,
     file_read,
@@ -47,6 +48,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('bag', type=bag_read, metavar='BAG', help='the bag to replay')
     parser.add_argument('--params', type=file_read, help='contact parameters to simulate with')
     add_rig_option(parser)
+    add_trust_option(parser)
     parser.add_argument('--elevation', type=float, metavar='DEG',
                         help='elevation of the test (default: that of the bag)')
     parser.add_argument('--rate', type=float, default=1.0,
@@ -70,17 +72,21 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from saddlering_ros.bags import read_raw
+    from saddlering_ros.cli._samples import read_model
+    from saddlering_ros.doubts import refuse_other_hash
     from saddlering_ros.doubts.reading import absent_topic
-    from saddlering_ros.rig import load_rig, read_parameters
+    from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.launcher import ALARM_NODES, REPLAY_NODES, RING_NODES, start_nodes
     from saddlering_ros.ros.names import namespace_of, NodeError
 
     rig, bag = load_rig(args.rig), Path(args.bag)
     record = read_raw(bag, rig=rig)
+    if not args.trust_rig:
+        refuse_other_hash(record, rig, is_given=args.rig is not None)
     sent = {name: len(record[name]) for name in record if name != absent_topic(rig)}
     simulator: dict[str, Any] = {}
     if args.params is not None:
-        read_parameters(args.params)
+        read_model(args)
         simulator['parameters_file'] = str(args.params)
     if args.elevation is not None:
         simulator['elevation_deg'] = args.elevation

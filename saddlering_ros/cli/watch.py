@@ -10,6 +10,7 @@ from saddlering_ros.cli._arguments import (
     add_json_option,
     add_parameter_options,
     add_rig_option,
+    add_trust_option,
     bag_read,
     take_effects,
 )
@@ -39,6 +40,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG',
                         help='rosbag2 directories or .mcap files; each bag is watched separately')
     add_rig_option(parser)
+    add_trust_option(parser)
     add_fact_options(parser)
     add_parameter_options(parser)
     parser.add_argument('--materiality', type=float, default=MATERIALITY_PERCENT,
@@ -52,11 +54,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, measure, simulate, watch each bag; the alarm in one line."""
+    from saddlering_ros.cli._samples import read_model
     from saddlering_ros.cli._terminal import tell_json
-    from saddlering_ros.rig import load_rig, read_parameters
 
     take_effects(args)
-    rig, parameters = load_rig(args.rig), read_parameters(args.params)
+    rig, parameters = read_model(args)
     runs = [_watch_bag(args, bag, rig, parameters) for bag in args.bags]
     document = {'false_alarm_hours': args.false_alarm_hours, 'runs': [
         {key: value for key, value in found.items() if key != 'words'} for found in runs]}
@@ -91,7 +93,7 @@ def _watch_bag(
         MonitorSettings(false_alarm_hours=args.false_alarm_hours), rig.limits.rest_band,
         lambda elevation: materiality(rig, parameters.contact, elevation, args.materiality),
         least_wander(rig))
-    test_run = read_shown(argparse.Namespace(**{**vars(args), 'bag': bag}), rig)
+    test_run = read_shown(args, bag, rig)
     notes = list(test_run.notes)
     with Bar() as bar:
         stretches, _ = residual_stretches(rig, test_run, parameters, notes,

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.record.errors import BagError
-from saddlering_ros.record.record import Record
+from saddlering_ros.record.record import RawRecord, Record
 from saddlering_ros.record.scratch import blocks
-from saddlering_ros.rig import Rig, short_digest
+from saddlering_ros.rig import ParameterSet, Rig, RigError, short_digest
 
 UNDESCRIBED = ('', 'virtual rig')
 """Names of rigs without a file: no name, and that of the shipped bags."""
@@ -26,13 +26,28 @@ def refuse_other_rig(runs: Sequence[Record], rig: Rig, *, is_given: bool) -> Non
     rig without its hash then gets a note.
     """
     for run in runs:
-        if run.rig_hash and run.rig_hash != rig.digest:
-            raise BagError(_refusal(run, rig, is_given))
+        refuse_other_hash(run, rig, is_given=is_given)
         if not (run.rig_hash or is_given or run.rig in UNDESCRIBED):
             note = (f'the bag names the rig {run.rig!r} and no rig file is given: the shipped '
                     f'rig is simulated ({rig_in_words(rig)}); give its rig file if it differs')
             if note not in run.notes:
                 run.notes.append(note)
+
+
+def refuse_other_hash(run: Record | RawRecord, rig: Rig, *, is_given: bool) -> None:
+    """BagError if a bag states the hash of another rig than `rig`."""
+    if run.rig_hash and run.rig_hash != rig.digest:
+        raise BagError(_refusal(run, rig, is_given))
+
+
+def refuse_parameters_of_other_rig(parameters: ParameterSet, rig: Rig) -> None:
+    """RigError if parameters state the hash of another rig than the one they are used with."""
+    recorded = parameters.source.rig_hash
+    if recorded and recorded != rig.digest:
+        raise RigError(
+            f'the parameters belong to the rig with the hash {short_digest(recorded)}, and the '
+            f'rig in use has {short_digest(rig.digest)}: give rig=FILE of that rig, or '
+            'trust_rig=True to continue with this rig')
 
 
 def rig_in_words(rig: Rig) -> str:
@@ -41,7 +56,7 @@ def rig_in_words(rig: Rig) -> str:
             f'{rig.full_scale_words}, hash {short_digest(rig.digest)}')
 
 
-def _refusal(run: Record, rig: Rig, is_given: bool) -> str:
+def _refusal(run: Record | RawRecord, rig: Rig, is_given: bool) -> str:
     name = f' {run.rig!r}' if run.rig else ''
     known = f'was recorded on the rig{name} with the hash {short_digest(run.rig_hash)}'
     given = 'the given rig is another' if is_given else \

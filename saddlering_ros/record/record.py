@@ -64,6 +64,16 @@ class RawRecord:
         return len(self.topics)
 
     @property
+    def rig(self) -> str:
+        """Name of the rig that the bag states, as free text."""
+        return self.facts.rig
+
+    @property
+    def rig_hash(self) -> str:
+        """Hash of the rig's description that the bag states ('' if it states none)."""
+        return self.facts.details.get('rig_hash', '')
+
+    @property
     def start(self) -> int:
         """Earliest stamp of all topics [ns]."""
         return min(int(topic.stamps[0]) for topic in self.topics.values())

@@ -9,10 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from saddlering_ros.bags import write_bag
 from saddlering_ros.cli.main import main
 from saddlering_ros.doubts import refuse_other_rig
-from saddlering_ros.record import BagError, Record
-from saddlering_ros.rig import default_rig
+from saddlering_ros.record import BagError, Record, TestMetadata
+from saddlering_ros.rig import (
+    default_rig,
+    ParameterSet,
+    ParameterSource,
+    TRUE_TO_SCALE,
+    write_parameters,
+)
 
 RIG = default_rig()
 OTHER = replace(RIG, full_scale_load=98066.5)
@@ -58,3 +65,47 @@ def test_a_forgotten_rig_file_costs_a_line_and_not_minutes(
     for command in ('diagnose', 'identify'):
         assert main([command, str(bag)]) == 2
         assert 'no rig is given, and the shipped one is another' in capsys.readouterr().err
+
+
+@pytest.fixture(name='bag_of_other_rig')
+def bag_of_other_rig_fixture(tmp_path: Path) -> str:
+    """A short bag that states the hash of another rig than the shipped one."""
+    stamps = 1_700_000_000_000_000_000 + np.arange(400) * 10_000_000
+    load = 5000.0 + np.linspace(0.0, 50e3, 400)
+    gaps = [1e-3 + sign * 1e-10 * load for sign in (1, 1, -1, -1)]
+    facts = TestMetadata('dynamic', 50.0, 'SR-48', 'run', {'rig_hash': OTHER.digest})
+    return str(write_bag(tmp_path / 'other', facts, stamps, load, [stamps] * 4, gaps, RIG.probes))
+
+
+@pytest.mark.parametrize('command', ['displacement', 'simulate', 'residual', 'watch', 'replay'])
+def test_no_command_takes_a_bag_of_another_rig_silently(
+        command: str, bag_of_other_rig: str, tmp_path: Path,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    """Until this test, gamma came out as 281.9 for 398.4 urad, without a word."""
+    law = tmp_path / 'law.yaml'
+    write_parameters(law, ParameterSet(TRUE_TO_SCALE))
+    params = [] if command == 'displacement' else ['--params', str(law)]
+    assert main([command, bag_of_other_rig, *params]) == 2
+    said = capsys.readouterr().err
+    assert said.count('\n') == 1
+    assert 'no rig is given, and the shipped one is another' in said
+    assert '--trust-rig' in said
+
+
+def test_a_bag_of_another_rig_is_computed_where_the_rig_is_trusted(
+        bag_of_other_rig: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['displacement', bag_of_other_rig, '--trust-rig']) == 0
+    assert 'gamma' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('command', ['simulate', 'residual', 'watch', 'replay'])
+def test_no_command_takes_parameters_of_another_rig_silently(
+        command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    law = tmp_path / 'law.yaml'
+    write_parameters(law, ParameterSet(TRUE_TO_SCALE, {}, ParameterSource(
+        'assumed', (), None, None, '', rig_hash=OTHER.digest)))
+    bag = Path(__file__).resolve().parents[2] / 'bags' / 'dynamic_50_fast'
+    assert main([command, str(bag), '--params', str(law)]) == 2
+    said = capsys.readouterr().err
+    assert said.count('\n') == 1
+    assert f'the parameters belong to the rig with the hash {OTHER.digest[:12]}' in said
