@@ -38,7 +38,8 @@ import numpy as np
 from saddlering_ros.bags import bag_info, read_run, write_bag
 from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.wiring import wiring_findings
-from saddlering_ros.record import BagError, Record, TestMetadata
+from saddlering_ros.errors import BagError
+from saddlering_ros.record import Record, TestMetadata
 from saddlering_ros.rig import default_rig, TONNE
 
 RIG = default_rig()
@@ -253,7 +254,7 @@ def atheris_role(arguments: list[str]) -> None:
         del sys.modules[name]
     with atheris.instrument_imports(include=['saddlering_ros.bags']):
         from saddlering_ros.bags import bag_info, read_run
-        from saddlering_ros.record import BagError
+        from saddlering_ros.errors import BagError
     path = Path(tempfile.mkdtemp(dir='/dev/shm')) / 'input.mcap'
 
     def one(data: bytes) -> None:

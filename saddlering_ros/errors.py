@@ -9,7 +9,7 @@ import difflib
 class SaddleringError(ValueError):
     """An error that the user can correct; the message is one line: fault, place, remedy.
 
-    Every layer derives its own class from this one. The command line prints the message
+    Layers derive classes of their own from this one. The command line prints the message
     alone on stderr and exits with status 2; any other exception is a defect.
     """
 
@@ -23,6 +23,22 @@ class Cancelled(SaddleringError):
     def __init__(self, message: str = 'cancelled', partial: object = None) -> None:
         super().__init__(message)
         self.partial = partial
+
+
+class BagError(SaddleringError):
+    """A bag cannot be used. The message is one line: fault, place, remedy."""
+
+    def __init__(self, message: str) -> None:
+        # Names from a damaged file may contain any characters.
+        super().__init__(message.replace('\r', ' ').replace('\n', ' '))
+
+
+class VirtualRigError(SaddleringError):
+    """A test that cannot be generated as requested; one line: fault, place, remedy."""
+
+
+class LiveError(SaddleringError):
+    """A page that cannot be served with these options."""
 
 
 def printable(text: str) -> str:

@@ -13,9 +13,9 @@ from typing import Any
 import yaml
 import zstandard
 
+from saddlering_ros.errors import BagError
 from saddlering_ros.files import sha256_of_file, sha256_of_files, temporary_folder
 from saddlering_ros.plain_yaml import MAX_BYTES, parse_yaml, YamlRefused
-from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import (
     DETAILS,
     finite_number,
@@ -33,11 +33,14 @@ INFORMATION = 'rosbag2_bagfile_information'
 SUFFIXES = ('.mcap', '.mcap.zstd')
 
 MAX_EXPANSION = 100
-"""Ratio of unpacked to compressed size above which a file was not recorded, if it is also above
-..."""
+"""Largest ratio of the size of a recording to that of its file [bytes]: even constant readings do
+not compress further. Messages of topics that are not the rig's count with their headers only."""
 
-ALWAYS_ALLOWED = 1 << 26
-"""... this unpacked size [bytes]."""
+UNPACKED_FILE_ALLOWED = 1 << 26
+"""Size [bytes] of an unpacked file up to which the ratio is not checked."""
+
+MESSAGES_ALLOWED = 1 << 24
+"""Size [bytes] of all messages up to which the ratio is not checked."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ def plain_file(path: Path) -> Iterator[Path]:
         plain = folder / path.name.removesuffix('.zstd')
         try:
             with path.open('rb') as source, plain.open('wb') as target:
-                limit = max(MAX_EXPANSION * path.stat().st_size, ALWAYS_ALLOWED)
+                limit = max(MAX_EXPANSION * path.stat().st_size, UNPACKED_FILE_ALLOWED)
                 for block in zstandard.ZstdDecompressor().read_to_iter(source):
                     limit -= len(block)
                     if limit < 0:

@@ -22,9 +22,9 @@ from saddlering_ros.doubts.readings import (
     check_probe_unit,
     check_values,
 )
+from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import finite_json
 from saddlering_ros.record.alignment import gap_mask
-from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.quality import topic_quality, TopicQuality, UNKNOWN_QUALITY

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 import zstandard
 
 from saddlering_ros.bags.wire import McapChannel, Messages, take
-from saddlering_ros.record.errors import BagError
+from saddlering_ros.errors import BagError
 
 MAGIC = b'\x89MCAP0\r\n'
 

@@ -17,7 +17,7 @@ from saddlering_ros.doubts.reading import absent_topic, mirrored_topic, run_of_r
 from saddlering_ros.doubts.readings import (
     MIN_SAMPLES,
 )
-from saddlering_ros.record.errors import BagError
+from saddlering_ros.errors import BagError
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
 from saddlering_ros.record.scratch import (

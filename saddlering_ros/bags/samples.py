@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import BagError
 from saddlering_ros.files import Provenance, whole_file
-from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.samples import BRIDGED, Displacements, DOUBTFUL_LOAD, NOT_KNOWN
 from saddlering_ros.rig import (

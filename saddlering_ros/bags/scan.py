@@ -16,6 +16,8 @@ from saddlering_ros.bags.folder import (
     BagDirectory,
     custom_data_of,
     find_metadata,
+    MAX_EXPANSION,
+    MESSAGES_ALLOWED,
     open_directory,
     plain_file,
 )
@@ -28,7 +30,7 @@ from saddlering_ros.bags.wire import (
     other_fields,
     Readings,
 )
-from saddlering_ros.record.errors import BagError
+from saddlering_ros.errors import BagError
 from saddlering_ros.record.metadata import KEYS, METADATA_RECORD, same_text, TestMetadata
 from saddlering_ros.record.scratch import extremes, GrowingArray, LONG
 from saddlering_ros.record.topics import optional_topics, RIG_TOPICS, TOPICS
@@ -36,13 +38,6 @@ from saddlering_ros.record.topics import optional_topics, RIG_TOPICS, TOPICS
 MAX_MESSAGE = 1 << 16
 """Largest stated size [bytes] of a single compressed message of the rig; a larger one is
 damage."""
-
-MAX_EXPANSION = 100
-"""Largest ratio of the size of messages to that of their file [bytes]: even constant readings do
-not compress further. Other topics count with their headers only."""
-
-ALWAYS_ALLOWED = 1 << 24
-"""Bytes of messages below which the size of the file is not checked."""
 
 OnShare = Callable[[float], None]
 """A function that receives the read share of a bag, 0 to 1."""
@@ -295,7 +290,7 @@ def _scan_file(
             for block in file.blocks():
                 _take_block(result, file, block, topics)
                 on_bytes(before + own * file.share)
-                if result.unpacked > max(ALWAYS_ALLOWED, MAX_EXPANSION * result.size):
+                if result.unpacked > max(MESSAGES_ALLOWED, MAX_EXPANSION * result.size):
                     raise BagError(
                         f'{path}: {result.size} bytes unpack to more than {MAX_EXPANSION} '
                         'times as many: no recorder writes such a file; use another bag')

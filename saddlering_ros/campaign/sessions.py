@@ -27,9 +27,9 @@ from saddlering_ros.bags.folder import (
     SUFFIXES,
 )
 from saddlering_ros.campaign.store import CampaignError
+from saddlering_ros.errors import BagError
 from saddlering_ros.files import whole_file, write_text
 from saddlering_ros.plain_yaml import read_regular_text
-from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import METADATA_RECORD
 
 FIT, HOLD_OUT, SKIP = 'fit', 'hold_out', 'skip'

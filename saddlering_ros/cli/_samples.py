@@ -65,7 +65,7 @@ def read_model(args: argparse.Namespace) -> tuple[Rig, ParameterSet]:
 def check_outputs(args: argparse.Namespace) -> None:
     """Refuse outputs that cannot be, before any work is done."""
     from saddlering_ros.bags.samples import check_table_path
-    from saddlering_ros.record import BagError
+    from saddlering_ros.errors import BagError
 
     if args.out == '-' and args.json == '-':
         raise BagError('--out - and --json -: give stdout to one of them only')

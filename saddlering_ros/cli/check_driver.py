@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     import sys
 
     from saddlering_ros.doubts.driver import check_driver, faults
-    from saddlering_ros.record import BagError
+    from saddlering_ros.errors import BagError
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.driver_listener import listen
     from saddlering_ros.ros.launcher import prepare_transport

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
     from saddlering_ros.bags import bag_info
     from saddlering_ros.cli._terminal import Bar
-    from saddlering_ros.record import BagError
+    from saddlering_ros.errors import BagError
     from saddlering_ros.rig import load_rig
 
     rig = load_rig(args.rig)

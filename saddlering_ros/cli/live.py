@@ -47,7 +47,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    from saddlering_ros.live.errors import LiveError
+    from saddlering_ros.errors import LiveError
     from saddlering_ros.live.server import address, serve
     from saddlering_ros.live.watcher import Watcher
     from saddlering_ros.rig import load_rig

@@ -49,8 +49,8 @@ def run(args: argparse.Namespace) -> int:
     import threading
     import time
 
+    from saddlering_ros.errors import BagError
     from saddlering_ros.live.recorder import recording
-    from saddlering_ros.record import BagError
     from saddlering_ros.ros.launcher import prepare_transport
     from saddlering_ros.ros.names import namespace_of
 
@@ -83,7 +83,8 @@ def run(args: argparse.Namespace) -> int:
 
 def facts_of(args: argparse.Namespace) -> dict[str, str]:
     """The facts of the test given; BagError if only half of them are."""
-    from saddlering_ros.record import BagError, TestMetadata
+    from saddlering_ros.errors import BagError
+    from saddlering_ros.record import TestMetadata
 
     if (args.test is None) != (args.elevation is None):
         raise BagError('--test and --elevation belong together: give both, or neither')

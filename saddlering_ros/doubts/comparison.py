@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.record.errors import BagError
+from saddlering_ros.errors import BagError
 from saddlering_ros.record.record import RawRecord, Record
 from saddlering_ros.record.scratch import blocks
 from saddlering_ros.rig import ParameterSet, Rig, RigError, short_digest

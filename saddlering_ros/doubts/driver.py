@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from saddlering_ros.doubts.finding import FAULT, Finding, NOTE
 from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
 from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_findings
-from saddlering_ros.record import BagError
+from saddlering_ros.errors import BagError
 from saddlering_ros.record.alignment import align, gap_mask
 from saddlering_ros.record.guard import load_limits, probe_limits, SampleGuard
 from saddlering_ros.record.quality import white_noise

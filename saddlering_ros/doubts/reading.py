@@ -26,10 +26,10 @@ from saddlering_ros.doubts.readings import (
     quality_findings,
     unit_outside,
 )
+from saddlering_ros.errors import BagError
 from saddlering_ros.record.aligner import aligned_record
 from saddlering_ros.record.alignment import align, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.record.displacement import a_pair_reads
-from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.guard import (
     GuardCounters,
     load_limits,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from saddlering_ros.errors import BagError
 from saddlering_ros.estimation.noise import (
     channel_correlation,
     LEVEL_REACH,
@@ -24,14 +25,7 @@ from saddlering_ros.estimation.rest import quiet_stretches, RestSegment, stretch
 from saddlering_ros.estimation.rounding import probe_rounding
 from saddlering_ros.estimation.statistics import filled
 from saddlering_ros.identification.settings import IdentificationError
-from saddlering_ros.record import (
-    BagError,
-    displacement_of_run,
-    MeasuredRun,
-    Plateaus,
-    plateaus,
-    Record,
-)
+from saddlering_ros.record import displacement_of_run, MeasuredRun, Plateaus, plateaus, Record
 from saddlering_ros.record.displacement import zero_of_run
 from saddlering_ros.rig import ContactParameters, ParameterSet, probes_to_displacement, Rig
 from saddlering_ros.ring import simulate

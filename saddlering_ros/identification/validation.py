@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import BagError
 from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.estimation.noise import (
     LEVEL_REACH,
@@ -46,7 +47,6 @@ from saddlering_ros.quantities import (
     significant,
 )
 from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
-from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.record import Record
 from saddlering_ros.rig import (

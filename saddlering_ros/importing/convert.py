@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.write import BagWriter, messages_of
-from saddlering_ros.errors import did_you_mean
+from saddlering_ros.errors import BagError, did_you_mean
 from saddlering_ros.files import resolved
 from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.clock import (
@@ -28,7 +28,6 @@ from saddlering_ros.importing.feed import Feed, first_stamp, Floats, Part, Piece
 from saddlering_ros.importing.mapping import ChannelMap, ImportMap
 from saddlering_ros.importing.preview import Envelope
 from saddlering_ros.importing.source import find_column, open_source, Source
-from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.topics import RANGE_TYPE
 from saddlering_ros.rig import Rig

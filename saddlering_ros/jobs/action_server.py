@@ -23,7 +23,7 @@ from saddlering_ros.files import share_directory
 from saddlering_ros.jobs.worker import CANCELED, DONE, FAILED, Outcome, REFUSED, Worker
 from saddlering_ros.progress import Progress
 from saddlering_ros.rig import ParameterSet, Rig
-from saddlering_ros.ros.diagnostics import ERROR, Finding, OK, to_message
+from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, to_message
 from saddlering_ros.ros.messages import parameters_to_message
 from saddlering_ros.ros.names import (
     diagnostic_name,
@@ -264,10 +264,10 @@ class ActionNode(Node):
                 f'{", ".join(parameters.source.undetermined)}')
 
     def _diagnose(self) -> None:
-        finding = Finding(self._level, self._stage, {'last goal': self._last})
+        status = TaskStatus(self._level, self._stage, {'last goal': self._last})
         message = to_message(
             diagnostic_name(self), [
-                (f'/{self.NAME}', finding), ('rig', self._agreement.report(1.0))],
+                (f'/{self.NAME}', status), ('rig', self._agreement.report(1.0))],
             self._hardware_id)
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)

@@ -26,7 +26,7 @@ from saddlering_interfaces.msg import (
 )
 from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
-from saddlering_ros.live.errors import LiveError
+from saddlering_ros.errors import LiveError
 from saddlering_ros.record.topics import relative, TOPICS
 from saddlering_ros.ros.names import (
     DIAGNOSTICS,

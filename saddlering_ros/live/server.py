@@ -24,8 +24,8 @@ from typing import Any
 
 from aiohttp import web
 
+from saddlering_ros.errors import LiveError
 from saddlering_ros.live.connections import Connection, Door, quiet_log
-from saddlering_ros.live.errors import LiveError
 from saddlering_ros.live.watcher import ACTIONS, Watcher
 from saddlering_ros.rig import default_rig, Rig
 

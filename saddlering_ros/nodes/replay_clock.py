@@ -21,7 +21,7 @@ from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.record import RawRecord
 from saddlering_ros.record.scratch import blocks
 from saddlering_ros.ros.bag_replay import BagNode
-from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, WARN
+from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, TaskStatus, WARN
 from saddlering_ros.ros.messages import LockstepGroup, to_time
 from saddlering_ros.ros.names import CLOCK, names, NodeError, PROGRESS, REPLAY, RING, STATE
 from saddlering_ros.ros.parameters import given_rig, NodeParameter
@@ -120,7 +120,7 @@ class ReplayClockNode(BagNode):
         self._timeouts = 0
         self._speed = 0.0
         self._speed_from = (time.monotonic(), self._time)
-        self.tasks = [FunctionTask('replay', self._finding)]
+        self.tasks = [FunctionTask('replay', self._task_status)]
 
     def _elevation_of(self, record: RawRecord) -> float:
         """The elevation [rad] that is published; NaN if the bag does not state it."""
@@ -353,7 +353,7 @@ class ReplayClockNode(BagNode):
                                 f'{self.get_fully_qualified_name()} activate')
         return not self.active
 
-    def _finding(self) -> Finding:
+    def _task_status(self) -> TaskStatus:
         figures = {'time [s]': f'{(self._time - self._start) / 1e9:.3f}',
                    'length [s]': f'{(self._end - self._start) / 1e9:.3f}',
                    'rate': f'{self._rate:g}', 'speed': f'{max(0.0, self._speed):.2f}',
@@ -362,11 +362,11 @@ class ReplayClockNode(BagNode):
                    'bag': Path(self.settings.text('bag')).name}
         if self._group.excused and self._lockstep:
             names = ', '.join(sorted(self._group.excused))
-            return Finding(ERROR, f'continues without {names}, which fell behind', figures)
+            return TaskStatus(ERROR, f'continues without {names}, which fell behind', figures)
         late = time.monotonic() - self._advanced > 1.0
         if self._waiting_for and (late or self._state == ReplayState.WAITING):
-            return Finding(WARN, f'waits for {"; ".join(self._waiting_for)}', figures)
-        return Finding(OK, WORDS[self._state], figures)
+            return TaskStatus(WARN, f'waits for {"; ".join(self._waiting_for)}', figures)
+        return TaskStatus(OK, WORDS[self._state], figures)
 
 
 def shortest_time_of(count: int, topics: Iterable[np.ndarray]) -> int:

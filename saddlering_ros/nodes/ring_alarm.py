@@ -31,11 +31,11 @@ from saddlering_ros.record.topics import LOAD
 from saddlering_ros.ros.diagnostics import (
     ERROR,
     Events,
-    Finding,
     FunctionTask,
     OK,
     SourcesTask,
     StreamTask,
+    TaskStatus,
     WARN,
 )
 from saddlering_ros.ros.messages import alarm_message, parameters_from_message
@@ -122,8 +122,8 @@ class RingAlarmNode(StreamingNode):
         if self._offered is not None:
             self._use(self._offered)
         self._streams = [StreamTask(f'/{RESIDUAL}'), StreamTask(LOAD_TOPIC)]
-        self.tasks = [FunctionTask('alarm', self._alarm_finding),
-                      FunctionTask('promise', self._promise_finding), *self._streams,
+        self.tasks = [FunctionTask('alarm', self._alarm_status),
+                      FunctionTask('promise', self._promise_status), *self._streams,
                       self._agreement, SourcesTask(self.sources), Events(self._events)]
         self._tell_state()
 
@@ -285,7 +285,7 @@ class RingAlarmNode(StreamingNode):
         except SaddleringError as problem:
             self.get_logger().error(str(problem))
 
-    def _alarm_finding(self) -> Finding:
+    def _alarm_status(self) -> TaskStatus:
         monitor = self._stream.monitor
         figures = {
             'log evidence': f'{monitor.log_evidence:.2f}',
@@ -297,18 +297,18 @@ class RingAlarmNode(StreamingNode):
         if missing:
             figures['missing'] = ', '.join(missing)
         level = {ALARM: ERROR, BLIND: ERROR, WAITING: WARN}.get(self._state(), OK)
-        return Finding(level, self._words(), figures)
+        return TaskStatus(level, self._words(), figures)
 
-    def _promise_finding(self) -> Finding:
+    def _promise_status(self) -> TaskStatus:
         monitor = self._stream.monitor
         lapses = [lapse for lapse in monitor.lapses
                   if lapse.is_lasting or monitor.stamp - lapse.stamp < RECENT_NS]
         figures = {'lapses': str(len(monitor.lapses)),
                    'false alarm hours': f'{self.settings["false_alarm_hours"]:g}'}
         if lapses:
-            return Finding(WARN, lapses[-1].reason, figures)
-        return Finding(OK, 'at most one false alarm in '
-                       f'{self.settings["false_alarm_hours"]:g} h of testing', figures)
+            return TaskStatus(WARN, lapses[-1].reason, figures)
+        return TaskStatus(OK, 'at most one false alarm in '
+                          f'{self.settings["false_alarm_hours"]:g} h of testing', figures)
 
     def _events(self) -> dict[str, int]:
         return {**self._stream.counters.as_dict(),

@@ -20,19 +20,19 @@ from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.diagnostics import (
     ERROR,
     Events,
-    Finding,
     FunctionTask,
     OK,
     ParityTask,
     SaturationTask,
     SourcesTask,
     StreamTask,
+    TaskStatus,
 )
 from saddlering_ros.ros.messages import to_time
 from saddlering_ros.ros.names import DISPLACEMENT, ZERO, ZERO_REQUEST
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, ZERO_QOS
-from saddlering_ros.ros.rig_state import ElevationWatch, RigAgreement, zero_finding
+from saddlering_ros.ros.rig_state import ElevationWatch, RigAgreement, zero_status
 from saddlering_ros.ros.streaming_node import (
     INPUT_RELIABILITY,
     leave,
@@ -89,8 +89,8 @@ class RingDisplacementNode(StreamingNode):
                             for topic in names[1:]]
         self._parity = ParityTask(lambda: float(self.settings['parity_noise']))
         self.tasks = [
-            FunctionTask('zero', self._zero_finding),
-            FunctionTask('probes', self._probes_finding), *self._streams, *self._saturation,
+            FunctionTask('zero', self._zero_status),
+            FunctionTask('probes', self._probes_status), *self._streams, *self._saturation,
             self._parity, self._agreement, SourcesTask(self.sources),
             Events(self._events, harmless=('reordered',))]
 
@@ -165,24 +165,24 @@ class RingDisplacementNode(StreamingNode):
                             'the simulator follows')
         return response
 
-    def _probes_finding(self) -> Finding:
+    def _probes_status(self) -> TaskStatus:
         absent = self._rig.probes.absent
         missing = [number for number, count in enumerate(self._stream.take_missing(), 1)
                    if count and number != absent]
         lost = {1: 'delta_x', 2: 'delta_y and gamma', 3: 'delta_x', 4: 'delta_y and gamma'}
         if not missing:
-            return Finding(OK, 'all four read' if not absent else
-                           f'the other three read; probe {absent} is absent (rig.probes.absent), '
-                           'parity unknown')
+            return TaskStatus(OK, 'all four read' if not absent else
+                              f'the other three read; probe {absent} is absent '
+                              '(rig.probes.absent), parity unknown')
         channels = ' and '.join(sorted({lost[number] for number in missing}))
         probes = ', '.join(map(str, missing))
-        return Finding(ERROR, f'probe {probes} does not read, {channels} unknown: repair the '
-                              'probe, then call ~/zero; the other channels continue')
+        return TaskStatus(ERROR, f'probe {probes} does not read, {channels} unknown: repair the '
+                                 'probe, then call ~/zero; the other channels continue')
 
-    def _zero_finding(self) -> Finding:
+    def _zero_status(self) -> TaskStatus:
         stream = self._stream
         zero = stream.zero
-        return zero_finding(self._rig, zero.reading if zero else None,
+        return zero_status(self._rig, zero.reading if zero else None,
                             zero.stamp if zero else 0, stream.newest_stamp, stream.load)
 
     def _events(self) -> dict[str, int]:

@@ -14,12 +14,12 @@ from saddlering_ros.rig import CHANNELS
 from saddlering_ros.ros.diagnostics import (
     ERROR,
     Events,
-    Finding,
     FunctionTask,
     Kept,
     OK,
     SourcesTask,
     StreamTask,
+    TaskStatus,
     WARN,
 )
 from saddlering_ros.ros.names import DISPLACEMENT, names, RESIDUAL, RING, SIMULATED
@@ -59,8 +59,8 @@ class RingResidualNode(StreamingNode):
         self._kept = Kept(self._add)
         self._sums = np.zeros(4)
         self._count = np.zeros(4, np.int64)
-        self.tasks = [*self._streams, FunctionTask('zero', self._zero_finding),
-                      FunctionTask('residual', self._residual_finding),
+        self.tasks = [*self._streams, FunctionTask('zero', self._zero_status),
+                      FunctionTask('residual', self._residual_status),
                       self._agreement, SourcesTask(self.sources),
                       Events(lambda: self._stream.counters.as_dict()), self._readiness]
 
@@ -95,31 +95,31 @@ class RingResidualNode(StreamingNode):
                                                       np.asarray(covariance)),
                                  int(residual.stamps[-1]))
 
-    def _zero_finding(self) -> Finding:
+    def _zero_status(self) -> TaskStatus:
         measured, simulated = self._stream.waiting
         figures = {'measured waiting': str(measured), 'simulated waiting': str(simulated)}
         if not self._stream.elevations_agree:
-            return Finding(ERROR, 'measured and simulated are at different elevations and are not '
-                           'subtracted: correct elevation_deg of ring_simulator', figures)
+            return TaskStatus(ERROR, 'measured and simulated are at different elevations and are '
+                              'not subtracted: correct elevation_deg of ring_simulator', figures)
         if not self._stream.zeros_agree:
-            return Finding(WARN, 'measured and simulated have different zeros and are not '
-                                 'subtracted: call /ring_displacement/zero', figures)
-        return Finding(OK, 'measured and simulated have the same zero', figures)
+            return TaskStatus(WARN, 'measured and simulated have different zeros and are not '
+                                    'subtracted: call /ring_displacement/zero', figures)
+        return TaskStatus(OK, 'measured and simulated have the same zero', figures)
 
     def _add(self, residuals: NDArray[np.float64]) -> None:
         self._sums += np.nansum(residuals ** 2, axis=0)
         self._count += np.isfinite(residuals).sum(axis=0)
 
-    def _residual_finding(self) -> Finding:
+    def _residual_status(self) -> TaskStatus:
         self._kept.judge()
         if not self._count.any():
-            return Finding(OK, 'no residual yet')
+            return TaskStatus(OK, 'no residual yet')
         rms = np.sqrt(self._sums / np.maximum(self._count, 1))
         figures = {f'rms {name} [{"urad" if name == "gamma" else "um"}]': f'{value * 1e6:.3f}'
                    for name, value in zip(CHANNELS, rms.tolist(), strict=True)}
         self._sums = np.zeros(4)
         count, self._count = int(self._count.max()), np.zeros(4, np.int64)
-        return Finding(OK, f'{count} residuals', figures)
+        return TaskStatus(OK, f'{count} residuals', figures)
 
 
 def main(args: Sequence[str] | None = None) -> None:

@@ -30,11 +30,11 @@ from saddlering_ros.rig import (
 from saddlering_ros.ros.diagnostics import (
     ERROR,
     Events,
-    Finding,
     FunctionTask,
     OK,
     SourcesTask,
     StreamTask,
+    TaskStatus,
     WARN,
 )
 from saddlering_ros.ros.messages import (
@@ -67,7 +67,7 @@ from saddlering_ros.ros.rig_state import (
     MOVED,
     RigAgreement,
     SAME_MEASURED,
-    zero_finding,
+    zero_status,
 )
 from saddlering_ros.ros.streaming_node import (
     INPUT_RELIABILITY,
@@ -149,10 +149,10 @@ class RingSimulatorNode(StreamingNode):
         self._stream_task = StreamTask(LOAD_TOPIC)
         self._failed_steps = 0
         self.tasks = [
-            FunctionTask('zero', self._zero_finding), self._stream_task,
-            FunctionTask('solver', self._solver_finding),
-            FunctionTask('parameters', self._parameters_finding),
-            FunctionTask('elevation', self._elevation_finding), self._agreement,
+            FunctionTask('zero', self._zero_status), self._stream_task,
+            FunctionTask('solver', self._solver_status),
+            FunctionTask('parameters', self._parameters_status),
+            FunctionTask('elevation', self._elevation_status), self._agreement,
             SourcesTask(self.sources),
             Events(self._events, harmless=('reordered',))]
 
@@ -351,44 +351,44 @@ class RingSimulatorNode(StreamingNode):
         self.get_logger().info(f'parameters from /{PARAMETERS_IN_FORCE}: {message.source}')
         return True
 
-    def _elevation_finding(self) -> Finding:
+    def _elevation_status(self) -> TaskStatus:
         figures = {'elevation [deg]': f'{math.degrees(self._elevation):.3f}',
                    'source': self._elevation_source}
         wrong = self._watch.contradiction(self._elevation)
         if wrong:
-            return Finding(ERROR, f'nothing is simulated: {wrong}', figures)
+            return TaskStatus(ERROR, f'nothing is simulated: {wrong}', figures)
         gave = self._elevation - self._stream.zero_elevation
         if abs(gave) > MOVED:
-            return Finding(WARN, f'has moved by {math.degrees(gave):+.3f} deg since the zero, and '
-                           'is followed: see to the elevating gear', figures)
+            return TaskStatus(WARN, f'has moved by {math.degrees(gave):+.3f} deg since the zero, '
+                              'and is followed: see to the elevating gear', figures)
         if self._elevation_source == 'assumed':
-            return Finding(WARN, f'{ASSUMED_ELEVATION_DEG:g} deg is assumed: give elevation_deg',
-                           figures)
-        return Finding(OK, f'{math.degrees(self._elevation):.3f} deg, {self._elevation_source}',
-                       figures)
+            return TaskStatus(WARN, f'{ASSUMED_ELEVATION_DEG:g} deg is assumed: '
+                              'give elevation_deg', figures)
+        return TaskStatus(OK, f'{math.degrees(self._elevation):.3f} deg, {self._elevation_source}',
+                          figures)
 
     def _events(self) -> dict[str, int]:
         return {**self._stream.guard.counters.as_dict(), **self._stream.counters.as_dict(),
                 'malformed': sum(flow.malformed for flow in self.inputs)}
 
-    def _zero_finding(self) -> Finding:
+    def _zero_status(self) -> TaskStatus:
         stream = self._stream
-        return zero_finding(self._rig, stream.simulator.zero, stream.zero_stamp,
+        return zero_status(self._rig, stream.simulator.zero, stream.zero_stamp,
                             stream.newest_stamp, stream.load)
 
-    def _solver_finding(self) -> Finding:
+    def _solver_status(self) -> TaskStatus:
         simulator = self._stream.simulator
         failed = simulator.failed_steps
         new, self._failed_steps = failed - self._failed_steps, failed
         figures = {'iterations': str(simulator.iterations),
                    'not converged': str(failed)}
         if new > 0:
-            return Finding(ERROR, f'{new} steps did not converge and are not published: '
-                           'check load and parameters',
-                           figures)
-        return Finding(OK, 'converges', figures)
+            return TaskStatus(ERROR, f'{new} steps did not converge and are not published: '
+                              'check load and parameters',
+                              figures)
+        return TaskStatus(OK, 'converges', figures)
 
-    def _parameters_finding(self) -> Finding:
+    def _parameters_status(self) -> TaskStatus:
         assert self._in_force is not None
         message = parameters_to_message(self._in_force, to_time(0))
         figures = {name: f'{getattr(message, name):.6g}'
@@ -398,8 +398,8 @@ class RingSimulatorNode(StreamingNode):
                            strict=True))
         figures['elevation [deg]'] = f'{math.degrees(self._elevation):.3f}'
         if self._refused:
-            return Finding(WARN, f'refused: {self._refused}', figures)
-        return Finding(OK, message.source, figures)
+            return TaskStatus(WARN, f'refused: {self._refused}', figures)
+        return TaskStatus(OK, message.source, figures)
 
 
 def same_numbers(one: ParameterSet, other: ParameterSet | None) -> bool:

@@ -4,14 +4,13 @@ from saddlering_ros.record.aligner import Aligner
 from saddlering_ros.record.alignment import align, seconds_array
 from saddlering_ros.record.condense import condensed, fit_limit
 from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
-from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.plateaus import plateau_means, PlateauMeans, Plateaus, plateaus
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 
 __all__ = [
-    'LOAD_TOPIC', 'PROBE_TOPICS', 'RIG_TOPICS', 'Aligner', 'BagError',
+    'LOAD_TOPIC', 'PROBE_TOPICS', 'RIG_TOPICS', 'Aligner',
     'MeasuredRun', 'PlateauMeans', 'Plateaus', 'RawRecord', 'RawTopic', 'Record',
     'TestMetadata', 'align', 'condensed', 'displacement_of_run', 'fit_limit',
     'plateau_means', 'plateaus', 'seconds_array',

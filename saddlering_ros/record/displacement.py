@@ -14,9 +14,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import BagError
 from saddlering_ros.record.aligner import Aligner
 from saddlering_ros.record.alignment import DEAD_AFTER_NS
-from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.guard import GuardCounters, load_limits, probe_limits, SampleGuard
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.samples import (

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 import math
 
-from saddlering_ros.errors import printable
-from saddlering_ros.record.errors import BagError
+from saddlering_ros.errors import BagError, printable
 
 METADATA_RECORD = 'saddlering.test'
 """Name under which a file of messages holds the metadata."""

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saddlering_ros.record.errors import BagError
+from saddlering_ros.errors import BagError
 from saddlering_ros.record.scratch import blocks, forget, scratch_array, spread, spread_changes
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from saddlering_ros.record.errors import BagError
+from saddlering_ros.errors import BagError
 
 LONG = 1 << 20
 """Samples beyond which an array lies in a scratch file: 105 s at 10 kHz."""

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import BagError
 from saddlering_ros.record.alignment import JITTER_NS
-from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.scratch import count_where, extremes
 
 MAX_DUPLICATES = 0.01

@@ -22,7 +22,7 @@ from saddlering_ros.record import RawRecord, RawTopic
 from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.record.topics import TOPICS
-from saddlering_ros.ros.diagnostics import ERROR, Finding, FunctionTask, OK, SourcesTask, WARN
+from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, SourcesTask, TaskStatus, WARN
 from saddlering_ros.ros.names import CLOCK, NodeError
 from saddlering_ros.ros.parameters import bag_below, given_rig, NodeParameter, root_folder
 from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription
@@ -155,7 +155,7 @@ class ReplayNode(BagNode):
         self._now = 0
         self._heard = time.monotonic()
         self._jumps = self._dropped = 0
-        self.tasks = [FunctionTask('replay', self._finding), SourcesTask(self.sources)]
+        self.tasks = [FunctionTask('replay', self._task_status), SourcesTask(self.sources)]
 
     def connect(self) -> None:
         """Listen to the clock; publish the topics."""
@@ -195,15 +195,15 @@ class ReplayNode(BagNode):
         """The clock is no stream one can be behind on."""
         return []
 
-    def _finding(self) -> Finding:
+    def _task_status(self) -> TaskStatus:
         sent = {flow.topic: str(flow.published) for flow in self.outputs}
         figures = {**sent, 'jumps of the clock': str(self._jumps)}
         if not self._now:
-            return Finding(WARN, 'no /clock yet: start replay_clock, or ros2 bag play --clock',
-                           figures)
+            return TaskStatus(WARN, 'no /clock yet: start replay_clock, or ros2 bag play --clock',
+                              figures)
         if all(track.at_end() for track in self._tracks):
-            return Finding(OK, 'all messages are published', figures)
+            return TaskStatus(OK, 'all messages are published', figures)
         silent = time.monotonic() - self._heard
         if silent > 2.0:
-            return Finding(ERROR, f'/clock has been silent for {silent:.0f} s', figures)
-        return Finding(OK, 'follows the clock', figures)
+            return TaskStatus(ERROR, f'/clock has been silent for {silent:.0f} s', figures)
+        return TaskStatus(OK, 'follows the clock', figures)

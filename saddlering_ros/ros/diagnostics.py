@@ -26,8 +26,8 @@ ENOUGH_INTERVALS = 8
 
 
 @dataclass(frozen=True)
-class Finding:
-    """Finding of a task: level (OK, WARN, ERROR, STALE), words, figures."""
+class TaskStatus:
+    """Status of a task: level (OK, WARN, ERROR, STALE), words, figures."""
 
     level: int
     words: str
@@ -39,8 +39,8 @@ class Task(Protocol):
 
     name: str
 
-    def report(self, elapsed: float) -> Finding:
-        """Finding of the last `elapsed` seconds."""
+    def report(self, elapsed: float) -> TaskStatus:
+        """Status of the last `elapsed` seconds."""
 
 
 class Kept:
@@ -114,7 +114,7 @@ class StreamTask:
             self.longest_gap = max(self.longest_gap, float(long.max()))
         self._median = middle if are_enough else 0.9 * self._median + 0.1 * middle
 
-    def report(self, elapsed: float) -> Finding:
+    def report(self, elapsed: float) -> TaskStatus:
         """Rate (by arrival), period (by stamps), gaps and late messages of the period."""
         self._stamps.judge()
         rate = self._count / elapsed if elapsed > 0.0 else 0.0
@@ -137,7 +137,7 @@ class StreamTask:
             level = WARN
             words = f'{rate:.1f} messages a second, and at least {self.lowest_rate:g} are required'
         self._clear()
-        return Finding(level, words, figures)
+        return TaskStatus(level, words, figures)
 
 
 class SaturationTask:
@@ -164,7 +164,7 @@ class SaturationTask:
         outside = (values <= self.low + edge) | (values >= self.high - edge)
         self._new += int(outside.sum())
 
-    def report(self, elapsed: float) -> Finding:
+    def report(self, elapsed: float) -> TaskStatus:
         """How many readings of the period were saturated, and how near the ends they came."""
         self._values.judge()
         self.total += self._new
@@ -172,9 +172,9 @@ class SaturationTask:
                    'nearest to an end [mm]': f'{self._margin * 1e3:.4g}'}
         count, self._new, self._margin = self._new, 0, math.inf
         if count:
-            return Finding(ERROR, f"{count} readings at an end of the probe's range: "
-                           "check the probe's position", figures)
-        return Finding(OK, 'inside its range', figures)
+            return TaskStatus(ERROR, f"{count} readings at an end of the probe's range: "
+                              "check the probe's position", figures)
+        return TaskStatus(OK, 'inside its range', figures)
 
 
 class ParityTask:
@@ -199,31 +199,31 @@ class ParityTask:
             self._count += len(parity)
             self._peak = max(self._peak, float(np.max(np.abs(parity))))
 
-    def report(self, elapsed: float) -> Finding:
+    def report(self, elapsed: float) -> TaskStatus:
         """Mean and peak of the period."""
         self._parities.judge()
         if not self._count:
-            return Finding(OK, 'no displacement yet')
+            return TaskStatus(OK, 'no displacement yet')
         mean, limit = self._sum / self._count, self._sigmas * self._noise()
         figures = {'mean [um]': f'{mean * 1e6:.3f}', 'peak [um]': f'{self._peak * 1e6:.3f}',
                    'limit of the mean [um]': f'{limit * 1e6:.3f}'}
         self._sum = self._peak = 0.0
         self._count = 0
         if abs(mean) > limit:
-            return Finding(WARN, f'{quantity(mean, "m")}, beyond noise: the readings of probes '
-                                 '1 and 3 do not belong to one rigid ring', figures)
-        return Finding(OK, 'zero within noise', figures)
+            return TaskStatus(WARN, f'{quantity(mean, "m")}, beyond noise: the readings of probes '
+                                    '1 and 3 do not belong to one rigid ring', figures)
+        return TaskStatus(OK, 'zero within noise', figures)
 
 
 class FunctionTask:
-    """A task whose finding a function gives."""
+    """A task whose status a function gives."""
 
-    def __init__(self, name: str, find: Callable[[], Finding]) -> None:
+    def __init__(self, name: str, find: Callable[[], TaskStatus]) -> None:
         self.name = name
         self._find = find
 
-    def report(self, elapsed: float) -> Finding:
-        """Finding of the function."""
+    def report(self, elapsed: float) -> TaskStatus:
+        """Status of the function."""
         return self._find()
 
 
@@ -235,16 +235,16 @@ class SourcesTask:
     def __init__(self, publishers: Callable[[], dict[str, int]]) -> None:
         self._publishers = publishers
 
-    def report(self, elapsed: float) -> Finding:
+    def report(self, elapsed: float) -> TaskStatus:
         """Topics with more than one publisher."""
         counts = self._publishers()
         figures = {topic: str(count) for topic, count in counts.items()}
         several = [f'{count} publishers on {topic}' for topic, count in counts.items()
                    if count > 1]
         if several:
-            return Finding(WARN, f'{", ".join(several)}: their samples are mixed; end all but one',
-                           figures)
-        return Finding(OK, 'one at most', figures)
+            return TaskStatus(WARN, f'{", ".join(several)}: their samples are mixed; '
+                              'end all but one', figures)
+        return TaskStatus(OK, 'one at most', figures)
 
 
 class Events:
@@ -257,7 +257,7 @@ class Events:
         self._harmless = frozenset(harmless)
         self._before: dict[str, int] = {}
 
-    def report(self, elapsed: float) -> Finding:
+    def report(self, elapsed: float) -> TaskStatus:
         """Which counts grew."""
         counts = self._source()
         grown = {name: count - self._before.get(name, 0) for name, count in counts.items()
@@ -266,17 +266,17 @@ class Events:
         figures = {name: str(count) for name, count in counts.items()}
         if grown:
             words = ', '.join(f'{count} {name.replace("_", " ")}' for name, count in grown.items())
-            return Finding(WARN, words, figures)
-        return Finding(OK, 'nothing lost, late or dropped', figures)
+            return TaskStatus(WARN, words, figures)
+        return TaskStatus(OK, 'nothing lost, late or dropped', figures)
 
 
-def to_message(node_name: str, findings: Iterable[tuple[str, Finding]],
+def to_message(node_name: str, statuses: Iterable[tuple[str, TaskStatus]],
                hardware_id: str = 'saddlering') -> DiagnosticArray:
-    """The findings of a node's tasks as /diagnostics wants them (no header stamp yet)."""
+    """The statuses of a node's tasks as /diagnostics wants them (no header stamp yet)."""
     message = DiagnosticArray()
-    for name, finding in findings:
+    for name, status in statuses:
         message.status.append(DiagnosticStatus(
-            level=bytes([finding.level]), name=f'{node_name}: {name}', message=finding.words,
+            level=bytes([status.level]), name=f'{node_name}: {name}', message=status.words,
             hardware_id=hardware_id,
-            values=[KeyValue(key=key, value=value) for key, value in finding.figures.items()]))
+            values=[KeyValue(key=key, value=value) for key, value in status.figures.items()]))
     return message

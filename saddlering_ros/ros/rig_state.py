@@ -23,7 +23,7 @@ from saddlering_ros.record.topics import ELEVATION
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.description import short_digest
 from saddlering_ros.rig.zeroing import NEAR_PRELOAD_SHARE, ZeroReading
-from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, Finding, OK, STATE_TASK, WARN
+from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, OK, STATE_TASK, TaskStatus, WARN
 from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.names import DIAGNOSTICS, INCLINOMETER, RIG, RIG_IDENTITY, STATE
 from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, OF_ANY_SENSOR
@@ -128,7 +128,7 @@ class RigAgreement:
     def _hear(self, message: DiagnosticStatus) -> None:
         self._others[message.name] = message.message
 
-    def report(self, elapsed: float) -> Finding:
+    def report(self, elapsed: float) -> TaskStatus:
         """Who of the nodes that are there has another rig."""
         there = {f'{info.node_namespace.rstrip("/")}/{info.node_name}'
                  for info in self._node.get_publishers_info_by_topic(
@@ -139,28 +139,28 @@ class RigAgreement:
         if others:
             words = ', '.join(f'{name} ({short_digest(digest)})'
                               for name, digest in others.items())
-            return Finding(ERROR, f'this node has rig {short_digest(self.digest)}, and others '
-                           f'have another, {words}: give all nodes the same rig file', figures)
-        return Finding(OK, f'rig {short_digest(self.digest)}', figures)
+            return TaskStatus(ERROR, f'this node has rig {short_digest(self.digest)}, and others '
+                              f'have another, {words}: give all nodes the same rig file', figures)
+        return TaskStatus(OK, f'rig {short_digest(self.digest)}', figures)
 
 
-def zero_finding(
+def zero_status(
     rig: Rig, zero: ZeroReading | None, zero_stamp: int, newest_stamp: int, load: float,
-) -> Finding:
+) -> TaskStatus:
     """Whether the zero is taken; if not, the load [N] at which the node waits.
 
     Stamps are in ns; `newest_stamp` is 0 before the first sample.
     """
     if zero is not None:
-        return Finding(OK, f'zero at {rig.force_words(zero.load, 3)}',
-                       {'zero stamp': str(zero_stamp), 'zero load [N]': f'{zero.load:.1f}'})
+        return TaskStatus(OK, f'zero at {rig.force_words(zero.load, 3)}',
+                          {'zero stamp': str(zero_stamp), 'zero load [N]': f'{zero.load:.1f}'})
     if not newest_stamp:
-        return Finding(OK, 'waiting for samples')
+        return TaskStatus(OK, 'waiting for samples')
     words = f'(load is {rig.force_words(load, 2)})'
     if abs(load - rig.preload) <= NEAR_PRELOAD_SHARE * rig.full_scale_load:
-        return Finding(WARN, f'waiting for a steady half second at preload {words}: '
-                             'keep the load at rest')
-    return Finding(WARN, f'waiting for preload {words}: go to preload, or call ~/zero')
+        return TaskStatus(WARN, f'waiting for a steady half second at preload {words}: '
+                                'keep the load at rest')
+    return TaskStatus(WARN, f'waiting for preload {words}: go to preload, or call ~/zero')
 
 
 SILENT = 3.0
@@ -241,12 +241,12 @@ class ReadinessTask:
             if status.name != self._own:
                 self._readiness.hear(status.name, status.level[0], status.message, now)
 
-    def report(self, elapsed: float) -> Finding:
+    def report(self, elapsed: float) -> TaskStatus:
         """Ready, or the reasons that prevent a test."""
         reasons = self._readiness.reasons(time.monotonic())
         if not reasons:
-            return Finding(OK, 'ready to test')
+            return TaskStatus(OK, 'ready to test')
         more = len(reasons) - SHOWN
         words = '; '.join(reasons[:SHOWN]) + (f'; and {more} more' if more > 0 else '')
-        return Finding(WARN, f'not ready: {words}',
-                       {f'reason {number}': reason for number, reason in enumerate(reasons, 1)})
+        return TaskStatus(WARN, f'not ready: {words}',
+                          {f'reason {number}': reason for number, reason in enumerate(reasons, 1)})

@@ -25,7 +25,15 @@ from rclpy.signals import SignalHandlerOptions
 
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, Finding, OK, STATE_TASK, Task, to_message
+from saddlering_ros.ros.diagnostics import (
+    ACTIVE,
+    ERROR,
+    OK,
+    STATE_TASK,
+    Task,
+    TaskStatus,
+    to_message,
+)
 from saddlering_ros.ros.launcher import (
     crowded_words,
     end_as_usual,
@@ -239,19 +247,19 @@ class StreamingNode(LifecycleNode):
         elapsed, self._diagnosed = now - self._diagnosed, now
         message = to_message(
             diagnostic_name(self),
-            [(STATE_TASK, self._state_finding()),
+            [(STATE_TASK, self._state_status()),
              *((task.name, task.report(elapsed)) for task in self.tasks)],
             rig_name(self, self.settings.text('hardware_id')))
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
-    def _state_finding(self) -> Finding:
+    def _state_status(self) -> TaskStatus:
         if self.active:
-            return Finding(OK, ACTIVE)
+            return TaskStatus(OK, ACTIVE)
         if self.problem is not None:
-            return Finding(ERROR, f'not active: {self.problem}')
+            return TaskStatus(ERROR, f'not active: {self.problem}')
         steps = 'activate' if self.tasks else 'configure, then activate'
-        return Finding(
+        return TaskStatus(
             OK, f'not active: ros2 lifecycle set {self.get_fully_qualified_name()} {steps}')
 
 

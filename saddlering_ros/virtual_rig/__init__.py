@@ -1,6 +1,7 @@
 """The virtual rig: bags as a rig would record them, by physics of its own (not ring/'s)."""
 
 # The modules of effects enter their effects into EFFECTS when imported.
+from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.virtual_rig import effects_load, effects_probes, effects_ring
 from saddlering_ros.virtual_rig.effects import (
     EffectRequest,
@@ -11,7 +12,6 @@ from saddlering_ros.virtual_rig.effects import (
     RigEffect,
     TrueSize,
 )
-from saddlering_ros.virtual_rig.errors import VirtualRigError
 from saddlering_ros.virtual_rig.integrator import make_rollers, Rollers, Scatter
 from saddlering_ros.virtual_rig.physics import PhysicalRig, PhysicalRun, run_test
 from saddlering_ros.virtual_rig.recording import (

@@ -21,7 +21,7 @@ import zlib
 
 from scipy.stats import binom
 
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import SaddleringError, VirtualRigError
 from saddlering_ros.files import write_text
 from saddlering_ros.rig import load_rig
 from saddlering_ros.virtual_rig.campaign import (
@@ -38,7 +38,6 @@ from saddlering_ros.virtual_rig.campaign import (
     write_campaign,
 )
 from saddlering_ros.virtual_rig.effects import find_effect
-from saddlering_ros.virtual_rig.errors import VirtualRigError
 
 SEALED = 'truth.sealed'
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.rig import ContactParameters, default_rig, Rig, size_factor, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig.effects import (
     EffectRequest,
@@ -18,7 +19,6 @@ from saddlering_ros.virtual_rig.effects import (
     RigEffect,
     TrueSize,
 )
-from saddlering_ros.virtual_rig.errors import VirtualRigError
 from saddlering_ros.virtual_rig.integrator import Scatter
 from saddlering_ros.virtual_rig.physics import PhysicalRig
 from saddlering_ros.virtual_rig.recording import (

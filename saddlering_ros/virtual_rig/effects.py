@@ -12,8 +12,8 @@ import difflib
 import math
 from typing import Any
 
+from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.rig import default_rig, Rig, size_factor
-from saddlering_ros.virtual_rig.errors import VirtualRigError
 
 STAGES = ('load', 'rollers', 'friction', 'motion', 'probes', 'recording')
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags import write_bag
+from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import FULL_SCALE_LOAD, Rig
 from saddlering_ros.virtual_rig.effects_probes import Recording
-from saddlering_ros.virtual_rig.errors import VirtualRigError
 from saddlering_ros.virtual_rig.numerics import slow_noise
 from saddlering_ros.virtual_rig.physics import PhysicalRig, PhysicalRun, run_test
 from saddlering_ros.virtual_rig.schedule import controlled_load, Schedule

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.rig import FULL_SCALE_LOAD, Rig, TONNE
-from saddlering_ros.virtual_rig.errors import VirtualRigError
 from saddlering_ros.virtual_rig.numerics import low_pass
 
 Floats = NDArray[np.float64]

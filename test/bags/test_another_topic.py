@@ -9,7 +9,8 @@ import pytest
 
 from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.bags.messages import decode_samples, encode_samples
-from saddlering_ros.record import Aligner, BagError, RIG_TOPICS
+from saddlering_ros.errors import BagError
+from saddlering_ros.record import Aligner, RIG_TOPICS
 from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import ELEVATION, RigTopic, TOPICS, WRENCH_TYPE
 

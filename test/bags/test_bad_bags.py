@@ -10,7 +10,8 @@ import pytest
 import yaml
 
 from saddlering_ros.bags import bag_info, read_run
-from saddlering_ros.record import BagError, LOAD_TOPIC, PROBE_TOPICS, Record
+from saddlering_ros.errors import BagError
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, Record
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import TONNE
 

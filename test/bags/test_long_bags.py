@@ -15,6 +15,7 @@ from saddlering_ros.bags.summary import summary_of_bag
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.doubts import refuse_repeats
+from saddlering_ros.errors import BagError
 from saddlering_ros.identification.prepared import prepare
 from saddlering_ros.record import (
     condensed,
@@ -25,7 +26,6 @@ from saddlering_ros.record import (
     scratch,
 )
 from saddlering_ros.record.displacement import measured_blocks, measured_rows, zero_of_run
-from saddlering_ros.record.errors import BagError
 from saddlering_ros.record.plateaus import find_holds
 from saddlering_ros.record.quality import topic_quality
 from saddlering_ros.record.topics import TOPICS

@@ -9,7 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from saddlering_ros.record import BagError, plateau_means, plateaus
+from saddlering_ros.errors import BagError
+from saddlering_ros.record import plateau_means, plateaus
 from saddlering_ros.record.plateaus import find_holds
 from saddlering_ros.rig import TONNE
 

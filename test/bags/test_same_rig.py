@@ -12,7 +12,8 @@ import pytest
 from saddlering_ros.bags import write_bag
 from saddlering_ros.cli.main import main
 from saddlering_ros.doubts import refuse_other_rig
-from saddlering_ros.record import BagError, Record, TestMetadata
+from saddlering_ros.errors import BagError
+from saddlering_ros.record import Record, TestMetadata
 from saddlering_ros.rig import (
     default_rig,
     ParameterSet,

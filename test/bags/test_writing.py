@@ -13,7 +13,8 @@ import yaml
 
 from saddlering_ros.bags.mcap_write import McapWriter
 from saddlering_ros.bags.write import BagWriter, messages_of, write_bag
-from saddlering_ros.record import BagError, LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TestMetadata
+from saddlering_ros.errors import BagError
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TestMetadata
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import Probes
 

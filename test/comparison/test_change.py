@@ -10,7 +10,7 @@ from saddlering_ros.comparison import compare_records, ComparisonError
 from saddlering_ros.comparison.maker import common_loads, maker_figures
 from saddlering_ros.comparison.sessions import CONTACT_CHANGE, EARLIER, LATER, seen_in, SESSION
 from saddlering_ros.discrepancy import Point
-from saddlering_ros.record import BagError
+from saddlering_ros.errors import BagError
 
 
 @pytest.fixture(scope='module')

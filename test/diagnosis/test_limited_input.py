@@ -9,7 +9,7 @@ from saddlering_ros.bags import read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.diagnosis import DiagnosisError
 from saddlering_ros.diagnosis.records import build_record, check_set
-from saddlering_ros.record import BagError
+from saddlering_ros.errors import BagError
 from saddlering_ros.rig import default_rig
 
 VERDICTS = ('none', 'named', 'ambiguous', 'unknown')

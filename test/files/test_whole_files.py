@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_run, write_bag
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import BagError, SaddleringError
 from saddlering_ros.files import exchange, temporary_folder, whole_file, write_text
-from saddlering_ros.record import BagError, TestMetadata
+from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig
 
 OLD = 'the old file\n'

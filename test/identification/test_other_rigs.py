@@ -9,9 +9,9 @@ import pytest
 from benchmarks.rigs import sized_rig
 from saddlering_ros.diagnosis.records import build_record, check_set
 from saddlering_ros.doubts.readings import check_load_unit
+from saddlering_ros.errors import BagError
 from saddlering_ros.estimation.identifiability import reason_wide
 from saddlering_ros.identification import IdentificationError, identify
-from saddlering_ros.record import BagError
 from saddlering_ros.rig import TONNE, TRUE_TO_SCALE
 
 RIGS = {'1 t': sized_rig(1.0, 24, 0.15), '400 t': sized_rig(400.0, 400, 2.0)}

@@ -25,8 +25,8 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_raw
+from saddlering_ros.errors import BagError
 from saddlering_ros.importing import read_map
-from saddlering_ros.record import BagError
 from saddlering_ros.rig import default_rig
 
 

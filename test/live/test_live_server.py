@@ -14,7 +14,7 @@ from aiohttp.test_utils import TestClient, TestServer
 import pytest
 
 from saddlering_ros.cli.main import main
-from saddlering_ros.live.errors import LiveError
+from saddlering_ros.errors import LiveError
 from saddlering_ros.live.server import address, application, PAGE, serve
 
 POST = {'X-Saddlering': 'live'}

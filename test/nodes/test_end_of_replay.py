@@ -16,7 +16,7 @@ import pytest
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.bags import read_raw
 from saddlering_ros.cli.main import main
-from saddlering_ros.record import BagError
+from saddlering_ros.errors import BagError
 from saddlering_ros.ros.messages import LockstepGroup
 
 
