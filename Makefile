@@ -68,4 +68,4 @@ lock:
 	@python3 tools/lock.py
 
 clean:
-	rm -rf .venv out docs/_build docs/reference build install log .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
+	rm -rf .venv out docs/_build build install log .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info

@@ -2,10 +2,6 @@
 
 from pathlib import Path
 import re
-import sys
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from generate import write_reference
 
 from saddlering_ros import __version__
 
@@ -22,8 +18,6 @@ html_title = 'saddlering_ros'
 html_theme_options = {'navigation_with_keys': True}
 html_copy_source = False
 pygments_style = 'friendly'
-
-write_reference(Path(__file__).resolve().parent / 'reference')
 
 
 def setup(app: object) -> None:

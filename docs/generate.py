@@ -1,4 +1,4 @@
-"""The reference pages, written from the code each time the documentation is built."""
+"""The reference pages from the code: `python docs/generate.py` writes docs/reference."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from saddlering_ros.ros.names import names
 
 ROOT = Path(__file__).resolve().parent.parent
 INTERFACES = ROOT / 'saddlering_interfaces'
-DOCUMENT = 'This page is written from the code when the documentation is built.\n'
+DOCUMENT = ('This page is written from the code by `python docs/generate.py`. '
+            'A test compares the two.\n')
 
 TOPICS = {
     **{name: topic.words for name, topic in RIG.items()},
@@ -142,8 +143,8 @@ def files_page() -> str:
 
 
 THRESHOLDS = {
-    'Results, wherever they are printed': ('thresholds',),
-    'Limits of loads, as shares of full scale': ('rig.limits',),
+    'Results, wherever they are printed': ('quantities',),
+    'Limits of loads, as shares of full scale': ('rig.units',),
     'Rest and rounding': ('estimation.rest', 'estimation.rounding'),
     'Identification': ('identification.prepared', 'identification.objective',
                        'identification.observation', 'identification.uncertainty'),
