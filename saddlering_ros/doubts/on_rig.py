@@ -245,11 +245,13 @@ OTHER_PRELOAD = Kind(
 
 OTHER_ELEVATION = Kind(
     'other_elevation',
-    'tilt and axial motion agree with an elevation of about {apparent:.0f} deg and the bag states '
-    "{stated:g}: the elevation, the trunnion (rig.trunnion), the probes' span "
-    '(rig.probes.axial_span) or the pitch radius (rig.axial_rows.pitch_radius) is wrong',
+    'tilt and axial motion agree with an elevation of about {apparent:.0f} deg (within '
+    '{uncertainty:.0f}) and the bag states {stated:g}: the elevation, the trunnion '
+    "(rig.trunnion), the probes' span (rig.probes.axial_span) or "
+    'the pitch radius (rig.axial_rows.pitch_radius) is wrong',
     threshold=math.radians(20.0))
-"""Error [rad] of the elevation from tilt over lift, on sound rings of 48 and 97 rollers."""
+"""Error [rad] of the elevation from tilt over lift, on sound rings of 48 and 97 rollers, beside
+what the curvature of the two adds."""
 
 
 def check_rig(rig: Rig, record: RawRecord, run: Record) -> list[Finding]:
@@ -258,26 +260,41 @@ def check_rig(rig: Rig, record: RawRecord, run: Record) -> list[Finding]:
             *wiring_findings(rig, run.elevation, run.load, run.gaps), *_elevation(rig, run)]
 
 
-def apparent_elevation(rig: Rig, run: Record) -> float | None:
-    """The elevation [rad] that tilt over lift gives, from 0 to pi; None if neither moves.
+def apparent_elevation(rig: Rig, run: Record) -> tuple[float, float] | None:
+    """Elevation that tilt over lift gives, from 0 to pi, and its uncertainty, both [rad].
 
     The axial rows, radius R, turn a force F_y and a moment M into delta_y = F_y / k and
     gamma = 2 M / (k R^2), whatever their stiffness k; M / F_y = -(y_t cot(theta) + x_t). Slopes
-    are taken over the upper half of the load, where the clearance is taken up.
+    are taken over the upper quarter of the load, where the clearance is taken up. At 70 degrees
+    it is taken up late: tilt and lift still curve. The uncertainty is therefore the change from
+    the slopes over the upper half, as the cotangent carries it into the angle, and holds their
+    noise too. None if neither tilt nor lift moves.
     """
+    if not rig.trunnion.y:
+        return None
+    cotangents = [_apparent_cotangent(rig, run, share) for share in (0.75, 0.5)]
+    upper, lower = cotangents
+    if upper is None or lower is None:
+        return None
+    apparent = math.atan2(1.0, upper)
+    return apparent, abs(math.atan2(1.0, lower) - apparent)
+
+
+def _apparent_cotangent(rig: Rig, run: Record, share: float) -> float | None:
+    """The cotangent of the elevation from the slopes above that share of the range of the load."""
     measured = displacement_of_run(rig, run)
-    kept = run.complete & (run.load > 0.5 * (run.load.max() + run.load.min()))
+    lowest, highest = run.load.min(), run.load.max()
+    kept = run.complete & (run.load > lowest + share * (highest - lowest))
     load = run.load[kept]
-    if len(load) < 10 or np.ptp(load) < 0.05 * rig.full_scale_load or not rig.trunnion.y:
+    if len(load) < 10 or np.ptp(load) < 0.05 * rig.full_scale_load:
         return None
     around = load - load.mean()
     lift, tilt = (float(around @ np.asarray(getattr(measured.displacement, name))[kept])
                   for name in ('delta_y', 'gamma'))
     if lift == 0.0:
         return None
-    cotangent = (-tilt / lift * rig.axial_rows.pitch_radius ** 2 / 2.0
-                 - rig.trunnion.x) / rig.trunnion.y
-    return math.atan2(1.0, cotangent)
+    return (-tilt / lift * rig.axial_rows.pitch_radius ** 2 / 2.0
+            - rig.trunnion.x) / rig.trunnion.y
 
 
 def _hash(rig: Rig, run: Record) -> list[Finding]:
@@ -316,11 +333,13 @@ def _loads(rig: Rig, run: Record) -> list[Finding]:
 
 
 def _elevation(rig: Rig, run: Record) -> list[Finding]:
-    apparent = apparent_elevation(rig, run)
-    if apparent is None:
+    measured = apparent_elevation(rig, run)
+    if measured is None:
         return []
+    apparent, uncertainty = measured
     apart = (apparent - run.elevation + math.pi / 2.0) % math.pi - math.pi / 2.0
-    if abs(apart) <= OTHER_ELEVATION.limit:
+    if abs(apart) <= OTHER_ELEVATION.limit + uncertainty:
         return []
     return [OTHER_ELEVATION.at(apparent=math.degrees(run.elevation + apart),
+                               uncertainty=math.degrees(uncertainty),
                                stated=math.degrees(run.elevation))]
