@@ -61,8 +61,7 @@ def run(args: argparse.Namespace) -> int:
     domain = domain_of(args)
     rig = load_rig(args.rig)
     prepare_transport()
-    with Watcher(domain, args.window, namespace_of(args.namespace),
-                 rig.force_unit) as watcher:
+    with Watcher(domain, args.window, namespace_of(args.namespace), rig) as watcher:
         serve(watcher, address(args.host, args.port, args.token),
               lambda where: _say(args, where.url, domain), rig=rig)
     return 0

@@ -14,13 +14,17 @@ STATES = {RingAlarm.WAITING: 'waiting', RingAlarm.LEARNING: 'learning',
 
 
 def alarm_as_page(message: RingAlarm) -> dict[str, Any]:
-    """State, words and lapses; of an alarm its channel, size with unit, duration and guess too.
+    """State, words and lapses; of a blind watch the topics that are missing.
+
+    Of an alarm its channel, size with unit, duration and guess too.
 
     before [s]: how long before the alarm its cause began.
     """
     shown: dict[str, Any] = {
         'state': STATES.get(message.state, 'waiting'), 'words': str(message.message),
         'lapses': [str(lapse).partition(' s: ')[2] or str(lapse) for lapse in message.lapses]}
+    if message.state == RingAlarm.BLIND:
+        return {**shown, 'missing': list(message.missing)}
     if message.state != RingAlarm.ALARM:
         return shown
     before = (to_stamp(message.raised) - to_stamp(message.since)) / 1e9

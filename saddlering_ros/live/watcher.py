@@ -43,9 +43,11 @@ from saddlering_ros.record.scatter import white_noise
 from saddlering_ros.record.topics import ELEVATION, LOAD, PROBES, RigTopic
 from saddlering_ros.rig import (
     CHANNELS,
+    default_rig,
     FORCE_UNITS,
     PARAMETER_NAMES,
     PARAMETER_UNITS,
+    Rig,
     stiffness_per_millimetre,
 )
 from saddlering_ros.ros.messages import parameters_from_message, to_stamp
@@ -126,9 +128,10 @@ class Watcher:
     """
 
     def __init__(self, domain_id: int | None = None, window: float = 600.0,
-                 namespace: str = '', force_unit: str = 't') -> None:
-        self.force_unit = force_unit
-        self._scales = {**SCALES, 'load': 1.0 / FORCE_UNITS[force_unit]}
+                 namespace: str = '', rig: Rig | None = None) -> None:
+        self.rig = rig or default_rig()
+        self.force_unit = self.rig.force_unit
+        self._scales = {**SCALES, 'load': 1.0 / FORCE_UNITS[self.force_unit]}
         self.context = rclpy.Context()
         rclpy.init(context=self.context, args=[], domain_id=domain_id)
         self.node: Node = rclpy.create_node(
@@ -189,14 +192,18 @@ class Watcher:
             found = traces.since(-1 if is_new else turn, self._scales)
             if not found and not is_new:
                 return None
-            return {'version': traces.version, 'turn': traces.turn, 'anew': is_new,
+            return {'full_load': self.rig.full_scale_load * self._scales['load'],
+                    'version': traces.version, 'turn': traces.turn, 'anew': is_new,
                     'width': traces.width / 1e9, 'force_unit': self.force_unit, 'streams': found}
 
     def now(self) -> dict[str, Any]:
         """The name of the test and the numbers of this moment."""
         with self.lock:
-            return {'test': self._facts.get(BAG, ''),
-                    'gauges': self.gauges.as_page(_number(self._facts.get(ELEVATION_KEY)))}
+            shown = self.gauges.as_page(_number(self._facts.get(ELEVATION_KEY)),
+                                        self.rig.probes.absent)
+            has_ended = shown['load'] is not None and shown['load']['is_old']
+            return {'test': self._facts.get(BAG, ''), 'gauges': shown,
+                    'ended': self.traces.newest if has_ended else 0}
 
     def state(self) -> dict[str, Any]:
         """The state of the page without the streams and the values of each sample."""

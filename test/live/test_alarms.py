@@ -21,6 +21,13 @@ def test_without_an_alarm_the_state_is_shown_and_no_numbers():
     assert shown == {'state': 'learning', 'words': 'reading the noise', 'lapses': []}
 
 
+def test_a_blind_watch_is_shown_with_the_topics_that_are_missing():
+    shown = alarm_as_page(RingAlarm(state=RingAlarm.BLIND, message='BLIND: nothing arrives',
+                                    missing=['/ring/residual']))
+    assert shown == {'state': 'blind', 'words': 'BLIND: nothing arrives', 'lapses': [],
+                     'missing': ['/ring/residual']}
+
+
 def test_a_node_that_reports_no_longer_is_shown_as_offline():
     shown = alarm_as_page(RingAlarm(state=RingAlarm.WATCHING))
     silent = [{'name': '/rig1/ring_alarm: alarm', 'level': 'silent'},

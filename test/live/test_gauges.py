@@ -1,4 +1,4 @@
-"""Claims about the numbers of this moment: units, margins, and nothing shown that is old."""
+"""Claims about the numbers of this moment: units, margins, and what is old is marked."""
 
 import math
 
@@ -13,7 +13,8 @@ def test_a_gap_is_shown_in_millimetres_with_its_margin_to_the_nearer_end():
     found = Gauges()
     found.push('probe_2', 0.4e-3, 0.0, 2e-3)
     probes = found.as_page()['probes']
-    assert probes[1] == {'gap': 0.4, 'low': 0.0, 'high': 2.0, 'margin': 0.4, 'level': 'ok'}
+    assert probes[1] == {'gap': 0.4, 'low': 0.0, 'high': 2.0, 'margin': 0.4, 'level': 'ok',
+                         'is_old': False}
     assert probes[0] is None
 
 
@@ -28,14 +29,21 @@ def test_a_margin_that_is_used_up_is_a_warning_and_then_an_error(gap, level):
 def test_load_and_elevation_are_in_the_units_of_the_rig_room():
     found = Gauges()
     found.push('load', 12.5 * TONNE)
-    assert found.as_page(50.0)['load'] == {'t': 12.5, 'kN': 122.58}
-    assert found.as_page(50.0)['elevation'] == {'deg': 50.0, 'is_measured': False}
+    assert found.as_page(50.0)['load'] == {
+        't': 12.5, 'kN': 122.58, 'is_old': False}
+    assert found.as_page(50.0)['elevation'] == {
+        'deg': 50.0, 'is_measured': False, 'is_old': False}
     found.push('elevation', math.radians(49.7))
-    assert found.as_page(50.0)['elevation'] == {'deg': 49.7, 'is_measured': True}
+    assert found.as_page(50.0)['elevation'] == {
+        'deg': 49.7, 'is_measured': True, 'is_old': False}
 
 
-def test_a_reading_that_is_old_is_not_shown(monkeypatch):
+def test_a_reading_that_is_old_stays_and_is_marked_as_the_last_one(monkeypatch):
     found = Gauges()
-    found.push('load', 1.0)
+    found.push('load', TONNE)
     monkeypatch.setattr(gauges, 'FRESH', -1.0)
-    assert found.as_page()['load'] is None
+    assert found.as_page()['load'] == {'t': 1.0, 'kN': 9.81, 'is_old': True}
+
+
+def test_a_probe_that_the_rig_does_not_have_is_absent():
+    assert Gauges().as_page(absent=3)['probes'] == [None, None, {'is_absent': True}, None]

@@ -128,13 +128,12 @@ class Servers:
             time.sleep(0.01)
         said.publish(DiagnosticArray(status=[DiagnosticStatus(name='a_node: task', message='up')]))
 
-    def alarm(self):
-        """Raise an alarm, as ring_alarm does."""
+    def alarm(self, **fields):
+        """Publish a state of the alarm, as ring_alarm does."""
         said = self.node.create_publisher(RingAlarm, '/ring/alarm', LATCHED)
         while not said.get_subscription_count():
             time.sleep(0.01)
-        said.publish(RingAlarm(state=RingAlarm.ALARM, channel='delta_x', size=3.25e-6,
-                               first_guess='a probe that slipped', lapses=['1 s: zero renewed']))
+        said.publish(RingAlarm(**fields))
 
     def ask(self, kind):
         client = self.clients[kind]
@@ -155,13 +154,23 @@ def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(campa
             page.wait('+document.body.dataset.points > 20', 60.0)
             page.wait('document.querySelectorAll(".gauge .span").length === 4')
             page.wait('/Load[^]*[0-9.]+ t[^]*kN/.test(document.querySelector("#now").innerText)')
-            page.wait('document.querySelectorAll("#loops .scatterlayer .trace").length === 6')
+            page.wait('document.querySelectorAll("#loops .scatterlayer .trace").length === 7')
             group.wait('replay_clock', 60.0)
             assert page.wait(f'Math.abs({highest} - {peak}) < 1e-3')
+        page.run('document.querySelector("details:has(#parameters) summary").click()')
         for words in ('true to scale', 'N/mm^n', 'probe 4', 'ring_residual', 'Replay finished',
-                      'Test dynamic_50_fast', 'as simulated'):
+                      'Test dynamic_50_fast', 'as simulated', 'test ended'):
             page.wait(f'document.body.innerText.includes({json.dumps(words)})')
         assert page.wait('document.querySelectorAll("#residuals .shapelayer path").length === 3')
+        assert 'None received' not in page.text('#now')
+        assert page.text('#lost') == ''
+        for width in (390, 900, 1400, 2560):
+            page.send('Emulation.setDeviceMetricsOverride', width=width, height=900,
+                      deviceScaleFactor=1, mobile=False)
+            page.wait('document.querySelector("#loops .main-svg")?.clientWidth <= '
+                      'document.querySelector("#loops").clientWidth')
+            assert page.run('document.documentElement.scrollWidth') == width
+        assert page.run('document.querySelectorAll(".modebar-btn:not([tabindex])").length') == 0
         page.send('Page.reload')
         page.wait('document.readyState === "complete" && +document.body.dataset.points > 20')
         assert page.wait(f'Math.abs({highest} - {peak}) < 1e-3')
@@ -183,7 +192,12 @@ def test_alarm_and_progress_are_shown_canceled_by_a_click_and_a_verdict_comes(ro
             page.open(where.url)
             servers.say_well()
             page.wait('document.querySelector("#nodes [data-level=ok]") !== null')
-            servers.alarm()
+            servers.alarm(state=RingAlarm.BLIND, message='BLIND: nothing arrives',
+                          missing=['/ring/residual'])
+            page.wait('document.querySelector("#alarm.blind")?.innerText.includes('
+                      '"Missing: /ring/residual")')
+            servers.alarm(state=RingAlarm.ALARM, channel='delta_x', size=3.25e-6,
+                          first_guess='a probe that slipped', lapses=['1 s: zero renewed'])
             page.wait('document.querySelector("#alarm.alarm")?.innerText.includes("+3.25 µm")')
             assert 'a probe that slipped' in page.text('#alarm')
             assert 'zero renewed' in page.text('#alarm')

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 import signal
 import socket
 import subprocess
@@ -46,6 +47,24 @@ def test_the_page_shows_the_drawing_of_the_ring():
     assert asked(address('127.0.0.1', 0), ('GET', '/rig.svg', {}))[0] == [200]
     page = (PAGE / 'page.html').read_text(encoding='utf-8')
     assert 'src="rig.svg"' in page
+
+
+def luminance(colour):
+    """Relative luminance of '#rgb' or '#rrggbb' (WCAG 2.1)."""
+    digits = colour[1:] if len(colour) == 7 else ''.join(2 * digit for digit in colour[1:])
+    parts = [int(digits[place:place + 2], 16) / 255 for place in (0, 2, 4)]
+    linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055)**2.4 for part in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize('theme', [0, 1], ids=['light', 'dark'])
+def test_text_of_the_page_meets_the_contrast_of_wcag_aa_in_both_themes(theme):
+    root = re.findall(r':root {(.*?)}', (PAGE / 'live.css').read_text(), re.DOTALL)[theme]
+    colours = dict(re.findall(r'--(\w+): (#\w+);', root))
+    for text in ('ink', 'soft', 'good', 'warning', 'bad'):
+        for ground in ('card', 'back', 'hover'):
+            dark, bright = sorted(map(luminance, (colours[text], colours[ground])))
+            assert (bright + 0.05) / (dark + 0.05) >= 4.5, (text, ground)
 
 
 @pytest.mark.parametrize('host', [

@@ -5,9 +5,8 @@ const CHANNELS = [
   { name: 'δy', unit: 'µm', row: 1 },
   { name: 'γ', unit: 'µrad', row: 2 },
 ];
-const MEASURED = '#26323d';
-const SIMULATED = '#d1495b';
-const NOISE = '#9aa5b1';
+const colours = {};
+const DARK = matchMedia('(prefers-color-scheme: dark)');
 const MARKS = { ok: '✓', warning: '▲', error: '✗', silent: '…' };
 const REDRAW = 400;
 
@@ -23,10 +22,11 @@ const post = (path) => fetch(path, { method: 'POST', headers: { 'X-Saddlering': 
 let boot = '';
 let width = 0.01;
 let forceUnit = 't';
+let fullLoad = 25;
 let band = [];
 const opened = new Set();
 let streams = {};
-let stale = false;
+let stale = true;
 
 function forget() {
   streams = { load: new Map(), measured: new Map(), simulated: new Map(), residual: new Map() };
@@ -37,6 +37,7 @@ function take(message) {
   boot = message.boot;
   width = message.width;
   forceUnit = message.force_unit;
+  fullLoad = message.full_load;
   for (const [name, found] of Object.entries(message.streams)) {
     found.cell.forEach((cell, i) => {
       streams[name].set(cell, {
@@ -88,56 +89,100 @@ function extremes(name, row) {
   return found;
 }
 
-const SETTINGS = { responsive: true, displaylogo: false,
+const SETTINGS = { responsive: true, displaylogo: false, displayModeBar: true,
   modeBarButtonsToRemove: ['select2d', 'lasso2d', 'autoScale2d'] };
+const LOAD_PLOT = 3;
+const suffixOf = (i) => (i ? i + 1 : '');
+const titleOf = (i) => (i === LOAD_PLOT ? `load / ${forceUnit}`
+  : `${CHANNELS[i].name} / ${CHANNELS[i].unit}`);
 
-function layout(across, title) {
+function readColours() {
+  const style = getComputedStyle(document.documentElement);
+  for (const name of ['ink', 'line', 'measured', 'simulated', 'noise']) {
+    colours[name] = style.getPropertyValue(`--${name}`).trim();
+  }
+}
+
+// Plots in as many columns as fit. `least` is what every vertical axis shows at least: the axes
+// begin with it and not with the noise.
+function layout(place, plots, across, least, low) {
+  const room = byId(place).clientWidth;
+  const columns = room < 560 ? 1 : room < 1100 && plots === 4 ? 2 : plots;
+  const rows = Math.ceil(plots / columns);
+  const each = low ? 230 : 310;
   const found = {
-    grid: { rows: 1, columns: CHANNELS.length, pattern: 'independent', xgap: 0.14 },
-    margin: { l: 56, r: 10, t: 8, b: 40 }, font: { size: 12, color: MEASURED },
-    showlegend: title, legend: { orientation: 'h', y: 1.12 }, hovermode: 'closest',
-    uirevision: 'kept', shapes: [],
+    height: rows * each, margin: { l: 44, r: 12, t: 50, b: 40 },
+    font: { size: 12, color: colours.ink }, paper_bgcolor: 'rgba(0,0,0,0)',
+    plot_bgcolor: 'rgba(0,0,0,0)', showlegend: false, hovermode: 'closest', uirevision: 'kept',
+    modebar: { bgcolor: 'rgba(0,0,0,0)', color: colours.measured, activecolor: colours.ink },
+    shapes: [], annotations: [],
   };
-  CHANNELS.forEach((channel, i) => {
-    const suffix = i ? i + 1 : '';
-    const line = { gridcolor: '#e4e8ec', zeroline: false, linecolor: '#7b8794' };
-    found[`xaxis${suffix}`] = { ...line, title: { text: across, standoff: 4 } };
-    found[`yaxis${suffix}`] = { ...line,
-      title: { text: `${channel.name} / ${channel.unit}`, standoff: 4 } };
-    if (!title && band[channel.row]) {
+  const inner = { x: Math.max(room - 56, 200), y: rows * each - 90 };
+  const gap = { x: 56 / inner.x, y: 86 / inner.y };
+  const size = { x: (1 - (columns - 1) * gap.x) / columns, y: (1 - (rows - 1) * gap.y) / rows };
+  for (let i = 0; i < plots; i += 1) {
+    const suffix = suffixOf(i);
+    const left = (i % columns) * (size.x + gap.x);
+    const top = 1 - Math.floor(i / columns) * (size.y + gap.y);
+    const line = { gridcolor: colours.line, zeroline: false, linecolor: colours.noise };
+    const axis = i === LOAD_PLOT ? 'time / s' : across;
+    found[`xaxis${suffix}`] = { ...line, domain: [left, left + size.x], anchor: `y${suffix}`,
+      title: { text: axis, standoff: 4 }, rangemode: 'normal',
+      autorangeoptions: { include: axis === 'time / s' ? [0, 10] : [0, fullLoad] } };
+    found[`yaxis${suffix}`] = { ...line, domain: [Math.max(top - size.y, 0), top],
+      anchor: `x${suffix}`,
+      autorangeoptions: { include: i === LOAD_PLOT ? [0, fullLoad] : least } };
+    found.annotations.push({ text: titleOf(i), xref: `x${suffix} domain`, x: 0, xanchor: 'left',
+      yref: `y${suffix} domain`, y: 1, yanchor: 'bottom', showarrow: false });
+    if (low && band[i]) {
       found.shapes.push({ type: 'rect', xref: `x${suffix} domain`, yref: `y${suffix}`, x0: 0,
-        x1: 1, y0: -2 * band[channel.row], y1: 2 * band[channel.row], line: { width: 0 },
-        fillcolor: NOISE, opacity: 0.35, layer: 'below' });
+        x1: 1, y0: -2 * band[i], y1: 2 * band[i], line: { width: 0 },
+        fillcolor: colours.noise, opacity: 0.35, layer: 'below' });
     }
-  });
+  }
   return found;
 }
 
 function trace(points, i, colour, name, line = { width: 1.6 }) {
-  const suffix = i ? i + 1 : '';
-  const channel = CHANNELS[i];
-  return { ...points, type: 'scatter', mode: 'lines', name, legendgroup: name,
-    showlegend: i === 0, line: { color: colour, ...line }, xaxis: `x${suffix}`,
-    yaxis: `y${suffix}`,
-    hovertemplate: `%{x:.3f}<br>%{y:.3f} ${channel.unit}<extra>${name}</extra>` };
+  const unit = i === LOAD_PLOT ? forceUnit : CHANNELS[i].unit;
+  return { ...points, type: 'scatter', mode: 'lines', name, line: { color: colour, ...line },
+    xaxis: `x${suffixOf(i)}`, yaxis: `y${suffixOf(i)}`,
+    hovertemplate: `%{x:.3f}<br>%{y:.3f} ${unit}<extra>${name}</extra>` };
 }
 
 async function draw() {
   if (stale && !document.hidden && window.Plotly) {
     stale = false;
+    readColours();
     const loops = CHANNELS.flatMap((channel, i) => [
-      { ...trace(loop('measured', channel.row), i, MEASURED, 'measured', { width: 5 }),
-        opacity: 0.4 },
-      trace(loop('simulated', channel.row), i, SIMULATED, 'simulated', { width: 1.4 })]);
+      { ...trace(loop('measured', channel.row), i, colours.measured, 'measured', { width: 5 }),
+        opacity: 0.5 },
+      trace(loop('simulated', channel.row), i, colours.simulated, 'simulated', { width: 1.4 })]);
+    loops.push(trace(means('load', 0), LOAD_PLOT, colours.measured, 'load'));
     const residuals = CHANNELS.flatMap((channel, i) => [
-      { ...trace(extremes('residual', channel.row), i, SIMULATED, 'lowest to highest',
-        { width: 0 }), fill: 'toself', fillcolor: 'rgba(209,73,91,0.15)', hoverinfo: 'skip' },
-      trace(means('residual', channel.row), i, SIMULATED, 'mean')]);
-    await Plotly.react('loops', loops, layout(`load / ${forceUnit}`, true), SETTINGS);
-    await Plotly.react('residuals', residuals, layout('time / s', false), SETTINGS);
+      { ...trace(extremes('residual', channel.row), i, colours.simulated, 'lowest to highest',
+        { width: 0 }), fill: 'toself', fillcolor: 'rgba(209,73,91,0.2)', hoverinfo: 'skip' },
+      trace(means('residual', channel.row), i, colours.simulated, 'mean')]);
+    await Plotly.react('loops', loops, layout('loops', 4, `load / ${forceUnit}`, [-2, 10], false),
+      SETTINGS);
+    await Plotly.react('residuals', residuals,
+      layout('residuals', 3, 'time / s', [-1, 1], true), SETTINGS);
+    for (const button of document.querySelectorAll('.modebar-btn')) {
+      button.tabIndex = 0;
+      button.setAttribute('role', 'button');
+      button.setAttribute('aria-label', button.dataset.title);
+    }
     document.body.dataset.points = loops[0].x.length;
   }
   setTimeout(draw, REDRAW);
+}
+
+// New children, and the keyboard's focus where it was among them.
+function renew(place, children) {
+  const controls = () => [...place.querySelectorAll('button, summary')];
+  const focused = controls().indexOf(document.activeElement);
+  place.replaceChildren(...children);
+  if (focused >= 0) controls()[focused]?.focus();
 }
 
 function showReplay(replay) {
@@ -147,16 +192,17 @@ function showReplay(replay) {
       + (replay.waiting_for.length ? `; ${replay.waiting_for[0]}` : '');
 }
 
-function gauge(title, value, words, level = 'ok') {
-  const box = make('div', '', level === 'ok' ? 'gauge' : `gauge ${level}`);
+function gauge(title, value, words, level = 'ok', isOld = false) {
+  const box = make('div', '', `gauge${level === 'ok' ? '' : ` ${level}`}${isOld ? ' old' : ''}`);
   box.append(make('span', title, 'soft'), make('b', value), make('span', words, 'soft'));
   return box;
 }
 
 function probeGauge(probe, number) {
+  if (probe?.is_absent) return gauge(`Probe ${number}`, 'absent', 'the rig does not have it');
   if (!probe) return gauge(`Probe ${number}`, '–', 'None received');
   const margin = probe.margin === null ? 'span not stated' : `margin ${probe.margin.toFixed(3)} mm`;
-  const box = gauge(`Probe ${number}`, `${probe.gap.toFixed(4)} mm`, margin, probe.level);
+  const box = gauge(`Probe ${number}`, `${probe.gap.toFixed(4)} mm`, margin, probe.level, probe.is_old);
   if (probe.margin !== null) {
     const bar = make('div', '', 'span');
     const mark = make('i');
@@ -173,12 +219,16 @@ const loadWords = (load, unit) => `${load[unit].toFixed(unit === 't' ? 2 : 1)} $
 
 function showNow(now) {
   const { load, elevation, probes } = now.gauges;
-  byId('test').textContent = now.test ? `Test ${now.test}` : 'Test in progress';
+  const time = new Date(now.ended / 1e6).toISOString().slice(11, 19);
+  byId('test').textContent = (now.test ? `Test ${now.test}` : 'Test in progress')
+    + (now.ended ? `: test ended ${time} UTC, last values` : '');
   document.querySelector('#now .gauges').replaceChildren(
     gauge('Load', load ? loadWords(load, forceUnit) : '–',
-      load ? loadWords(load, forceUnit === 't' ? 'kN' : 't') : 'None received'),
+      load ? loadWords(load, forceUnit === 't' ? 'kN' : 't') : 'None received',
+      'ok', load?.is_old),
     gauge('Elevation', elevation ? `${elevation.deg}°` : '–',
-      elevation ? (elevation.is_measured ? 'measured' : 'as simulated') : 'None received'),
+      elevation ? (elevation.is_measured ? 'measured' : 'as simulated') : 'None received',
+      'ok', elevation?.is_old),
     ...probes.map((probe, i) => probeGauge(probe, i + 1)));
 }
 
@@ -227,7 +277,7 @@ function showHealth(health) {
   byId('probes').replaceChildren(...(probes.length ? probes
     : [make('p', 'ring_displacement: Node offline', 'soft')]));
   const names = [...new Set(health.map((item) => item.name.split(':')[0]))];
-  byId('nodes').replaceChildren(...names.map((name) => {
+  renew(byId('nodes'), names.map((name) => {
     const items = health.filter((item) => item.name.split(':')[0] === name);
     const raised = items.filter((item) => item.level !== 'ok');
     if (!raised.length) return node(name, items, [{ level: 'ok', words: 'OK' }]);
@@ -296,6 +346,12 @@ function showAlarm(alarm) {
   place.className = `${alarm.state}${alarm.offline ? ' offline' : ''}`;
   const lapses = alarm.lapses.slice(-3).map((lapse) => make('p', `▲ ${lapse}`, 'soft'));
   if (alarm.offline) lapses.unshift(make('p', 'ring_alarm: Node offline', 'bad'));
+  if (alarm.state === 'blind') {
+    place.replaceChildren(make('p', 'Alarm: the ring is not watched', 'soft'),
+      make('b', alarm.words),
+      ...alarm.missing.map((topic) => make('p', `Missing: ${topic}`)), ...lapses);
+    return;
+  }
   if (alarm.state !== 'alarm') {
     place.replaceChildren(make('p', `Alarm: ${alarm.words}`, 'soft'), ...lapses);
     return;
@@ -318,7 +374,7 @@ function show(state) {
   showParameters(state.parameters);
   showHealth(state.health);
   const jobs = Object.entries(state.jobs).map(([name, job]) => showJob(name, job));
-  byId('jobs').lastElementChild.replaceChildren(...(jobs.length ? jobs
+  renew(byId('jobs').lastElementChild, (jobs.length ? jobs
     : [make('p', 'No goal is running on /identify_ring or /diagnose_ring.', 'soft')]));
   showVerdict(state.jobs.diagnose);
   if (String(state.band) !== String(band)) stale = true;
@@ -350,6 +406,13 @@ forget();
 for (const name of ['clear', 'zero', 'start', 'pause']) {
   byId(name).addEventListener('click', () => post(name));
 }
-addEventListener('visibilitychange', () => { stale = true; });
+for (const target of [window, DARK]) {
+  for (const event of ['visibilitychange', 'resize', 'change']) {
+    target.addEventListener(event, () => { stale = true; });
+  }
+}
+addEventListener('keydown', (event) => {
+  if (event.key === 'Enter' && event.target.matches('.modebar-btn')) event.target.click();
+});
 listen();
 draw();
