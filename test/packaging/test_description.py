@@ -62,6 +62,19 @@ def test_every_place_says_the_same_version():
     assert text(manifest('saddlering_interfaces'), 'version') == saddlering_ros.__version__
 
 
+def test_the_change_logs_begin_with_this_version():
+    number = re.escape(saddlering_ros.__version__)
+    said = (ROOT / 'CHANGELOG.md').read_text(encoding='utf-8')
+    date = re.search(rf'^## {number} - ([\d-]+)$', said, re.M)
+    assert date
+    assert date.start() == re.search('^## ', said, re.M).start()
+    assert re.findall('^### (.*)$', said, re.M)[:4] == ['Added', 'Changed', 'Fixed', 'Removed']
+    for folder in ('.', 'saddlering_interfaces'):
+        bloom = (ROOT / folder / 'CHANGELOG.rst').read_text(encoding='utf-8')
+        assert re.search(r'^(\S.*)\n-+$', bloom, re.M)[1] == (
+            f'{saddlering_ros.__version__} ({date[1]})')
+
+
 @pytest.mark.parametrize('folder', ['.', 'saddlering_interfaces'])
 def test_manifests_are_of_format_3(folder):
     assert manifest(folder).get('format') == '3'
@@ -174,7 +187,8 @@ def test_a_new_node_is_a_module_and_an_entry(tmp_path):
     """What set-up, launcher and docs make of a tree with one more node."""
     shutil.copytree(ROOT / 'saddlering_ros', tmp_path / 'saddlering_ros',
                     ignore=shutil.ignore_patterns('__pycache__', 'ring', 'report'))
-    for name in ('setup.py', 'requirements', 'resource', 'package.xml', 'launch', 'config'):
+    for name in ('setup.py', 'README.md', 'requirements', 'resource', 'package.xml', 'launch',
+                 'config'):
         copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
         copy(ROOT / name, tmp_path / name)
     (tmp_path / 'bags').mkdir()
