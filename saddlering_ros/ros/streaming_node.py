@@ -338,6 +338,7 @@ def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
     nodes end at once. The middleware is abandoned after `longest` seconds. No line is printed:
     nothing is lost, and other participants forget this one after its lease.
     """
+    gc.disable()  # an automatic collection could reach the middleware before the handlers are set
     handler = _abandon_middleware(status, longest)
     gc.unfreeze()
     gc.collect()  # the node leaves the network
