@@ -164,11 +164,13 @@ def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(campa
         assert page.wait('document.querySelectorAll("#residuals .shapelayer path").length === 3')
         assert 'None received' not in page.text('#now')
         assert page.text('#lost') == ''
-        for width in (390, 900, 1400, 2560):
+        for width, rows in ((1400, 1), (900, 2), (390, 4), (2560, 1)):
             page.send('Emulation.setDeviceMetricsOverride', width=width, height=900,
                       deviceScaleFactor=1, mobile=False)
-            page.wait('document.querySelector("#loops .main-svg")?.clientWidth <= '
-                      'document.querySelector("#loops").clientWidth')
+            # Plots stand one below the other where they do not fit beside each other.
+            page.wait(f'document.querySelector("#loops .main-svg").clientHeight === {310 * rows}'
+                      ' && document.querySelector("#loops").clientHeight === '
+                      f'{310 * rows}')
             assert page.run('document.documentElement.scrollWidth') == width
         assert page.run('document.querySelectorAll(".modebar-btn:not([tabindex])").length') == 0
         page.send('Page.reload')

@@ -110,6 +110,7 @@ function layout(place, plots, across, least, low) {
   const columns = room < 560 ? 1 : room < 1100 && plots === 4 ? 2 : plots;
   const rows = Math.ceil(plots / columns);
   const each = low ? 230 : 310;
+  byId(place).style.height = `${rows * each}px`;
   const found = {
     height: rows * each, margin: { l: 44, r: 12, t: 50, b: 40 },
     font: { size: 12, color: colours.ink }, paper_bgcolor: 'rgba(0,0,0,0)',
