@@ -133,9 +133,19 @@ def test_variants_are_what_the_choices_offer(one: RingEffect) -> None:
 
 
 @EACH
-def test_first_guesses_can_be_used(one: RingEffect) -> None:
-    for start in one.starts:
-        one.complete(start)
+def test_first_guesses_start_within_bounds_and_set_what_they_name(one: RingEffect) -> None:
+    for start in one.starts or ({},):
+        values = one.complete(start)
+        for parameter in one.parameters:
+            value = values[parameter.name]
+            assert parameter.low <= value <= parameter.high
+            assert value == start.get(parameter.name, parameter.start)
+    assert len({tuple(sorted(start.items())) for start in one.starts}) == len(one.starts)
+
+
+def test_effects_whose_misfit_has_several_valleys_have_first_guesses() -> None:
+    several = {name for name, one in catalogue().items() if one.starts}
+    assert {'bolt_opening', 'out_of_round', 'probe_saturation', 'carriage_resonance'} <= several
 
 
 @EACH

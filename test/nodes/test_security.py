@@ -41,10 +41,15 @@ def called(node: ast.Call) -> str:
     return ''
 
 
-@pytest.mark.parametrize('path', sorted(SOURCE.rglob('*.py')),
-                         ids=lambda path: str(path.relative_to(SOURCE)))
-def test_nothing_turns_data_into_code_or_goes_through_a_shell(path: Path) -> None:
-    for node in ast.walk(ast.parse(path.read_text())):
+def test_nothing_turns_data_into_code_or_goes_through_a_shell() -> None:
+    paths = sorted(SOURCE.rglob('*.py'))
+    assert len(paths) > 100
+    for path in paths:
+        refuse_code_from_data(path)
+
+
+def refuse_code_from_data(path: Path) -> None:
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
         if isinstance(node, (ast.Import, ast.ImportFrom)):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [
                 node.module or '']

@@ -1,11 +1,15 @@
 """Blind tests: draws repeat per seed, the seal holds, and nothing of the truth is in the bags."""
 
 import json
+from pathlib import Path
 import subprocess
 import sys
 
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
 import numpy as np
 import pytest
+import zstandard
 
 from saddlering_ros.bags import read_run
 from saddlering_ros.virtual_rig import EFFECTS, VirtualRigError
@@ -55,8 +59,17 @@ def test_the_seal_opens_with_its_digest_only(blind):
 def test_neither_bags_nor_sealed_file_name_the_effect(blind):
     out, said = blind
     name = open_seal(out / SEALED, said['seal'])['effects'][0]['effect'].encode()
-    for file in out.rglob('*'):
-        assert not file.is_file() or name not in file.read_bytes()
+    files = [file for file in out.rglob('*') if file.is_file()]
+    assert len(files) > 2
+    for file in files:
+        assert name not in file.read_bytes()
+    for bag in said['bags']:
+        (mcap,) = Path(bag).glob('*.mcap')
+        chunks = [record.data if record.compression == '' else zstandard.decompress(record.data)
+                  for record in StreamReader(mcap.open('rb'), emit_chunks=True).records
+                  if isinstance(record, Chunk)]
+        assert chunks
+        assert not any(name in chunk for chunk in chunks)
 
 
 def test_an_unknown_effect_is_refused_in_one_line(tmp_path):
