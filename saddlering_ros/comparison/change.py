@@ -220,8 +220,12 @@ def with_main_cause(found: Diagnosis) -> Diagnosis:
     share = 1.0 - (_rest(found) / cause.visible) ** 2
     if share < ESTABLISHED_SHARE or cause.p_value > ESTABLISHED_P:
         return found
+    name, size = next(iter(cause.parameters.items()))
+    # The rest may be a part of this cause: its share of the size is an error of the size.
+    std = math.hypot(size.std, abs(size.value) * _rest(found) / cause.visible)
+    widened = {**cause.parameters, name: replace(size, std=std)}
     return replace(found, verdict='named' if len(cause.group) == 1 else 'ambiguous',
-                   causes=(replace(cause, partial=False),), complete=False)
+                   causes=(replace(cause, parameters=widened, partial=False),), complete=False)
 
 
 def _rest(found: Diagnosis) -> float:

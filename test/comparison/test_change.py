@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sessions_made import dirt, RIG, session, with_size
 
 from saddlering_ros.comparison import compare_records, ComparisonError
+from saddlering_ros.comparison.change import with_main_cause
 from saddlering_ros.comparison.maker import common_loads, maker_figures
 from saddlering_ros.comparison.sessions import CONTACT_CHANGE, EARLIER, LATER, seen_in, SESSION
 from saddlering_ros.discrepancy import Point
@@ -29,16 +32,41 @@ def test_what_both_sessions_have_is_not_accused(before):
     assert max(map(abs, apart.values())) < 3.0
 
 
+@pytest.fixture(scope='module')
+def grown(before):
+    """Friction that grew by 1500 N."""
+    return compare_records(before, session(3, with_size(dirt(), 'radial_friction', 1850.0)),
+                           rig=RIG)
+
+
 @pytest.mark.slow
-def test_friction_that_grew_is_named_with_the_growth_and_not_with_its_size(before):
-    change = compare_records(before, session(3, with_size(dirt(), 'radial_friction', 1850.0)),
-                             rig=RIG)
-    cause = change.to_json()['causes'][0]
-    assert (change.verdict, cause['effect']) == ('named', 'radial_friction')
+def test_friction_that_grew_is_named_with_the_growth_and_not_with_its_size(grown):
+    cause = grown.to_json()['causes'][0]
+    assert (grown.verdict, cause['effect']) == ('named', 'radial_friction')
     force = cause['parameters']['force']
     assert abs(force['value'] - 1500.0) < 2.0 * force['std']
     assert force['std'] < 250.0
     assert SESSION not in cause['parameters']
+
+
+def leaving(diagnosis, share):
+    """The same, undecided, with a rest of a share of the change."""
+    rest = share * diagnosis.causes[0].visible
+    left = diagnosis.residual_after
+    left = replace(left, slow=replace(left.slow, visible=rest))
+    return replace(diagnosis, verdict='unknown', residual_after=left)
+
+
+def test_a_main_cause_that_leaves_a_rest_is_named_with_a_wider_error(grown):
+    cause = grown.diagnosis.causes[0]
+    stated = with_main_cause(leaving(grown.diagnosis, 0.2))
+    assert (stated.verdict, stated.complete) == ('named', False)
+    force = cause.parameters['force']
+    assert stated.causes[0].parameters['force'].std == pytest.approx(
+        np.hypot(force.std, 0.2 * force.value))
+    assert with_main_cause(leaving(grown.diagnosis, 0.6)).verdict == 'unknown'
+    weak = replace(leaving(grown.diagnosis, 0.2), causes=(replace(cause, p_value=1e-3),))
+    assert with_main_cause(weak).verdict == 'unknown'
 
 
 def test_a_cause_acts_in_its_own_session_only():
