@@ -28,6 +28,27 @@ def hysteron(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, sharpnes
 
 
 @kernel(**INNER)
+def friction_force(element: Any, z_smooth: Any, z_sharp: Any, travel: Any) -> Any:
+    """Force [N or N m] of a friction after `travel` [m or rad], and its slope."""
+    if element.limit == 0.0:
+        return 0.0, 0.0
+    _, _, z, slope = hysteron(z_smooth, z_sharp, travel, element.presliding, element.sharpness)
+    return element.limit * z, element.limit * slope
+
+
+@kernel(**INNER)
+def friction_secant(element: Any, z_smooth: Any, z_sharp: Any, travel: Any) -> Any:
+    """Change of a friction force over `travel` [m or rad], per travel."""
+    if element.limit == 0.0:
+        return 0.0
+    _, _, z, slope = hysteron(z_smooth, z_sharp, travel, element.presliding, element.sharpness)
+    if abs(travel) > 1e-6 * element.presliding:
+        before = element.sharpness * z_sharp + (1.0 - element.sharpness) * z_smooth
+        slope = (z - before) / travel
+    return element.limit * slope
+
+
+@kernel(**INNER)
 def load_at_ring(m: Any, measured: Any, z_cylinder: Any, z_bracket: Any, w: Any) -> Any:
     """Set w[EXTERNAL] (3,), with dead weight, and w[RESOLVED], without, by the load `measured`.
 

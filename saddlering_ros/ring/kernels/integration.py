@@ -11,6 +11,8 @@ from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.kernels.equilibrium import equilibrium, solve3
 from saddlering_ros.ring.kernels.extension_laws import (
     advance_series,
+    friction_force,
+    friction_secant,
     hysteron,
     load_at_ring,
     read_probes,
@@ -94,27 +96,6 @@ def take_zero(m: Any, s: Any, true_load: Any, time: Any, w: Any) -> Any:
     s[at.ZERO_FORCE_X] = w[at.RESOLVED]
     s[at.ZERO_LOAD] = true_load
     s[at.START_TIME] = s[at.TIME] = time
-
-
-@kernel(**INNER)
-def friction_force(element: Any, z_smooth: Any, z_sharp: Any, travel: Any) -> Any:
-    """Force [N or N m] of a friction after `travel` [m or rad], and its slope."""
-    if element.limit == 0.0:
-        return 0.0, 0.0
-    _, _, z, slope = hysteron(z_smooth, z_sharp, travel, element.presliding, element.sharpness)
-    return element.limit * z, element.limit * slope
-
-
-@kernel(**INNER)
-def friction_secant(element: Any, z_smooth: Any, z_sharp: Any, travel: Any) -> Any:
-    """Change of a friction force over `travel` [m or rad], per travel."""
-    if element.limit == 0.0:
-        return 0.0
-    _, _, z, slope = hysteron(z_smooth, z_sharp, travel, element.presliding, element.sharpness)
-    if abs(travel) > 1e-6 * element.presliding:
-        before = element.sharpness * z_sharp + (1.0 - element.sharpness) * z_smooth
-        slope = (z - before) / travel
-    return element.limit * slope
 
 
 @kernel(**INNER)
