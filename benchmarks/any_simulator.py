@@ -24,7 +24,7 @@ from typing import Any
 
 from machines.examples import ALSO_HIDDEN
 from machines.examples import machine as example
-from machines.machine import Machine
+from machines.machine import Machine, without
 from machines.units import in_other_units, run_in_other_units
 import numpy as np
 from scipy.optimize import least_squares
@@ -82,18 +82,9 @@ def cases(machine: Machine, seed: int) -> list[Case]:
         hidden = {f'{effect}.{name}': value for name, value in values.items()}
         hidden[f'{effect}.{item.name}'] = first
         found.append(Case(f'{effect} present', machine.model, hidden, effect))
-        others = {key: other for key, other in machine.model.effects.items() if key != effect}
-        found.append(Case(f'{effect} removed', _without(machine.model, effect, others), hidden,
+        found.append(Case(f'{effect} removed', without(machine.model, [effect]), hidden,
                           removed=effect))
     return found
-
-
-def _without(model: Model, effect: str, others: Mapping[str, Any]) -> Model:
-    gone = {name: value for name, value in model.neutral().items()
-            if name.startswith(f'{effect}.')}
-    simulate = model.simulate
-    return replace(model, effects=others,
-                   simulate=lambda values, run: simulate({**gone, **values}, run))
 
 
 def residuals(model: Model, values: Mapping[str, float], runs: list[Run]) -> np.ndarray:

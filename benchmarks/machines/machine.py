@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -74,6 +74,48 @@ class Machine:
     def record(self, number: int, seed: int, hidden: Mapping[str, float]) -> Run:
         """Run `number` of the machine that `seed` stands for, with effects hidden in it."""
         return self.make(Draw(seed, number, self.truth(seed), hidden))
+
+
+Records = tuple[Sequence[Run], Sequence[Run]]
+"""Fitted and held-out runs."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is diagnosed, and the truth: effects any of which is right, or none.
+
+    removed: the truth is hidden in the records and is not in the catalogue.
+    """
+
+    machine: str
+    name: str
+    seed: int
+    model: Model
+    records: Callable[[], Records]
+    truth: tuple[str, ...] = ()
+    removed: bool = False
+
+    @property
+    def kind(self) -> str:
+        """Whether the catalogue holds what is hidden, if anything is."""
+        return 'sound' if not self.truth else 'removed' if self.removed else 'hidden'
+
+    def without_truth(self) -> list[Trial]:
+        """The same records and a catalogue without the truth; empty if there is none."""
+        if not self.truth:
+            return []
+        return [replace(self, name=f'{self.name}, removed', removed=True,
+                        model=without(self.model, self.truth))]
+
+
+def without(model: Model, effects: Sequence[str]) -> Model:
+    """The model with a smaller catalogue."""
+    gone = {name: value for name, value in model.neutral().items()
+            if name.split('.')[0] in effects}
+    kept = {name: effect for name, effect in model.effects.items() if name not in effects}
+    simulate = model.simulate
+    return replace(model, effects=kept,
+                   simulate=lambda values, run: simulate({**gone, **values}, run))
 
 
 def steps(random: np.random.Generator, count: int, low: float, high: float, every: int) -> Array:
