@@ -1,4 +1,4 @@
-"""The catalogue as a page to read: `python docs/catalogue_page.py > docs/catalogue.md`."""
+"""The catalogue as a page to read, which `python docs/generate.py` writes."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ OPENING = """\
 # Catalogue of effects
 
 A reference of the causes that a diagnosis can name. Each effect is one file of
-`saddlering_ros/effects/`. `python docs/catalogue_page.py > docs/catalogue.md`
-writes this page from those files, and a test compares the two.
+`saddlering_ros/effects/`; [Adding effects](../effects.md#effects-with-code) shows how to write
+one. `python docs/generate.py` writes this page from those files.
 
 An effect in a parameter file extends the model in every simulation, live and offline:
 
@@ -29,13 +29,6 @@ of 0.6 m. On another rig forces scale with its full scale, moments also with its
 compliances inversely.
 """
 
-ADDING = """\
-## Adding an effect
-
-[Adding an effect](effects.md#effects-with-code) shows how to write its file. Simulator,
-diagnosis, parameter files and this page find the file in the folder.
-"""
-
 
 def catalogue_page() -> str:
     """The whole page as Markdown."""
@@ -44,7 +37,7 @@ def catalogue_page() -> str:
     for stage in STAGES:
         parts.append(f'\n## {stage.capitalize()}\n')
         parts += [_section(effect) for effect in effects if effect.stage == stage]
-    return '\n'.join([*parts, *_tests(), ADDING])
+    return '\n'.join([*parts, *_tests()])
 
 
 def _tests() -> Iterator[str]:
@@ -52,7 +45,7 @@ def _tests() -> Iterator[str]:
     yield ('\n## Tests that tell causes apart\n\nThe next test of a named cause is the test that '
            'tells most of its look-alikes apart. Among equal tests, the first one of this table '
            'is chosen. The next test of an `ambiguous` verdict is '
-           '[simulated](diagnosis.md#the-next-test-of-an-ambiguous-verdict).\n\n'
+           '[simulated](../diagnosis.md#the-next-test-of-an-ambiguous-verdict).\n\n'
            '| test | instruction | result for other causes |\n|---|---|---|')
     for test in RIG_TESTS:
         yield f'| `{test.id}` | {test.instruction} | {test.otherwise or "open"} |'
@@ -97,7 +90,3 @@ def _formula(effect: RingEffect) -> str:
 
 def _sentence(text: str) -> str:
     return text[:1].lower() + text[1:]
-
-
-if __name__ == '__main__':
-    sys.stdout.write(catalogue_page())

@@ -6,10 +6,14 @@ import argparse
 import ast
 from collections.abc import Callable
 from functools import cached_property
+import importlib
 import inspect
 from itertools import pairwise
 from pathlib import Path
 import re
+
+from catalogue_page import catalogue_page
+from troubleshooting_page import troubleshooting_page
 
 import saddlering_ros
 from saddlering_ros.cli.main import build_parser
@@ -56,7 +60,7 @@ def topics_page() -> str:
         '| action | type | served by |', '|---|---|---|',
         '| `/identify_ring` | [IdentifyRing](messages.md) | `ring_identification` |',
         '| `/diagnose_ring` | [DiagnoseRing](messages.md) | `ring_diagnosis` |', '',
-        f'Nodes: {nodes}. [Nodes](../nodes.md) lists their topics, services '
+        f'Nodes: {nodes}. [Nodes](nodes.md) lists their topics, services '
         'and parameters.', ''])
 
 
@@ -140,6 +144,27 @@ def files_page() -> str:
         '## Bags', '', '[Bags](../bags.md) states what is read, refused and written.', '',
         '## Layouts', '', '`config/plotjuggler.xml` and `config/foxglove.json`; '
         '[Results](../results.md) shows how to load them.', ''])
+
+
+def nodes_page() -> str:
+    """Every node with its topics, services and parameters, from registry and declarations."""
+    from saddlering_ros.ros.names import NODES, nodes_table
+    from saddlering_ros.ros.parameters import HARDWARE_ID, table
+    from saddlering_ros.ros.streaming_node import AUTOSTART, StreamingNode
+
+    parts = [
+        '# Nodes', '', DOCUMENT,
+        'Each node is a process: `ros2 run saddlering_ros NODE`, or without ros2cli '
+        '`python -m saddlering_ros.nodes.NODE`. Every node reports on `/diagnostics` once a '
+        'second and reads the rig from `--params-file config/rig.yaml`. An unusable or unknown '
+        'parameter ends a node with status 2 and one line. [Beside a rig](../hardware.md) '
+        'explains their use.', '', nodes_table(), '']
+    for node in NODES:
+        kind = getattr(importlib.import_module(node.module), node.class_name)
+        own = ((AUTOSTART, HARDWARE_ID, *kind.PARAMETERS) if issubclass(kind, StreamingNode)
+               else kind.PARAMETERS)
+        parts += [f'## {node.name}', '', table(own), '']
+    return '\n'.join(parts)
 
 
 THRESHOLDS = {
@@ -281,7 +306,9 @@ def _first_line(item: object) -> str:
 
 
 PAGES = {'topics.md': topics_page, 'messages.md': messages_page, 'commands.md': commands_page,
-         'files.md': files_page, 'python.md': python_page, 'thresholds.md': thresholds_page}
+         'files.md': files_page, 'python.md': python_page, 'thresholds.md': thresholds_page,
+         'nodes.md': nodes_page, 'catalogue.md': catalogue_page,
+         'troubleshooting.md': lambda: troubleshooting_page(DOCUMENT)}
 
 
 def write_reference(folder: Path) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 import re
 import sys
 
-from catalogue_page import catalogue_page
 import pytest
 
 from saddlering_ros import effects
@@ -208,9 +207,3 @@ def test_what_cannot_be_used_is_refused_in_one_line_that_helps(
 
 def test_an_effect_is_found_by_its_id() -> None:
     assert effect('probe_lag').id == 'probe_lag'
-
-
-def test_the_page_in_docs_is_the_catalogue_of_today() -> None:
-    page = Path(__file__).parents[2] / 'docs' / 'catalogue.md'
-    assert page.read_text(encoding='utf-8') == catalogue_page(), (
-        'run: python docs/catalogue_page.py > docs/catalogue.md')

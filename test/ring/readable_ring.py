@@ -2,7 +2,7 @@
 
 This file serves the reader, not speed. The compiled kernels are tested against
 this file, and this file against closed forms, scipy's Radau and a multibody program. Source of the
-equations: docs/ring-model.md, after Lin, Qian, Yin, Chen, Liu, "Dynamic modeling and parameter
+equations: docs/ring.md, after Lin, Qian, Yin, Chen, Liu, "Dynamic modeling and parameter
 identification of a gun saddle ring", Defence Technology, 2020 (our own formulation of it).
 """
 

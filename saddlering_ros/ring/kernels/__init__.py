@@ -1,6 +1,6 @@
 """Compiled sums over rollers, equilibrium and time stepping, as plain functions of float arrays.
 
-The equations are those of docs/ring-model.md and of `test/ring/readable_ring.py`, which sums the
+The equations are those of docs/ring.md and of `test/ring/readable_ring.py`, which sums the
 same 304 rollers in readable NumPy. These files are fast for four reasons. Rollers are sorted by
 their cosine, so that the rollers in contact are an interval. One loop computes powers, forces and
 tangents, and the compiler turns this loop into vector code. BDF2 needs one implicit solution per
