@@ -13,6 +13,7 @@ from pathlib import Path
 from saddlering_ros.virtual_rig.campaign import (
     draw_truth,
     DrawSettings,
+    RecordSettings,
     RUNS,
     SINGLE,
     Truth,
@@ -25,6 +26,9 @@ SEED = 2080
 CANDIDATES = ('bolt_opening', 'film_creep', 'probe_gain', 'probe_nonlinearity', 'radial_friction',
               'ring_ovalisation', 'settling', 'tilt_friction', 'worn_sector_radial')
 """Faults that these five tests can tell; which of them it is, chance decides."""
+
+SETTINGS = RecordSettings(rest=2.2)
+"""An alarm reads the noise from 2 s of rest; the load needs the other 0.2 s to leave it."""
 
 
 def truth() -> Truth:
@@ -40,7 +44,7 @@ def main() -> None:
     if args.open:
         print(json.dumps(truth().to_json(), indent=2))
         return
-    for bag in write_campaign(truth(), args.out, tuple(RUNS), overwrite=True):
+    for bag in write_campaign(truth(), args.out, tuple(RUNS), SETTINGS, overwrite=True):
         size = sum(file.stat().st_size for file in bag.iterdir())
         print(f'{bag}: {size / 1e6:.2f} MB')
 

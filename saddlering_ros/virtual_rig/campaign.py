@@ -88,12 +88,16 @@ class Truth:
 
 @dataclass(frozen=True)
 class RecordSettings:
-    """How runs are recorded: static hold [s] and rate [Hz], dynamic duration [s] and rate [Hz]."""
+    """How runs are recorded: static hold [s] and rate [Hz], dynamic duration [s] and rate [Hz].
+
+    rest [s]: of a dynamic run before and after its ramps; None: as its duration has it.
+    """
 
     hold: float = 5.0
     static_rate: float = 25.0
     duration: float = 10.0
     dynamic_rate: float = 1000.0
+    rest: float | None = None
 
 
 @dataclass(frozen=True)
@@ -156,7 +160,8 @@ def plan_run(truth: Truth, run: RunPlan, settings: RecordSettings, rig: Rig) -> 
     if run.test == 'static':
         schedule, rate = static_schedule(rig, hold=settings.hold), settings.static_rate
     else:
-        schedule = dynamic_schedule(rig, duration=settings.duration, speed=run.speed)
+        schedule = dynamic_schedule(rig, duration=settings.duration, speed=run.speed,
+                                    rest=settings.rest)
         rate = settings.dynamic_rate
     number = list(RUNS).index(run.name)
     seed = int(np.random.SeedSequence([truth.seed, number]).generate_state(1)[0])

@@ -104,17 +104,20 @@ def static_schedule(rig: Rig, *, hold: float = 5.0, step: float | None = None,
 
 def dynamic_schedule(rig: Rig, *, duration: float = 10.0, speed: float = 1.0,
                      peak: float | None = None, cycles: int = 1, hold: float = 0.0,
-                     lowest: float | None = None) -> Schedule:
-    """A ramp to full scale and back, `duration` [s], rests of an eighth; `speed` cuts the ramp."""
+                     lowest: float | None = None, rest: float | None = None) -> Schedule:
+    """A ramp to full scale and back, `duration` [s], rests of an eighth; `speed` cuts the ramp.
+
+    rest [s]: of each rest in place of an eighth; the ramp stays as it is.
+    """
     if not 0.0 < duration <= 7200.0 or not 0.0 < speed <= 1000.0:
         raise VirtualRigError(f'a ramp test of {duration:g} s at {speed:g} times the speed: '
                               'give numbers above zero')
-    rest = max(duration / 8.0, 1.0)
-    ramp = max(duration - 2.0 * rest, 0.2 * duration) / 2.0 / speed
+    eighth = max(duration / 8.0, 1.0)
+    ramp = max(duration - 2.0 * eighth, 0.2 * duration) / 2.0 / speed
     return Schedule(
         test='dynamic', peak=rig.full_scale_load if peak is None else peak,
         lowest=rig.preload if lowest is None else lowest, step=TONNE, hold=hold, ramp=ramp,
-        rest=rest, cycles=cycles, step_error=0.0)
+        rest=eighth if rest is None else rest, cycles=cycles, step_error=0.0)
 
 
 def controlled_load(schedule: Schedule, spacing: float, count: int,

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.monitoring.monitor import SHORT_REST
+from saddlering_ros.monitoring.noise import RestLearner
 from saddlering_ros.record import displacement_of_run, plateaus
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig.campaign import RUNS, write_campaign
@@ -40,9 +42,19 @@ def test_a_shipped_static_bag_has_fifty_one_plateaus(name):
     assert len(plateaus(read_run(BAGS / name))) == 51
 
 
+@pytest.mark.parametrize('name', [name for name, plan in RUNS.items() if plan.test == 'dynamic'])
+def test_a_shipped_dynamic_bag_rests_long_enough_for_the_alarm(name):
+    rig, run = default_rig(), read_run(BAGS / name)
+    learner = RestLearner(rig.limits.rest_band, 0.02)
+    delta_x = displacement_of_run(rig, run).displacement.delta_x
+    samples = zip(run.stamps.tolist(), delta_x[:, None].tolist(), run.load.tolist(), strict=True)
+    found = next(filter(None, (learner.step(*sample) for sample in samples)))
+    assert found.seconds >= SHORT_REST
+
+
 def test_the_shipped_bags_are_those_the_script_makes(make_bags, tmp_path):
     name = 'dynamic_50_fast'
-    made, = write_campaign(make_bags.truth(), tmp_path, [name])
+    made, = write_campaign(make_bags.truth(), tmp_path, [name], make_bags.SETTINGS)
     shipped, again = read_raw(BAGS / name), read_raw(made)
     for topic in shipped:
         assert np.array_equal(shipped[topic].stamps, again[topic].stamps)
