@@ -97,9 +97,9 @@ def _creep(share: float, scale: float) -> Adding:
     return adding
 
 
-def fault_of(effect: str, draw: np.random.Generator) -> Hidden:
-    """A fault of this name, of random size and form."""
-    up = float(draw.uniform(0.6, 1.6))
+def fault_of(effect: str, draw: np.random.Generator, share: float = 1.0) -> Hidden:
+    """A fault of this name, of random form and of this share of a random size."""
+    up = share * float(draw.uniform(0.6, 1.6))
     side = float(draw.choice([-1.0, 1.0]))
     probe = int(draw.integers(1, 5))
     size: dict[str, float]

@@ -34,6 +34,7 @@ from saddlering_ros.discrepancy import (
     prepare,
     Problem,
     Settings,
+    space_beside_error,
     tangent,
 )
 from saddlering_ros.doubts import refuse_repeats
@@ -60,6 +61,15 @@ ESTABLISHED_SHARE, ESTABLISHED_P = 0.85, 1e-6
 
 DRAWN_DATES = 'virtual rig'
 """Bags of the virtual rig state this as their rig; their dates are drawn."""
+
+
+DOUBTS = {
+    'rig_hash': ('the sessions state different rig files: a changed dimension looks like a '
+                 'changed ring', 'Record one test with the rig of the earlier session.'),
+    'slew_deg': ('the ring stood at another slewing angle: waviness of its raceways does not '
+                 'cancel', 'Repeat the later session at the slewing angle of the earlier one.'),
+}
+"""Reason for doubt and the test that settles it, by the detail that differs between sessions."""
 
 
 class ComparisonError(SaddleringError):
@@ -178,7 +188,7 @@ def compare_records(
 
     ComparisonError (one line) if the sessions cannot be compared.
     """
-    notes = _check_sessions(before, after)
+    notes, doubts = check_sessions(before, after)
     watch = Watch('compare', on_progress, is_cancelled)
     earlier, later = (
         tuple(_named(build_record(rig, record, held_out=False), session, number)
@@ -200,12 +210,13 @@ def compare_records(
     contact = contact_of_sessions(found, system)
     found = with_main_cause(
         replace(found, causes=tuple(_as_change(cause) for cause in found.causes)))
+    found = in_doubt(found) if doubts and found.verdict != 'none' else found
     if not found.complete:
         notes.append(f'a rest of {100.0 * _rest(found):.2g} % of range fits no cause: it may be '
                      'the interplay of the change with errors that both sessions share')
     return Change(
         found, earlier, later, contact, _limits_alone(rig, later, start, seed, watch),
-        _maker(rig, before, after), tuple(notes), _next_test(found), rig, seed)
+        _maker(rig, before, after), (*doubts, *notes), _next_test(found, doubts), rig, seed)
 
 
 def with_main_cause(found: Diagnosis) -> Diagnosis:
@@ -228,14 +239,25 @@ def with_main_cause(found: Diagnosis) -> Diagnosis:
                    causes=(replace(cause, parameters=widened, partial=False),), complete=False)
 
 
+def in_doubt(found: Diagnosis) -> Diagnosis:
+    """The verdict if the sessions differ in more than the ring: no cause is established."""
+    partial = tuple(replace(cause, partial=True) for cause in found.causes)
+    return replace(found, verdict='unknown', causes=partial, complete=False)
+
+
 def _rest(found: Diagnosis) -> float:
     """Largest structure of the residual beside the causes, as a share of range."""
     left = found.residual_after
     return float(max(left.slow.visible, left.fast.visible))
 
 
-def _check_sessions(before: Sequence[Record], after: Sequence[Record]) -> list[str]:
-    """Reasons for doubt, a sentence each; ComparisonError for sessions that are no pair."""
+def check_sessions(
+    before: Sequence[Record], after: Sequence[Record],
+) -> tuple[list[str], dict[str, str]]:
+    """Notes, and reasons for doubt with the test that settles each.
+
+    ComparisonError for sessions that are no pair.
+    """
     for name, records in (('before', before), ('after', after)):
         if not records:
             raise ComparisonError(f'{name}: no bags: give at least one bag of each session')
@@ -250,22 +272,20 @@ def _check_sessions(before: Sequence[Record], after: Sequence[Record]) -> list[s
             int(record.stamps[0]) for record in after):
         raise ComparisonError('every bag of before was recorded later than those of after: '
                               'exchange the sessions')
-    notes = []
-    hashes = [{record.rig_hash for record in records} - {''} for records in (before, after)]
-    if hashes[0] and hashes[1] and hashes[0] != hashes[1]:
-        notes.append('the sessions state different rig files: a changed dimension looks like a '
-                     'changed ring; record one test with the rig of the earlier session')
-    places = [{record.details.get('slew_deg', '') for record in records} - {''}
-              for records in (before, after)]
-    if places[0] and places[1] and places[0] != places[1]:
-        notes.append('the ring stood at another slewing angle: waviness of the raceways does not '
-                     'cancel; repeat the later session at the marked position')
+    doubts = {reason: test for key, (reason, test) in DOUBTS.items()
+              if _differ([{record.details.get(key, '') for record in records} - {''}
+                          for records in (before, after)])}
     kinds = [{(record.test, round(math.degrees(record.elevation))) for record in records}
              for records in (before, after)]
-    notes += [f'after: {test} at {degrees} deg has no counterpart in the earlier session; errors '
-              'that belong to this test alone do not cancel'
-              for test, degrees in sorted(kinds[1] - kinds[0])]
-    return notes
+    notes = [f'after: {test} at {degrees} deg has no counterpart in the earlier session; errors '
+             'that belong to this test alone do not cancel'
+             for test, degrees in sorted(kinds[1] - kinds[0])]
+    return notes, doubts
+
+
+def _differ(stated: Sequence[set[str]]) -> bool:
+    """Whether both sessions state something, and not the same."""
+    return bool(stated[0] and stated[1] and stated[0] != stated[1])
 
 
 def _named(record: PreparedRecord, session: str, number: int) -> PreparedRecord:
@@ -286,8 +306,10 @@ def _as_change(cause: Cause) -> Cause:
     return replace(cause, parameters=parameters)
 
 
-def _next_test(found: Diagnosis) -> str | None:
-    """The measurement that would settle what is open."""
+def _next_test(found: Diagnosis, doubts: Mapping[str, str]) -> str | None:
+    """The measurement that would settle what is open; that of a doubt goes first."""
+    if doubts and found.verdict != 'none':
+        return next(iter(doubts.values()))
     groups = [cause.group for cause in found.causes if len(cause.group) > 1]
     if found.verdict == 'ambiguous' and groups:
         sentence = for_group(groups[0], found.separations)
@@ -301,9 +323,15 @@ def _next_test(found: Diagnosis) -> str | None:
 def _limits_alone(
     rig: Rig, later: Sequence[PreparedRecord], start: Mapping[str, float], seed: int, watch: Watch,
 ) -> dict[str, float]:
-    """Detection limit of each effect in the later session without the earlier one."""
+    """Detection limit of each effect in the later session without the earlier one.
+
+    A misfit of this session that is more than noise is error of the model there, as in its
+    diagnosis: nothing in one session tells it from a cause of the same size.
+    """
     space = prepare(Problem(RingSystem(rig), [record.run for record in later],
                             Settings(seed=seed), start=start, watch=watch))
+    if space.leaves_misfit(space.base):
+        space, _, _ = space_beside_error(space, space.base)
     return {item.effect: item.limit for item in observed(space).limits}
 
 

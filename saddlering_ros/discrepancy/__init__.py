@@ -32,6 +32,7 @@ from saddlering_ros.discrepancy.problem.system import (
 from saddlering_ros.discrepancy.search.comparison import Evidence
 from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest
 from saddlering_ros.discrepancy.search.limits import DetectionLimit, Observability, observed
+from saddlering_ros.discrepancy.search.model_error import space_beside_error
 from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.discrepancy.verdict.established import probabilities_of
 from saddlering_ros.discrepancy.verdict.results import (
@@ -99,6 +100,7 @@ __all__ = [
     'probabilities_of',
     'rest_words',
     'share_words',
+    'space_beside_error',
     'tangent',
     'verdict_line',
 ]

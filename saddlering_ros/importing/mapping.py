@@ -61,7 +61,8 @@ CHANNEL_KEYS = ('column', 'unit', 'scale', 'scale_unit', 'offset', 'table', 'tab
                 'polynomial', 'polynomial_unit', 'polarity', 'delay', 'range', 'piston_area',
                 'rod_pressure', 'rod_area', 'time', 'file')
 TEST_KEYS = ('test', 'elevation_deg', 'rig', 'run',
-             *(key for key in DETAILS if not key.startswith(('import', 'rig_hash'))))
+             *(key for key in DETAILS
+               if not key.startswith(('import', 'rig_hash', 'instruments'))))
 SPLIT_KEYS = ('by', 'column', 'seconds', 'runs')
 
 

@@ -12,9 +12,10 @@ METADATA_RECORD = 'saddlering.test'
 """Name under which a file of messages holds the metadata."""
 
 KEYS = ('test', 'elevation_deg', 'rig', 'run')
-DETAILS = ('date', 'service_hours', 'operator', 'rig_hash', 'import_map', 'import_sources')
-"""Further texts: on the test, on the description of the rig (Rig.digest), and on the files of an
-import."""
+DETAILS = ('date', 'service_hours', 'operator', 'slew_deg', 'base', 'rig_hash', 'import_map',
+           'import_sources', 'instruments')
+"""Further texts: on the test, on the place of the ring, whether the session is a base measurement,
+on the description of the rig (Rig.digest), on the files of an import, and on its instruments."""
 
 KINDS = ('static', 'dynamic')
 LOWEST_ELEVATION, HIGHEST_ELEVATION = -10.0, 90.0

@@ -9,7 +9,7 @@ import pytest
 from sessions_made import dirt, RIG, session, with_size
 
 from saddlering_ros.comparison import compare_records, ComparisonError
-from saddlering_ros.comparison.change import with_main_cause
+from saddlering_ros.comparison.change import check_sessions, in_doubt, with_main_cause
 from saddlering_ros.comparison.maker import common_loads, maker_figures
 from saddlering_ros.comparison.sessions import CONTACT_CHANGE, EARLIER, LATER, seen_in, SESSION
 from saddlering_ros.discrepancy import Point
@@ -47,6 +47,20 @@ def test_friction_that_grew_is_named_with_the_growth_and_not_with_its_size(grown
     assert abs(force['value'] - 1500.0) < 2.0 * force['std']
     assert force['std'] < 250.0
     assert SESSION not in cause['parameters']
+
+
+def test_another_place_of_the_ring_is_a_doubt_with_the_test_that_settles_it(before, grown):
+    def at(degrees):
+        return [replace(record, details={'slew_deg': degrees}) for record in before]
+    later = session(3, dirt())
+    moved = [replace(record, details={'slew_deg': '90'}) for record in later]
+    assert check_sessions(at('90'), moved)[1] == check_sessions(at('0'), later)[1] == {}
+    doubts = check_sessions(at('0'), moved)[1]
+    assert list(doubts.values()) == [
+        'Repeat the later session at the slewing angle of the earlier one.']
+    doubted = in_doubt(grown.diagnosis)
+    assert (doubted.verdict, doubted.complete) == ('unknown', False)
+    assert all(cause.partial for cause in doubted.causes)
 
 
 def leaving(diagnosis, share):

@@ -57,6 +57,7 @@ def test_what_the_map_says_of_the_test_and_where_it_came_from_is_in_the_bag(
     assert (found.test, found.elevation_deg, found.rig) == ('dynamic', 50.0, 'SR-017')
     assert found.details['operator'] == 'J. Doe'
     assert found.details['service_hours'] == '120'
+    assert found.details['slew_deg'] == '90'
     assert found.details['date'] == '2026-11-20'
     assert found.details['import_map'].strip() == text.strip()
     assert source.sha256 in found.details['import_sources']
