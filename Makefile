@@ -5,7 +5,7 @@ export PYTHON
 
 RUN := tools/run.sh
 
-.PHONY: help setup setup-docs setup-test demo test coverage bench bench-identification bench-blind lint docs workspace lock clean
+.PHONY: help setup setup-docs setup-test demo test coverage bench bench-blind lint docs workspace lock clean
 
 help:
 	@echo 'make setup        .venv with ROS 2 Jazzy, our messages and this package'
@@ -13,7 +13,6 @@ help:
 	@echo 'make test         the tests that a change must pass, under five minutes on two cores'
 	@echo 'make coverage     the same, and how much of the package it runs'
 	@echo 'make bench        speed, loss and faults in minutes; BENCH_ARGS="--full NAME" for a campaign'
-	@echo 'make bench-identification   recovery, uncertainty, peers; BENCH_ARGS=--quick for a taste'
 	@echo 'make bench-blind  300 fresh blind draws, and whether the promised rates are kept'
 	@echo 'make lint         ruff and mypy'
 	@echo 'make docs         the documentation as a site in docs/_build, warnings as errors'
@@ -39,12 +38,6 @@ coverage:
 
 bench: setup-test
 	@$(RUN) python benchmarks/run.py $(BENCH_ARGS)
-
-bench-identification: setup-test
-	@$(RUN) python benchmarks/identification.py $(BENCH_ARGS)
-	@$(RUN) python benchmarks/recovery.py $(BENCH_ARGS)
-	@$(RUN) python benchmarks/uncertainty.py $(BENCH_ARGS)
-	@$(RUN) python benchmarks/peers.py $(BENCH_ARGS)
 
 bench-blind: setup-test
 	@$(RUN) python -m pytest --quiet -n 0 --campaigns -m campaign test/diagnosis

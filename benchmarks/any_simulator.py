@@ -31,8 +31,7 @@ from scipy.optimize import least_squares
 
 from saddlering_ros.discrepancy import diagnose, Diagnosis, Model, Run
 
-OTHERS = ('pendulum', 'cart_pole', 'quarter_car', 'four_tank', 'reactor', 'heater',
-          'predator_prey')
+OTHERS = ('pendulum', 'cart_pole', 'four_tank', 'predator_prey')
 SIZES = (0.6, 2.0)
 """The true size is drawn between these shares of the one that the machine lists."""
 

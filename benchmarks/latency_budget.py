@@ -2,7 +2,7 @@
 
     python benchmarks/latency_budget.py [--rate 500] [--seconds 8] [--rounds 1] [--alone]
 
-The arrangement is that of the latency in throughput.py: one driver, a plain rclpy node beside the
+The arrangement is that of `ros_load.py`: one driver, a plain rclpy node beside the
 ring nodes, a listener of the residuals. Here every node notes when it takes a message and when it
 sends one, by stamp. --alone leaves the plain node out. The time that the threads of each process
 were ready and waited for a processor is read from the kernel.

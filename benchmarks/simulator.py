@@ -1,4 +1,4 @@
-"""How fast the ring simulator is: beside peers, how its cost grows, how far it is from a floor.
+"""How fast the ring simulator is: beside peers, and how its cost grows.
 
     python benchmarks/simulator.py [--quick]
 
@@ -16,7 +16,6 @@ from pathlib import Path
 import sys
 import time
 
-import numba as nb
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -26,14 +25,7 @@ import readable_ring as reference
 
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
-from saddlering_ros.ring import (
-    dynamic_batch,
-    probe_batch,
-    static_batch,
-)
-from saddlering_ros.ring.kernels import contact, integration, layout
-from saddlering_ros.ring.kernels.layout import FAST
-from saddlering_ros.ring.model import build_model, RingModel
+from saddlering_ros.ring import dynamic_batch, probe_batch, static_batch
 
 ELEVATION = float(np.deg2rad(50.0))
 PLATEAUS = np.concatenate([np.arange(26), np.arange(24, -1, -1)]) * TONNE
@@ -89,7 +81,7 @@ def header(title: str) -> None:
     print(f'|{"-" * 60}|{"-" * 16}:|{"-" * 13}:|---|')
 
 
-def peers(quick: bool) -> tuple[float, float]:
+def peers(quick: bool) -> None:
     """Ours, the plain reference, and scipy on the vectorised 304-roller model; one law."""
     header('Static run, 51 plateaus')
     static = least(static_task(), 50)
@@ -120,7 +112,6 @@ def peers(quick: bool) -> tuple[float, float]:
         spent, calls = scipy_run(time_s, force, seconds, longest)
         row(f'numpy over 304 rollers, solve_ivp BDF, {words}', spent * 10.0 / seconds, dynamic,
             f'{seconds:g} s timed, times {10.0 / seconds:.0f}; {calls} calls')
-    return static, dynamic
 
 
 def scipy_run(time_s: np.ndarray, load: np.ndarray, seconds: float,
@@ -167,101 +158,13 @@ def growth(quick: bool) -> None:
     os.environ['SADDLERING_THREADS'] = '1'
 
 
-OPERATIONS = 66
-"""Arithmetic instructions that a group of eight rollers takes in the compiled loop of
-ring/kernels/contact.row_sums on AVX-512 (powers 33, force and slopes 21, sums 12); loads and
-moves left out."""
-
-CHAIN = 32
-
-
-@nb.njit(fastmath={'contract'}, error_model='numpy')
-def multiply_add(numbers: np.ndarray, times: int) -> None:
-    """CHAIN multiply-adds on each number, numbers side by side: the core's arithmetic peak."""
-    contact.widest_vectors()
-    for _ in range(times):
-        for j in range(numbers.size):
-            x = numbers[j]
-            y = x
-            for _ in range(CHAIN):
-                y = y * x + 0.25
-            numbers[j] = 0.5 + 1e-9 * y
-
-
-@nb.njit(fastmath=FAST, error_model='numpy')
-def all_powers(base: np.ndarray, exponent: float, times: int) -> float:
-    contact.widest_vectors()
-    total = 0.0
-    for _ in range(times):
-        for j in range(base.size):
-            total += contact.power(base[j], exponent)
-    return total
-
-
-@nb.njit
-def library_powers(base: np.ndarray, exponent: float, times: int) -> float:
-    total = 0.0
-    for _ in range(times):
-        for j in range(base.size):
-            total += base[j] ** exponent
-    return total
-
-
-def floor(dynamic: float, static: float) -> None:
-    """What the powers of the rollers in contact cost at least on this core, beside the whole."""
-    model = build_model(RIG, TRUE_TO_SCALE, ELEVATION)
-    time_s, load = dynamic_record()
-    path = dynamic_batch(RIG, CONTACT[None], ELEVATION, time_s, load)[0]
-    evaluations, rollers = contact_count(model, path)
-    base = np.linspace(1e-6, 2e-4, 1024)
-    times = 2000
-    each = least(lambda: all_powers(base, 1 / 9, times), 5) / (times * base.size)
-    library = least(lambda: library_powers(base, 1 / 9, times), 3) / (times * base.size)
-    numbers = np.full(1024, 0.5)
-    peak = least(lambda: multiply_add(numbers, times), 5) / (times * numbers.size * CHAIN)
-    print('\nFloor: what the arithmetic costs at least on this core\n')
-    print(f'rollers in contact, mean over the dynamic run   {rollers:8.1f} of 162 (mirror twins '
-          'share one)')
-    print(f'force evaluations a sample (Newton iterations)  {evaluations:8.3f}')
-    print(f'one power, our vector code                      {each * 1e9:8.2f} ns')
-    print(f'one power, libm                                 {library * 1e9:8.2f} ns')
-    print(f'one multiply-add at this core, at its peak      {peak * 1e9:8.3f} ns')
-    powers = rollers * evaluations * (time_s.size - 1) * each
-    whole = rollers * evaluations * (time_s.size - 1) * OPERATIONS * peak
-    print(f'dynamic run: powers alone  {powers * 1e3:6.2f} ms, {OPERATIONS} operations a roller '
-          f'{whole * 1e3:6.2f} ms, reached {dynamic * 1e3:6.2f} ms '
-          f'({dynamic / whole:.1f} times the floor)')
-    print(f'static run: reached {static * 1e3:6.3f} ms, {static / PLATEAUS.size * 1e6:.2f} us a '
-          'plateau')
-
-
-def contact_count(model: RingModel, path: np.ndarray) -> tuple[float, float]:
-    """Newton iterations a sample and rollers in contact at a time, means over a run."""
-    arrays, counts = model.rows.arrays, model.rows.counts
-    radius = RIG.axial_rows.pitch_radius
-    total = 0
-    for n in range(0, path.shape[1], 100):
-        x, y, tilt = path[:, n]
-        for index, (a, b) in enumerate(((y, -radius * tilt), (-y, radius * tilt), (0.0, x))):
-            cosine, _, gap = arrays[index][:, :counts[index]]
-            total += int(np.count_nonzero(a + b * cosine > gap))
-    time_s, load = dynamic_record()
-    state = np.zeros(layout.STATE_SIZE)
-    rows, uniform = model.rows.flat, model.rows.uniform
-    integration.start(model.constants, rows, uniform, state, 0.0, load[0])
-    used = integration.advance(model.constants, rows, uniform, state, time_s, load, 1e-3,
-                           np.empty((time_s.size, 3)), np.empty((time_s.size, 4)))
-    return used / (time_s.size - 1), total / len(range(0, path.shape[1], 100))
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
     parser.add_argument('--quick', action='store_true', help='shorter stretches of the slow peers')
     args = parser.parse_args()
     os.environ['SADDLERING_THREADS'] = '1'
-    static, dynamic = peers(args.quick)
+    peers(args.quick)
     growth(args.quick)
-    floor(dynamic, static)
     return 0
 
 

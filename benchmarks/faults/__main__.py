@@ -26,7 +26,6 @@ import random
 import sys
 
 from .beside_driver import beside_a_driver, DRIVEN
-from .disks import full_disk
 from .processes import clean, MARK
 from .replays import a_day, lose_replay_nodes, two_replays
 from .servers import kill_action_servers
@@ -41,7 +40,6 @@ def campaign(rounds: int, seed: int, hours: float, only: set[str]) -> dict[str, 
         'replay': lambda: lose_replay_nodes(chance),
         'two_replays': lambda: two_replays(chance),
         'servers': lambda: kill_action_servers(chance),
-        'full_disk': lambda: full_disk(chance),
         'day': lambda: a_day(hours),
     }
     outcomes = {}

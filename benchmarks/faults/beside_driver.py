@@ -1,15 +1,12 @@
-"""Faults of nodes, subscribers, messages and disks beside a driver."""
+"""Faults of nodes, subscribers and messages beside a driver."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 import random
-import resource
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 
 import numpy as np
@@ -20,14 +17,11 @@ from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.raw_topics import RawPublisher, stream_qos
 
-from .disks import slow_disk_library
-from .driver import start_driver
-from .listener import Listener, OUTPUTS, TOLERANCE, wrong_numbers
-from .stage import Outcome, PARAMETERS, Stage, stage
-from .truth import CYCLE, RATE
+from .driver import CYCLE, RATE, start_driver
+from .stage import Outcome, OUTPUTS, PARAMETERS, Stage, stage, TOLERANCE, wrong_numbers
 
 IN_STEP = 1.0
-DRIVEN = ('kills', 'stops', 'late', 'stalled', 'rubbish', 'slow_log', 'full_log', 'ten_times')
+DRIVEN = ('kills', 'stops', 'stalled', 'rubbish', 'ten_times')
 
 
 def kill_and_restart(one: Stage, name: str) -> float:
@@ -94,21 +88,6 @@ def stall_a_subscriber(one: Stage) -> None:
         stalled.wait()
 
 
-def join_late(one: Stage) -> None:
-    """A second listener in the middle of a cycle hears right numbers at once."""
-    one.put_in += 1
-    one.pause()
-    assert one.group.domain_id is not None
-    late = Listener(one.group.domain_id)
-    try:
-        one.expect(lambda: late.since('/ring/displacement', 0.0) > 0, 5.0, 'a late joiner hears')
-        time.sleep(1.0)
-        one.faults += wrong_numbers(late, one.truth, [one.start])
-    finally:
-        late.close()
-    one.numbers()
-
-
 def stop_a_node(one: Stage, name: str) -> None:
     """A node stands still for three seconds, as on a machine that has something else to do."""
     one.put_in += 1
@@ -173,48 +152,6 @@ def ten_times(one: Stage) -> None:
     one.numbers()
 
 
-def slow_disk(one: Stage) -> None:
-    """A node whose logs go to a disk that takes 0.2 s for every write."""
-    one.put_in += 1
-    with tempfile.TemporaryDirectory() as name:
-        library = slow_disk_library(Path(name))
-        one.kill('ring_displacement')
-        kept, one.group.extra_environment = one.group.extra_environment, {
-            'LD_PRELOAD': str(library)}
-        one.group.start('ring_displacement')
-        one.group.extra_environment = kept
-        one.in_flow(seconds=40.0)
-        began = time.monotonic()
-        time.sleep(4.0)
-        count = one.listener.since('/ring/displacement', began)
-        if count < 0.9 * 4.0 * RATE:
-            one.faults.append(f'on a slow disk {count} of {4 * RATE:.0f} came')
-        one.numbers()
-        one.kill('ring_displacement')
-        one.group.start('ring_displacement')
-        one.in_flow(seconds=40.0)
-        one.listener.forget()
-
-
-def full_log_disk(one: Stage) -> None:
-    """A node that may write no file any more, neither its log nor anything else."""
-    one.put_in += 1
-    pid = one.group.processes['ring_displacement'].process.pid
-    limits = resource.prlimit(pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
-    one.pause()
-    one.listener.call('/ring_displacement/zero')  # something it logs or answers
-    one.in_flow(seconds=2.5 * CYCLE)
-    one.others_run()
-    resource.prlimit(pid, resource.RLIMIT_FSIZE, limits)
-    # The zero was asked for at any load: numbers count from there, and say so in zero_load.
-    one.kill('ring_simulator')
-    one.kill('ring_displacement')
-    for name in ('ring_simulator', 'ring_displacement'):
-        one.group.start(name, PARAMETERS.get(name))
-    one.in_flow(seconds=40.0)
-    one.listener.forget()
-
-
 def beside_a_driver(chance: random.Random, rounds: int, only: set[str]) -> Outcome:
     """All faults that need a driver and the ring nodes, on one stage."""
     out = Outcome()
@@ -228,8 +165,7 @@ def beside_a_driver(chance: random.Random, rounds: int, only: set[str]) -> Outco
         stop_a_node(one, chance.choice(list(OUTPUTS)))
 
     scenarios: dict[str, Callable[[Stage], None]] = {
-        'kills': kills, 'stops': stops, 'late': join_late, 'stalled': stall_a_subscriber,
-        'rubbish': send_rubbish, 'slow_log': slow_disk, 'full_log': full_log_disk,
+        'kills': kills, 'stops': stops, 'stalled': stall_a_subscriber, 'rubbish': send_rubbish,
         'ten_times': ten_times}
     with stage(chance) as one:
         for _ in range(rounds):

@@ -12,10 +12,9 @@ import numpy as np
 
 from saddlering_ros.ros.launcher import RING_NODES, start_nodes
 
-from .listener import Listener, wrong_numbers
+from .driver import CYCLE, cycle_bag, Truth
 from .processes import resident
-from .stage import Outcome, Stage
-from .truth import CYCLE, cycle_bag, Truth
+from .stage import Listener, Outcome, Stage, wrong_numbers
 
 
 def lose_replay_nodes(chance: random.Random) -> Outcome:
@@ -31,7 +30,7 @@ def lose_replay_nodes(chance: random.Random) -> Outcome:
             listener = Listener(group.domain_id)
             one = Stage(group, listener, truth, None, start, chance)  # type: ignore[arg-type]
             one.in_flow(seconds=60.0)
-            given = {'replay_clock': {
+            given = {'ring_displacement': None, 'replay_clock': {
                 'bag': str(bag), 'lockstep': True, 'rate': 2.0, 'timeout': 1.0,
                 'participants': ['hydraulic_load', 'eddy_current', *RING_NODES]}}
             for name in names:

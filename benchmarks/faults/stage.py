@@ -9,11 +9,153 @@ import random
 import subprocess
 import time
 
-from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import Trigger
 
-from .driver import start_driver
-from .listener import Listener, OUTPUTS, wrong_numbers
-from .truth import CYCLE, ELEVATION, Truth
+from benchmarks.served_node import ServedNode
+from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
+from saddlering_ros.bags.messages import decode_displacements
+from saddlering_ros.record.samples import Displacements
+from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
+from saddlering_ros.ros.names import PROGRESS
+from saddlering_ros.ros.raw_topics import RawSubscription
+
+from .driver import CYCLE, ELEVATION, start_driver, Truth
+
+TOLERANCE = 2e-6
+"""Of a published number [m, rad]; the truth is known to 0.1 of it."""
+
+NOTICE = 2.0
+"""A wrong number must be covered by a diagnostic within so many seconds before or after it."""
+
+REST = round(0.5e9)
+"""After its zero [ns] a simulation is in full swing."""
+
+OUTPUTS = {'ring_displacement': '/ring/displacement',
+           'ring_simulator': '/ring/simulated_displacement', 'ring_residual': '/ring/residual'}
+
+
+@dataclass(frozen=True)
+class Heard:
+    """A batch of one topic, and when it came (monotonic) [s]."""
+
+    batch: Displacements
+    arrived: float
+
+
+class Listener(ServedNode):
+    """A node of this process that keeps everything the ring nodes say, with its time."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__(domain, f'listener_{time.monotonic_ns()}')
+        self.heard: dict[str, list[Heard]] = {topic: [] for topic in OUTPUTS.values()}
+        self.said: list[tuple[float, str, int, str]] = []
+        self.alive: dict[str, float] = {}
+        self.progress: dict[str, ReplayProgress] = {}
+        self.words: dict[str, str] = {}
+        self._flows = {topic: RawSubscription(self.node, topic, RingDisplacement)
+                       for topic in OUTPUTS.values()}
+        self._progress = RawSubscription(self.node, PROGRESS, ReplayProgress)
+        self._diagnostics = RawSubscription(self.node, '/diagnostics', DiagnosticArray)
+        self.serve()
+
+    def take(self) -> None:
+        """Keep what has come."""
+        now = time.monotonic()
+        for topic, flow in self._flows.items():
+            messages = flow.take()
+            if messages:
+                self.heard[topic].append(Heard(decode_displacements(messages), now))
+        for message in self._progress.take():
+            progress = deserialize_message(message, ReplayProgress)
+            self.alive[progress.node], self.progress[progress.node] = now, progress
+        for message in self._diagnostics.take():
+            for status in deserialize_message(message, DiagnosticArray).status:
+                self.said.append((now, status.name, status.level[0], status.message))
+                self.words[status.name] = f'{now:.1f} {status.message}'
+
+    def last(self, topic: str) -> float:
+        """When something came last on a topic [s, monotonic]; 0 for never."""
+        with self.lock:
+            return self.heard[topic][-1].arrived if self.heard[topic] else 0.0
+
+    def since(self, topic: str, when: float) -> int:
+        """How many samples came on a topic after `when`."""
+        with self.lock:
+            return sum(len(item.batch) for item in self.heard[topic] if item.arrived > when)
+
+    def warned(self, when: float, until: float, node: str = '') -> list[str]:
+        """What was said above OK between two times, by one node or all."""
+        with self.lock:
+            return [f'{name}: {words}' for at, name, level, words in self.said
+                    if when <= at <= until and 0 < level < 3 and name.startswith(node)]
+
+    def state(self) -> str:
+        """What every node said last, and whom it is matched with, to find a cause by."""
+        with self.lock:
+            lines = [f'{name}: {words}' for name, words in sorted(self.words.items())]
+            for name, said in sorted(self.progress.items()):
+                inputs = zip(said.inputs, said.publishers, said.received, strict=True)
+                outputs = zip(said.outputs, said.subscriptions, said.published, strict=True)
+                lines.append(f'{name} at {self.alive[name]:.1f}: has publishers, received '
+                             f'{list(inputs)}; has subscriptions, published {list(outputs)}')
+            lines += [f'here: {topic} has {flow.publishers()} publishers'
+                      for topic, flow in self._flows.items()]
+        return '\n        '.join([f'at {time.monotonic():.1f}', *lines])
+
+    def call(self, name: str) -> bool:
+        """Call a Trigger service."""
+        with self.lock:
+            client = self.node.create_client(Trigger, name)
+        end = time.monotonic() + 20.0
+        while not client.service_is_ready() and time.monotonic() < end:
+            time.sleep(0.02)
+        with self.lock:
+            future = client.call_async(Trigger.Request())
+        while not future.done() and time.monotonic() < end:
+            time.sleep(0.01)
+        return future.done() and bool(future.result().success)
+
+    def forget(self) -> None:
+        """Forget what was heard."""
+        with self.lock:
+            for items in self.heard.values():
+                items.clear()
+            self.said.clear()
+
+
+def wrong_numbers(listener: Listener, truth: Truth, starts: list[int],
+                  tolerance: float = TOLERANCE) -> list[str]:
+    """Numbers that went out, differ from the truth, and about which nothing was said.
+
+    starts: stamps [ns] at which the cycles of each source of samples began; a number that fits one
+    of them is right.
+    """
+    still = truth.motion[:, 400:1100].mean(axis=1, keepdims=True)
+    faults = []
+    with listener.lock:
+        heard = {topic: list(items) for topic, items in listener.heard.items()}
+    for topic, items in heard.items():
+        for item in items:
+            error = np.full(len(item.batch), np.inf)
+            for start in starts:
+                expected = truth.at((item.batch.stamps - start) / 1e9) - still
+                if topic == '/ring/residual':
+                    expected = np.zeros_like(expected)
+                error = np.minimum(error, np.abs(item.batch.channels - expected).max(axis=0))
+            # The zero is taken for rest; a ring still coming to rest then differs until it is.
+            error[item.batch.stamps < item.batch.zero_stamps + REST] = 0.0
+            worst = float(error.max(initial=0.0))
+            if worst > tolerance or not np.isfinite(item.batch.channels).all():
+                noticed = listener.warned(item.arrived - NOTICE, item.arrived + NOTICE)
+                if not noticed:
+                    stamp = item.batch.stamps[int(np.argmax(error))]
+                    faults.append(f'{topic}: off by {worst * 1e6:.1f} um at stamp {stamp}, '
+                                  'nothing said')
+    return faults[:5]
+
 
 PARAMETERS = {'ring_simulator': {'elevation_deg': ELEVATION}}
 

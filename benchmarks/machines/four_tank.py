@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import importlib.util
+from pathlib import Path
+import sys
+from types import ModuleType
+
 import numba as nb
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from machines.chemistry import process_models
 from machines.machine import Array, Draw, Machine, noisy, steps
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
@@ -17,6 +21,24 @@ SPLIT = 0.2
 TRUE = {'outlet1': 35.0, 'outlet2': 30.0, 'pump1': 0.85, 'pump2': 0.95}
 """Areas of outlets [cm^2] and flow of pumps [l / s V]."""
 UPPER = (20.0e-4, 25.0e-4)
+
+
+def process_models() -> ModuleType:
+    """pcgym.model_classes, with numpy in place of jax (not used by its numpy branch)."""
+    found = importlib.util.find_spec('pcgym')
+    if found is None or found.origin is None:
+        raise ImportError('pcgym is not installed')
+    sys.modules.setdefault('jax', ModuleType('jax'))
+    sys.modules.setdefault('jax.numpy', np)
+    path = Path(found.origin).parent / 'model_classes.py'
+    spec = importlib.util.spec_from_file_location('pcgym_models', path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 LINES = process_models()
 
 

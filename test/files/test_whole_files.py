@@ -80,6 +80,22 @@ def test_a_full_disk_is_one_line_and_leaves_the_old_file_alone(tmp_path, kind):
     assert os.listdir(tmp_path) == [path.name]
 
 
+def test_a_command_on_a_full_disk_says_so_and_keeps_the_old_file(tmp_path):
+    path = tmp_path / 'displacement.csv'
+    path.write_text(OLD)
+    command = (f'{limited_to(65536)}; import signal, sys; '
+               'signal.signal(signal.SIGXFSZ, signal.SIG_IGN); '
+               'from saddlering_ros.cli.main import main; sys.exit(main())')
+    bag = Path(__file__).parents[2] / 'bags' / 'dynamic_50_fast'
+    ended = subprocess.run(
+        [sys.executable, '-c', command, 'displacement', str(bag), '--out', str(path)],
+        capture_output=True, text=True, check=False, timeout=60)
+    assert (ended.returncode, len(ended.stderr.splitlines())) == (2, 1)
+    assert 'cannot be written' in ended.stderr
+    assert os.listdir(tmp_path) == [path.name]
+    assert path.read_text() == OLD
+
+
 def test_ctrl_c_leaves_the_old_file_alone(tmp_path):
     path = tmp_path / 'out.txt'
     path.write_text(OLD)
