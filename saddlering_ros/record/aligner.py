@@ -39,6 +39,9 @@ STEPS_MISSED = 2
 STEP_MEMORY = 0.95
 """Share of the length of the longest recent block that counts at the next batch."""
 
+SPARE = 1024
+"""Places for further samples of a topic, so that few batches copy those that are kept."""
+
 KEPT = 256
 """Samples of a probe that are kept before those that no later stamp needs are discarded."""
 
@@ -112,8 +115,13 @@ class _Waiting:
 
     def clear(self) -> None:
         """Discard all samples."""
-        self.stamps: Stamps = np.empty(0, np.int64)
-        self.values: Floats = np.empty(0)
+        self._keep(np.empty(0, np.int64), np.empty(0))
+
+    def _keep(self, stamps: Stamps, values: Floats) -> None:
+        """Keep these samples alone."""
+        self.stamps = self._all_stamps = stamps
+        self.values = self._all_values = values
+        self._end = len(stamps)
 
     def forget(self, count: int) -> None:
         """Discard the first `count` samples."""
@@ -144,7 +152,7 @@ class _Waiting:
     def is_continued(self, samples: Samples) -> bool:
         """Whether the samples are finite, and their stamps rise from the newest one on."""
         return not len(samples) or (
-            self.rises_with(samples.stamps) and math.isfinite(np.add.reduce(samples.values)))
+            self.rises_with(samples.stamps) and math.isfinite(samples.values.dot(samples.values)))
 
     def rises_with(self, stamps: Stamps) -> bool:
         """Whether some stamps rise, from the newest one on."""
@@ -154,9 +162,17 @@ class _Waiting:
 
     def append(self, stamps: Stamps, values: Floats) -> None:
         """Add samples whose stamps rise from the newest one on."""
-        self.stamps = np.concatenate((self.stamps, stamps))
-        self.values = np.concatenate((self.values, values))
-        self.newest = int(stamps[-1])
+        kept, end = len(self.stamps), self._end + len(stamps)
+        if end > len(self._all_stamps):
+            end = kept + len(stamps)
+            self._all_stamps = np.empty(end + SPARE, np.int64)
+            self._all_values = np.empty(end + SPARE)
+            self._all_stamps[:kept], self._all_values[:kept] = self.stamps, self.values
+        self._all_stamps[end - len(stamps):end] = stamps
+        self._all_values[end - len(stamps):end] = values
+        self.stamps = self._all_stamps[end - len(stamps) - kept:end]
+        self.values = self._all_values[end - len(stamps) - kept:end]
+        self._end, self.newest = end, int(stamps[-1])
 
     def take(self, stamps: Stamps, values: Floats) -> None:
         """Put samples among the others by stamp; of two with one stamp the first counts."""
@@ -167,8 +183,8 @@ class _Waiting:
         readings = np.concatenate((self.values, values))
         late = int(np.count_nonzero(stamps <= _newest_before(stamps, self.newest)))
         late -= self.newest is None
-        self.stamps, first = np.unique(together, return_index=True)
-        self.values = readings[first]
+        sorted_stamps, first = np.unique(together, return_index=True)
+        self._keep(sorted_stamps, readings[first])
         duplicates = len(together) - len(first)
         self._counters.duplicates += duplicates
         self._counters.reordered += late - duplicates
@@ -245,11 +261,12 @@ class Aligner:
                for topic, samples in zip(topics, batches, strict=True)):  # the usual case
             self._longest_step *= STEP_MEMORY
             for topic, samples in zip(topics, batches, strict=True):
-                if len(samples):
+                if len(samples.stamps):
                     last = topic.last
                     topic.append(samples.stamps, samples.values)
                     if last:
-                        self._longest_step = max(self._longest_step, topic.last - last)
+                        step = int(samples.stamps[-1]) - last
+                        self._longest_step = max(self._longest_step, step)
             if self._epoch is None and self.pending:
                 self._epoch = int(self._loads.stamps[0])
             rows = self._drain()
@@ -344,7 +361,7 @@ class Aligner:
         gaps = readings_at(stamps, self._probes)
         missing = np.isnan(gaps)
         given = published = np.ones(count, dtype=bool)
-        if missing.any():
+        if np.count_nonzero(missing):
             answers = self._answers(stamps, starts, missing, finish)
             given, published, count = answers <= ABSENT, answers <= SILENT, len(answers)
         if not count:
@@ -355,7 +372,7 @@ class Aligner:
                            self.restarts)
         self._loads.forget(count)
         self._last_out, self._run_start = int(stamps[count - 1]), int(starts[count - 1])
-        if published.any():
+        if np.count_nonzero(published):
             for probe in self._probes:
                 probe.jumped = False
         return [rows]

@@ -140,32 +140,36 @@ class Readings(Protocol):
 
 def readings_at(load_stamps: Stamps, topics: Sequence[Readings]) -> Floats:
     """Readings (C, N) of C topics at load stamps (N,) in order; NaN where one has none."""
-    shape = len(topics), len(load_stamps)
-    earlier, later = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
-    low, high = np.zeros(shape), np.zeros(shape)
-    outside = []
+    found = np.empty((len(topics), len(load_stamps)))
     for row, topic in enumerate(topics):
-        stamps, last = topic.stamps, len(topic.stamps) - 1
-        after = stamps.searchsorted(load_stamps, 'right')
-        before = after - 1
-        if last < 0 or before[0] < 0 or before[-1] == last:
-            outside.append((row, (before < 0) | (before == last)))
-            if last < 0:
-                continue
-            before, after = np.maximum(before, 0), np.minimum(after, last)
-        earlier[row], later[row] = stamps[before], stamps[after]
-        low[row], high[row] = topic.values[before], topic.values[after]
-    interval, elapsed = later - earlier, load_stamps - earlier
-    found = low + (high - low) * (elapsed / np.maximum(interval, 1))
-    is_between = elapsed != 0
-    if not is_between.all():
-        found = np.where(is_between, found, low)
-    for row, mask in outside:
-        found[row, mask & is_between[row]] = math.nan
+        found[row] = _of_topic(load_stamps, topic.stamps, topic.values)
+    return found
+
+
+def _of_topic(load_stamps: Stamps, stamps: Stamps, values: Floats) -> Floats | float:
+    """Readings of a topic at load stamps (N,) in order, from its own (M,)."""
+    last = len(stamps) - 1
+    if last < 0:
+        return math.nan
+    after = stamps.searchsorted(load_stamps, 'right')
+    before = after - 1
+    earlier, low = stamps[before], values[before]
+    elapsed = load_stamps - earlier
+    between = np.count_nonzero(elapsed)
+    if not between:  # a reading of its own for each load stamp
+        return low
+    outside = None
+    if before[0] < 0 or before[-1] == last:
+        outside = np.flatnonzero(((before < 0) | (before == last)) & (elapsed != 0))
+        after = np.minimum(after, last)
+    interval = stamps[after] - earlier
+    found = low + (values[after] - low) * (elapsed / np.maximum(interval, 1))
+    if between < len(found):
+        found = np.where(elapsed != 0, found, low)
+    if outside is not None:
+        found[outside] = math.nan
     if interval.max() > GAP_FLOOR_NS:
-        for row, topic in enumerate(topics):
-            rows = np.flatnonzero((interval[row] > GAP_FLOOR_NS) & is_between[row])
-            places, of_place = np.unique(
-                topic.stamps.searchsorted(earlier[row, rows]), return_inverse=True)
-            found[row, rows[_are_gaps(topic.stamps, places)[of_place]]] = math.nan
-    return np.asarray(found)
+        rows = np.flatnonzero((interval > GAP_FLOOR_NS) & (elapsed != 0))
+        places, of_place = np.unique(before[rows], return_inverse=True)
+        found[rows[_are_gaps(stamps, places)[of_place]]] = math.nan
+    return found

@@ -88,15 +88,16 @@ def displacements(
     """
     increments = gap_increment(rig.probes, gaps, np.array(zero.reading.gaps))
     channels = _channels(measured_displacement(rig.probes, increments))
-    count = len(stamps)
     validity = unknown(channels)
     if marks is not None:
         validity |= marks
+    ones = np.ones(len(stamps))
     batch = Displacements(
-        stamps, channels, np.full(count, zero.stamp), np.full(count, zero.reading.load),
-        np.full(count, elevation), validity, np.full(count, zero.duration))
-    kept = is_published(validity)
-    return batch if kept.all() else pick(batch, kept)
+        stamps, channels, np.full(len(stamps), zero.stamp), zero.reading.load * ones,
+        elevation * ones, validity, zero.duration * ones)
+    if not np.count_nonzero(validity):  # the usual case
+        return batch
+    return pick(batch, is_published(validity))
 
 
 def _channels(found: Displacement) -> Floats:
@@ -283,12 +284,13 @@ class DisplacementStream:
     def _displacements(self, aligned: list[AlignedRows]) -> Displacements:
         found = []
         for batch in aligned:
-            rows = batch if batch.given.all() else batch.pick(batch.published)
+            all_given = np.count_nonzero(batch.given) == len(batch)
+            rows = batch if all_given else batch.pick(batch.published)
             if not len(rows):
                 continue
             self.rows += len(rows)
             self.load = float(rows.loads[-1])
-            if np.isnan(rows.gaps).any():
+            if np.count_nonzero(np.isnan(rows.gaps)):
                 rows = rows.pick(a_pair_reads(rows.gaps))
             for part in self._of_one_zero(rows) if len(rows) else ():
                 measured = self._measured(part)
@@ -333,8 +335,9 @@ class DisplacementStream:
             if guard.bridges:
                 bridged = guard.marks(rows.stamps)
                 marks = bridged if marks is None else marks | bridged
-        if np.isnan(rows.gaps).any():
-            self._missing += np.isnan(rows.gaps).sum(axis=1)
+        is_missing = np.isnan(rows.gaps)
+        if np.count_nonzero(is_missing):
+            self._missing += is_missing.sum(axis=1)
         return displacements(self._rig, self.zero, rows.stamps, rows.gaps, marks, self.elevation)
 
     def _after_zero(self, rows: AlignedRows) -> AlignedRows:

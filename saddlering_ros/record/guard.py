@@ -50,10 +50,6 @@ MAX_REMEMBERED = 100
 """Largest number of stretches between sound readings whose rows are still to be marked."""
 
 SHORT = 32
-"""Number of samples among which an outlier is searched one by one."""
-
-
-FEW = 4
 """Number of samples up to which a loop is faster than arrays."""
 
 
@@ -197,11 +193,11 @@ class SampleGuard:
         """The sound samples that are ready, in order of arrival."""
         if not len(samples):
             return samples
-        if len(samples) > FEW and self._is_plain(samples):
-            self._remember(samples)
-            self._count_doubtful(len(samples))
-            return samples
         if len(samples) > SHORT:
+            if self._is_plain(samples):
+                self._remember(samples)
+                self._count_doubtful(len(samples))
+                return samples
             half = len(samples) // 2
             parts = [self.push(samples.pick(part))
                      for part in (slice(0, half), slice(half, None))]

@@ -36,7 +36,7 @@ ANY_TIME = (0, 0)
 def unknown(channels: Floats) -> Bits:
     """Bits (N,) for the channels (4, N) that are NaN."""
     is_unknown = np.isnan(channels)
-    if not is_unknown.any():
+    if not np.count_nonzero(is_unknown):
         return np.zeros(channels.shape[1], np.uint8)
     marks: Bits = (is_unknown * _BITS[:, None]).sum(axis=0, dtype=np.uint8)
     return marks
