@@ -132,7 +132,8 @@ def files_page() -> str:
     return '\n'.join([
         '# Files', '', DOCUMENT,
         '## The rig', '', 'A ROS 2 parameter file, read by commands (`--rig`) and nodes '
-        '(`--params-file`). The shipped one is `config/rig.yaml`:', '', '```yaml',
+        '(`--params-file`), or by all that the variable `SADDLERING_RIG` reaches. '
+        'The shipped one is `config/rig.yaml`:', '', '```yaml',
         (ROOT / 'config' / 'rig.yaml').read_text(encoding='utf-8').rstrip(), '```', '',
         '## Parameters', '', f'A ROS 2 parameter file with the sections {sections}: the contact '
         'law in SI units, its source (bags and their hashes, objective, covariance), and '

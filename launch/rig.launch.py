@@ -19,7 +19,7 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 
 from saddlering_ros.record.topics import TOPICS
-from saddlering_ros.rig import load_rig
+from saddlering_ros.rig import load_rig, rig_file_of_project
 from saddlering_ros.rig.geometry import frames_of
 from saddlering_ros.ros.launcher import packed_publication
 from saddlering_ros.ros.names import ACTION, ALARM, NODES, REPLAY, RING, TIME
@@ -64,7 +64,8 @@ TOPIC_ARGUMENTS = {f'{topic.relative.rpartition("/")[2]}_topic': topic.relative
 
 def generate_launch_description():
     """Return the arguments, and what starts the nodes from them."""
-    rig = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', 'rig.yaml'])
+    rig = (str(rig_file_of_project() or '')
+           or PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', 'rig.yaml']))
     return LaunchDescription([
         DeclareLaunchArgument('rig', default_value=rig, description='rig description'),
         *(DeclareLaunchArgument(name, default_value=default, description=words)
@@ -160,7 +161,7 @@ def recorder(given, namespace):
     program = PathJoinSubstitution([FindPackagePrefix(PACKAGE), 'lib', PACKAGE, 'saddlering'])
     return [ExecuteProcess(
         cmd=[program, 'record', as_path(given['record']), '--namespace', namespace or '/',
-             *test_arguments(given)],
+             '--rig', as_path(given['rig']), *test_arguments(given)],
         output='screen')]
 
 

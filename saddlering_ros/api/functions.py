@@ -37,8 +37,9 @@ def identify(
     """Identify the contact parameters K1, n1, D1, K2, n2, D2 from static and dynamic bags.
 
     bags: bags from `read_bag`, or paths. rig: a rig or a rig file; None for that with which the
-    bags were read, or else for the shipped rig. settings: all options of the identification as
-    one object; without it they are taken from the keywords `method` to `seed`:
+    bags were read, or else for that of SADDLERING_RIG, or else for the shipped rig. settings: all
+    options of the identification as one object; without it they are taken from the keywords
+    `method` to `seed`:
     method: 'default' (joint fit of all channels) or 'paper' (two swarm steps as published).
     bounds: (low, high) in SI units by parameter, in place of those of the rig. particles,
     iterations, accuracy (objective) and stagnation (iterations without progress) control the

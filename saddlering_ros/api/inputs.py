@@ -37,7 +37,7 @@ class ApiError(SaddleringError):
 
 
 RigLike = Rig | Path | str | None
-"""A rig, a rig file, or None for the shipped rig."""
+"""A rig, a rig file, or None for that of SADDLERING_RIG, or else for the shipped rig."""
 
 ParametersLike = Any
 """Contact parameters: a `ParameterSet`, a parameter file, or a result that found some."""
@@ -180,12 +180,12 @@ def inputs_of(
 
     fitted, kept = [read(item) for item in given], [read(item) for item in held]
     if not trust_rig:
-        _check_rig([*fitted, *kept], law, in_use, is_given=rig is not None)
-    return Inputs(fitted, kept, in_use, law, origins(rig, parameters))
+        _check_rig([*fitted, *kept], law, in_use)
+    return Inputs(fitted, kept, in_use, law, origins(in_use.source or None, parameters))
 
 
 def rig_of(bags: Sequence[BagLike], given: RigLike) -> Rig:
-    """The given rig, or else that with which the bags were read, or else the shipped one."""
+    """The given rig, or else that with which the bags were read, or else the default."""
     if given is not None:
         return as_rig(given)
     rigs = {bag.rig.digest: bag.rig for bag in bags if isinstance(bag, Bag)}
@@ -195,9 +195,7 @@ def rig_of(bags: Sequence[BagLike], given: RigLike) -> Rig:
     return next(iter(rigs.values()), None) or as_rig(None)
 
 
-def _check_rig(
-    bags: Sequence[Bag], law: ParameterSet | None, rig: Rig, *, is_given: bool,
-) -> None:
+def _check_rig(bags: Sequence[Bag], law: ParameterSet | None, rig: Rig) -> None:
     """Refuse bags and parameters of another rig than the one in use."""
     for bag in bags:
         if bag.rig.digest != rig.digest:
@@ -205,8 +203,7 @@ def _check_rig(
                 f'{bag.name} was read with the rig with the hash {short_digest(bag.rig.digest)}, '
                 f'and rig has {short_digest(rig.digest)}: leave rig out, or give trust_rig=True '
                 'to continue with it')
-    refuse_other_rig(runs_of(bags), rig,
-                     is_given=is_given or rig.digest != load_rig(None).digest)
+    refuse_other_rig(runs_of(bags), rig)
     if law is not None:
         refuse_parameters_of_other_rig(law, rig)
 
@@ -226,7 +223,7 @@ def runs_of(bags: Sequence[Bag]) -> list[Record]:
 
 
 def as_rig(given: RigLike) -> Rig:
-    """A rig as it is, a file as a rig, None as the shipped one."""
+    """A rig as it is, a file as a rig, None as the default."""
     if isinstance(given, Rig):
         return given
     if given is not None:

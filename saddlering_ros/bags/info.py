@@ -31,7 +31,7 @@ from saddlering_ros.record.quality import topic_quality, TopicQuality, UNKNOWN_Q
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
 from saddlering_ros.record.scratch import count_where, extremes, spread_changes
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
-from saddlering_ros.rig import default_rig, Rig
+from saddlering_ros.rig import load_rig, Rig
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def bag_info(
 ) -> BagInfo:
     """Examine the bag at `path`; BagError only if there is no bag at all.
 
-    `test`, `elevation` [rad], `rig` (default: the shipped one) and `on_progress` as in
+    `test`, `elevation` [rad], `rig` (default: as of `load_rig`) and `on_progress` as in
     `read_run`.
     """
     found = scan(path, on_progress=on_progress)
@@ -120,7 +120,7 @@ def bag_info(
     if found.damage is not None:
         problems.append(str(found.fault))
     raw = {}
-    rig = rig or default_rig()
+    rig = rig or load_rig()
     absent = absent_topic(rig)
     for name in RIG_TOPICS:
         if name == absent:

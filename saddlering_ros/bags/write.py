@@ -224,7 +224,7 @@ class BagWriter:
     ) -> None:
         self.path = Path(path)
         self._kinds = dict(topics)
-        self._metadata = dict(metadata)
+        self.metadata = dict(metadata)
         self._definitions = definitions or {}
         self._latched = latched
         self._overwrite = overwrite
@@ -247,7 +247,7 @@ class BagWriter:
             self._written.mkdir(mode=0o755)
             self._file = McapWriter(self._written / f'{self.path.name}_0.mcap', LIBRARY,
                                     self._chunk_size)
-            self._file.add_metadata(METADATA_RECORD, self._metadata)
+            self._file.add_metadata(METADATA_RECORD, self.metadata)
         except OSError as problem:
             raise BagError(self._complaint(problem)) from problem
         self._topics = declared_topics(self._kinds, self._definitions, self._latched)
@@ -279,7 +279,7 @@ class BagWriter:
             if self._failed or (kind is not None and not self._recorded):
                 return
             with self._or_refused():
-                information = _information(self._topics.values(), self._metadata,
+                information = _information(self._topics.values(), self.metadata,
                                            f'{self.path.name}_0.mcap')
                 self._file.finish({FOLDER_RECORD: {
                     'serialized_metadata': _text(information).strip()}})

@@ -218,7 +218,8 @@ def _exists(path: Path) -> bool:
 # -- options that several commands share ---------------------------------------------------------
 
 def add_rig_option(
-    parser: argparse.ArgumentParser, words: str = 'rig file (default: the shipped rig)',
+    parser: argparse.ArgumentParser,
+    words: str = 'rig file (default: that of SADDLERING_RIG, or the shipped rig)',
 ) -> None:
     """The rig file."""
     parser.add_argument('--rig', type=file_read, help=words)

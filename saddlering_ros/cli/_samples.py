@@ -47,7 +47,7 @@ def read_shown(args: argparse.Namespace, bag: str, rig: Rig) -> Record:
         run = read_run(bag, test=args.test, elevation=radians(args.elevation), rig=rig,
                        on_progress=bar.reading(bag))
     if not args.trust_rig:
-        refuse_other_rig([run], rig, is_given=args.rig is not None)
+        refuse_other_rig([run], rig)
     return run
 
 

@@ -38,11 +38,15 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the demo, write its folder, print a summary."""
     import contextlib
+    import os
     import sys
 
     from saddlering_ros.demo.output import check_folder, numbers_of, write_all
     from saddlering_ros.demo.story import Console, plan, STEPS, tell
     from saddlering_ros.files import share_directory
+    from saddlering_ros.rig import RIG_VARIABLE
+
+    os.environ.pop(RIG_VARIABLE, None)  # the demonstration is of the shipped rig
     check_folder(args.out)
     chosen = plan(args.bags or share_directory() / 'bags')
     told = contextlib.redirect_stdout(sys.stderr if args.json == '-' else sys.stdout)

@@ -38,8 +38,8 @@ def add_parser(subparsers: Any) -> None:
                         help='token that a browser must give (default for other machines: a '
                              'random one)')
     add_network_options(parser)
-    add_rig_option(parser, 'rig file of the drawing, and of the unit of loads (default: the '
-                             'shipped rig)')
+    add_rig_option(parser, 'rig file of the drawing, and of the unit of loads (default: that '
+                             'of SADDLERING_RIG, or the shipped rig)')
     parser.add_argument('--window', type=float, default=600.0, metavar='S',
                         help='longest time shown, in seconds (default 600)')
     add_json_option(parser, 'write the address as JSON; - for stdout')

@@ -99,6 +99,7 @@ def build_parser() -> tuple[OneLineParser, dict[str, ModuleType]]:
 def run_reporting(run: Run, args: argparse.Namespace) -> int:
     """Run one subcommand; print an error as one line; return the exit status."""
     try:
+        _take_rig_of_project(args)
         check_files(args, getattr(args, 'path_arguments', ()))
         status = run(args)
         sys.stdout.flush()
@@ -121,6 +122,16 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
         return _complain_of_ourselves(error, args)
     except Exception as error:
         return _complain_of_ourselves(error, args)
+
+
+def _take_rig_of_project(args: argparse.Namespace) -> None:
+    """Give a command without --rig the rig file of the project, and name it on standard error."""
+    if getattr(args, 'rig', '') is None and os.environ.get('SADDLERING_RIG'):
+        from saddlering_ros.rig import load_rig, rig_file_of_project, short_digest
+
+        args.rig = rig_file_of_project()
+        print(f'saddlering {args.command}: rig: {args.rig} (SADDLERING_RIG), hash '
+              f'{short_digest(load_rig(args.rig).digest)}', file=sys.stderr)
 
 
 def open_closed_streams() -> None:

@@ -5,7 +5,12 @@ from __future__ import annotations
 import argparse
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import add_json_option, add_rig_option, file_read
+from saddlering_ros.cli._arguments import (
+    add_json_option,
+    add_rig_option,
+    add_trust_option,
+    file_read,
+)
 from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
@@ -31,6 +36,7 @@ def add_parser(subparsers: Any) -> None:
                         help='a test, such as static:50; kinds: static, dynamic, fast, slow, '
                              'cycles; may be given several times')
     add_rig_option(parser)
+    add_trust_option(parser)
     parser.add_argument('--params', type=file_read,
                         help='parameter file of the ring (default: the true-to-scale values)')
     parser.add_argument('--noise', type=float, default=0.3, metavar='UM',
@@ -40,7 +46,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compute and print, write or emit the plan."""
-    from saddlering_ros import load_rig, read_parameters
+    from saddlering_ros import load_rig
+    from saddlering_ros.cli._samples import read_model
     from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.diagnosis.plan import plan_tests, PlanError, planned_test
     from saddlering_ros.rig import TRUE_TO_SCALE
@@ -50,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         raise PlanError('--test is given twice for the same test: give each test once')
     if not 1e-3 <= args.noise <= 100.0:
         raise PlanError(f'--noise {args.noise:g}: give micrometres from 0.001 to 100')
-    contact = TRUE_TO_SCALE if args.params is None else read_parameters(args.params).contact
+    contact = TRUE_TO_SCALE if args.params is None else read_model(args)[1].contact
     with Bar() as bar:
         plan = plan_tests(load_rig(args.rig), tests, contact, noise=1e-6 * args.noise,
                           on_progress=bar.tell)

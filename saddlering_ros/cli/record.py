@@ -8,6 +8,7 @@ from typing import Any
 from saddlering_ros.cli._arguments import (
     add_json_option,
     add_network_options,
+    add_rig_option,
     domain_of,
     file_written,
 )
@@ -35,6 +36,8 @@ def add_parser(subparsers: Any) -> None:
                              'identified and diagnosed)')
     parser.add_argument('--elevation', type=float, metavar='DEG',
                         help='elevation of the barrel in degrees, kept in the bag')
+    add_rig_option(parser, 'rig file, whose hash the bag then states (default: that of '
+                           'SADDLERING_RIG, or the rig of the nodes that run meanwhile)')
     parser.add_argument('--duration', type=float, metavar='S', help='end after this time [s]')
     add_network_options(parser)
     parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
@@ -73,7 +76,9 @@ def run(args: argparse.Namespace) -> int:
         while not node.done and not told_to_end.wait(0.05):
             if args.duration is not None and time.monotonic() - began >= args.duration:
                 break
-        counts = node.counts()
+        counts, contradiction = node.counts(), node.settle_rig()
+    if contradiction:
+        print(f'note: {contradiction}', file=sys.stderr)
     told = {'bag': str(args.out), 'seconds': time.monotonic() - began, 'messages': counts}
     tell(args, told)
     if not any(counts.values()):
@@ -85,12 +90,14 @@ def facts_of(args: argparse.Namespace) -> dict[str, str]:
     """The facts of the test given; BagError if only half of them are."""
     from saddlering_ros.errors import BagError
     from saddlering_ros.record import TestMetadata
+    from saddlering_ros.rig import load_rig
 
     if (args.test is None) != (args.elevation is None):
         raise BagError('--test and --elevation belong together: give both, or neither')
+    details = {} if args.rig is None else {'rig_hash': load_rig(args.rig).digest}
     if args.test is None:
-        return {}
-    return TestMetadata(args.test, args.elevation).as_text()
+        return details
+    return TestMetadata(args.test, args.elevation, details=details).as_text()
 
 
 def tell(args: argparse.Namespace, told: dict[str, Any]) -> None:

@@ -82,9 +82,10 @@ def run(args: argparse.Namespace) -> int:
     rig, bag = load_rig(args.rig), Path(args.bag)
     record = read_raw(bag, rig=rig)
     if not args.trust_rig:
-        refuse_other_hash(record, rig, is_given=args.rig is not None)
+        refuse_other_hash(record, rig)
     sent = {name: len(record[name]) for name in record if name != absent_topic(rig)}
-    simulator: dict[str, Any] = {}
+    trusted = {'trust_rig': args.trust_rig}
+    simulator: dict[str, Any] = dict(trusted)
     if args.params is not None:
         read_model(args)
         simulator['parameters_file'] = str(args.params)
@@ -95,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     domain = domain_of(args)
     length = (record.stop - record.start) / 1e9
     patience = 120.0 + 10.0 * length / min(args.rate or 1.0, 1.0)
-    clock: dict[str, Any] = {}
+    clock: dict[str, Any] = dict(trusted)
     nodes = (*RING_NODES, *ALARM_NODES) if args.alarm else RING_NODES
     with contextlib.ExitStack() as stack:
         recorder = None
@@ -104,7 +105,8 @@ def run(args: argparse.Namespace) -> int:
             clock['participants'] = [*REPLAY_NODES, *nodes, RECORDER]
         group = stack.enter_context(start_nodes(
             bag, nodes=nodes, rate=args.rate, domain_id=domain, log_folder=args.log,
-            parameters={'ring_simulator': simulator, 'replay_clock': clock},
+            parameters={**dict.fromkeys(REPLAY_NODES, trusted), 'ring_simulator': simulator,
+                        'replay_clock': clock},
             files=[] if args.rig is None else [args.rig],
             namespace=namespace_of(args.namespace)))
         if args.json != '-':
@@ -212,7 +214,7 @@ def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:
     known = {}
     elevation = facts.elevation_deg if args.elevation is None else args.elevation
     if facts.test is not None and elevation is not None:
-        known = TestMetadata(facts.test, elevation, facts.rig, facts.run).as_text()
+        known = TestMetadata(facts.test, elevation, facts.rig, facts.run, facts.details).as_text()
     return recording(args.record, domain, facts=known, overwrite=args.overwrite,
                      namespace=namespace_of(args.namespace))
 

@@ -13,31 +13,36 @@ from numpy.typing import NDArray
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.record import RawRecord, Record
 from saddlering_ros.record.scratch import blocks
-from saddlering_ros.rig import ParameterSet, Rig, RigError, short_digest
+from saddlering_ros.rig import default_rig, ParameterSet, Rig, RigError, short_digest
 
 UNDESCRIBED = ('', 'virtual rig')
 """Names of rigs without a file: no name, and that of the shipped bags."""
 
 
-def refuse_other_rig(runs: Sequence[Record], rig: Rig, *, is_given: bool) -> None:
+def refuse_other_rig(runs: Sequence[Record], rig: Rig) -> None:
     """BagError if a run states the hash of another rig than `rig`.
 
-    is_given: whether the user named `rig`; otherwise it is the shipped one. A run that names a
-    rig without its hash then gets a note.
+    A run that names a rig without its hash gets a note where the shipped rig is simulated.
     """
     for run in runs:
-        refuse_other_hash(run, rig, is_given=is_given)
-        if not (run.rig_hash or is_given or run.rig in UNDESCRIBED):
-            note = (f'the bag names the rig {run.rig!r} and no rig file is given: the shipped '
-                    f'rig is simulated ({rig_in_words(rig)}); give its rig file if it differs')
+        refuse_other_hash(run, rig)
+        if not run.rig_hash and run.rig not in UNDESCRIBED and _is_shipped(rig):
+            note = (f'the bag names the rig {run.rig!r}, and the shipped rig is simulated '
+                    f'({rig_in_words(rig)}): give its rig file if it differs')
             if note not in run.notes:
                 run.notes.append(note)
 
 
-def refuse_other_hash(run: Record | RawRecord, rig: Rig, *, is_given: bool) -> None:
+def refuse_other_hash(run: Record | RawRecord, rig: Rig) -> None:
     """BagError if a bag states the hash of another rig than `rig`."""
     if run.rig_hash and run.rig_hash != rig.digest:
-        raise BagError(_refusal(run, rig, is_given))
+        name = f' {run.rig!r}' if run.rig else ''
+        in_use = 'the shipped rig is in use, which is another' if _is_shipped(rig) else \
+            'the rig in use is another'
+        raise BagError(
+            f'{run.path}: was recorded on the rig{name} with the hash '
+            f'{short_digest(run.rig_hash)}, and {in_use} ({rig_in_words(rig)}): give rig=FILE of '
+            'that rig, or trust_rig=True to continue with this rig')
 
 
 def refuse_parameters_of_other_rig(parameters: ParameterSet, rig: Rig) -> None:
@@ -56,13 +61,8 @@ def rig_in_words(rig: Rig) -> str:
             f'{rig.full_scale_words}, hash {short_digest(rig.digest)}')
 
 
-def _refusal(run: Record | RawRecord, rig: Rig, is_given: bool) -> str:
-    name = f' {run.rig!r}' if run.rig else ''
-    known = f'was recorded on the rig{name} with the hash {short_digest(run.rig_hash)}'
-    given = 'the given rig is another' if is_given else \
-        'no rig is given, and the shipped one is another'
-    return (f'{run.path}: {known}, {given} ({rig_in_words(rig)}): give rig=FILE of that rig, or '
-            'trust_rig=True to continue with this rig')
+def _is_shipped(rig: Rig) -> bool:
+    return rig.digest == default_rig().digest
 
 
 Floats = NDArray[np.float64]

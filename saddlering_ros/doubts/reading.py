@@ -50,7 +50,7 @@ from saddlering_ros.record.scratch import (
     scratch_mask,
 )
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
-from saddlering_ros.rig import default_rig, mirrored_gap, Rig
+from saddlering_ros.rig import load_rig, mirrored_gap, Rig
 
 MAX_REFUSED_SHARE = 0.05
 """Largest share of refused samples. With more of them the unit, the sensor or the rig file is
@@ -81,7 +81,7 @@ def run_of_record(
     """Check the readings and put the probes on the load's stamps."""
     where = str(record.path)
     absent = absent_topic(rig)
-    topics, guards = zip(*(guarded_topic(record, name, rig or default_rig())
+    topics, guards = zip(*(guarded_topic(record, name, rig or load_rig())
                            for name in RIG_TOPICS), strict=True)
     load, *probes = topics
     for raw in probes:
@@ -102,7 +102,7 @@ def run_of_record(
     for raw, guard in zip(topics, guards, strict=True):
         if raw.topic != absent:
             notes += lines(refusal_findings(raw.topic, guard.counters))
-    possible = possible_record(record, rig or default_rig())
+    possible = possible_record(record, rig or load_rig())
     found = record_quality(possible)
     notes += lines(record_quality_findings(possible, found, absent))
     if int(np.count_nonzero(used)) < MIN_SAMPLES:

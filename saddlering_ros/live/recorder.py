@@ -20,6 +20,7 @@ from std_msgs.msg import Bool, Header
 from saddlering_interfaces.msg import (
     ReplayProgress,
     ReplayState,
+    RigIdentity,
     RingAlarm,
     RingDisplacement,
     RingParameters,
@@ -28,11 +29,13 @@ from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
 from saddlering_ros.errors import LiveError
 from saddlering_ros.record.topics import relative, TOPICS
+from saddlering_ros.rig import short_digest
 from saddlering_ros.ros.names import (
     DIAGNOSTICS,
     DISPLACEMENTS,
     PARAMETERS_IN_FORCE,
     PROGRESS,
+    RIG_IDENTITY,
     RING_ALARM,
     STATE,
     WITHIN_LIMITS,
@@ -69,6 +72,11 @@ class Recorder(StreamingNode):
         self.problem_writing: Exception | None = None
         self._bag = bag
         self._published: dict[str, int] = {}
+        self._rigs: dict[str, str] = {}
+        self.create_subscription(
+            RigIdentity, RIG_IDENTITY,
+            lambda message: self._rigs.update({message.node: message.rig_hash}),
+            LATCHED_BY_SEVERAL)
         self.create_subscription(ReplayProgress, PROGRESS, self._hear, 200)
         for topic, kind in {**KEPT, **OTHERS}.items():
             self.create_subscription(
@@ -101,6 +109,16 @@ class Recorder(StreamingNode):
             if flow.received < due:
                 words.append(f'{flow.received} of {due} on {topic}')
         return ', '.join(words)
+
+    def settle_rig(self) -> str:
+        """State the one rig of the nodes in the bag if it states none; a contradiction, or ''."""
+        if len(set(self._rigs.values())) == 1:
+            self._bag.metadata.setdefault('rig_hash', min(self._rigs.values()))
+        stated = self._bag.metadata.get('rig_hash', '')
+        others = ', '.join(f'{node} ({short_digest(digest)})' for node, digest
+                           in sorted(self._rigs.items()) if digest != stated)
+        said = f'the rig {short_digest(stated)}' if stated else 'no rig'
+        return others and f'the bag states {said}, and nodes meanwhile had another: {others}'
 
     def keep_as_incomplete(self) -> Path:
         """Keep the recording under a name beside its own; the path of it."""

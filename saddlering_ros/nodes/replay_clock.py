@@ -15,7 +15,6 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
-from saddlering_ros.bags import read_raw
 from saddlering_ros.bags.messages import encode_clock
 from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.record import RawRecord
@@ -24,7 +23,7 @@ from saddlering_ros.ros.bag_replay import BagNode
 from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, TaskStatus, WARN
 from saddlering_ros.ros.messages import LockstepGroup, to_time
 from saddlering_ros.ros.names import CLOCK, names, NodeError, PROGRESS, REPLAY, RING, STATE
-from saddlering_ros.ros.parameters import given_rig, NodeParameter
+from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import CLOCK_QOS, LATCHED, RawPublisher, RawSubscription
 from saddlering_ros.ros.streaming_node import leave, run_streaming
 
@@ -89,7 +88,6 @@ class ReplayClockNode(BagNode):
 
     def __init__(self) -> None:
         super().__init__('replay_clock')
-        self._rig = given_rig(self)
         self.create_service(Trigger, '~/play', self._on_play)
         self.create_service(Trigger, '~/pause', self._on_pause)
         self.create_service(SetRate, '~/set_rate', self._on_set_rate)
@@ -99,7 +97,7 @@ class ReplayClockNode(BagNode):
 
     def configure(self) -> None:
         """Read from when to when the bag goes."""
-        record = read_raw(self.bag_path(), rig=self._rig)
+        record = self.read_record()
         self._start, self._end = record.start - 1, record.stop
         self._limit = shortest_time_of(MESSAGES_PER_STEP, [record[name].stamps for name in record])
         self._bag, self._elevation = str(record.path), self._elevation_of(record)
@@ -120,7 +118,7 @@ class ReplayClockNode(BagNode):
         self._timeouts = 0
         self._speed = 0.0
         self._speed_from = (time.monotonic(), self._time)
-        self.tasks = [FunctionTask('replay', self._task_status)]
+        self.tasks = [FunctionTask('replay', self._task_status), self._agreement]
 
     def _elevation_of(self, record: RawRecord) -> float:
         """The elevation [rad] that is published; NaN if the bag does not state it."""

@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement, RingExpected, RingParameters, ZeroRequest
 from saddlering_ros.bags.messages import encode_displacements
+from saddlering_ros.doubts import refuse_parameters_of_other_rig
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring.expected import Expected, ExpectedMotion
 from saddlering_ros.nodes.ring_displacement import FLUSH_AFTER as GUARD_FLUSH_AFTER
@@ -52,7 +53,13 @@ from saddlering_ros.ros.names import (
     ZERO,
     ZERO_REQUEST,
 )
-from saddlering_ros.ros.parameters import declare_rig, given_sections, NodeParameter
+from saddlering_ros.ros.parameters import (
+    declare_rig,
+    given_sections,
+    in_parameters,
+    NodeParameter,
+    TRUST_RIG,
+)
 from saddlering_ros.ros.raw_topics import (
     LATCHED,
     LATCHED_BY_SEVERAL,
@@ -89,7 +96,7 @@ class RingSimulatorNode(StreamingNode):
     """One simulated state per load sample on /ring/simulated_displacement, same stamp."""
 
     PARAMETERS = (
-        INPUT_RELIABILITY, MAX_GAP,
+        INPUT_RELIABILITY, MAX_GAP, TRUST_RIG,
         NodeParameter(
             'parameters_file', '', 'file of contact parameters and effects, from '
             '`saddlering identify --out` (or pass the file by --params-file); none: the '
@@ -141,6 +148,7 @@ class RingSimulatorNode(StreamingNode):
     def configure(self) -> None:
         """Read parameters and elevation; compile and make the simulation."""
         self._in_force = self._read_parameters()
+        self._check_rig(self._in_force)
         self._started_with = self._elevation_of_bag()
         self._take_elevation()
         self._make(self._in_force)
@@ -177,6 +185,12 @@ class RingSimulatorNode(StreamingNode):
             return parameters_from_mapping(self._given, f'parameters of {self.get_name()}')
         return ParameterSet(
             TRUE_TO_SCALE, source=ParameterSource(method='default', note='true to scale'))
+
+    def _check_rig(self, parameters: ParameterSet) -> None:
+        """NodeError if parameters state another rig than the node has, unless trust_rig is set."""
+        if not self.settings['trust_rig']:
+            with in_parameters():
+                refuse_parameters_of_other_rig(parameters, self._rig)
 
     def _elevation_of_bag(self) -> float:
         bag = self.settings.text('bag')
@@ -339,6 +353,7 @@ class RingSimulatorNode(StreamingNode):
         """
         try:
             parameters = parameters_from_message(message)
+            self._check_rig(parameters)
             if not same_numbers(parameters, self._in_force):
                 hold = self._stream.hold
                 self._make(parameters)

@@ -9,7 +9,9 @@ from saddlering_ros.rig.description import (
     Probes,
     Rig,
     rig_digest,
+    rig_file_of_project,
     rig_from_parameters,
+    RIG_VARIABLE,
     RollerRow,
     shipped_rig_file,
     short_digest,
@@ -59,14 +61,14 @@ from saddlering_ros.rig.zeroing import zero_of_record, ZeroReading, ZeroWindow
 
 __all__ = [
     'CHANNELS', 'FORCE_UNITS', 'FULL_SCALE_LOAD', 'MICRO_UNITS', 'OPPOSITE', 'PARAMETER_NAMES',
-    'PARAMETER_UNITS', 'TONNE', 'TRUE_TO_SCALE', 'Carriage', 'ContactParameters',
+    'PARAMETER_UNITS', 'RIG_VARIABLE', 'TONNE', 'TRUE_TO_SCALE', 'Carriage', 'ContactParameters',
     'Displacement', 'Instruments', 'LoadLimits', 'ParameterSet', 'ParameterSource', 'Probes',
     'ResolvedLoad', 'Rig', 'RigError', 'RollerRow', 'Trunnion', 'ZeroReading', 'ZeroWindow',
     'check_bounds', 'default_rig', 'displacement_to_probes', 'force_decimals', 'force_range',
     'force_words', 'gap_increment', 'line_contact_stiffness', 'load_rig', 'measured_displacement',
     'mirrored_gap', 'parameters_from_mapping', 'parameters_to_mapping',
     'probes_to_displacement', 'read_parameters', 'resolve_load', 'rig_digest',
-    'rig_from_parameters', 'shipped_rig_file', 'short_digest', 'size_factor',
-    'stiffness_per_metre', 'stiffness_per_millimetre', 'with_absent', 'write_parameters',
-    'zero_of_record',
+    'rig_file_of_project', 'rig_from_parameters', 'shipped_rig_file', 'short_digest',
+    'size_factor', 'stiffness_per_metre', 'stiffness_per_millimetre', 'with_absent',
+    'write_parameters', 'zero_of_record',
 ]

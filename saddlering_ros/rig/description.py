@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 import hashlib
 from importlib import resources
 import json
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -109,7 +110,8 @@ class Rig:
     """The whole rig; every default is a project assumption, not a measured dimension.
 
     radial_row is called middle_row in files. full_scale_time [s]: the shortest time in which the
-    hydraulics change the load by full scale. instruments: what certificates state.
+    hydraulics change the load by full scale. instruments: what certificates state. source: the
+    file that it was read from, '' for none.
     """
 
     axial_rows: RollerRow
@@ -123,6 +125,7 @@ class Rig:
     full_scale_time: float = FULL_SCALE_TIME
     force_unit: str = 't'
     instruments: Instruments = field(default_factory=Instruments)
+    source: str = field(default='', compare=False)
 
     @property
     def limits(self) -> LoadLimits:
@@ -335,16 +338,27 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
     return result
 
 
+RIG_VARIABLE = 'SADDLERING_RIG'
+"""Environment variable that names the rig file of a project, for all that is given none."""
+
+
+def rig_file_of_project() -> Path | None:
+    """The rig file that the environment names; None: the shipped rig counts."""
+    return Path(os.environ[RIG_VARIABLE]) if os.environ.get(RIG_VARIABLE) else None
+
+
 def load_rig(path: Path | str | None = None) -> Rig:
-    """The rig of a ROS 2 parameter file; None gives the shipped config/rig.yaml's values.
+    """The rig of a ROS 2 parameter file; None: of the project's, or the shipped config/rig.yaml.
 
     Raises RigError with one line when the file is missing, malformed, or out of range.
     """
+    path = rig_file_of_project() if path is None else path
     if path is None:
         return default_rig()
     if not isinstance(path, (str, Path)):
         raise RigError(f'rig file is of type {type(path).__name__}: give a path')
-    return rig_from_parameters(read_ros_parameters(Path(path), RigError), str(path))
+    rig = rig_from_parameters(read_ros_parameters(Path(path), RigError), str(path))
+    return replace(rig, source=str(path))
 
 
 def shipped_rig_file() -> Path | None:
@@ -359,7 +373,7 @@ def shipped_rig_file() -> Path | None:
 SHORT_DIGITS = 12
 """Digits of the form for people."""
 
-NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time', 'absent', 'instruments')
+NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time', 'absent', 'instruments', 'source')
 """Fields of a Rig for identification, guarding and display, and the number of a probe that is
 absent. They are not part of the hash: the ring is the same."""
 

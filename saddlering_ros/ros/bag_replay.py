@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 import time
 from typing import Any, ClassVar
@@ -15,6 +16,7 @@ from saddlering_ros.bags import read_raw
 from saddlering_ros.bags.messages import decode_clock, encode_samples
 from saddlering_ros.bags.reader import usable_facts
 from saddlering_ros.bags.wire import SECOND
+from saddlering_ros.doubts import refuse_other_hash
 from saddlering_ros.doubts.reading import absent_topic
 from saddlering_ros.doubts.readings import check_values
 from saddlering_ros.files import share_directory
@@ -24,8 +26,16 @@ from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, SourcesTask, TaskStatus, WARN
 from saddlering_ros.ros.names import CLOCK, NodeError
-from saddlering_ros.ros.parameters import bag_below, given_rig, NodeParameter, root_folder
+from saddlering_ros.ros.parameters import (
+    bag_below,
+    given_rig,
+    in_parameters,
+    NodeParameter,
+    root_folder,
+    TRUST_RIG,
+)
 from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription
+from saddlering_ros.ros.rig_state import RigAgreement
 from saddlering_ros.ros.streaming_node import StreamingNode
 
 BAG = NodeParameter(
@@ -43,10 +53,12 @@ class BagNode(StreamingNode):
     trusted that far: what they name must lie below a root, as for goals.
     """
 
-    PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = (BAG, BAG_ROOT)
+    PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = (BAG, BAG_ROOT, TRUST_RIG)
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
+        self._rig = given_rig(self)
+        self._agreement = RigAgreement(self, self._rig)
         self._first_bag = self.settings.text('bag')
         self._bag_root = root_folder(
             self, 'bag_root', Path(self._first_bag).absolute().parent
@@ -69,6 +81,14 @@ class BagNode(StreamingNode):
         if not bag:
             raise NodeError(f'{self.get_name()}: parameter bag is empty: give -p bag:=PATH')
         return self._allowed(bag)
+
+    def read_record(self, topics: Sequence[str] | None = None) -> RawRecord:
+        """The bag to replay now; NodeError if it states another rig, unless trust_rig is set."""
+        record = read_raw(self.bag_path(), topics, rig=self._rig)
+        if not self.settings['trust_rig']:
+            with in_parameters():
+                refuse_other_hash(record, self._rig)
+        return record
 
     def _allowed(self, bag: str) -> str:
         return bag if bag == self._first_bag else str(bag_below(self._bag_root, bag))
@@ -140,11 +160,10 @@ class ReplayNode(BagNode):
 
     def __init__(self) -> None:
         super().__init__(self.NAME)
-        self._rig = given_rig(self)
 
     def configure(self) -> None:
         """Read the bag."""
-        record = read_raw(self.bag_path(), topics_of(self.NAME), rig=self._rig)
+        record = self.read_record(topics_of(self.NAME))
         for topic in record:
             check_values(f'{record.path}: {topic}', record[topic].stamps, record[topic].values)
         said = [note for name in record for note in record[name].notes]
@@ -155,7 +174,8 @@ class ReplayNode(BagNode):
         self._now = 0
         self._heard = time.monotonic()
         self._jumps = self._dropped = 0
-        self.tasks = [FunctionTask('replay', self._task_status), SourcesTask(self.sources)]
+        self.tasks = [FunctionTask('replay', self._task_status), self._agreement,
+                      SourcesTask(self.sources)]
 
     def connect(self) -> None:
         """Listen to the clock; publish the topics."""

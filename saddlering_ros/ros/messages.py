@@ -37,7 +37,8 @@ FIELDS = ('k1', 'n1', 'd1', 'k2', 'n2', 'd2')
 
 def parameters_to_message(parameters: ParameterSet, stamp: Time) -> RingParameters:
     """A RingParameters message of `parameters`."""
-    message = RingParameters(source=words_of(parameters.source))
+    message = RingParameters(source=words_of(parameters.source),
+                             rig_hash=parameters.source.rig_hash)
     message.header.stamp = stamp
     for name, value in zip(FIELDS, parameters.contact.to_array().tolist(), strict=True):
         setattr(message, name, value)
@@ -68,7 +69,8 @@ def parameters_from_message(message: RingParameters) -> ParameterSet:
                     if any(determined.values()) and not is_determined}
     source = ParameterSource(
         method='message', note=str(message.source), undetermined=undetermined,
-        covariance=covariance.reshape(6, 6) if covariance.size else None)
+        covariance=covariance.reshape(6, 6) if covariance.size else None,
+        rig_hash=str(message.rig_hash))
     return ParameterSet(ContactParameters(*values), _effects(message), source)
 
 

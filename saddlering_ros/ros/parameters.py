@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 import math
@@ -19,9 +20,9 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from saddlering_ros.errors import did_you_mean
+from saddlering_ros.errors import did_you_mean, SaddleringError
 from saddlering_ros.plain_yaml import read_strict_yaml
-from saddlering_ros.rig import default_rig, PARAMETER_NAMES, Rig, rig_from_parameters
+from saddlering_ros.rig import default_rig, load_rig, PARAMETER_NAMES, Rig, rig_from_parameters
 from saddlering_ros.rig.parameter_file import SOURCE_KEYS
 from saddlering_ros.rig.ros_yaml import unfold
 from saddlering_ros.ros.names import NodeError
@@ -80,6 +81,20 @@ class NodeParameter:
 
 HARDWARE_ID = NodeParameter(
     'hardware_id', '', 'identity of the rig in /diagnostics; none: saddlering and the namespace')
+
+
+TRUST_RIG = NodeParameter(
+    'trust_rig', False, 'accept a bag or parameters that state another rig than the node has')
+
+
+@contextmanager
+def in_parameters() -> Iterator[None]:
+    """Raise a refusal of the Python API again, with the parameters of a node for its arguments."""
+    try:
+        yield
+    except SaddleringError as problem:
+        words = str(problem).replace('rig=FILE', '--params-file FILE')
+        raise NodeError(words.replace('trust_rig=True', '-p trust_rig:=true')) from problem
 
 
 class NodeSettings(dict[str, Any]):
@@ -198,13 +213,14 @@ def _rig_values(rig: Rig) -> dict[str, Any]:
 def declare_rig(node: Node) -> Rig:
     """The rig from the node's parameters `rig.*` and `bounds.*`, as config/rig.yaml sets them.
 
-    Without any of them it is the shipped one. A part of a rig is refused, as commands refuse it:
-    the rest would be that of another rig. Raises RigError with one line on a bad one.
+    Without any of them it is that of the project, or the shipped one. A part of a rig is refused,
+    as commands refuse it: the rest would be that of another rig. Raises RigError with one line on
+    a bad one.
     """
     given = set(node._parameter_overrides)
     is_given = any(name.startswith('rig.') for name in given)
     nested: dict[str, Any] = {}
-    for name, default in _rig_values(default_rig()).items():
+    for name, default in _rig_values(default_rig() if is_given else load_rig()).items():
         descriptor = ParameterDescriptor(
             name=name, description=rig_words(name), read_only=True, dynamic_typing=True)
         value = node.declare_parameter(name, default, descriptor).value
@@ -215,13 +231,13 @@ def declare_rig(node: Node) -> Rig:
 
 
 def given_rig(node: Node) -> Rig:
-    """The rig that the node was given, by `rig.*` and `bounds.*`; the shipped one without any.
+    """The same rig as of `declare_rig`, with only the given entries declared.
 
-    Only given entries are declared, unlike `declare_rig`: for nodes that need little of the rig.
+    It is for nodes that need little of the rig.
     """
     nested = given_sections(node, ('rig', 'bounds'))
     if 'rig' not in nested:
-        return default_rig()
+        return load_rig()
     return rig_from_parameters(nested, f'parameters of {node.get_name()}')
 
 

@@ -66,6 +66,7 @@ def test_a_recorded_replay_holds_every_live_result_and_explains_itself(
     again, first = read_run(recorded), read_run(bag)
     assert np.array_equal(again.load, first.load)
     assert (again.test, again.elevation) == (first.test, first.elevation)
+    assert again.rig_hash == first.rig_hash != ''
 
 
 def test_csv_and_parquet_hold_the_same_numbers(parameters, tmp_path):

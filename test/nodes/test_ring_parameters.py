@@ -74,6 +74,10 @@ def test_a_following_simulator_takes_what_is_offered_and_not_what_another_one_ha
         offer.publish(message(3, k1=-1.0))
     wait_until(lambda: 'refused' in group.processes['ring_simulator'].said(), what='it refuses')
     with heard.lock:
+        offer.publish(message(3, k1=3.0e10, rig_hash='another'))
+    wait_until(lambda: 'belong to the rig' in group.processes['ring_simulator'].said(),
+               what='one of another rig')
+    with heard.lock:
         offer.publish(message(4, k1=4.0e10))
     wait_until(lambda: in_force(said)[-1].k1 == 4.0e10, what='it follows the new offer')
     with heard.lock:
@@ -116,9 +120,10 @@ def in_force(said: list[RingParameters]) -> list[RingParameters]:
     return [one for one in said if one.in_force_in == '/ring_simulator']
 
 
-def message(second: int, *, k1: float, in_force_in: str = '') -> RingParameters:
+def message(second: int, *, k1: float, in_force_in: str = '', rig_hash: str = '',
+            ) -> RingParameters:
     found = TRUE_TO_SCALE
     result = RingParameters(k1=k1, n1=found.n1, d1=found.D1, k2=found.K2, n2=found.n2,
-                            d2=found.D2, source='test', in_force_in=in_force_in)
+                            d2=found.D2, source='test', in_force_in=in_force_in, rig_hash=rig_hash)
     result.header.stamp = Time(sec=second)
     return result

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import json
 import math
 from pathlib import Path
+import re
 
+from forked_nodes import endings
 import numpy as np
 import pytest
 
+from saddlering_ros import read_bag
 from saddlering_ros.bags import write_bag
 from saddlering_ros.cli.main import main
 from saddlering_ros.doubts import refuse_other_rig
@@ -21,6 +25,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
     write_parameters,
 )
+from saddlering_ros.rig.description import shipped_rig_file
 
 RIG = default_rig()
 OTHER = replace(RIG, full_scale_load=98066.5)
@@ -33,26 +38,27 @@ def run_of(name: str = '', rig_hash: str = '') -> Record:
 
 
 def test_a_bag_of_another_rig_is_refused_with_what_to_do() -> None:
-    for is_given, words in ((True, 'the given rig is another'), (False, 'no rig is given')):
+    for rig, of_bag, words in ((RIG, OTHER, 'the shipped rig is in use, which is another'),
+                               (OTHER, RIG, 'the rig in use is another')):
         with pytest.raises(BagError) as caught:
-            refuse_other_rig([run_of('SR-48', OTHER.digest)], RIG, is_given=is_given)
+            refuse_other_rig([run_of('SR-48', of_bag.digest)], rig)
         message = str(caught.value)
         assert words in message
         assert "'SR-48'" in message
-        assert OTHER.digest[:12] in message
+        assert of_bag.digest[:12] in message
         assert 'trust_rig=True' in message
 
 
 def test_a_bag_of_the_same_rig_and_one_that_says_nothing_are_taken() -> None:
     runs = [run_of('SR-48', RIG.digest), run_of(), run_of('virtual rig')]
-    refuse_other_rig(runs, RIG, is_given=False)
+    refuse_other_rig(runs, RIG)
     assert not any(run.notes for run in runs)
 
 
 def test_a_bag_that_only_names_its_rig_gets_a_note_where_no_file_is_given() -> None:
     run = run_of('SR-48')
-    refuse_other_rig([run], RIG, is_given=False)
-    assert "names the rig 'SR-48' and no rig file is given" in run.notes[0]
+    refuse_other_rig([run], RIG)
+    assert "names the rig 'SR-48', and the shipped rig is simulated" in run.notes[0]
 
 
 def test_a_forgotten_rig_file_costs_a_line_and_not_minutes(
@@ -65,7 +71,7 @@ def test_a_forgotten_rig_file_costs_a_line_and_not_minutes(
     capsys.readouterr()
     for command in ('diagnose', 'identify'):
         assert main([command, str(bag)]) == 2
-        assert 'no rig is given, and the shipped one is another' in capsys.readouterr().err
+        assert 'the shipped rig is in use, which is another' in capsys.readouterr().err
 
 
 @pytest.fixture(name='bag_of_other_rig')
@@ -89,8 +95,52 @@ def test_no_command_takes_a_bag_of_another_rig_silently(
     assert main([command, bag_of_other_rig, *params]) == 2
     said = capsys.readouterr().err
     assert said.count('\n') == 1
-    assert 'no rig is given, and the shipped one is another' in said
+    assert 'the shipped rig is in use, which is another' in said
     assert '--trust-rig' in said
+
+
+def test_the_rig_of_the_project_is_taken_and_named(
+        bag_of_other_rig: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    file = other_rig_file(tmp_path)
+    monkeypatch.setenv('SADDLERING_RIG', str(file))
+    assert main(['displacement', bag_of_other_rig, '--json', '-']) == 0
+    said = capsys.readouterr()
+    assert f'rig: {file} (SADDLERING_RIG), hash {OTHER.digest[:12]}' in said.err
+    assert str(file) in [one['path'] for one in json.loads(said.out)['provenance']['files']]
+    bag = read_bag(bag_of_other_rig)
+    assert (bag.rig.digest, bag.rig.source) == (OTHER.digest, str(file))
+
+
+def other_rig_file(folder: Path) -> Path:
+    shipped = shipped_rig_file()
+    assert shipped is not None
+    text = re.sub('full_scale_load: .*', 'full_scale_load: 98066.5', shipped.read_text())
+    (folder / 'other.yaml').write_text(text)
+    return folder / 'other.yaml'
+
+
+@pytest.mark.ros
+def test_no_node_takes_a_bag_or_parameters_of_another_rig_silently(
+        bag_of_other_rig: str, tmp_path: Path) -> None:
+    law = law_of_other_rig(tmp_path)
+    replays = [(name, ['--ros-args', '-p', f'bag:={bag_of_other_rig}'])
+               for name in ('replay_clock', 'hydraulic_load', 'eddy_current')]
+    *bags, parameters = endings(
+        [*replays, ('ring_simulator', ['--ros-args', '-p', f'parameters_file:={law}'])])
+    for status, said in bags:
+        assert status == 2
+        assert 'the shipped rig is in use, which is another' in said
+        assert '--params-file FILE of that rig, or -p trust_rig:=true' in said
+    assert parameters[0] == 2
+    assert 'the parameters belong to the rig' in parameters[1]
+
+
+def law_of_other_rig(folder: Path) -> Path:
+    law = folder / 'law.yaml'
+    write_parameters(law, ParameterSet(TRUE_TO_SCALE, {}, ParameterSource(
+        'assumed', (), None, None, '', rig_hash=OTHER.digest)))
+    return law
 
 
 def test_a_bag_of_another_rig_is_computed_where_the_rig_is_trusted(
@@ -99,14 +149,12 @@ def test_a_bag_of_another_rig_is_computed_where_the_rig_is_trusted(
     assert 'gamma' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize('command', ['simulate', 'residual', 'watch', 'replay'])
+@pytest.mark.parametrize('command', ['simulate', 'residual', 'watch', 'replay', 'plan'])
 def test_no_command_takes_parameters_of_another_rig_silently(
         command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    law = tmp_path / 'law.yaml'
-    write_parameters(law, ParameterSet(TRUE_TO_SCALE, {}, ParameterSource(
-        'assumed', (), None, None, '', rig_hash=OTHER.digest)))
+    law = law_of_other_rig(tmp_path)
     bag = Path(__file__).resolve().parents[2] / 'bags' / 'dynamic_50_fast'
-    assert main([command, str(bag), '--params', str(law)]) == 2
+    assert main([command, *([] if command == 'plan' else [str(bag)]), '--params', str(law)]) == 2
     said = capsys.readouterr().err
     assert said.count('\n') == 1
     assert f'the parameters belong to the rig with the hash {OTHER.digest[:12]}' in said
