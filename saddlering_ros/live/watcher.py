@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 import contextlib
 from dataclasses import asdict, dataclass, field
 import json
+import os
 import threading
 import time
 from typing import Any
@@ -50,12 +51,13 @@ from saddlering_ros.rig import (
     Rig,
     stiffness_per_millimetre,
 )
-from saddlering_ros.ros.messages import parameters_from_message, to_stamp
+from saddlering_ros.ros.messages import parameters_from_message, progress_of, to_stamp
 from saddlering_ros.ros.names import (
     DIAGNOSE,
     DIAGNOSTICS,
     DISPLACEMENT,
     IDENTIFY,
+    LIVE_PAGE,
     PARAMETERS_IN_FORCE,
     PROGRESS,
     RESIDUAL,
@@ -70,7 +72,6 @@ from saddlering_ros.ros.raw_topics import (
     RawSubscription,
 )
 
-NAME = 'saddlering_live'
 STREAMS = {'load': LOAD.relative, 'measured': DISPLACEMENT, 'simulated': SIMULATED,
            'residual': RESIDUAL}
 SCALES = {'measured': 1e6, 'simulated': 1e6, 'residual': 1e6}
@@ -81,6 +82,9 @@ POLL = 0.05
 
 REVIEW = 1.0
 """How often it is looked whether the publishers are reliable or best effort [s]."""
+
+REPORT = 0.2
+"""Period [s] of the reports to a replay, which stays at its end until the page has all."""
 
 SILENT = 3.5
 """A node that has not spoken on /diagnostics for so long [s] is gone."""
@@ -124,7 +128,8 @@ class Watcher:
     """A ROS node that receives the topics of the rig; `state` and `rows` are the data of the page.
 
     It wakes twenty times a second at any rate of the streams; the nodes' publishers keep
-    the last messages only and so never wait for a reader, nor does a clock in lockstep for this.
+    the last messages only and so never wait for a reader. It reports what it has received: a
+    replay in lockstep waits before the queues between them lose messages, and at its end.
     """
 
     def __init__(self, domain_id: int | None = None, window: float = 600.0,
@@ -135,7 +140,7 @@ class Watcher:
         self.context = rclpy.Context()
         rclpy.init(context=self.context, args=[], domain_id=domain_id)
         self.node: Node = rclpy.create_node(
-            NAME, namespace=namespace, context=self.context)
+            LIVE_PAGE, namespace=namespace, context=self.context)
         self._namespace = namespace
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
@@ -161,6 +166,7 @@ class Watcher:
         self._jobs: dict[str, Job] = {}
         self._actions = {name: _Action(self, name, path, kind)
                          for name, (path, kind) in ACTIONS.items()}
+        self._progress = self.node.create_publisher(ReplayProgress, PROGRESS, PROGRESS_QOS)
         subscribe = self.node.create_subscription
         subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 50)
         subscribe(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters, LATCHED_BY_SEVERAL)
@@ -168,7 +174,7 @@ class Watcher:
         subscribe(ReplayProgress, PROGRESS, self._on_progress, PROGRESS_QOS)
         subscribe(RingAlarm, RING_ALARM, self._on_alarm, LATCHED)
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=NAME, daemon=True)
+        self._thread = threading.Thread(target=self._run, name=LIVE_PAGE, daemon=True)
 
     def __enter__(self) -> Watcher:
         self._thread.start()
@@ -237,7 +243,7 @@ class Watcher:
     # --- hearing ---
 
     def _run(self) -> None:
-        polled = reviewed = 0.0
+        polled = reviewed = reported = 0.0
         while not self._stop.is_set() and self.context.ok():
             try:
                 self._executor.spin_once(timeout_sec=POLL / 2)
@@ -248,6 +254,11 @@ class Watcher:
             if now - polled >= POLL:
                 polled = now
                 self._poll()
+            if now - reported >= REPORT and self._replay is not None:
+                reported = now
+                self._progress.publish(progress_of(
+                    f'{LIVE_PAGE}_{os.getpid()}',
+                    [flow for flow in self._streams.values() if flow.reliable], []))
             if now - reviewed >= REVIEW:
                 reviewed = now
                 for subscription in (*self._streams.values(), *self._sensors.values()):
@@ -282,10 +293,12 @@ class Watcher:
     def _take(self, name: str, messages: list[bytes]) -> None:
         if name == 'load':
             load = decode_samples(messages, LOAD)
+            self._streams[name].last_stamp = int(load.stamps[-1])
             self.traces.push(name, load.stamps, load.values[None, :])
             self.gauges.push(name, float(load.values[-1]))
             return
         batch = decode_displacements(messages)
+        self._streams[name].last_stamp = int(batch.stamps[-1])
         self.traces.push(name, batch.stamps, batch.channels)
         if name == 'residual':
             self._doubt = doubt_words(batch.validity)

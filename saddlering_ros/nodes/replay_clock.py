@@ -31,6 +31,12 @@ PARTICIPANTS = list(names(REPLAY, RING))
 MESSAGES_PER_STEP = 1000
 """Of one topic in lockstep, at most: the queues of its readers hold more."""
 
+MAX_SPECTATOR_LAG = 2
+"""Steps of so many messages that a live page may be behind in lockstep."""
+
+MAX_SPECTATOR_JUMP = 60 * SECOND
+"""A live page that is further behind [ns] than this still shows another replay."""
+
 LONGEST_REST = 0.1
 """In lockstep with a limited rate, a step takes at most this long [s]: data flow evenly."""
 
@@ -44,6 +50,9 @@ LINGER = 0.5
 
 LONGEST_LINGER = 5.0
 """Longest time [s] at the end in which a reader may still get the last state."""
+
+LONGEST_WATCHED = 60.0
+"""Longest time [s] at the end in which a live page may still receive what was published."""
 
 HEED = 0.1
 """Time [s] that the clock stands after it has announced its bag."""
@@ -161,6 +170,8 @@ class ReplayClockNode(BagNode):
 
     def _may_leave(self, stood: float) -> bool:
         """Whether all have the last state, after the clock has stood at its end for a while."""
+        if stood < LONGEST_WATCHED and self._group.spectators_lag(time.monotonic()) > 0:
+            return False
         return stood > LONGEST_LINGER or (stood > LINGER and bool(
             self._state_publisher.wait_for_all_acked(Duration(seconds=0))))
 
@@ -204,6 +215,10 @@ class ReplayClockNode(BagNode):
             self._give_up_on(behind)
             return
         if behind:
+            return
+        lag = self._group.spectators_lag(now)
+        if MAX_SPECTATOR_LAG * self._limit < lag < MAX_SPECTATOR_JUMP:
+            self._waiting_for = [f'the live page: is {lag / 1e9:.3f} s behind']
             return
         self._readmit()
         window = self._window()

@@ -28,7 +28,7 @@ from saddlering_ros.rig import (
     ParameterSource,
 )
 from saddlering_ros.rig.parameter_file import Effects
-from saddlering_ros.ros.names import NodeError
+from saddlering_ros.ros.names import LIVE_PAGE, NodeError
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 
 FIELDS = ('k1', 'n1', 'd1', 'k2', 'n2', 'd2')
@@ -210,11 +210,17 @@ def progress_of(node: str, subscriptions: list[RawSubscription], publishers: lis
     return message
 
 
+MAX_SPECTATORS = 8
+SPECTATOR_LEASE = 2.0
+"""A spectator that has not reported for so long [s] is gone."""
+
+
 class LockstepGroup:
     """The nodes a replay waits for, and the last report of each.
 
     A node owes nothing on a topic until it has received its first message there, so that one
-    that joins late does not stop the replay.
+    that joins late does not stop the replay. Spectators are live pages: the replay starts without
+    them, and lets them catch up before the queues lose messages, and at its end.
     """
 
     def __init__(self, names: list[str]) -> None:
@@ -223,19 +229,34 @@ class LockstepGroup:
         self.said: dict[str, ReplayProgress] = {}
         self.heard: dict[str, float] = {}
         self.excused: set[str] = set()
+        self._spectators: dict[str, tuple[float, ReplayProgress]] = {}
 
     def hear(self, message: ReplayProgress, now: float) -> None:
         """Take a node's word at monotonic `now` [s].
 
         Reports of other nodes are not kept, nor messages whose lists differ in length.
         """
-        if message.node not in self.names:
+        is_spectator = message.node.startswith(LIVE_PAGE) and (
+            message.node in self._spectators or len(self._spectators) < MAX_SPECTATORS)
+        if message.node not in self.names and not is_spectator:
             return
         if not _is_whole(message):
             self.malformed += 1
             return
+        if message.node not in self.names:
+            self._spectators[message.node] = now, message
+            return
         self.said[message.node] = message
         self.heard[message.node] = now
+
+    def spectators_lag(self, now: float) -> int:
+        """How far [ns] the spectator that is furthest behind is behind what was published."""
+        last = self._last_stamps(list(self.said.values()))
+        return max((last[topic] - to_stamp(time)
+                    for heard, said in self._spectators.values() if now - heard < SPECTATOR_LEASE
+                    for topic, time, count in zip(said.inputs, said.input_stamps, said.publishers,
+                                                  strict=True)
+                    if count and topic in last and to_stamp(time)), default=0)
 
     def absent(self) -> list[str]:
         """Participants that sent nothing yet, or are not matched with the others, in words."""
@@ -265,16 +286,18 @@ class LockstepGroup:
         reasons = []
         present = [self.said[name] for name in self.names
                    if name in self.said and name not in self.excused]
-        last = {}
-        for said in present:
-            for topic, time in zip(said.outputs, said.output_stamps, strict=True):
-                if to_stamp(time):
-                    last[topic] = to_stamp(time)
+        last = self._last_stamps(present)
         for said in present:
             reason = self._lag(said, until, last)
             if reason:
                 reasons.append(f'{said.node}: {reason}')
         return reasons
+
+    def _last_stamps(self, writers: list[ReplayProgress]) -> dict[str, int]:
+        """By topic the stamp [ns] of the last message that one of them published."""
+        return {topic: to_stamp(time) for said in writers
+                for topic, time in zip(said.outputs, said.output_stamps, strict=True)
+                if to_stamp(time)}
 
     def _lag(self, said: ReplayProgress, until: int, last: dict[str, int]) -> str:
         replayed = to_stamp(said.replayed_until)

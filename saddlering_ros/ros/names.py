@@ -102,6 +102,9 @@ RING_ALARM = 'ring/alarm'
 WITHIN_LIMITS = 'ring/within_limits'
 """True while the residual is watched and no alarm is latched: for a hydraulics interlock."""
 
+LIVE_PAGE = 'saddlering_live'
+"""Node of a live page. In its reports of progress the number of its process follows."""
+
 IDENTIFY = 'identify_ring'
 DIAGNOSE = 'diagnose_ring'
 

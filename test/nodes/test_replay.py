@@ -14,7 +14,7 @@ from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.nodes.replay_clock import shortest_time_of
 from saddlering_ros.ros.launcher import start_nodes
-from saddlering_ros.ros.messages import LockstepGroup, to_time
+from saddlering_ros.ros.messages import LockstepGroup, SPECTATOR_LEASE, to_time
 
 pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -103,6 +103,17 @@ def test_a_replay_starts_when_all_are_heard_of_and_matched_both_ways() -> None:
     assert group.absent() == ['reader: is not connected to the publisher of /t']
     group.hear(said('reader', inputs=[('/t', 0, 1)]), 0.0)
     assert group.absent() == []
+
+
+def test_a_replay_starts_without_a_live_page_and_knows_how_far_the_page_is_behind() -> None:
+    group = LockstepGroup(['source'])
+    group.hear(said('source', until=100, outputs=[('/t', 99, 1), ('/u', 99, 1)]), 0.0)
+    group.hear(said('saddlering_live_7', inputs=[('/t', 77, 1), ('/u', 5, 0), ('/v', 5, 1)]), 0.0)
+    assert group.absent() == group.behind(100) == []
+    assert group.spectators_lag(1.0) == 22
+    assert group.spectators_lag(SPECTATOR_LEASE + 1.0) == 0
+    group.hear(said('saddlering_live_7', inputs=[('/t', 99, 1)]), 0.0)
+    assert group.spectators_lag(1.0) == 0
 
 
 def test_time_goes_on_only_when_all_that_was_published_is_dealt_with() -> None:
