@@ -5,6 +5,7 @@ Console, report, live page and messages print their numbers with these functions
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import math
 from typing import Any
 
@@ -61,6 +62,27 @@ def percent(share: float | None, digits: int = 2) -> str:
     if 0.0 < abs(share) < MIN_SHARE:
         return f'< {100.0 * MIN_SHARE:g} %'
     return f'{significant(100.0 * share, digits)} %'
+
+
+def shares_in_words(shares: Mapping[str, float], smallest: float = 0.005) -> dict[str, str]:
+    """Shares of a whole in percent, the largest first: whole numbers that add to 100.
+
+    The largest remainders are rounded up. '> 99 %' and '< 1 %' stand for 100 and 0 that are not
+    exact. Shares below `smallest` are left out.
+    """
+    order = sorted(shares, key=lambda name: -shares[name])
+    exact = {name: round(100.0 * shares[name], 6) for name in order}
+    whole = {name: math.floor(exact[name]) for name in order}
+    missing = round(sum(exact.values())) - sum(whole.values())
+    for name in sorted(order, key=lambda name: whole[name] - exact[name])[:missing]:
+        whole[name] += 1
+    words = {}
+    for name in order:
+        if shares[name] >= smallest:
+            is_exact = exact[name] in (0.0, 100.0)
+            words[name] = ('> 99 %' if whole[name] == 100 and not is_exact else
+                           '< 1 %' if whole[name] == 0 and not is_exact else f'{whole[name]} %')
+    return words
 
 
 def signed_percent(share: float, std: float | None = None, *, is_signed: bool = True) -> str:

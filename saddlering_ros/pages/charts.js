@@ -17,6 +17,8 @@
     const place = document.createElement('div');
     place.className = 'plot';
     place.style.height = `${chart.height}px`;
+    // Panels side by side need more than the width of a phone: the figure scrolls there.
+    if (chart.layout.xaxis.domain[1] < 0.7) place.style.minWidth = '640px';
     place.setAttribute('role', 'img');
     place.setAttribute('aria-label', figure.querySelector('img').alt);
     figure.prepend(place);

@@ -27,6 +27,9 @@ COLOURS = 128
 MIN_CHAPTERS = 4
 """A page of fewer chapters needs no list of them."""
 
+PHONE_LETTERS = 40
+"""Letters of a row that fit the width of a phone (390 px); a longer row stands as a list there."""
+
 NOTHING = ('', '–')
 """Texts of cells without a value."""
 
@@ -81,6 +84,23 @@ pre { background: #eef1f4; border-radius: 6px; padding: 10px 12px; margin: 8px 0
 figure.drawn img { display: none; }
 .contents { columns: 2; column-gap: 32px; font-size: 14px; margin: 12px 0; padding-left: 20px; }
 .contents a { color: inherit; }
+.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(340px, 100%), 1fr));
+  gap: 0 24px; }
+@media screen and (max-width: 600px) {
+  main { padding: 12px 6px 40px; }
+  section, .verdict { padding: 12px; }
+  .contents { columns: 1; }
+  .wide thead { display: none; }
+  .wide tr { display: block; border-bottom: 1px solid var(--line); padding: 6px 0; }
+  .wide td, .wide td.n { display: flex; justify-content: space-between; gap: 16px; border: 0;
+    padding: 1px 0; text-align: right; white-space: normal; }
+  .wide, .wide tbody, .wide caption { display: block; width: 100%; }
+  .wide td.none { display: none !important; }
+  .wide td:not([data-is]) { text-align: left; }
+  figure { overflow-x: auto; }
+  th { white-space: normal; }
+  .wide td[data-is]::before { content: attr(data-is); color: var(--soft); text-align: left; }
+}
 @page { margin: 11mm; }
 @media print {
   body { background: #fff; font-size: 11px; line-height: 1.35; }
@@ -219,8 +239,14 @@ def table(
     rows = [[row[column] for column in shown] for row in rows]
     title = f'<caption>{escape(caption)}</caption>' if caption else ''
     top = ''.join(_cell(item, 'th') for item in head)
-    body = ''.join('<tr>' + ''.join(_cell(item, 'td') for item in row) + '</tr>' for row in rows)
-    return (f'<div class="scroll"><table>{title}<thead><tr>{top}</tr></thead>'
+    columns = [[_plain(row[column]) for row in rows] for column in range(len(head))]
+    is_wide = sum(max(map(len, cells)) for cells in columns) > PHONE_LETTERS
+    names = [_plain(item) if is_wide else '' for item in head]
+    body = ''.join('<tr>' + ''.join(
+        _cell(item, 'td', name) for item, name in zip(row, names, strict=True)) + '</tr>'
+        for row in rows)
+    kind = ' class="wide"' if is_wide else ''
+    return (f'<div class="scroll"><table{kind}>{title}<thead><tr>{top}</tr></thead>'
             f'<tbody>{body}</tbody></table></div>')
 
 
@@ -263,11 +289,19 @@ def _text(item: str | Cell) -> str:
     return item.text if isinstance(item, Cell) else item
 
 
-def _cell(item: str | Cell, tag: str) -> str:
+def _plain(item: str | Cell) -> str:
+    """The words of a cell without its tags."""
+    return html.unescape(re.sub(r'<[^>]+>', ' ', _text(item))).strip()
+
+
+def _cell(item: str | Cell, tag: str, name: str = '') -> str:
+    """A cell; name: of its column, which a phone shows beside it."""
     cell = item if isinstance(item, Cell) else Cell(item)
-    kinds = ' '.join(kind for kind in ('n' if cell.is_number else '', cell.mark) if kind)
+    kinds = ' '.join(filter(None, (
+        'n' if cell.is_number else '', cell.mark, 'none' if cell.text in NOTHING else '')))
     text = cell.text if cell.is_html else escape(cell.text)
-    return f'<{tag}{_class(kinds)}>{text}</{tag}>'
+    beside = f' data-is="{escape(name)}"' if name else ''
+    return f'<{tag}{_class(kinds)}{beside}>{text}</{tag}>'
 
 
 def _class(kind: str) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 import gzip
 import json
+import math
 from typing import Any
 
 import numpy as np
@@ -117,15 +118,15 @@ def _domains(chart: Chart, panel: Panel, height: float) -> tuple[Span, Span]:
 
 def _x_axis(panel: Panel, domain: Span, suffix: str) -> Plotly:
     label = panel.x_label if panel.shows_x_label else ''
-    return {**_axis(domain, f'y{suffix}', label, panel.x_ticks, is_log=panel.x_is_log,
-                    decades=_decades([item.x for item in panel.series])),
+    ticks = _log_ticks([item.x for item in panel.series]) if panel.x_is_log else panel.x_ticks
+    return {**_axis(domain, f'y{suffix}', label, ticks, is_log=panel.x_is_log),
             'showticklabels': panel.shows_x, 'showgrid': panel.heat is None}
 
 
 def _y_axis(panel: Panel, domain: Span, suffix: str) -> Plotly:
     label = panel.y_label if panel.shows_y and panel.shows_y_label else ''
-    axis = {**_axis(domain, f'x{suffix}', label, panel.y_ticks, is_log=panel.y_is_log,
-                     decades=_decades([item.y for item in panel.series])),
+    ticks = _log_ticks([item.y for item in panel.series]) if panel.y_is_log else panel.y_ticks
+    axis = {**_axis(domain, f'x{suffix}', label, ticks, is_log=panel.y_is_log),
              'showticklabels': panel.shows_y,
              'showgrid': panel.heat is None and panel.has_y_grid}
     if panel.y_range is not None:
@@ -136,25 +137,27 @@ def _y_axis(panel: Panel, domain: Span, suffix: str) -> Plotly:
 
 
 def _axis(
-    domain: Span, anchor: str, label: str, ticks: Ticks | None, *, is_log: bool, decades: float,
+    domain: Span, anchor: str, label: str, ticks: Ticks | None, *, is_log: bool,
 ) -> Plotly:
     axis: Plotly = {
         'domain': list(domain), 'anchor': anchor, 'gridcolor': GRID, 'linecolor': EDGE,
         'showline': True, 'zeroline': False, 'ticks': 'outside', 'ticklen': 3,
         'type': 'log' if is_log else 'linear',
         'title': {'text': label.replace('\n', '<br>'), 'standoff': 4, 'font': {'size': 12}}}
-    if is_log:
-        axis |= {'dtick': 1 if decades > FEW_DECADES else 'D2', 'exponentformat': 'none'}
     if ticks is not None:
         axis |= {'tickvals': list(ticks.at), 'ticktext': list(ticks.words),
                   'tickfont': {'size': 11}}
     return axis
 
 
-def _decades(values: Sequence[NDArray[np.float64]]) -> float:
-    """Decades from the smallest positive value to the largest."""
+def _log_ticks(values: Sequence[NDArray[np.float64]]) -> Ticks:
+    """A number at each decade, and at 2 and 5 where there are few decades."""
     positive = np.concatenate([item[item > 0.0] for item in values] or [np.ones(1)])
-    return float(np.log10(positive.max() / positive.min())) if positive.size else 0.0
+    low, high = np.log10([positive.min(), positive.max()] if positive.size else [1.0, 1.0])
+    digits = (1, 2, 5) if high - low <= FEW_DECADES else (1,)
+    at = tuple(float(f'{digit}e{power}') for power in range(math.floor(low), math.ceil(high) + 1)
+               for digit in digits)
+    return Ticks(at, tuple(f'{value:g}' for value in at))
 
 
 def _trace(series: Series, panel: Panel, suffix: str, *, is_first: bool) -> Plotly:

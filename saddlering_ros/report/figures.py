@@ -89,13 +89,14 @@ def _compared(
         over, across = run.load_in_unit, f'load / {run.force_unit}'
     measured, before, after = (MICRO * item[place] for item in (
         run.measured, run.before, run.after))
-    if is_static:
-        up = run.direction > 0.0
-        seen = [markers(over[up], measured[up], '^', UP, 'measured, load rising', is_open=True),
-                markers(over[~up], measured[~up], 'v', DOWN, 'measured, load falling',
-                        is_open=True)]
-    else:
-        seen = [line(over, measured, MEASURED, 'measured', width=2.4, opacity=0.55)]
+    up = run.direction > 0.0
+    branches_of = ((up, '^', UP, 'rising'), (~up, 'v', DOWN, 'falling'))
+    seen = [
+        markers(over[here], measured[here], mark, colour, f'measured, load {words}', is_open=True)
+        if is_static else
+        line(over, np.where(here, measured, np.nan), colour, f'measured, load {words}',
+             width=4.5, opacity=0.45)
+        for here, mark, colour, words in branches_of]
     alone = 'simulated, contact law alone' if run.is_extended else 'simulated'
     versions = [(before, BEFORE, '-', alone)]
     if run.is_extended:
@@ -104,13 +105,17 @@ def _compared(
     size = 2.0 * MICRO * run.noise[channel]
     return [
         Panel(row, column, across, axis_label(channel),
-              (*seen, *(line(over, values, colour, name, dash)
+              (*seen, *(line(over, values, colour, name, dash, width=1.0)
                         for values, colour, dash, name in versions)),
               title=f'{run.name}: {run.elevation_deg:g}°, {role}' if with_title else ''),
         Panel(row + 1, column, across, f'misfit\n{MICRO_UNITS[channel]}',
-              tuple(line(over, measured - values, colour, width=0.9)
-                    for values, colour, _, _ in versions),
-              bands=(ShadedBand(-size, size),), levels=(0.0,))]
+              (*(line(over, measured - values, colour, width=0.9)
+                 for values, colour, _, _ in versions),
+               *(markers(over[here], (measured - values)[here], mark, colour, size=4.0,
+                         is_open=True)
+                 for values, colour, _, _ in versions
+                 for here, mark, _, _ in branches_of if is_static)),
+              bands=(ShadedBand(-size, size, name='± 2 × noise floor'),), levels=(0.0,))]
 
 
 def of_run(run: RunCurves, channels: Sequence[str] = SHOWN) -> Chart:

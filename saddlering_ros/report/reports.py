@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.diagnosis.verdict import Verdict
-from saddlering_ros.diagnosis.wording import VerdictDocument
+from saddlering_ros.diagnosis.wording import lowered, title_of, VerdictDocument
 from saddlering_ros.files import whole_file
 from saddlering_ros.identification.figures import ChannelFigures, RunValidation
 from saddlering_ros.identification.validation import judge, Validation
 from saddlering_ros.pages import html, ReportError
+from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import allowed_misfit, percent, quantity
@@ -73,6 +74,7 @@ def diagnosis_chapters(
 ) -> list[str]:
     """Everything below the verdict, most important first."""
     return [
+        certainty(document, lambda name: lowered(title_of(name))),
         chapters.causes(document),
         chapters.proposal(document, surroundings.force_unit),
         background.misfit_reductions(document),

@@ -14,9 +14,11 @@ from shared_pictures import DRAWN, shared_drawn
 from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.diagnosis.wording import gain_sentence, headline
 from saddlering_ros.pages import html
+from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import pictures_of
 from saddlering_ros.pages.interactive import chart_of
+from saddlering_ros.quantities import shares_in_words
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.scatter import white_noise
 from saddlering_ros.report import figures, parameters
@@ -248,7 +250,8 @@ def test_a_page_on_parameters_shows_the_interval_that_was_identified_not_one_of_
     found['parameters']['n2']['value'] = 1.1
     shown = parameters.identified(found)
     assert '(1.2 to 1.5) × 10⁸' in shown
-    assert '<td class="n">–</td><td>not determined by these data: why</td>' in shown
+    cells = re.sub(r' (class|data-is)="[^"]*"', '', shown)
+    assert '<td>–</td><td>not determined by these data: why</td>' in cells
 
 
 def test_a_page_of_several_chapters_lists_them_with_links(page):
@@ -262,7 +265,7 @@ def test_a_column_without_a_value_is_left_out():
     shown = html.table(['a', 'empty', html.number('b')], [['1', '', html.number('–')],
                                                           ['2', '–', html.number('3')]])
     assert 'empty' not in shown
-    assert '<td class="n">–</td>' in shown
+    assert '<td class="n none">–</td>' in shown
 
 
 def test_measured_and_simulated_are_told_apart_in_the_pictures_of_a_validation():
@@ -275,3 +278,45 @@ def test_measured_and_simulated_are_told_apart_in_the_pictures_of_a_validation()
                 assert measured.colour != simulated.colour
                 assert measured.marker or measured.width > simulated.width
         assert left.bands
+
+
+def test_rising_and_falling_load_are_told_apart_in_static_and_dynamic_tests():
+    for run in (RUNS[0], RUNS[2]):
+        shown, left = figures.proof(run, 'delta_x').panels
+        rising, falling = shown.series[:2]
+        assert (rising.name, falling.name) == ('measured, load rising', 'measured, load falling')
+        assert rising.colour != falling.colour
+        if run.test == 'static':
+            assert {'^', 'v'} <= {series.marker for series in left.series}
+
+
+def test_printed_probabilities_add_to_a_hundred():
+    assert shares_in_words({'friction': 0.995, 'none': 0.0, 'unknown': 0.005}) == {
+        'friction': '> 99 %', 'unknown': '< 1 %'}
+    assert shares_in_words({'a': 1 / 3, 'b': 1 / 3, 'c': 1 / 3}) == {
+        'a': '34 %', 'b': '33 %', 'c': '33 %'}
+    assert shares_in_words({'a': 1.0, 'none': 0.0}) == {'a': '100 %'}
+
+
+def test_certainty_is_shown_as_pictures():
+    said = document(probabilities={'radial_friction': 0.9, 'none': 0.0, 'unknown': 0.1},
+                    stability=0.75, influence=[
+                        {'run': 'static_50', 'start': 0.0, 'end': 80.0, 'evidence': 30.0}],
+                    remainder=[{'run': 'static_50', 'channel': 'gamma', 'share_of_range': 0.01,
+                                'times_noise': 4.0, 'along': 'time'}],
+                    refits=[{'change': 'without static_50', 'first': 'settling'}])
+    assert set(pictures_of(certainty(said))) == {
+        'probabilities', 'refits', 'influence', 'remainder'}
+    assert certainty(document(probabilities={})) == ''
+
+
+def test_a_long_row_of_a_table_stands_as_a_list_on_a_phone():
+    short = html.table(['a', 'b'], [['1', '2']])
+    long = html.table(['a', 'meaning'], [['1', 'a sentence that no phone shows beside others']])
+    assert 'class="wide"' not in short
+    assert '<td data-is="meaning">a sentence' in long
+
+
+def test_a_logarithmic_axis_has_a_number_at_each_of_its_ticks():
+    axis = chart_of(figures.misfit(document()['runs']))['layout']['xaxis']
+    assert [float(words) for words in axis['ticktext']] == list(axis['tickvals'])

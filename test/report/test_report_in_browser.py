@@ -108,3 +108,18 @@ def test_it_prints_with_pictures_and_everything_unfolded(page):
     page.send('Emulation.setEmulatedMedia', media='')
     assert shown
     assert page.printed().startswith(b'%PDF')
+
+
+def test_it_prints_on_at_most_twelve_pages(page):
+    assert 1 < page.printed().count(b'/Type /Page\n') <= 12
+
+
+def test_a_phone_shows_it_without_scrolling_to_the_side(page):
+    page.send('Emulation.setDeviceMetricsOverride', width=390, height=844, deviceScaleFactor=1,
+              mobile=True)
+    wide = page.run('[...document.querySelectorAll("main > *")].filter((it) => '
+                    'it.getBoundingClientRect().right > 391).length')
+    tables = page.run('[...document.querySelectorAll("table.wide")].filter((it) => '
+                      'it.scrollWidth > 391).length')
+    page.send('Emulation.clearDeviceMetricsOverride')
+    assert (wide, tables) == (0, 0)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from saddlering_ros.discrepancy.verdict.wording import (
     PARTIAL,
 )
 from saddlering_ros.pages import html
+from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, Panel, without_inner_labels
 from saddlering_ros.pages.html import code, number
 from saddlering_ros.quantities import probability, quantity, VERDICT_WORDS
@@ -24,12 +27,22 @@ MAX_POINTS = 600
 
 def write_page(answer: Diagnosis, path: Path) -> None:
     """Write the page whole, or not at all."""
-    title = f'Verdict: {answer.verdict}'
+    title = f'Verdict: {answer.verdict} ({VERDICT_WORDS[answer.verdict]})'
     html.write_page(path, html.page(title, [
         f'<div class="verdict {answer.verdict}">{html.paragraph(title, "headline")}'
-        f'{html.paragraph(VERDICT_WORDS[answer.verdict].capitalize() + ".")}</div>',
+        f'{html.paragraph(answer.headline)}</div>',
         html.section('Warnings', html.bullets(answer.warnings)),
-        _causes(answer), _base(answer), _misfit(answer), _limits(answer)]))
+        _causes(answer), certainty(_certainty_document(answer)), _base(answer),
+        _misfit(answer), _limits(answer)]))
+
+
+def _certainty_document(answer: Diagnosis) -> dict[str, Any]:
+    """What the pictures of certainty show, as the document of a ring has it."""
+    keys = ('remainder', 'influence', 'refits')
+    return {'probabilities': answer.probabilities, 'stability': answer.stability,
+            'near_limit': getattr(answer, 'near_limit', ()),
+            'causes': [{'effect': cause.effect} for cause in answer.causes],
+            **{key: [asdict(item) for item in getattr(answer, key, ())] for key in keys}}
 
 
 def _causes(answer: Diagnosis) -> str:

@@ -11,15 +11,13 @@ from saddlering_ros.quantities import (
     percent,
     probability,
     quantity,
+    shares_in_words,
     VERDICT_WORDS,
 )
 
 PARTIAL = ' (explains part of the misfit only)'
 """Words behind the title of a cause that is real beside something else that is wrong."""
 
-
-MIN_TOLD = 0.005
-"""Smallest probability that is told."""
 
 MIN_STABLE = 0.8
 """Share of refits with the same first cause below which a verdict is near its limit."""
@@ -96,10 +94,7 @@ def certainty_words(probabilities: Mapping[str, float], stability: float) -> str
     """Probabilities and stability of a verdict in one line; nothing without probabilities."""
     if not probabilities:
         return ''
-    told = ', '.join(
-        f'{name} {percent(share)}'
-        for name, share in sorted(probabilities.items(), key=lambda pair: -pair[1])
-        if share >= MIN_TOLD)
+    told = ', '.join(f'{name} {words}' for name, words in shares_in_words(probabilities).items())
     near = ', so that the verdict is near its limit' if stability < MIN_STABLE else ''
     return (f'Probabilities: {told}. {percent(stability)} of the refits have the same first '
             f'cause{near}.')
