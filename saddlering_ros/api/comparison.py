@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,20 +73,30 @@ class ComparisonResult(Result):
 
 def compare(
     before: BagLike | Iterable[BagLike], after: BagLike | Iterable[BagLike], *,
-    rig: RigLike = None, seed: int = 0, trust_rig: bool = False,
+    between: Sequence[Iterable[BagLike]] = (), rig: RigLike = None, seed: int = 0,
+    trust_rig: bool = False,
     on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
 ) -> ComparisonResult:
     """What changed in one ring from the bags of one session to those of a later one.
 
     What both sessions have (unequal rollers, waviness, errors of the rig file and of the
     simulator, gains of the instruments) is measured by the earlier session and cancels. The
-    sessions may have different tests. The other arguments are those of `diagnose`.
+    sessions may have different tests. between: sessions between the two, in order of time; the
+    result then has the evidence of the whole series, which may be read after every session. The
+    other arguments are those of `diagnose`.
     """
     check_seed(seed)
     given = inputs_of(before, hold_out=after, rig=rig, trust_rig=trust_rig,
                       on_progress=on_progress, is_cancelled=is_cancelled,
                       names=('before', 'after'))
     earlier, later = for_fits(given.bags, given.held_out)
-    change = compare_records(runs_of(earlier), runs_of(later), rig=given.rig, seed=seed,
-                             on_progress=on_progress, is_cancelled=is_cancelled)
-    return ComparisonResult((*earlier, *later), given.rig, given.files, change)
+    others = [
+        for_fits(inputs_of(bags, rig=given.rig, trust_rig=trust_rig, on_progress=on_progress,
+                           is_cancelled=is_cancelled, names=('between', '')).bags)[0]
+        for bags in between]
+    change = compare_records(
+        runs_of(earlier), runs_of(later), rig=given.rig,
+        between=[runs_of(bags) for bags in others], seed=seed,
+        on_progress=on_progress, is_cancelled=is_cancelled)
+    used = [*earlier, *(bag for bags in others for bag in bags), *later]
+    return ComparisonResult(tuple(used), given.rig, given.files, change)

@@ -33,7 +33,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--before', type=bag_read, nargs='+', required=True, metavar='BAG',
                         help='bags of the earlier session, such as the base measurement')
     parser.add_argument('--after', type=bag_read, nargs='+', required=True, metavar='BAG',
-                        help='bags of the later session')
+                        action='append', help='bags of the later session; given several times, '
+                        'in order of time: a series of sessions')
     add_rig_option(parser)
     add_json_option(parser, 'write the verdict on the change as JSON; - for stdout')
     parser.add_argument('--report', type=page_written, metavar='FILE.html', help='write a report')
@@ -49,10 +50,11 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.cli._terminal import Bar
 
     rig = load_rig(args.rig)
-    before, after = bags_of(args, args.before, rig), bags_of(args, args.after, rig)
+    before, *between, after = (
+        bags_of(args, bags, rig) for bags in (args.before, *args.after))
     with Bar() as bar:
-        result = compare(before, after, rig=args.rig, seed=args.seed, trust_rig=args.trust_rig,
-                         on_progress=bar.tell)
+        result = compare(before, after, between=between, rig=args.rig, seed=args.seed,
+                         trust_rig=args.trust_rig, on_progress=bar.tell)
     pages = () if args.report is None else result.write_report(
         args.report, command=args.command_line)
     return finish(args, result, *pages)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 import math
 from typing import Any
 
@@ -11,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.comparison.maker import common_loads, maker_figures, MakerFigures
+from saddlering_ros.comparison.series import ChangeSeries, series_of
 from saddlering_ros.comparison.sessions import (
     CONTACT_CHANGE,
     EARLIER,
     LATER,
+    PERSISTENT_MODEL_ERROR,
     QUANTITIES,
     SESSION,
     SETTINGS,
@@ -29,7 +32,6 @@ from saddlering_ros.discrepancy import (
     Cause,
     diagnose_system,
     Diagnosis,
-    ModelErrorPrior,
     observed,
     prepare,
     Problem,
@@ -47,14 +49,6 @@ from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
 
 Array = NDArray[np.float64]
-
-PERSISTENT_MODEL_ERROR = ModelErrorPrior(smooth=3e-3, loop=1e-3)
-"""Smooth error of the simulator that both sessions share: ten times that of a diagnosis.
-
-Raceways of a real ring wave by tens of micrometres. The earlier session measures the error, so
-that the width of the prior costs one degree of freedom for each shape and no more.
-"""
-
 
 ESTABLISHED_SHARE, ESTABLISHED_P = 0.85, 1e-6
 """Share of the power of the misfit, and largest p-value, of a main cause that leaves a rest."""
@@ -91,7 +85,8 @@ class Change:
     diagnosis: the engine's result, whose causes state the size after minus the size before;
     before, after: the records; contact: per parameter the numbers before, after and of the change;
     limits_alone: detection limit of each effect in the later session alone; maker: figures of the
-    first static test of each session at equal elevation, if there is a pair.
+    first static test of each session at equal elevation, if there is a pair; series: evidence over
+    all sessions, if there are more than two.
     """
 
     diagnosis: Diagnosis
@@ -104,6 +99,7 @@ class Change:
     next_test: str | None
     rig: Rig
     seed: int
+    series: ChangeSeries | None = None
 
     @property
     def verdict(self) -> str:
@@ -155,6 +151,7 @@ class Change:
             'maker': None if self.maker is None else {
                 'before': self.maker[0].as_dict(), 'after': self.maker[1].as_dict(),
                 'wear': self.maker[1].wear_since(self.maker[0])},
+            'series': None if self.series is None else self.series.to_json(),
             'notes': list(self.notes),
             'proposal': None,
             'provenance': Provenance(tuple(
@@ -181,19 +178,26 @@ def change_words(cause: Cause) -> str:
 
 
 def compare_records(
-    before: Sequence[Record], after: Sequence[Record], *, rig: Rig, seed: int = 0,
-    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+    before: Sequence[Record], after: Sequence[Record], *, rig: Rig,
+    between: Sequence[Sequence[Record]] = (), seed: int = 0, on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
 ) -> Change:
     """What changed from the records of one session to those of a later one, of one ring.
 
+    between: sessions in order of time between the two, for the evidence of the whole series.
     ComparisonError (one line) if the sessions cannot be compared.
     """
     notes, doubts = check_sessions(before, after)
+    every = [before, *between, after]
+    refuse_repeats([record for records in every for record in records])
+    for first, second in pairwise(every):
+        doubts |= check_sessions(first, second)[1]
     watch = Watch('compare', on_progress, is_cancelled)
-    earlier, later = (
-        tuple(_named(build_record(rig, record, held_out=False), session, number)
-              for number, record in enumerate(records, start=1))
-        for session, records in (('before', before), ('after', after)))
+    sessions = {
+        session: tuple(_named(build_record(rig, record, held_out=False), session, number)
+                       for number, record in enumerate(records, start=1))
+        for session, records in _by_name(before, between, after).items()}
+    earlier, later = sessions['before'], sessions['after']
     watch.progress('contact parameters', 0.0)
     start = dict(zip(PARAMETER_NAMES, identify(
         list(before), rig, is_cancelled=is_cancelled).parameters.contact.to_array(), strict=True))
@@ -216,7 +220,16 @@ def compare_records(
                      'the interplay of the change with errors that both sessions share')
     return Change(
         found, earlier, later, contact, _limits_alone(rig, later, start, seed, watch),
-        _maker(rig, before, after), (*doubts, *notes), _next_test(found, doubts), rig, seed)
+        _maker(rig, before, after), (*doubts, *notes), _next_test(found, doubts), rig, seed,
+        series_of(rig, sessions, start, watch) if between else None)
+
+
+def _by_name(
+    before: Sequence[Record], between: Sequence[Sequence[Record]], after: Sequence[Record],
+) -> dict[str, Sequence[Record]]:
+    """The sessions in order of time, by the name that their runs get."""
+    numbered = {f'session {number}': records for number, records in enumerate(between, start=2)}
+    return {'before': before, **numbered, 'after': after}
 
 
 def with_main_cause(found: Diagnosis) -> Diagnosis:

@@ -8,9 +8,20 @@ from pathlib import Path
 import numpy as np
 
 from saddlering_ros.comparison.change import Change, change_words, name_of
+from saddlering_ros.comparison.series import CHANGED, ChangeSeries
 from saddlering_ros.discrepancy import RunBlocks
 from saddlering_ros.pages import html
-from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, markers, Panel
+from saddlering_ros.pages.charts import (
+    AFTER,
+    BEFORE,
+    Chart,
+    line,
+    markers,
+    MEASURED,
+    NOISE,
+    Panel,
+    Ticks,
+)
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import probability, quantity
 from saddlering_ros.rig import MICRO_UNITS, PARAMETER_UNITS
@@ -42,6 +53,7 @@ def change_text(change: Change) -> str:
             f'axial reduction {1e3 * first.axial_reduction:.5f} to '
             f'{1e3 * second.axial_reduction:.5f} mm '
             f'({wear["axial_reduction_mm"]:+.5f} +/- {wear["axial_reduction_std_mm"]:.5f})')
+    lines += [f'series: {change.series.headline}'] if change.series else []
     lines += [f'next test: {change.next_test}'] if change.next_test else []
     lines += [f'note: {note}' for note in change.notes]
     return '\n'.join(lines)
@@ -76,6 +88,34 @@ def change_chart(change: Change) -> Chart:
     return Chart(tuple(panels), 3.6 * len(runs), 1.9 * len(views), (1.0,) * len(views), len(runs))
 
 
+def series_chart(series: ChangeSeries) -> Chart:
+    """Evidence over the sessions, and the size of the change with most evidence in each."""
+    places = np.arange(1.0, len(series.names))
+    ticks = Ticks(tuple(places), series.names[1:])
+    low, high = (series.sizes + side * 2.0 * series.deviations for side in (-1.0, 1.0))
+    gaps, decades = np.full(places.size, np.nan), np.log10(series.evidence.e_values)
+    return Chart((
+        Panel(0, 0, 'session', 'decades of the e-value', (
+            line(places, decades, AFTER, 'evidence of a change'),
+            markers(places, decades, 'o', AFTER),
+            line(places[[0, -1]], np.full(2, math.log10(CHANGED)), BEFORE, 'changed', dash='--')),
+            x_ticks=ticks),
+        Panel(0, 1, 'session', f'{series.parameter} [{series.unit}]', (
+            line(np.stack([places, places, gaps], axis=1).ravel(),
+                 np.stack([low, high, gaps], axis=1).ravel(), NOISE, 'two deviations'),
+            markers(places, series.sizes, 'o', MEASURED, 'change since the base session')),
+            title=name_of(series.effect), x_ticks=ticks)), 9.4, 3.0, columns=2)
+
+
+def _series(change: Change) -> str:
+    if change.series is None:
+        return ''
+    return html.section('Series', html.paragraph(change.series.headline), html.picture(
+        series_chart(change.series), 'series',
+        'The e-value may be read after every session: an unchanged ring reaches 100 with a chance '
+        'of at most 1 %. Right: the size of the change with most evidence.'))
+
+
 def _load(run: RunBlocks) -> np.ndarray:
     """Mean load of each block [kN]."""
     return KILONEWTON * np.asarray(run.inputs['load'])
@@ -99,6 +139,7 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
             change_chart(change), 'change',
             'Measured minus simulated in the later session, over the load. Errors that both '
             'sessions share are removed. The line is the part that the causes explain.')),
+        _series(change),
         html.section('Contact law', html.table(
             ['parameter', number('before'), number('after'), number('change')], contact)),
         html.section('Figures of makers', _maker_table(change)),

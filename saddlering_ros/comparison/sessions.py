@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.diagnosis.ring_system import RingNeighbourhood, RingSystem
-from saddlering_ros.discrepancy import Effect, Parameter, Point, RunBlocks, Settings
+from saddlering_ros.discrepancy import (
+    Effect,
+    ModelErrorPrior,
+    Parameter,
+    Point,
+    RunBlocks,
+    Settings,
+)
 from saddlering_ros.effects import catalogue
 from saddlering_ros.rig import PARAMETER_NAMES
 
@@ -43,6 +50,14 @@ PERSISTENT_SIZE = 0.3
 
 The errors of a dirty rig (load gain 0.3 %, 2 mm, friction of 350 N) are 0.05 to 0.2 of the typical
 size of a fault. The earlier session measures each error, so that a larger spread costs nothing.
+"""
+
+
+PERSISTENT_MODEL_ERROR = ModelErrorPrior(smooth=3e-3, loop=1e-3)
+"""Smooth error of the simulator that both sessions share: ten times that of a diagnosis.
+
+Raceways of a real ring wave by tens of micrometres. The earlier session measures the error, so
+that the width of the prior costs one degree of freedom for each shape and no more.
 """
 
 
@@ -110,14 +125,14 @@ class TwoSessions:
         plain = Point(point.base)
         columns = []
         for run, usual in zip(runs, self.ring.nuisances(runs, plain), strict=True):
-            points = [plain, *(Point(point.base, effects) for effects in self._persistent)]
+            points = [plain, *(Point(point.base, effects) for effects in self.persistent)]
             predicted = self.ring.predict_many(run, points)
             persistent = np.moveaxis(predicted[1:] - predicted[0], 0, -1)
             columns.append(np.concatenate([usual, persistent], axis=2))
         return columns
 
     @cached_property
-    def _persistent(self) -> list[dict[str, dict[str, float]]]:
+    def persistent(self) -> list[dict[str, dict[str, float]]]:
         """One point per effect and variant, of the size of a persistent error."""
         points = []
         for effect in catalogue().values():

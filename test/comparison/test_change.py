@@ -11,6 +11,8 @@ from sessions_made import dirt, RIG, session, with_size
 from saddlering_ros.comparison import compare_records, ComparisonError
 from saddlering_ros.comparison.change import check_sessions, in_doubt, with_main_cause
 from saddlering_ros.comparison.maker import common_loads, maker_figures
+from saddlering_ros.comparison.page import change_text, write_change_page
+from saddlering_ros.comparison.series import ChangeSeries, Evidence
 from saddlering_ros.comparison.sessions import CONTACT_CHANGE, EARLIER, LATER, seen_in, SESSION
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.errors import BagError
@@ -61,6 +63,22 @@ def test_another_place_of_the_ring_is_a_doubt_with_the_test_that_settles_it(befo
     doubted = in_doubt(grown.diagnosis)
     assert (doubted.verdict, doubted.complete) == ('unknown', False)
     assert all(cause.partial for cause in doubted.causes)
+
+
+def test_a_series_stands_in_the_document_and_on_the_page(grown, tmp_path):
+    found = Evidence(np.array([0.6, 250.0]), np.array([0.1, 0.9]), 0, np.array([0.0, 3.0]),
+                     np.array([0.5, 0.5]))
+    series = ChangeSeries(('before', 'session 2', 'after'), found, 'radial_friction', 'force', 'N',
+                          300.0 * found.sizes, 300.0 * found.deviations)
+    change = replace(grown, series=series)
+    document = change.to_json()['series']
+    assert document['changed']
+    assert document['sessions'][1] == {
+        'name': 'after', 'e_value': 250.0, 'first_changed': 0.9, 'size': 900.0, 'std': 150.0}
+    assert 'changed since session 2' in document['headline']
+    write_change_page(change, tmp_path / 'change.html')
+    assert 'changed since session 2' in (tmp_path / 'change.html').read_text()
+    assert document['headline'] in change_text(change)
 
 
 def leaving(diagnosis, share):

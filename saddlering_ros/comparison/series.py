@@ -1,0 +1,254 @@
+"""A series of sessions of one ring: evidence of a change that stays valid however often one looks.
+
+Each session is one more part of one vector of readings. Without a change it is normal, with the
+noise of each session, the errors that all sessions share, and a small error of each session of
+its own. With a change of one kind since one session, a shape of unknown size is added in it and
+in every later one. The ratio of the two densities of all readings up to a session, averaged over
+sizes, kinds and first sessions, is a martingale whose mean is 1 while nothing changes. It exceeds
+1/alpha at any session with a chance of at most alpha (Ville, Étude critique de la notion de
+collectif, 1939; Robbins, Ann. Math. Stat. 41 (1970) 1397; Ramdas and others, Stat. Sci. 38 (2023)
+576). The base session alone gives the contact law about which the shapes are computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.comparison.sessions import (
+    CONTACT_CHANGE,
+    PERSISTENT_MODEL_ERROR,
+    QUANTITIES,
+    SETTINGS,
+    TwoSessions,
+)
+from saddlering_ros.diagnosis.records import PreparedRecord
+from saddlering_ros.diagnosis.ring_system import RingSystem
+from saddlering_ros.discrepancy import Assumptions, ModelErrorPrior, Point, Problem
+from saddlering_ros.discrepancy.problem.problem import (
+    model_error_columns,
+    noise_metric,
+    nuisance_columns,
+)
+from saddlering_ros.effects import catalogue
+from saddlering_ros.progress import Watch
+from saddlering_ros.rig import PARAMETER_NAMES, Rig
+
+Array = NDArray[np.float64]
+
+CHANGED = 100.0
+"""E-value from which the ring has changed: reached by one unchanged ring in a hundred at most,
+however many sessions it has."""
+
+CONTACT_STEP = 0.05
+"""Spread of a change of K or D as a share, and the step by which its shape is differenced."""
+
+
+UNSEEN = 1e-6
+"""Information on a size that a session does not show at all; a thousand spreads are its error."""
+
+
+@dataclass(frozen=True)
+class SessionSums:
+    """Products of the whitened columns of one session, over its readings.
+
+    errors (m, m) and residual (m,): of errors in units of their spread, with each other and with
+    the residual; cross (m, h), changes (h,), along (h,): of h shapes of a change with the errors,
+    with themselves and with the residual.
+    """
+
+    errors: Array
+    residual: Array
+    cross: Array
+    changes: Array
+    along: Array
+
+    @classmethod
+    def of(cls, errors: Array, shapes: Array, residual: Array) -> SessionSums:
+        """From whitened columns (n, m), (n, h) and (n,)."""
+        return cls(errors.T @ errors, errors.T @ residual, errors.T @ shapes,
+                   np.einsum('nh,nh->h', shapes, shapes), shapes.T @ residual)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """e_values (S,) after each later session; moment (S,): chance that each was the first changed.
+
+    kind: number of the shape with most evidence; sizes and deviations (S,): of this shape in each
+    later session, in units of its spread.
+    """
+
+    e_values: Array
+    moment: Array
+    kind: int
+    sizes: Array
+    deviations: Array
+
+
+def evidence_of(base: SessionSums, later: Sequence[SessionSums]) -> Evidence:
+    """Evidence of a change since the base session."""
+    e_values = []
+    for count in range(1, len(later) + 1):
+        logs = _log_ratios(base, later[:count]) + np.log(_weights(count))[:, None]
+        mean = np.logaddexp.reduce(logs, axis=None) - math.log(logs.shape[1])
+        open_still = 1.0 - float(_weights(count).sum())
+        e_values.append(math.exp(min(mean, MAX_LOG)) + open_still)
+    begun = np.logaddexp.reduce(logs, axis=1)
+    kind = int(np.argmax(np.logaddexp.reduce(logs, axis=0)))
+    sizes, deviations = _sizes(base, later, kind)
+    return Evidence(np.array(e_values), np.exp(begun - np.logaddexp.reduce(begun)), kind, sizes,
+                    deviations)
+
+
+def _weights(count: int) -> Array:
+    """Prior chance that the change begins with each later session; all that may come sum to 1."""
+    numbers = np.arange(1.0, count + 1.0)
+    return np.asarray(1.0 / (numbers * (numbers + 1.0)))
+
+
+MAX_LOG = 600.0
+"""Largest logarithm of an e-value that is stated: larger ones are no numbers any more."""
+
+
+def _inverse(base: SessionSums, later: Sequence[SessionSums]) -> tuple[Array, Array]:
+    """Covariance (m, m) of the errors given no change, and their residual products (m,)."""
+    errors = base.errors + sum(one.errors for one in later)
+    residual = base.residual + sum(one.residual for one in later)
+    return np.asarray(np.linalg.inv(errors + np.eye(len(errors)))), np.asarray(residual)
+
+
+def _log_ratios(base: SessionSums, later: Sequence[SessionSums]) -> Array:
+    """Log ratio (S, h) of the densities with each shape since each later session, and without."""
+    inverse, residual = _inverse(base, later)
+
+    def since(parts: Sequence[Array]) -> Array:
+        return np.cumsum(np.array(parts)[::-1], axis=0)[::-1]
+
+    cross = since([one.cross for one in later])
+    known = since([one.changes for one in later]) - np.einsum(
+        'smh,mn,snh->sh', cross, inverse, cross, optimize=True)
+    along = since([one.along for one in later]) - np.einsum(
+        'smh,m->sh', cross, inverse @ residual)
+    return np.asarray(0.5 * along**2 / (1.0 + known) - 0.5 * np.log1p(known))
+
+
+def _sizes(
+    base: SessionSums, later: Sequence[SessionSums], kind: int,
+) -> tuple[Array, Array]:
+    """Size and deviation (S,) of one shape in each later session by itself, without a prior."""
+    inverse, residual = _inverse(base, later)
+    cross = np.array([one.cross[:, kind] for one in later])
+    known = np.diag([one.changes[kind] for one in later]) - cross @ inverse @ cross.T
+    along = np.array([one.along[kind] for one in later]) - cross @ (inverse @ residual)
+    covariance = np.linalg.inv(known + UNSEEN * np.eye(len(later)))
+    return covariance @ along, np.sqrt(np.diag(covariance))
+
+
+@dataclass(frozen=True)
+class ChangeSeries:
+    """A series of sessions, the base session first.
+
+    names (S + 1,): of the sessions; evidence: of the S later ones; effect, parameter, unit: of the
+    change with most evidence; sizes, deviations (S,): of its size in each later session, minus
+    that of the base session.
+    """
+
+    names: tuple[str, ...]
+    evidence: Evidence
+    effect: str
+    parameter: str
+    unit: str
+    sizes: Array
+    deviations: Array
+
+    @property
+    def headline(self) -> str:
+        """Whether the ring has changed, and when, in one sentence."""
+        last = float(self.evidence.e_values[-1])
+        if last < CHANGED:
+            return (f'The series of {len(self.names)} sessions shows no change (e-value {last:.2g}'
+                    f', {CHANGED:g} is a change).')
+        first = int(np.argmax(self.evidence.moment))
+        return (f'The ring has changed since {self.names[first]} (e-value {last:.2g}); '
+                f'{self.names[first + 1]} is the first changed session with a chance of '
+                f'{100.0 * self.evidence.moment[first]:.0f} %.')
+
+    def to_json(self) -> dict[str, Any]:
+        """The series of the verdict document; sizes are those of later sessions minus the base."""
+        return {
+            'headline': self.headline, 'changed': bool(self.evidence.e_values[-1] >= CHANGED),
+            'effect': self.effect, 'parameter': self.parameter, 'unit': self.unit,
+            'sessions': [
+                {'name': name, 'e_value': e_value, 'first_changed': chance, 'size': size,
+                 'std': std}
+                for name, e_value, chance, size, std in zip(
+                    self.names[1:], self.evidence.e_values, self.evidence.moment, self.sizes,
+                    self.deviations, strict=True)]}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of change: its effect, the parameter of its size, and one spread of that [unit]."""
+
+    effect: str
+    parameter: str
+    spread: float
+    unit: str
+
+
+def series_of(
+    rig: Rig, sessions: Mapping[str, Sequence[PreparedRecord]], start: Mapping[str, float],
+    watch: Watch,
+) -> ChangeSeries:
+    """The series of sessions by name, the base session first; start: its contact law."""
+    base, *later = sessions
+    system = TwoSessions(
+        RingSystem(rig), frozenset(record.run.name for record in sessions[base]))
+    problem = Problem(
+        system, [record.run for records in sessions.values() for record in records], SETTINGS,
+        Assumptions(model_error=PERSISTENT_MODEL_ERROR), start, watch=watch)
+    own_errors = problem.with_runs([
+        replace(record.run, group=f'{name} {record.run.group}')
+        for name, records in sessions.items() for record in records])
+    law = np.array([start[name] for name in PARAMETER_NAMES])
+    moved = [Point(law * (1.0 + CONTACT_STEP * (np.array(PARAMETER_NAMES) == name)))
+             for name in PARAMETER_NAMES]
+    predicted = problem.predict([Point(law), *moved])
+    prediction, contact = predicted[:, 0], predicted[:, 1:] - predicted[:, :1]
+    nuisances = nuisance_columns(problem, Point(law), prediction)
+    ranges = np.array([item.high - item.low for item in system.base_parameters])
+    kinds = kinds_of(system)
+    shapes = np.hstack([
+        nuisances[:, nuisances.shape[1] - len(system.persistent):],
+        contact[:, [PARAMETER_NAMES.index(name) for name in QUANTITIES]]])
+    errors = np.hstack([nuisances, model_error_columns(own_errors, ModelErrorPrior()),
+                        contact * ranges / (CONTACT_STEP * law)])
+    whiten = noise_metric(problem).whiten_noise
+    errors, shapes, residual = whiten(errors), whiten(shapes), whiten(
+        problem.measured - prediction)
+    sums = []
+    for records in sessions.values():
+        names = {record.run.name for record in records}
+        rows = np.concatenate([np.arange(part.start, part.stop)
+                               for index, _, part in problem.slices
+                               if problem.runs[index].name in names])
+        sums.append(SessionSums.of(errors[rows], shapes[rows], residual[rows]))
+    found = evidence_of(sums[0], sums[1:])
+    kind = kinds[found.kind]
+    return ChangeSeries((base, *later), found, kind.effect, kind.parameter, kind.unit,
+                        kind.spread * found.sizes, kind.spread * found.deviations)
+
+
+def kinds_of(system: TwoSessions) -> list[Kind]:
+    """Every effect in each way it can act, then the contact parameters that may change."""
+    kinds = []
+    for point in system.persistent:
+        (name, values), = point.items()
+        size = catalogue()[name].parameters[0]
+        kinds.append(Kind(name, size.name, values[size.name] - size.neutral, size.unit))
+    return [*kinds, *(Kind(CONTACT_CHANGE, name, CONTACT_STEP, '1') for name in QUANTITIES)]
