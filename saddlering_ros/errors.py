@@ -1,4 +1,4 @@
-"""Errors that the user can correct, and the known name that was meant by an unknown one."""
+"""Errors that the user can correct: numbers and names that were mistyped, texts of one line."""
 
 from __future__ import annotations
 
@@ -70,3 +70,20 @@ def refuse_unknown_keys(
     remedy = guess[2:] if guess else 'remove them or correct their spelling'
     listed = f' (known: {", ".join(sorted(known))})' if known and not guess else ''
     raise error(f'{where}: {inside} ({", ".join(sorted(unknown))}): {remedy}{listed}')
+
+
+def plain_number(text: str) -> float:
+    """The number of a text in decimal digits; ValueError for anything else.
+
+    Python also reads 1_0 as ten, and the digits of other scripts, which people write by mistake.
+    """
+    if '_' in text or not text.isascii():
+        raise ValueError(f'{text!r} is no number in decimal digits')
+    return float(text)
+
+
+def whole_number(text: str) -> int:
+    """The whole number of a text in decimal digits; ValueError for anything else."""
+    if '_' in text or not text.isascii():
+        raise ValueError(f'{text!r} is no whole number in decimal digits')
+    return int(text)

@@ -274,7 +274,7 @@ def _texts(mapping: object) -> dict[str, str]:
 
 def _natural(path: Path) -> list[tuple[int, str]]:
     """Sort key that puts run_10 behind run_9."""
-    return [(int(part or 0), '') if part.isdigit() else (0, part)
+    return [(int(part or 0), '') if part.isdecimal() else (0, part)
             for part in re.split(r'(\d+)', path.name)]
 
 

@@ -27,7 +27,7 @@ from saddlering_ros.bags.folder import (
     SUFFIXES,
 )
 from saddlering_ros.campaign.store import CampaignError
-from saddlering_ros.errors import BagError
+from saddlering_ros.errors import BagError, plain_number
 from saddlering_ros.files import whole_file, write_text
 from saddlering_ros.plain_yaml import read_regular_text
 from saddlering_ros.record.metadata import METADATA_RECORD
@@ -153,7 +153,7 @@ def _session(ring: str, bench: str, members: list[Member], grouping: Grouping) -
 
 def _is_elevation(text: str, wanted: float | None) -> bool:
     try:
-        return wanted is not None and math.isclose(float(text), wanted, abs_tol=1e-6)
+        return wanted is not None and math.isclose(plain_number(text), wanted, abs_tol=1e-6)
     except ValueError:
         return False
 
@@ -410,7 +410,7 @@ def _session_of_lines(path: Path, name: str, lines: list[tuple[Member, ManifestL
 
 def _hours(path: Path, text: str) -> float | None:
     try:
-        return float(text) if text else None
+        return plain_number(text) if text else None
     except ValueError:
         raise CampaignError(f'{path}: service_hours is {text!r}: give hours as a number') from None
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import re
 from typing import Any, NoReturn
 
-from saddlering_ros.errors import did_you_mean, SaddleringError
+from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError, whole_number
 from saddlering_ros.files import (
     BAG_FILES,
     bag_folder,
@@ -36,6 +36,8 @@ class OneLineParser(argparse.ArgumentParser):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         kwargs.setdefault('formatter_class', HelpFormatter)
         super().__init__(*args, **kwargs)
+        self.register('type', float, plain_number)
+        self.register('type', int, whole_number)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; an unknown option is refused with the most similar one."""
@@ -294,7 +296,7 @@ def add_network_options(parser: argparse.ArgumentParser) -> None:
 def domain_of(args: argparse.Namespace) -> int:
     """The ROS domain of --domain, of the environment, or 0."""
     text = os.environ.get('ROS_DOMAIN_ID') or '0' if args.domain is None else str(args.domain)
-    if not text.isdecimal() or int(text) > MAX_DOMAIN:
+    if not (text.isascii() and text.isdecimal()) or int(text) > MAX_DOMAIN:
         name = 'ROS_DOMAIN_ID' if args.domain is None else '--domain'
         raise SaddleringError(f'{name} is {text!r}: give a ROS domain from 0 to {MAX_DOMAIN}')
     return int(text)

@@ -176,6 +176,7 @@ def _schedule(args: argparse.Namespace, rig: Rig) -> Schedule:
 def _contact(args: argparse.Namespace) -> ContactParameters:
     from dataclasses import asdict
 
+    from saddlering_ros.errors import plain_number
     from saddlering_ros.rig import (
         ContactParameters,
         PARAMETER_NAMES,
@@ -192,7 +193,7 @@ def _contact(args: argparse.Namespace) -> ContactParameters:
             raise VirtualRigError(f'--set {text!r}: there is no parameter {name!r}: give one of '
                                   f'{", ".join(PARAMETER_NAMES)}')
         try:
-            values[name] = float(number)
+            values[name] = plain_number(number)
         except ValueError as problem:
             raise VirtualRigError(f'--set {text!r} cannot be read: write NAME=NUMBER') from problem
     return ContactParameters(**values)

@@ -85,6 +85,7 @@ def run(args: argparse.Namespace) -> int:
 
 def parse_bounds(texts: list[str]) -> dict[str, tuple[float, float]]:
     """Bounds from NAME=LOW:HIGH texts; IdentificationError names a text that cannot be read."""
+    from saddlering_ros.errors import plain_number
     from saddlering_ros.identification import IdentificationError
 
     bounds = {}
@@ -92,7 +93,7 @@ def parse_bounds(texts: list[str]) -> dict[str, tuple[float, float]]:
         name, _, ends = text.partition('=')
         low, _, high = ends.partition(':')
         try:
-            bounds[name.strip()] = (float(low), float(high))
+            bounds[name.strip()] = (plain_number(low), plain_number(high))
         except ValueError as problem:
             raise IdentificationError(
                 f'--bounds {text!r} cannot be read: write NAME=LOW:HIGH, e.g. K1=2e7:1e9'

@@ -27,7 +27,7 @@ from saddlering_ros.discrepancy import (
     RunBlocks,
 )
 from saddlering_ros.effects import catalogue
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import plain_number, SaddleringError
 from saddlering_ros.estimation.process import ChannelNoise, TIME_CONSTANTS
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 from saddlering_ros.rig import (
@@ -110,7 +110,7 @@ def planned_test(text: str) -> PlannedTest:
         raise PlanError(f'--test {text}: there is no kind {kind!r}: give KIND:ELEVATION with one '
                         f'of {", ".join(KINDS)}, such as static:50')
     try:
-        elevation = float(degrees)
+        elevation = plain_number(degrees)
     except ValueError:
         elevation = math.nan
     if not -20.0 <= elevation <= 90.0:

@@ -13,7 +13,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.errors import did_you_mean, SaddleringError
+from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError
 
 
 class ImportingError(SaddleringError):
@@ -210,7 +210,7 @@ def _lines(path: Path) -> list[str]:
 def _number(cell: str, delimiter: str) -> float | None:
     text = cell.replace(',', '.') if delimiter != ',' else cell
     try:
-        value = float(text)
+        value = plain_number(text)
     except ValueError:
         return None
     return value if np.isfinite(value) else None

@@ -13,6 +13,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import plain_number
 from saddlering_ros.importing.calibration import ImportingError, Unit
 
 Stamps = NDArray[np.int64]
@@ -219,6 +220,6 @@ def _nanoseconds(moment: datetime) -> int:
 
 def _float(text: str) -> float:
     try:
-        return float(text)
+        return plain_number(text)
     except ValueError:
         return float('nan')

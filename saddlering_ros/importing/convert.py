@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.write import BagWriter, messages_of
-from saddlering_ros.errors import BagError, did_you_mean
+from saddlering_ros.errors import BagError, did_you_mean, plain_number
 from saddlering_ros.files import resolved
 from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.clock import (
@@ -217,7 +217,7 @@ def _metadata(mapping: ImportMap, part: Part, texts: Mapping[str, str]) -> TestM
             raise ImportingError(f'test.{key} is missing in the map: add it; '
                                  'test: static or dynamic, elevation_deg: degrees')
     try:
-        elevation = float(given['elevation_deg'])
+        elevation = plain_number(given['elevation_deg'])
         details = {key: value for key, value in given.items()
                    if key not in ('test', 'elevation_deg', 'rig', 'run')}
         return TestMetadata(given['test'], elevation, given.get('rig', ''), given.get('run', ''),

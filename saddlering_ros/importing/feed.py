@@ -29,6 +29,10 @@ MAX_LEFT_OUT = 0.01
 """Largest share of a file's rows that may be left out because their time does not rise."""
 
 
+LARGEST = float(np.finfo(np.float32).max)
+"""Messages of probes hold 32-bit numbers."""
+
+
 @dataclass(frozen=True)
 class Part:
     """Rows of one run: its number from 0 on, its label, and samples by channel."""
@@ -266,13 +270,20 @@ class Feed:
         if missing:
             piece.source.warnings.count(
                 f'{piece.source.path}: missing readings of {channel.name}, left out', missing)
+        applied = np.isfinite(values)
         piston, rod = channel.areas
         if piston:
             values = values * piston
         if second is not None:
             other = channel.calibration.apply(np.asarray(second, dtype=np.float64))
             values = values - other * rod
-        return values
+        usable = np.abs(values) <= LARGEST
+        unusable = int(np.sum(applied & ~usable))
+        if unusable:
+            piece.source.warnings.count(
+                f'{piece.source.path}: readings of {channel.name} without a rod pressure, or too '
+                'large for a message, left out', unusable)
+        return np.where(usable, values, np.nan)
 
 
 def _floats(piece: Piece, column: str, cells: NDArray[Any]) -> Floats:

@@ -9,7 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.errors import refuse_unknown_keys
+from saddlering_ros.errors import plain_number, refuse_unknown_keys
 from saddlering_ros.importing.calibration import (
     ANGLE,
     Calibration,
@@ -318,7 +318,7 @@ def _number(value: Any, where: str) -> float:
     try:
         if isinstance(value, bool):
             raise ValueError
-        number = float(value)
+        number = plain_number(str(value))
     except (TypeError, ValueError) as problem:
         raise ImportingError(f'{where} is {value!r}: give a number') from problem
     if not math.isfinite(number):

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 import math
 
-from saddlering_ros.errors import BagError, printable
+from saddlering_ros.errors import BagError, plain_number, printable
 
 METADATA_RECORD = 'saddlering.test'
 """Name under which a file of messages holds the metadata."""
@@ -120,7 +120,7 @@ def same_text(key: str, first: str, second: str) -> bool:
 def finite_number(text: str) -> float | None:
     """The number that a text states; None if it states none."""
     try:
-        value = float(text)
+        value = plain_number(text)
     except ValueError:
         return None
     return value if math.isfinite(value) else None

@@ -8,7 +8,7 @@ from pathlib import Path
 import re
 from typing import Any
 
-from saddlering_ros.errors import did_you_mean
+from saddlering_ros.errors import did_you_mean, plain_number, whole_number
 from saddlering_ros.files import whole_file
 from saddlering_ros.rig.description import FIELDS, Rig, rig_from_parameters, short_digest
 from saddlering_ros.rig.ros_yaml import RigError
@@ -364,10 +364,10 @@ def _stated(texts: Sequence[str], known: Mapping[str, Any]) -> dict[str, Any]:
 def _parsed(value: str, example: Any, text: str) -> Any:
     try:
         if isinstance(example, list):
-            return [int(part) for part in value.strip('[]').split(',')]
+            return [whole_number(part) for part in value.strip('[]').split(',')]
         if isinstance(example, str):
             return value
-        return int(value) if isinstance(example, int) else float(value)
+        return whole_number(value) if isinstance(example, int) else plain_number(value)
     except ValueError as problem:
         raise RigError(f'--set {text!r}: give a number, for the polarity four like 1,1,1,-1'
                        ) from problem

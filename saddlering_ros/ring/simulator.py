@@ -280,7 +280,7 @@ def simulate_in_blocks(
 def threads() -> int:
     """Number of kernels that run in parallel: SADDLERING_THREADS, or the processors available."""
     asked = os.environ.get('SADDLERING_THREADS', '')
-    return max(1, int(asked)) if asked.isdigit() else len(os.sched_getaffinity(0))
+    return max(1, int(asked)) if asked.isdecimal() else len(os.sched_getaffinity(0))
 
 
 @lru_cache(maxsize=4)

@@ -12,7 +12,7 @@ import difflib
 import math
 from typing import Any
 
-from saddlering_ros.errors import VirtualRigError
+from saddlering_ros.errors import plain_number, VirtualRigError
 from saddlering_ros.rig import default_rig, Rig, size_factor
 
 STAGES = ('load', 'rollers', 'friction', 'motion', 'probes', 'recording')
@@ -159,7 +159,7 @@ def parse_requests(texts: Iterable[str], forms: Iterable[str] = (),
             continue
         main = EFFECTS[name].parameters[0].name
         try:
-            parameters[key or main] = float(right)
+            parameters[key or main] = plain_number(right)
         except ValueError as problem:
             raise VirtualRigError(f'effect {text!r} cannot be read: write NAME=NUMBER or '
                                   'NAME.PARAMETER=NUMBER, in SI units') from problem

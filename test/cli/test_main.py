@@ -45,6 +45,25 @@ def test_unusable_input_is_one_line_and_status_2(capsys):
     assert capsys.readouterr() == ('', 'saddlering try: a.mcap: no samples; record it again\n')
 
 
+@pytest.mark.parametrize('words', [
+    'info bag --elevation 5_0', 'info bag --elevation ٥٠', 'plan --noise １',
+    'diagnose bag --seed 1_0', 'generate out --test static --elevation 50 --set K1=1_0e8',
+    'generate out --test static --elevation 50 --effect radial_friction=1_000',
+    'identify bag --bounds n1=1_1:2', 'rig --draft x.yaml --set preload=1_0',
+    'plan --test static:5_0'])
+def test_a_number_in_other_than_decimal_digits_is_refused(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    try:
+        status = command.main(words.split())
+    except SystemExit as end:
+        status = end.code
+    said = capsys.readouterr().err
+    assert (status, said.count('\n')) == (2, 1)
+    assert 'no bag' not in said
+    assert any(word in said for word in ('invalid', 'cannot be read', 'give', 'write'))
+    assert os.listdir(tmp_path) == []
+
+
 def test_a_message_of_several_lines_becomes_one(capsys):
     report(SaddleringError('a.yaml: bad\n  line 3\n'))
     assert capsys.readouterr().err == 'saddlering try: a.yaml: bad line 3\n'

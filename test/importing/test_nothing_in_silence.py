@@ -45,6 +45,22 @@ def test_a_number_with_another_mark_is_refused_and_not_left_out(
     assert repr(cell) in refusal(tmp_path, document(), plain_table(F=loads))
 
 
+@pytest.mark.parametrize('cell', ['1_0', '١٢', '１', '0x10'])
+def test_a_time_in_other_than_decimal_digits_is_left_out_and_said(
+        tmp_path: Path, cell: str) -> None:
+    times = [cell if i == 7 else str(i) for i in range(ROWS)]
+    result = convert(tmp_path, plain_table(t=times), document())
+    assert any(f'{cell!r} is no number' in line for line in result.warnings)
+    assert len(stamps(tmp_path)) == ROWS - 1
+
+
+def test_a_reading_beyond_a_message_is_left_out_and_said(tmp_path: Path) -> None:
+    gaps = ['1e45' if i == 7 else f'1.{100 + i}' for i in range(ROWS)]
+    result = convert(tmp_path, plain_table(w=gaps), document())
+    assert any('too large for a message, left out: 1' in line for line in result.warnings)
+    assert len(readings(tmp_path, 'eddy_current_2')) == ROWS - 1
+
+
 def test_grouped_digits_in_the_time_are_refused(tmp_path: Path) -> None:
     times = [f'{i}.{100 + i}' for i in range(ROWS)]
     said = refusal(tmp_path, document(), plain_table(**{**COMMA, 't': times}, F=['1,5'] * ROWS))
