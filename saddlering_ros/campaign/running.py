@@ -185,7 +185,8 @@ def _warning(address: str) -> str:
 class Summary:
     """Of all sessions of a campaign, how many have a result, how many of these are failures.
 
-    computed: in this run; faults: failures of our own, not of the bags.
+    computed: in this run; faults: failures of our own, not of the bags; altered: result files that
+    were damaged or changed, and were computed again.
     """
 
     total: int
@@ -193,6 +194,7 @@ class Summary:
     failed: int = 0
     computed: int = 0
     faults: int = 0
+    altered: list[Path] = field(default_factory=list)
 
     def add(self, document: dict[str, Any], *, new: bool) -> None:
         """Count one more result."""
@@ -252,6 +254,7 @@ def _waiting(
     for task in tasks:
         document = store.read_result(task.key)
         if document is None:
+            count.altered += [place for place in [store.place_of(task.key)] if place.exists()]
             waiting.append(task)
         elif (retry and document['status'] == 'failed') or not _is_whole(document, task):
             waiting.append(replace(task, attempt=int(document.get('attempt', 0)) + 1))

@@ -7,6 +7,7 @@ therefore write into one store, and an interrupted campaign continues with the m
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import write_text
 
 RESULTS, REPORTS, STATUS = 'results', 'reports', 'status.json'
+HASH = 'sha256'
+"""Key of the hash over all else that a result file holds."""
 
 
 @dataclass(frozen=True)
@@ -74,12 +77,14 @@ class Store:
         return found is not None and int(found.get('attempt', 0)) >= attempt
 
     def read_result(self, key: str) -> dict[str, Any] | None:
-        """The result of a task; None where there is none, or only a damaged file."""
+        """The result of a task; None where there is none, or only a damaged or altered file."""
         return _read(self.place_of(key), key)
 
     def write_result(self, document: dict[str, Any]) -> None:
-        """Keep a result, whole or not at all."""
-        write_text(self.place_of(document['key']), json.dumps(document) + '\n', CampaignError)
+        """Keep a result, whole or not at all, with the hash of its content."""
+        content = json.loads(json.dumps(document))
+        content[HASH] = _hash_of(content)
+        write_text(self.place_of(document['key']), json.dumps(content) + '\n', CampaignError)
 
     def write_status(self, status: Status) -> None:
         """Print the state of the campaign."""
@@ -99,8 +104,14 @@ def _read(path: Path, key: str) -> dict[str, Any] | None:
         document = json.loads(path.read_text(encoding='utf-8'))
     except (OSError, ValueError):
         return None
-    whole = isinstance(document, dict) and document.get('key') == key and 'status' in document
-    return document if whole else None
+    if not isinstance(document, dict) or document.get('key') != key:
+        return None
+    return document if document.pop(HASH, '') == _hash_of(document) else None
+
+
+def _hash_of(document: dict[str, Any]) -> str:
+    """SHA-256 of a result as JSON with sorted keys."""
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
 class CampaignError(SaddleringError):

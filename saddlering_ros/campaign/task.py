@@ -8,7 +8,7 @@ of these, and its seed comes from the key, so that a result is the same wherever
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 import hashlib
 import importlib
 import json
@@ -51,7 +51,7 @@ class SessionTask:
     rig: path of the rig file ('' for the shipped rig), rig_sha256: of its bytes; effects: hashes
     of the user's own effect files; reports: folder for a page of every session that needs a person
     ('' for none); problem: why the session cannot be judged; attempt: how often it was tried
-    before.
+    before; program: versions by which the key was made.
     """
 
     key: str
@@ -70,6 +70,7 @@ class SessionTask:
     reports: str = ''
     problem: str = ''
     attempt: int = 0
+    program: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def seed(self) -> int:
@@ -108,7 +109,7 @@ def tasks_of(
             key=key, name=session.name, ring=session.ring, bench=session.bench, time=session.time,
             service_hours=session.service_hours, maintenance=session.maintenance, bags=bags,
             rig='' if rig is None else str(rig.resolve()), rig_sha256=rig_sha256, limits=limits,
-            effects=effects, compute=compute, problem=session.problem,
+            effects=effects, compute=compute, problem=session.problem, program=versions_in_use(),
             reports='' if reports is None else str(reports.resolve())))
     return list(tasks.values())
 
@@ -146,6 +147,11 @@ def run(request: dict[str, Any], on_progress: OnProgress) -> dict[str, Any]:
 
 def _changed(task: SessionTask) -> str:
     """Which input is not the one that the key of the task names any more; '' if all are."""
+    here = versions_in_use()
+    others = [f'{name} {here.get(name, "none")} for {version}'
+              for name, version in task.program.items() if here.get(name) != version]
+    if others:
+        return f'this worker runs other versions than the campaign ({", ".join(others)})'
     if _own_effects() != task.effects:
         return 'the effect files of SADDLERING_EFFECTS are not those of the campaign'
     try:
@@ -196,10 +202,12 @@ def _limit_memory(size: int) -> None:
 def session_verdict(task: SessionTask) -> dict[str, Any]:
     """Diagnose the session; the JSON of interfaces.md, the covariance and a report beside it."""
     from saddlering_ros import diagnose, load_rig
+    from saddlering_ros.rig import default_rig
 
     bags = {role: [bag.path for bag in task.bags if bag.role == role] for role in (FIT, HOLD_OUT)}
-    result = diagnose(bags[FIT], hold_out=bags[HOLD_OUT], rig=load_rig(task.rig or None),
-                      seed=task.seed)
+    # The key names no rig file: the worker's environment must name none either.
+    rig = load_rig(task.rig) if task.rig else default_rig()
+    result = diagnose(bags[FIT], hold_out=bags[HOLD_OUT], rig=rig, seed=task.seed)
     report = ''
     if task.reports and result.verdict != 'none':
         place = Path(task.reports) / f'{task.key}.html'

@@ -224,4 +224,7 @@ def _outcome(summary: Summary, store: Store) -> str:
              f'them new; written: {store.folder / "report.html"}')
     if summary.failed:
         words += f'; {summary.failed} failed: verdicts.parquet has the reasons'
+    if summary.altered:
+        words += (f'; {len(summary.altered)} result files were damaged or altered and are '
+                  f'computed again, first {summary.altered[0]}')
     return words

@@ -97,14 +97,20 @@ def test_retry_repeats_the_failures_alone(tmp_path):
     assert sorted(len(processes) for processes in marks(works).values()) == [1, 2]
 
 
-def test_a_result_half_written_is_computed_again(works, tmp_path):
+def test_a_result_half_written_or_altered_is_computed_again_and_said(works, tmp_path):
     store = Store(tmp_path / 'store')
     run(works, store)
-    victim = tasks(works)[0]
-    place = store.place_of(victim.key)
-    place.write_text(place.read_text()[:100])
-    assert run(works, store).computed == 1
-    assert store.read_result(victim.key)['status'] == 'done'
+    for number, change in enumerate((lambda text: text[:100],
+                                     lambda text: text.replace('300.0', '300.1'),
+                                     lambda text: text.replace('"done"', '"failed"'))):
+        victim = tasks(works)[number]
+        place = store.place_of(victim.key)
+        before = place.read_text()
+        place.write_text(change(before))
+        assert place.read_text() != before
+        found = run(works, store)
+        assert (found.computed, found.altered) == (1, [place])
+        assert store.read_result(victim.key)['status'] == 'done'
 
 
 def test_a_store_that_cannot_be_written_ends_the_campaign_with_one_line(works, tmp_path):
@@ -214,6 +220,16 @@ def test_a_worker_with_other_effects_than_the_campaign_gives_no_verdict(
     with local_workers(1) as workers:
         run_campaign(found, store, workers)
     assert {store.read_result(task.key)['kind'] for task in found} == {'changed'}
+
+
+def test_a_worker_of_another_version_gives_no_verdict(works, tmp_path):
+    store = Store(tmp_path / 'store')
+    found = [replace(task, program={**task.program, 'numpy': '1.0'}) for task in tasks(works)]
+    with local_workers(1) as workers:
+        run_campaign(found, store, workers)
+    results = [store.read_result(task.key) for task in found]
+    assert {result['kind'] for result in results} == {'changed'}
+    assert 'for 1.0' in results[0]['reason']
 
 
 def test_reports_that_were_not_asked_for_before_are_written_by_a_second_run(works, tmp_path):
