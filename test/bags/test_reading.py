@@ -154,12 +154,14 @@ def metadata(names, count, **more) -> str:
         'message_count': count, **more}})
 
 
+@pytest.mark.parametrize('name', [
+    'bag_{}.mcap', '{}_bag_2026_05_22-10_59_07.mcap'], ids=['jazzy', 'lyrical'])
 @pytest.mark.parametrize('with_metadata', [True, False])
 def test_a_bag_of_several_files_is_one_test(
-        tmp_path, recording, raw, expected, with_metadata):
+        tmp_path, recording, raw, expected, with_metadata, name):
     folder = tmp_path / 'bag'
     folder.mkdir()
-    names = [f'bag_{number}.mcap' for number in range(11)]
+    names = [name.format(number) for number in range(11)]
     for name, part in zip(names, split(recording, 11), strict=True):
         raw(folder / name, part, facts=name == names[-1])
     if with_metadata:
@@ -167,6 +169,20 @@ def test_a_bag_of_several_files_is_one_test(
         (folder / 'metadata.yaml').write_text(metadata(names, count))
     assert_same(read_run(folder), expected)
     assert read_run(folder).notes == []
+
+
+def test_the_last_message_of_a_file_may_be_repeated_in_the_next(
+        tmp_path, recording, raw, expected):
+    """Lyrical does so with latched topics, at the log time of the split."""
+    for number, part in enumerate(split(recording, 3)):
+        for topic in (LOAD_TOPIC, PROBE) if number else ():
+            row = int(recording.stamps[topic].searchsorted(part.stamps[topic][0])) - 1
+            part = part.changed(topic, np.append(recording.stamps[topic][row], part.stamps[topic]),
+                                np.append(recording.values[topic][row], part.values[topic]))
+        raw(tmp_path / f'{number}_bag_2026_05_22-10_59_07.mcap', part)
+    run = read_run(tmp_path)
+    assert_same(run, expected)
+    assert sum('2 messages repeat the stamp of another' in note for note in run.notes) == 2
 
 
 def test_metadata_yaml_names_the_bag_too(tmp_path, recording, expected):
