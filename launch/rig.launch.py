@@ -20,7 +20,7 @@ from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import load_rig, rig_file_of_project
-from saddlering_ros.rig.geometry import frames_of
+from saddlering_ros.rig.geometry import frames_of, RING_FRAME
 from saddlering_ros.ros.launcher import packed_publication
 from saddlering_ros.ros.names import ACTION, ALARM, NODES, REPLAY, RING, TIME
 
@@ -53,7 +53,7 @@ CHOICES = {
                   'nodes configure and activate themselves; false: leave both to ros2 lifecycle'),
     'use_sim_time': ('', ['', 'true', 'false'], 'follow the clock; empty: when a bag is replayed'),
     'transforms': ('false', ['true', 'false'],
-                   'publish the frames of ring and probes (needs package tf2_ros)'),
+                   'publish the frames of ring, probes and displaced ring (needs tf2_ros)'),
     'analyzers': ('false', ['true', 'false'],
                   'group /diagnostics (needs package diagnostic_aggregator)'),
 }
@@ -99,6 +99,7 @@ def start_nodes(context):
     for node in (node for kind in kinds for node in NODES if node.kind == kind):
         own = [simulation(given)] if node.name == 'ring_simulator' else []
         own += [elevation(given)] if node.name == 'ring_displacement' else []
+        own += frame_ids(given, namespace, node)
         own += [alarm(given)] if node.kind == ALARM else []
         make = Node if node.kind == ACTION else LifecycleNode
         nodes.append(make(
@@ -151,7 +152,8 @@ def remappings(given, namespace):
     """Return the topics that have other names, and the clock of the namespace."""
     found = [(topic, given[name]) for name, topic in TOPIC_ARGUMENTS.items()
              if given[name] != topic]
-    return found + ([('/clock', f'{namespace}/clock')] if namespace else [])
+    return found + [(f'/{topic}', f'{namespace}/{topic}') for topic in ('clock', 'tf')
+                    if namespace]
 
 
 def recorder(given, namespace):
@@ -175,6 +177,16 @@ def test_arguments(given):
         return []
     number('elevation', given)
     return ['--test', given['test'], '--elevation', given['elevation']]
+
+
+def frame_ids(given, namespace, node):
+    """Return the names of the frames of a node below the prefix of the rig, if they are wanted."""
+    if given['transforms'] != 'true' or node.kind not in (RING, ALARM):
+        return []
+    frame = f'{namespace}/{RING_FRAME}'.lstrip('/')
+    found = [{'frame_id': frame}]
+    return found + ([{'displaced_frame_id': f'{frame}_displaced'}]
+                    if node.name == 'ring_displacement' else [])
 
 
 def transforms(given, namespace):

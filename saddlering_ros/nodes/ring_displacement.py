@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import math
 import time
 
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3, WrenchStamped
+import numpy as np
 from sensor_msgs.msg import Range
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -17,6 +18,7 @@ from saddlering_ros.monitoring.expected import ZeroNoise
 from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.samples import Displacements
 from saddlering_ros.record.topics import LOAD, PROBES
+from saddlering_ros.rig.geometry import displaced_frame
 from saddlering_ros.ros.diagnostics import (
     ERROR,
     Events,
@@ -29,9 +31,9 @@ from saddlering_ros.ros.diagnostics import (
     TaskStatus,
 )
 from saddlering_ros.ros.messages import to_time
-from saddlering_ros.ros.names import DISPLACEMENT, ZERO, ZERO_REQUEST
+from saddlering_ros.ros.names import DISPLACEMENT, NodeError, ZERO, ZERO_REQUEST
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
-from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, ZERO_QOS
+from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription, ZERO_QOS
 from saddlering_ros.ros.rig_state import ElevationWatch, RigAgreement, zero_status
 from saddlering_ros.ros.streaming_node import (
     INPUT_RELIABILITY,
@@ -44,6 +46,38 @@ from saddlering_ros.ros.streaming_node import (
 FLUSH_AFTER = 0.2
 """Time [s] without data after which held samples are taken."""
 
+FRAME_PERIOD = 0.02
+"""Shortest time [s] from one transform on /tf to the next; viewers draw no faster."""
+
+
+class DisplacedFrame:
+    """Publishes the transform from the frame `parent` to that of the displaced ring on /tf."""
+
+    def __init__(self, node: StreamingNode, parent: str, name: str) -> None:
+        try:
+            self._kind = message_class('tf2_msgs/msg/TFMessage')
+        except ImportError as problem:
+            raise NodeError(f'{node.get_name()}: displaced_frame_id needs the package tf2_msgs: '
+                            'sudo apt install ros-jazzy-tf2-msgs, or leave it out') from problem
+        self._parent, self._name = parent, name
+        self._publisher = node.create_publisher(self._kind, '/tf', 100)
+        self._told = 0.0
+
+    def tell(self, found: Displacements) -> None:
+        """Publish the newest displacement, if it is known and due."""
+        motion = found.channels[:3, -1]
+        if time.monotonic() - self._told < FRAME_PERIOD or np.isnan(motion).any():
+            return
+        self._told = time.monotonic()
+        frame = displaced_frame(*motion.tolist())
+        x, y, z = frame.translation
+        of_x, of_y, of_z, w = frame.rotation
+        self._publisher.publish(self._kind(transforms=[TransformStamped(
+            header=Header(stamp=to_time(int(found.stamps[-1])), frame_id=self._parent),
+            child_frame_id=self._name, transform=Transform(
+                translation=Vector3(x=x, y=y, z=z),
+                rotation=Quaternion(x=of_x, y=of_y, z=of_z, w=w)))]))
+
 
 class RingDisplacementNode(StreamingNode):
     """Aligns the probes on the load's stamps, zeroes them, publishes /ring/displacement."""
@@ -52,6 +86,9 @@ class RingDisplacementNode(StreamingNode):
         INPUT_RELIABILITY, MAX_GAP,
         NodeParameter(
             'frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
+        NodeParameter(
+            'displaced_frame_id', '', 'frame of the displaced ring, published below frame_id on '
+            '/tf (needs tf2_msgs); none: not published'),
         NodeParameter(
             'parity_noise', 0.3e-6, 'noise of the parity [m]; a mean of more than five '
             'times this value is reported', low=1e-9, high=1e-3, changeable=True),
@@ -74,6 +111,8 @@ class RingDisplacementNode(StreamingNode):
         self.create_service(Trigger, '~/zero', self._on_zero)
         self._zero = self.create_publisher(Header, ZERO, ZERO_QOS)
         self._zero_request = self.create_publisher(ZeroRequest, ZERO_REQUEST, ZERO_QOS)
+        name = self.settings.text('displaced_frame_id')
+        self._frame = DisplacedFrame(self, self.settings['frame_id'], name) if name else None
 
     def configure(self) -> None:
         """Make the stream and its diagnostics."""
@@ -141,6 +180,8 @@ class RingDisplacementNode(StreamingNode):
             self.outputs[0].send(encode_displacements(found, self.settings['frame_id'],
                                                       self._noise.covariance),
                                  int(found.stamps[-1]))
+            if self._frame is not None:
+                self._frame.tell(found)
 
     def _on_zero(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self.active:

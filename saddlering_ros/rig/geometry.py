@@ -161,6 +161,11 @@ def frames_of(rig: Rig, elevation: float | None = None) -> tuple[Frame, ...]:
     return (ring, *probes, cylinder)
 
 
+def displaced_frame(delta_x: float, delta_y: float, gamma: float) -> Frame:
+    """The frame of the ring as it stands displaced [m, m, rad]: gamma turns it from y to x."""
+    return _in_load_plane('ring_displaced', delta_x, delta_y, -gamma)
+
+
 def _in_load_plane(name: str, x: float, y: float, angle: float) -> Frame:
     """A frame at (x, y) of the ring, turned by `angle` [rad] from x to y."""
     return Frame(name, RING_FRAME, (x, y, 0.0),

@@ -8,7 +8,7 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
-from rosnet import Client, wait_until
+from rosnet import Client, Driver, wait_until
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
@@ -17,7 +17,7 @@ from saddlering_ros.bags.messages import decode_displacements
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
-from saddlering_ros.ros.launcher import start_nodes
+from saddlering_ros.ros.launcher import NodeGroup, start_nodes
 from saddlering_ros.ros.names import namespace_of, NodeError, PROGRESS
 from saddlering_ros.ros.raw_topics import RawSubscription
 
@@ -92,3 +92,28 @@ def test_two_rigs_side_by_side_simulate_each_its_own_elevation(
     for space in bags:
         assert np.array_equal(decode_displacements(raw[space]).channels, expected[space])
         assert statuses[f'{space}/ring_simulator: zero'] == f'saddlering{space}'
+
+
+@pytest.mark.ros
+def test_the_displaced_ring_is_a_transform_below_the_frame_of_its_rig(
+        group: NodeGroup, heard: Client, record) -> None:
+    kind = pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs is not published as a wheel')
+    told: list = []
+    with heard.lock:
+        heard.node.create_subscription(kind.TFMessage, '/tf', told.append, 1000)
+        driver = Driver(heard)
+    group.start('ring_displacement', {'frame_id': 'rig1/ring',
+                                      'displaced_frame_id': 'rig1/ring_displaced'})
+    wait_until(lambda: driver.matched(1) and heard.node.count_publishers('/tf'), what='matched')
+    driver.send(record)
+    wait_until(lambda: len(told) > 2, what='transforms')
+    [transform] = told[-1].transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == (
+        'rig1/ring', 'rig1/ring_displaced')
+    found = heard.heard('/ring/displacement')
+    stamp = transform.header.stamp.sec * 10**9 + transform.header.stamp.nanosec
+    row = int(np.flatnonzero(found.stamps == stamp)[0])
+    moved = transform.transform
+    np.testing.assert_array_equal([moved.translation.x, moved.translation.y],
+                                  found.channels[:2, row])
+    assert moved.rotation.z == pytest.approx(-found.channels[2, row] / 2.0, rel=1e-6)

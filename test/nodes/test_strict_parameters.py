@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import util
 import os
 from pathlib import Path
 
@@ -42,6 +43,15 @@ def test_a_node_that_was_given_what_nobody_knows_or_reads_otherwise_ends(tmp_pat
     assert 'has no effect: the parameter input_reliability' in ignored
     assert 'line 3: the number 0110 is not' in otherwise
     assert 'a pipe or device' in waiting
+
+
+def test_a_transform_without_its_message_package_is_refused_in_a_line() -> None:
+    if util.find_spec('tf2_msgs'):
+        pytest.skip('tf2_msgs is there')
+    [(status, said)] = endings([('ring_displacement', [
+        '--ros-args', '-p', 'displaced_frame_id:=ring_displaced'])])
+    assert (status, said.count('Traceback')) == (2, 0)
+    assert 'needs the package tf2_msgs: sudo apt install ros-jazzy-tf2-msgs' in said
 
 
 # As launch_ros 0.26 evaluates parameters: keys of nested dictionaries joined by dots, and lists

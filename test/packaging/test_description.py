@@ -294,7 +294,12 @@ def test_the_launch_file_publishes_frames_and_groups_diagnostics_on_request(laun
     of_rig_1 = launched(rig=rig, transforms='true', elevation='60', namespace='rig1')
     words = of_rig_1['static_transform_publisher'].given['arguments']
     assert words[-4:] == ['--frame-id', 'rig1/ring', '--child-frame-id', 'rig1/hydraulic_cylinder']
-    assert {'tf2_ros', 'diagnostic_aggregator'} <= {
+    displacement = of_rig_1['ring_displacement'].given
+    assert displacement['parameters'][-2:] == [
+        {'frame_id': 'rig1/ring'}, {'displaced_frame_id': 'rig1/ring_displaced'}]
+    assert ('/tf', '/rig1/tf') in displacement['remappings']
+    assert {'frame_id': 'ring'} in nodes['ring_alarm'].given['parameters']
+    assert {'tf2_msgs', 'tf2_ros', 'diagnostic_aggregator'} <= {
         depend.text for depend in manifest().iter('exec_depend')}
 
 

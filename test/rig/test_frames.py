@@ -9,7 +9,12 @@ import pytest
 
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig import default_rig, resolve_load
-from saddlering_ros.rig.geometry import Displacement, displacement_to_probes, frames_of
+from saddlering_ros.rig.geometry import (
+    displaced_frame,
+    Displacement,
+    displacement_to_probes,
+    frames_of,
+)
 
 RIG = replace(default_rig(), probes=replace(
     default_rig().probes, radial_height=0.05, polarity=(1.0, -1.0, -1.0, 1.0)))
@@ -36,6 +41,14 @@ def test_a_probe_sees_its_gap_grow_by_the_motion_along_its_line_of_sight(motion)
         x, y, _ = frame.translation
         moved = np.array([dx + gamma * y, dy - gamma * x, 0.0])
         assert frame.matrix()[:, 0] @ moved == pytest.approx(gap, abs=1e-12)
+
+
+def test_the_frame_of_the_displaced_ring_moves_with_its_points() -> None:
+    dx, dy, gamma = 3e-4, -2e-4, 1e-4
+    frame, point = displaced_frame(dx, dy, gamma), np.array([0.7, 0.4, 0.0])
+    moved = np.array([dx + gamma * point[1], dy - gamma * point[0], 0.0])
+    np.testing.assert_allclose(
+        frame.matrix() @ point + frame.translation, point + moved, atol=1e-8)  # gamma^2 / 2
 
 
 def test_the_cylinder_pushes_along_its_x_axis() -> None:
