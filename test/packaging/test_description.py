@@ -315,6 +315,10 @@ def test_every_nodes_statuses_have_one_group_of_the_analyzers(node, prefix):
                 ['ring'], ['servers'], ['replay'])
 
 
+def test_a_debian_package_needs_nothing_that_only_pip_has():
+    assert not [depend.text for depend in manifest() if str(depend.text).endswith('-pip')]
+
+
 def test_a_workspace_holds_both_packages_side_by_side(tmp_path):
     made = subprocess.run([ROOT / 'tools' / 'workspace.sh', tmp_path / 'ws'], check=True,
                           capture_output=True, text=True)
