@@ -101,6 +101,7 @@ def answer_of(found: Diagnosis) -> dict[str, Any]:
     return {
         'verdict': found.verdict, 'groups': [list(cause.group) for cause in found.causes],
         'contains': [list(cause.definition.contains) for cause in found.causes],
+        'visible': [cause.visible for cause in found.causes],
         'probabilities': dict(found.probabilities), 'stability': found.stability,
         'complete': found.complete, 'held_out': found.gain.held_out,
         'warnings': list(found.warnings),

@@ -22,10 +22,10 @@ ASSEMBLIES = 0.022
 
 FRICTION = ('lubrication', 'balls')
 TRUTH: dict[str, tuple[str, ...]] = {
-    'normal': (), 'backlash1': (), **{f'spalling{stage}': () for stage in range(1, 5)},
-    **{f'spalling{stage}': ('spall',) for stage in range(5, 9)},
+    'normal': (), 'backlash1': (), **{f'spalling{stage}': () for stage in range(1, 9)},
     'backlash2': FRICTION, 'lackLubrication1': FRICTION, 'lackLubrication2': FRICTION}
-"""Effects that may be named for a state; early stages, which the authors miss too, have none."""
+"""Effects that may be named for a state. Early stages, which the authors miss too, have none; late
+spalling takes friction away, which no effect does."""
 
 
 @cache

@@ -88,7 +88,7 @@ def diagnose(
     if diagnosis.verdict == 'unknown' and _is_rounding(figures):
         diagnosis = replace(
             diagnosis, verdict='none', causes=(), complete=True, remainder=(),
-            probabilities=probabilities_of('none', (), 0.0))
+            probabilities=probabilities_of('none'))
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '
                      'coarse probes')
     sentence = next_test(diagnosis, [*runs, *hold_out], rig)
@@ -96,7 +96,8 @@ def diagnose(
     if len(rigs) > 1 and diagnosis.verdict != 'none':
         # A difference between the rigs would be named as a cause.
         diagnosis = replace(
-            diagnosis, verdict='unknown', probabilities=probabilities_of('unknown', (), 0.0))
+            diagnosis, verdict='unknown',
+            probabilities=probabilities_of('unknown', diagnosis.causes))
         sentence = f'Diagnose the bags of each rig separately: {", ".join(rigs)}.'
     return Verdict(diagnosis, figures, tuple(notes), sentence, rig, seed, law)
 

@@ -144,12 +144,15 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         proposer = Proposer(search.space.metric, search.space.max_pairs)
         law = proposer.law_for(subject)
     steady = (*lines.causes, *slow_lines)
-    verdict = 'named' if steady and judgement.verdict == 'none' else judgement.verdict
-    causes = [replace(cause, partial=verdict == 'unknown')
-              for cause in (*published.causes, *steady)]
+    verdict: Verdict = 'named' if steady and judgement.verdict == 'none' else judgement.verdict
+    causes = sorted(
+        (replace(cause, partial=verdict == 'unknown') for cause in (*published.causes, *steady)),
+        key=lambda cause: -cause.visible)
+    # A steady line that is found takes itself whole.
+    taken = answer.taken if published.causes else float(bool(steady))
     return Diagnosis(
         verdict=verdict,
-        causes=tuple(sorted(causes, key=lambda cause: -cause.visible)),
+        causes=tuple(causes),
         base=published.base,
         base_alone=published.base_alone,
         gain=published.gain,
@@ -169,7 +172,7 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         seconds=clock.monotonic() - began,
         complete=not answer.remainder and verdict != 'unknown',
         remainder=answer.remainder,
-        probabilities=probabilities_of(verdict, [cause.group for cause in causes], answer.taken),
+        probabilities=probabilities_of(verdict, causes, taken),
         stability=stability_of(space, fit, answer.process),
         influence=influence_of(space, fit),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import itertools
 
 import numpy as np
 import pytest
@@ -15,8 +16,11 @@ from saddlering_ros.discrepancy import (
     Effect,
     Model,
     Parameter,
+    probabilities_of,
     Run,
 )
+from saddlering_ros.discrepancy.problem.fits import Gain
+from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 
 TIME = np.linspace(0.0, 20.0, 500)
 STD = 0.004
@@ -124,3 +128,17 @@ def test_a_size_at_its_bound_is_no_name() -> None:
     answer = found(0.3, 0.0, replace(MODEL, effects=narrow))
     assert answer.verdict == 'unknown'
     assert any('is at the bound' in item for item in answer.warnings)
+
+
+def test_a_small_second_cause_is_not_told_to_be_as_likely_as_the_first() -> None:
+    first, second = (
+        Cause(name, Effect(name, {'size': Parameter(0, 1)}), 0, (name,), {}, 0.0, 0.0, visible,
+              Gain(0.5, 0.5, ''))
+        for name, visible in (('large', 0.08), ('small', 0.02)))
+    verdicts: tuple[Verdict, ...] = ('named', 'unknown')
+    for verdict, taken in itertools.product(verdicts, (0.99, 0.86, 0.4)):
+        told = probabilities_of(verdict, [first, second], taken)
+        assert sum(told.values()) == pytest.approx(1.0)
+        assert told['large'] > 10.0 * told['small']
+    assert probabilities_of('named', [first], 0.99)['large'] > 0.9
+    assert probabilities_of('unknown', [first], 0.4)['unknown'] > 0.8

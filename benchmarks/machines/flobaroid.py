@@ -1,0 +1,114 @@
+"""A robot arm with the faults of FloBaRoID (kjyv/FloBaRoID, LGPL-3), by its author's own code.
+
+FLOBAROID is the folder of its excitation/simulationEffects.py. In a sound arm the masses hang off
+the axes, drag is not quite linear, and torque and angle are filtered and rounded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import importlib
+import os
+import sys
+
+import numpy as np
+
+from machines.machine import Array, Draw, Machine, swings
+from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
+
+sys.path.insert(0, os.environ.get('FLOBAROID', '.'))
+faults = importlib.import_module('simulationEffects')
+
+HERTZ, COUNT = 100.0, 900
+JOINTS = ('shoulder', 'elbow')
+WEIGHTS = np.array([1.0, 0.4])
+"""Sizes in both joints, in proportion to the torque that each can hold."""
+
+TRUE = {'inertia': 1.6, 'elbow': 0.35, 'coupling': 0.3, 'gravity': 28.0, 'lower': 9.0,
+        'viscous': 2.0}
+
+
+def rigid(p: dict[str, float], q: Array, v: Array, a: Array) -> Array:
+    """Torques (N, 2) [N m] of two links that hang, with viscous friction."""
+    bend, turn, fall = np.cos(q[:, 1]), np.sin(q[:, 1]), np.sin(q.sum(axis=1))
+    coupling, lower = p['coupling'] * bend, p['lower'] * fall
+    one = (p['inertia'] + 2.0 * coupling) * a[:, 0] + (p['elbow'] + coupling) * a[:, 1]
+    one += p['gravity'] * np.sin(q[:, 0]) + lower
+    one -= p['coupling'] * turn * v[:, 1] * (2.0 * v[:, 0] + v[:, 1])
+    two = (p['elbow'] + coupling) * a[:, 0] + p['elbow'] * a[:, 1] + lower
+    two += p['coupling'] * turn * v[:, 0] ** 2
+    return np.column_stack([one, two]) + p['viscous'] * WEIGHTS * v
+
+
+def simulate(p: dict[str, float], run: Run) -> dict[str, Array]:
+    q, v, a = (np.asarray(run.inputs[name]) for name in ('q', 'v', 'a'))
+    sign, hours = np.tanh(v / 0.02), run.time[:, None] / 600.0
+    q = q + p['backlash.width'] * sign
+    if p['deflection.compliance']:
+        q = q - p['deflection.compliance'] * rigid(p, q, v, a)
+    jerk = np.gradient(a, 1.0 / HERTZ, axis=0)
+    fall = np.exp(-np.abs(v) / 0.05)
+    added = p['friction.torque'] * sign + p['stiction.torque'] * fall * sign
+    added += p['cogging.torque'] * np.sin(24.0 * q) - p['thermal.torque'] * hours * sign
+    added -= p['cables.rate'] * (q - p['cables.rest'])
+    added += p['gravity_error.torque'] * np.sin(q) + p['elasticity.size'] * jerk
+    torque = rigid(p, q, v, a) + WEIGHTS * added
+    return dict(zip(JOINTS, torque.T, strict=True))
+
+
+def effect(name: str, key: str, low: float, high: float, **more: Parameter) -> Effect:
+    return Effect(name, {key: Parameter(low, high), **more})
+
+
+MODEL = Model(
+    simulate,
+    base={name: Parameter(0.3 * value, 3.0 * value) for name, value in TRUE.items()},
+    effects={
+        'friction': effect('Coulomb friction', 'torque', 0, 20),
+        'stiction': effect('Friction that falls with speed', 'torque', 0, 30),
+        'backlash': effect('Backlash of the gears', 'width', 0, 0.2),
+        'cogging': effect('Torque ripple', 'torque', -10, 10),
+        'elasticity': effect('Elastic joints', 'size', -0.2, 0.2),
+        'cables': effect('Cables that pull', 'rate', -2, 30, rest=Parameter(-0.5, 0.5)),
+        'thermal': effect('Friction that falls as it warms', 'torque', 0, 1000),
+        'gravity_error': effect('Error of the compensated gravity', 'torque', -20, 20),
+        'deflection': effect('Links that bend', 'compliance', -0.005, 0.005),
+    },
+    channels={name: Channel('N m') for name in JOINTS},
+)
+HIDDEN = {'friction': {'torque': 3.0}, 'stiction': {'torque': 4.0}, 'backlash': {'width': 0.04},
+          'cogging': {'torque': 1.5}, 'elasticity': {'size': 0.02}, 'cables': {'rate': 5.0},
+          'thermal': {'torque': 300.0}, 'gravity_error': {'torque': 4.0},
+          'deflection': {'compliance': 0.001}}
+
+
+def record(draw: Draw) -> Run:
+    time, own = np.arange(COUNT) / HERTZ, np.random.default_rng([draw.seed, 7])
+    q = 1.2 * np.column_stack([swings(draw.random, time, 0.1, 0.6) for _ in JOINTS])
+    v = np.gradient(q, time, axis=0)
+    a = np.gradient(v, time, axis=0)
+    (dry, stick, play, ripple, soft, cables, warm, heavy, bent) = (
+        WEIGHTS * draw.size(f'{name}.{key}') for name, sizes in HIDDEN.items() for key in sizes)
+    arm = faults.JointProperties(
+        2, warm, dry, 200.0 * WEIGHTS, 5.0 * WEIGHTS, np.array([2.0, 1.0]),
+        torque_sensor_error=0.002, thermal_reduction=1.0, stiction=stick, backlash=play,
+        encoder_bits=np.full(2, 17.0), compliance=bent, cable_stiffness=cables,
+        elasticity_freq=np.array([25.0, 32.0]), elasticity_damping=np.full(2, 0.07),
+        elasticity_gain=soft, cogging_amplitude=ripple, torque_quant_bits=np.full(2, 13.0),
+        thermal_tau=np.full(2, 600.0), grav_comp_error=heavy / (1.47 * np.array([3.0, 1.0])))
+    true, off = dict(draw.true), own.normal(size=3) * (0.02, 0.02, 0.1)
+    torque = rigid(true, q + off[:2], v, a) + true['viscous'] * off[2] * v * np.abs(v)
+    torque = torque + faults.add_friction(torque, v, replace(arm, viscous_friction=0.0 * warm))
+    torque += faults.add_joint_elasticity(torque, a, HERTZ, arm, 0)
+    torque += faults.add_torque_ripple(COUNT, q, arm, 0)
+    torque += faults.add_temperature_friction_drift(torque, v, time, arm)
+    torque += faults.add_cable_forces(torque, q, arm, rng=np.random.default_rng(draw.seed))
+    torque += faults.add_gravity_compensation_residual(torque, q, arm)
+    seen = faults.add_structural_deflection(faults.add_backlash(q, v, arm), torque, arm)
+    seen, _, torque, *_ = faults.add_sensor_noise(seen, v, torque, HERTZ, draw.random, arm)
+    torque = faults.add_torque_quantization(torque, arm)
+    seen = faults.add_encoder_quantization(seen, arm)
+    return draw.run(time, {'q': seen, 'v': v, 'a': a}, dict(zip(JOINTS, torque.T, strict=True)))
+
+
+MACHINE = Machine('flobaroid', 'kjyv/FloBaRoID', 'LGPL-3.0', MODEL, HIDDEN, record, TRUE)
