@@ -109,7 +109,7 @@ def demo_page(outcome: DemoOutcome, command: str) -> str:
                        'of the live nodes. The diagnosis also fits a constant offset of each '
                        'probe, so that the misfits it prints are smaller.', 'note'),
         chapters.paper_split(outcome.curves),
-        chapters.misfit(document),
+        chapters.misfit(document, chapters.FROM_ZERO),
         background.misfit_reductions(document),
         chapters.causes(outcome.verdict),
         parameters.identified(outcome.identification, FOUND_BY),
@@ -144,16 +144,17 @@ def _tiles(outcome: DemoOutcome) -> str:
         (percent(after), 'with the extended model, replayed again'),
         (percent(outcome.gain), 'misfit reduction measured live'),
         (f'{messages:,}'.replace(',', ' '), 'messages received live, '
-         + (f'{lost} lost' if lost else 'none lost')),
+         + (f'{lost} more were published and not received' if lost else 'none lost')),
         (f'{outcome.seconds:.0f} s', 'for the whole demonstration'),
     ])
 
 
 def _replays(outcome: DemoOutcome) -> str:
     rows: list[list[str | Cell]] = [[
-        item.bag, item.parameters, number(str(item.messages)), number(f'{item.seconds:.1f}'),
-        number(f'{item.speed:.2g}')] for item in outcome.replays]
+        item.bag, item.parameters, number(str(item.messages)), number(str(item.lost or '–')),
+        number(f'{item.seconds:.1f}'), number(f'{item.speed:.2g}')] for item in outcome.replays]
     return html.section('Replays', html.table(
-        ['bag', 'simulated with', number('messages received'), number('seconds'),
+        ['bag', 'simulated with', number('messages received'), number('not received'),
+         number('seconds'),
          number('times real time')], rows,
         'In lockstep: the clock waits until every node has processed all messages.'))

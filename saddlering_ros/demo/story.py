@@ -137,7 +137,7 @@ class _Story:
         lost = recording.lost(run)
         self.replays.append(Replayed(name, words, recording.messages, lost, seconds, speed))
         self.console.say(f'      {name}: {recording.messages} messages, {speed:.2g} times real '
-                         f'time{f", {lost} lost" if lost else ""}')
+                         f'time{f", {lost} more messages not received" if lost else ""}')
         return recording
 
     def _identify(self, live: LiveRig) -> tuple[ParameterSet, dict[str, Any]]:

@@ -72,9 +72,13 @@ def next_test(diagnosis: Diagnosis, runs: Sequence[Record], rig: Rig) -> str | N
 
 
 def _for_residual(after: Residual) -> str:
-    """The test for the largest part of the misfit that no cause explains."""
+    """The test for the largest part of the misfit that no cause explains; else the least likely.
+
+    Among shapes that are all within chance, the largest one is that of the noisiest channel.
+    """
     shapes = [shape for shape in after.shapes if is_left(shape.p_value, shape.visible)]
-    largest = max(shapes or after.shapes, key=lambda shape: shape.visible)
+    largest = (max(shapes, key=lambda shape: shape.visible) if shapes else
+               min(after.shapes, key=lambda shape: shape.p_value))
     if after.fast.visible >= max(MATERIAL, largest.visible):
         return for_swing(after.fast.view, after.fast.frequency)
     return for_shape(largest.view, largest.coordinate)

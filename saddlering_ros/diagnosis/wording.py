@@ -18,6 +18,7 @@ from saddlering_ros.discrepancy import (
     rest_words,
     share_words,
     SizeEntry,
+    tried_words,
     verdict_line,
 )
 from saddlering_ros.effects import catalogue
@@ -216,12 +217,10 @@ def headline(document: VerdictDocument) -> str:
     """The verdict in one or two sentences."""
     verdict = document['verdict']
     if verdict == 'none':
-        return ('The simulation lacks nothing that these data could show. The residual is noise, '
+        return ('The simulation lacks nothing that these data could show: the residual is noise, '
                 f"or smaller than {100.0 * MATERIAL:g} % of a channel's range.")
     if verdict == 'unknown':
-        shapes = '; '.join(shape_words(shape) for shape in shapes_of(document))
-        return ('Something is wrong, and no cause of the catalogue is established. '
-                + (f'The residual: {shapes}.' if shapes else ''))
+        return _unknown(document)
     causes = causes_of(document)
     if verdict == 'ambiguous':
         return ('The simulation lacks a cause. '
@@ -236,6 +235,35 @@ def headline(document: VerdictDocument) -> str:
             f'{share_words(gain["fit"], gain["held_out"])}.{_rest(document)}')
 
 
+def _unknown(document: VerdictDocument) -> str:
+    """Where the misfit is largest over the noise, what explains a part of it, its shapes."""
+    cases = [(item['nrmse_before'] / item['noise_floor'],
+              f', most in {name} of {_bag_name(run)}: {percent(item["nrmse_before"])} of range, '
+              f'where noise alone gives {percent(item["noise_floor"])}')
+             for run in document['runs'] for name, item in run['channels'].items()
+             if name != 'parity' and item['nrmse_before'] and item['noise_floor']]
+    ratio, where = max(cases, default=(0.0, ''))
+    where = where if ratio > 1.0 else ''
+    partial = ''.join(f' {title_of(cause["effect"])} ({size_of(cause)}) explains a part only.'
+                      for cause in causes_of(document))
+    shapes = '; '.join(shape_words(shape) for shape in shapes_of(document))
+    return (f'Something is wrong, and no cause of the catalogue is established{where}.{partial}'
+            + (f' The residual: {shapes}.' if shapes else ''))
+
+
+def tried(document: VerdictDocument) -> str:
+    """What was tried before an `unknown`; '' for other verdicts."""
+    if document['verdict'] != 'unknown':
+        return ''
+    return tried_words(len(document.get('detection_limits') or ()),
+                       len(document.get('candidates') or ()),
+                       has_law=bool(document.get('proposal')))
+
+
+def _bag_name(run: Mapping[str, Any]) -> str:
+    return str(run['bag']).rstrip('/').rsplit('/', 1)[-1]
+
+
 def _rest(document: VerdictDocument) -> str:
     """The largest remainder, or nothing."""
     if not document.get('remainder'):
@@ -247,7 +275,7 @@ def _rest(document: VerdictDocument) -> str:
 def gain_sentence(document: VerdictDocument) -> str:
     """The misfit reduction of the extension, with that on held-out runs if there are some."""
     gain = document.get('gain')
-    if document['verdict'] == 'none' or gain is None or gain.get('fit') is None:
+    if not causes_of(document) or gain is None or gain.get('fit') is None:
         return ''
     fitted = percent(gain['fit'])
     if gain.get('held_out') is None:
@@ -371,20 +399,26 @@ def document_text(document: VerdictDocument) -> str:
     """Verdict, next test, misfit reduction, open questions, in plain lines."""
     verdict = document['verdict']
     lines = [verdict_line(verdict), headline(document), gain_sentence(document),
-             certainty_words(document.get('probabilities', {}), document.get('stability', 1.0))]
+             certainty_words(document.get('probabilities', {}), document.get('stability', 1.0)),
+             tried(document)]
     if document['next_test']:
         lines.append(f'next test: {document["next_test"]}')
     lines = [*filter(None, lines), '']
     for cause in causes_of(document):
         lines += cause_lines(cause, parameter_words(cause))
-    if verdict == 'unknown':
+    if shapes_of(document):
         lines.append('Misfit that no effect of the catalogue explains:')
         lines += [f'  {shape_words(shape)}' for shape in shapes_of(document)]
     lines += proposal_lines(document)
-    lines += ['', "Misfit by run and channel, rms in % of the channel's range "
-              '(contact law alone / extended model / noise):']
-    lines += [_run_line(run) for run in document['runs']]
-    lines += ['', 'Contact parameters (before -> after):', *_parameter_lines(document)]
+    is_extended = bool(causes_of(document))
+    if lines[-1]:
+        lines.append('')
+    lines += ["Misfit by run and channel, rms in % of the channel's range, with a constant "
+              'offset of each probe fitted (contact law alone / '
+              + ('extended model / noise):' if is_extended else 'noise):')]
+    lines += [_run_line(run, is_extended) for run in document['runs']]
+    lines += ['', 'Contact parameters (before -> after):' if is_extended else
+              'Contact parameters:', *_parameter_lines(document, is_extended)]
     return '\n'.join([*lines, *(f'note: {note}' for note in document['notes'])])
 
 
@@ -406,31 +440,33 @@ def proposal_lines(document: VerdictDocument) -> list[str]:
     return [*lines, *(f'  effect file: {path}' for path in law['effect_files'])]
 
 
-def _run_line(run: RunEntry) -> str:
+def _run_line(run: RunEntry, is_extended: bool) -> str:
     shares = ', '.join(
         f'{name} ' + ' / '.join(
             '-' if share is None else f'{100.0 * share:.2f}'
-            for share in (misfit['nrmse_before'], misfit['nrmse_after'], misfit['noise_floor']))
+            for share in (misfit['nrmse_before'],
+                          *((misfit['nrmse_after'],) if is_extended else ()),
+                          misfit['noise_floor']))
         for name, misfit in run['channels'].items())
-    name = str(run['bag']).rstrip('/').rsplit('/', 1)[-1]
-    return f'  {name}{" (held out)" if run["held_out"] else ""}: {shares}'
+    return f'  {_bag_name(run)}{" (held out)" if run["held_out"] else ""}: {shares}'
 
 
-def _parameter_lines(document: VerdictDocument) -> list[str]:
+def _parameter_lines(document: VerdictDocument, is_extended: bool) -> list[str]:
     before, after = document['parameters']['before'], document['parameters']['after']
     open_after = document['parameters'].get('undetermined', {}).get('after', {})
     lines = []
     for name in PARAMETER_NAMES:
         if name in before and name in after:
             shown = quantity(after[name], PARAMETER_UNITS[name], after.get(f'{name}_std'))
-            lines.append(f'  {name}: {quantity(before[name])} -> {shown}')
+            shown = f'{quantity(before[name])} -> {shown}' if is_extended else shown
+            lines.append(f'  {name}: {shown}')
             if name in open_after:
-                lines[-1] = '  ' + undetermined_words(
-                    name, f'{quantity(before[name])} -> {shown}', open_after[name])
+                lines[-1] = '  ' + undetermined_words(name, shown, open_after[name])
     for row in (1, 2):
         names = (f'K{row}', f'n{row}')
         if all(name in values for name in names for values in (before, after)):
             first, last = (stiffness_per_millimetre(*(values[name] for name in names))
                            for values in (before, after))
-            lines.append(f'  K{row}: {quantity(first)} -> {quantity(last, "N/mm^n")}')
+            shown = f'{quantity(first)} -> ' if is_extended else ''
+            lines.append(f'  K{row}: {shown}{quantity(last, "N/mm^n")}')
     return lines

@@ -50,6 +50,7 @@ from saddlering_ros.discrepancy.verdict.wording import (
     gain_words,
     rest_words,
     share_words,
+    tried_words,
     verdict_line,
 )
 from saddlering_ros.estimation.rest import RestSegment
@@ -102,5 +103,6 @@ __all__ = [
     'share_words',
     'space_beside_error',
     'tangent',
+    'tried_words',
     'verdict_line',
 ]

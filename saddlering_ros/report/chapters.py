@@ -20,6 +20,7 @@ from saddlering_ros.diagnosis.wording import (
     shapes_of,
     signature_words,
     title_of,
+    tried,
     value_words,
     variant_words,
     VerdictDocument,
@@ -56,6 +57,7 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
         html.paragraph(gain_sentence(document)),
         html.paragraph(certainty_words(
             document.get('probabilities', {}), document.get('stability', 1.0))),
+        html.paragraph(tried(document)),
     ]
     if document.get('next_test'):
         parts.insert(2, html.paragraph(f'Next test: {document["next_test"]}', 'next'))
@@ -172,9 +174,16 @@ def _cause_parameters(cause: CauseEntry) -> list[list[str | Cell]]:
     return rows
 
 
-def misfit(document: VerdictDocument) -> str:
-    """Runs and channels before and after against the noise floor: figure and table."""
-    runs = document['runs']
+OFFSETS = 'A constant offset of each probe is fitted. '
+FROM_ZERO = 'Counted from the zero of the live nodes. '
+
+
+def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
+    """Runs and channels before and after against the noise floor: figure and table.
+
+    counted: from where the misfits count.
+    """
+    runs, is_extended = document['runs'], bool(causes_of(document))
     rows: list[list[str | Cell]] = []
     for run in runs:
         for name, item in run['channels'].items():
@@ -182,20 +191,21 @@ def misfit(document: VerdictDocument) -> str:
                 _short(run['bag']), run['test'], number(f'{run["elevation_deg"]:g}°'),
                 'held out' if run['held_out'] else 'fitted', code(name),
                 number(percent(item['nrmse_before']), _mark(item['nrmse_before'], item)),
-                number(percent(item['nrmse_after']), _mark(item['nrmse_after'], item)),
+                number(percent(item['nrmse_after']) if is_extended else '',
+                       _mark(item['nrmse_after'], item) if is_extended else ''),
                 number(percent(item['noise_floor'])),
             ])
     return html.section(
         'Misfit by run and channel',
         html.picture(
-            figures.misfit(runs), 'misfit', 'Rms misfit of each channel in each run: contact law '
-            'alone, extended model, and noise alone.'),
+            figures.misfit(runs, is_extended=is_extended), 'misfit', 'Rms misfit of each channel '
+            f'in each run, beside noise alone. {counted}'),
         html.folded('Table of the figure', html.table(
             ['run', 'test', number('elevation'), 'role', 'channel', number('contact law alone'),
              number('extended model'), number('noise floor')], rows,
-            "Rms misfit over the channel's range in that run. Parity is zero for a rigid ring: "
-            'its range is noise, so that its shares are large. Red: more than twice the noise '
-            'floor and more than 0.1 % of range.')),
+            f"Rms misfit over the channel's range in that run. {counted}Parity is zero for a "
+            'rigid ring: its range is noise, so that its shares are large. Red: more than twice '
+            'the noise floor and more than 0.1 % of range.')),
     )
 
 

@@ -142,14 +142,18 @@ def over_time(time: Array, channels: Mapping[str, Array], title: str) -> Chart:
                  height=1.0 + 1.8 * len(panels), heights=(1.0,) * len(panels), shares_x=True)
 
 
-def misfit(runs: Sequence[Mapping[str, Any]], channels: Sequence[str] = CHANNELS[:3]) -> Chart:
+def misfit(
+    runs: Sequence[Mapping[str, Any]], channels: Sequence[str] = CHANNELS[:3], *,
+    is_extended: bool = True,
+) -> Chart:
     """Misfit before and after against the noise floor, for the `runs` of a verdict's JSON."""
     height, heights, words, series = 0.0, [], [], []
     for run in runs:
         for name in channels:
             if name not in run['channels']:
                 continue
-            series += _misfit_row(height, run['channels'][name])
+            drawn = _misfit_row(height, run['channels'][name])
+            series += drawn if is_extended else drawn[1:3]
             heights.append(height)
             words.append(f'{_short(run)}   {SYMBOLS[name]}')
             height += 1.0

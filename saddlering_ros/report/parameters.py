@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.diagnosis.wording import VerdictDocument
+from saddlering_ros.diagnosis.wording import causes_of, VerdictDocument
 from saddlering_ros.identification.result import INTERVALS
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
@@ -67,26 +67,31 @@ def before_and_after(
     """Contact parameters before and after, with intervals, correlation, and the bias removed."""
     first, last = document['parameters']['before'], document['parameters']['after']
     reasons = document['parameters'].get('undetermined', {}).get('after', {})
+    is_extended = bool(causes_of(document))  # Without a cause, columns of the change are empty.
     rows: list[list[str | Cell]] = []
     for name in PARAMETER_NAMES:
         if name not in first or name not in last:
             continue
         std = last.get(f'{name}_std')
+        changed = (_contact(name, first[name], None), _moved(first[name], last[name]),
+                   f'{abs(first[name] - last[name]) / std:.1f}' if std else '–')
+        was, moved, ratio = changed if is_extended else ('', '', '')
         rows.append([
-            code(name), number(_contact(name, first[name], None)),
+            code(name), number(was),
             number(_contact(name, last[name], std)), number(interval(last[name], std)),
-            number(_moved(first[name], last[name])),
-            number('–' if not std else f'{abs(first[name] - last[name]) / std:.1f}'),
+            number(moved), number(ratio),
             f'not determined by these data: {reasons[name]}' if name in reasons else '',
         ])
     for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
         if name in first and name in last:
-            rows.append([code(name), *(
-                number(quantity(stiffness_per_millimetre(item[name], item[exponent]), 'N/mm^n'))
-                for item in (first, last)), *[number('')] * 4])
+            stiffness = [quantity(stiffness_per_millimetre(item[name], item[exponent]), 'N/mm^n')
+                         for item in (first, last)]
+            rows.append([code(name), number(stiffness[0] if is_extended else ''),
+                         number(stiffness[1]), *[number('')] * 4])
     return html.section(
         'Contact parameters',
-        html.table(['parameter', number(before), number(f'{after} ± standard deviation'),
+        html.table(['parameter', number(before),
+                    number(f'{after if is_extended else "value"} ± standard deviation'),
                     number('95 % interval'), number('bias removed'), number('bias / std'),
                     ''], rows),
         correlation(covariance),

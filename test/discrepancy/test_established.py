@@ -66,7 +66,7 @@ def test_a_main_cause_is_established_and_what_it_leaves_is_stated(seed: int) -> 
     assert not answer.complete
     assert 0.001 < answer.remainder[0].share_of_range < 0.03
     assert answer.remainder[0].times_noise > 2.0
-    assert answer.headline.startswith('Mainly: Dry friction (')
+    assert answer.headline.startswith('The simulation lacks mainly Dry friction: ')
     assert sum(answer.probabilities.values()) == pytest.approx(1.0)
     assert answer.probabilities['friction'] > 0.9
     assert answer.stability > 0.8

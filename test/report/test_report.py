@@ -12,7 +12,8 @@ import scipy.signal
 from shared_pictures import DRAWN, shared_drawn
 
 from saddlering_ros.bags import read_run, write_bag
-from saddlering_ros.diagnosis.wording import gain_sentence, headline
+from saddlering_ros.diagnosis.wording import document_text, gain_sentence, headline, tried
+from saddlering_ros.discrepancy.verdict.wording import remaining_words
 from saddlering_ros.pages import html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import draw
@@ -122,6 +123,31 @@ def test_none_is_said_plainly_and_without_a_gain():
     said = document('none')
     assert headline(said).startswith('The simulation lacks nothing')
     assert gain_sentence(said) == ''
+
+
+def test_a_verdict_without_a_cause_mentions_no_extended_model():
+    for verdict in ('none', 'unknown'):
+        said = document(verdict, causes=[], notes=[])
+        shown = document_text(said) + diagnosis_page(said, RUNS[:1])
+        assert 'xtended model' not in re.sub(r'base64,[^"]+|octet-stream.*?</script>', '', shown)
+        assert '->' not in document_text(said)
+
+
+def test_unknown_states_what_was_tried_and_that_no_law_was_found():
+    tested = {'effect': 'settling', 'limit': None, 'best_limit': None, 'material_limit': None,
+              'unit': 'm', 'share': 0.5, 'testable': False, 'places': []}
+    said = document('unknown', causes=[], detection_limits=[tested])
+    assert '1 causes compared' in tried(said)
+    assert 'none is proposed' in tried(said)
+    assert tried(said) in document_text(document('unknown', causes=[], detection_limits=[tested],
+                                                 notes=[]))
+    assert tried(document('none')) == ''
+    assert 'noise alone gives' in headline(said)
+
+
+def test_what_remains_is_never_nothing():
+    assert remaining_words(0.998) == '< 1 % of the misfit'
+    assert remaining_words(0.88) == '12 % of the misfit'
 
 
 def test_ambiguous_names_every_look_alike():

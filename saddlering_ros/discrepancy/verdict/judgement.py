@@ -29,6 +29,7 @@ from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest, SlowResidua
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import AT_BOUND, ModelSpace
 from saddlering_ros.discrepancy.verdict.results import Residual, Verdict
+from saddlering_ros.discrepancy.verdict.wording import remaining_words
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.estimation.statistics import fisher_chance
 from saddlering_ros.quantities import percent, quantity
@@ -263,7 +264,7 @@ def judge(
         warnings += doubts
         if after.slow.is_real_and_material(settings) and not doubts:
             warnings.append(
-                f'{100 * (1 - share):.0f} % of the misfit remains with the extension, most of it '
+                f'{remaining_words(share)} remains with the extension, most of it '
                 f'in {after.slow.where}: the law of the cause has another form, which explains it'
             )
     elif left:
@@ -358,7 +359,7 @@ def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[
         is_exact = assumptions.form_error == 0.0
         if share < settings.min_total or is_exact or _exceeds_forms(space, fit):
             doubts.append(
-                f'{100 * (1 - share):.0f} % of the misfit remains, which is more than noise and '
+                f'{remaining_words(share)} remains, which is more than noise and '
                 f'model error in {where}: {" and ".join(fit.candidate.ids)} can only be a part '
                 'of the cause'
             )

@@ -69,13 +69,16 @@ def headline_of(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == 'none':
         return 'These data show nothing that the simulation lacks.'
     if diagnosis.verdict == 'unknown':
-        return f'Something is wrong, and no cause is established.{rest}'
+        partial = ' and '.join(cause.definition.title for cause in diagnosis.causes)
+        part = f'; {partial} explains a part only' if partial else ''
+        return f'Something is wrong, and no cause is established{part}.{rest}'
     names = ' and '.join(
         ' or '.join(cause.group) if len(cause.group) > 1 else cause.definition.title
         for cause in diagnosis.causes)
-    mainly = '' if diagnosis.complete else 'Mainly: '
+    mainly = '' if diagnosis.complete else 'mainly '
     gain = diagnosis.gain
-    return f'{mainly}{names} ({share_words(gain.fit, gain.held_out)}).{rest}'
+    return (f'The simulation lacks {mainly}{names}: '
+            f'{share_words(gain.fit, gain.held_out)}.{rest}')
 
 
 def share_words(fitted: float, held_out: float | None) -> str:
@@ -95,9 +98,25 @@ def certainty_words(probabilities: Mapping[str, float], stability: float) -> str
     if not probabilities:
         return ''
     told = ', '.join(f'{name} {words}' for name, words in shares_in_words(probabilities).items())
+    named = set(probabilities) - {'none', 'unknown'}
+    same = 'have the same first cause' if named else 'find no cause either'
     near = ', so that the verdict is near its limit' if stability < MIN_STABLE else ''
-    return (f'Probabilities: {told}. {percent(stability)} of the refits have the same first '
-            f'cause{near}.')
+    return f'Probabilities: {told}. {percent(stability)} of the refits {same}{near}.'
+
+
+def tried_words(compared: int, refitted: int, *, has_law: bool) -> str:
+    """What was tried before a verdict `unknown`; nothing if no effect was compared."""
+    if not compared:
+        return ''
+    law = ('A law is proposed for it.' if has_law else 'No law over load, direction, rate or time '
+           'passed the test of a cause, so that none is proposed.')
+    return f'Tried: {compared} causes compared with the misfit, {refitted} models refitted. {law}'
+
+
+def remaining_words(explained: float) -> str:
+    """What a share of the misfit leaves: '12 % of the misfit'; '< 1 %' is never '0 %'."""
+    left = 100.0 * (1.0 - explained)
+    return f'{left:.0f} % of the misfit' if left >= 0.5 else '< 1 % of the misfit'
 
 
 def summary_text(diagnosis: Diagnosis) -> str:
@@ -114,6 +133,9 @@ def summary_text(diagnosis: Diagnosis) -> str:
         lines.append(f'misfit reduction: {gain_words(gain.fit, gain.held_out)}')
     lines.append(certainty_words(diagnosis.probabilities, diagnosis.stability))
     if diagnosis.verdict == 'unknown':
+        lines.append(tried_words(
+            len(diagnosis.observability.limits), len(diagnosis.search.candidates),
+            has_law=diagnosis.law is not None))
         after = diagnosis.residual_after
         tests = sorted((*after.consistency, *after.shapes), key=lambda test: test.p_value)
         shapes = [test for test in tests if test.p_value < CHANCE][:4]
