@@ -308,4 +308,4 @@ def serve(make: Any, args: Sequence[str] | None = None) -> int:
             spin_while(executor, lambda: True, FAREWELL)
         executor.shutdown(timeout_sec=0.0)
 
-    return run(make, spin, args, own_signals=True)
+    return run(make, spin, args)

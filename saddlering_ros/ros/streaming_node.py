@@ -18,6 +18,7 @@ from typing import Any, ClassVar, NoReturn
 
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
@@ -77,6 +78,11 @@ INPUT_RELIABILITY = NodeParameter(
 MAX_GAP = NodeParameter(
     'max_gap', 10.0, 'a larger jump of the stamps [s] restarts zero and simulation', low=0.1,
     high=3600.0)
+
+
+LONGEST_HAND_OVER = 1.5
+"""Longest time [s] at its end for which a node sends again what its readers miss; with
+LONGEST_END it stays below the five seconds of a launch."""
 
 
 class StreamingNode(LifecycleNode):
@@ -190,8 +196,19 @@ class StreamingNode(LifecycleNode):
         """How many publishers each input topic has."""
         return {flow.topic: flow.publishers() for flow in self.inputs}
 
+    def hand_over(self) -> None:
+        """Stay until each reliable reader has every message, at most LONGEST_HAND_OVER.
+
+        A reader on a busy machine is behind by what it asked for again: it ends with the writer.
+        """
+        end = time.monotonic() + LONGEST_HAND_OVER
+        for flow in self.outputs:
+            left = max(0.0, end - time.monotonic())
+            flow.publisher.wait_for_all_acked(Duration(seconds=left))
+
     def _disconnect(self) -> None:
         self.active = False
+        self.hand_over()
         for subscription in self.inputs:
             subscription.close()
         for publisher in self.outputs:
@@ -271,17 +288,24 @@ LONGEST_END = 3.0
 def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None = None) -> int:
     """Run a streaming node until it is done or a signal ends it; returns the exit status."""
     def spin(node: StreamingNode) -> None:
+        def finish(*_: object) -> None:
+            node.done = True
+
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, finish)
         node.start()
         keep_out_of_collections()
         spin_streaming(node, node)
+        node.hand_over()
     return run(make, spin, args)
 
 
 def run(make: Callable[[], Any], spin: Callable[[Any], None],
-        args: Sequence[str] | None = None, *, own_signals: bool = False) -> int:
+        args: Sequence[str] | None = None) -> int:
     """Make a node, spin it, clean up; one line and status 2 for an error of the user.
 
-    With `own_signals`, `spin` itself sees to SIGINT and SIGTERM.
+    `spin` itself sees to SIGINT and SIGTERM: a context that rclpy's handlers have shut down waits
+    for no reader.
     """
     follow_lifeline()
     sweep()
@@ -291,8 +315,7 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         prepare_transport()
         if is_node_program():
             end_as_usual()
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO if own_signals
-                   else SignalHandlerOptions.ALL)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         refuse_undeclared(node)
         domain = node.context.get_domain_id()

@@ -6,17 +6,21 @@ import contextlib
 import os
 from pathlib import Path
 import signal
+import subprocess
+import sys
 import threading
 import time
 from typing import Any
 
 from node_server import NodeServer
 import pytest
+from rosnet import wait_until
 
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.bags import read_raw
 from saddlering_ros.cli.main import main
 from saddlering_ros.errors import BagError
+from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.messages import LockstepGroup
 
 
@@ -69,3 +73,46 @@ def test_progress_that_does_not_belong_together_or_is_of_nobody_waited_for_is_no
     assert group.said == {}
     assert group.heard == {}
     assert group.absent() == ['reader: nothing received']
+
+
+READER = """
+import os, sys, time
+from saddlering_ros.ros.launcher import prepare_transport
+prepare_transport()
+from geometry_msgs.msg import WrenchStamped
+import rclpy
+from saddlering_ros.ros.raw_topics import RawSubscription
+rclpy.init(args=[], domain_id=int(sys.argv[1]))
+flow = RawSubscription(rclpy.create_node('reader'), 'rig/hydraulic_load', WrenchStamped)
+while not flow.publishers():
+    time.sleep(0.01)
+print('matched', flush=True)
+end = time.monotonic() + 30.0
+while flow.received < int(sys.argv[2]) and flow.publishers() and time.monotonic() < end:
+    flow.take()
+    time.sleep(0.01)
+flow.take()
+print(flow.received, flush=True)
+os._exit(0)
+"""
+
+
+@pytest.mark.ros
+def test_a_reader_that_had_no_processor_still_gets_the_end_of_a_test(
+        group: NodeGroup, bag: Path, ros_domain: int) -> None:
+    """The node ends while the reader is stopped; its queue of packets holds a part only."""
+    count = len(read_raw(bag)['/rig/hydraulic_load'])
+    load = group.start('hydraulic_load', {'bag': str(bag)})
+    with subprocess.Popen([sys.executable, '-c', READER, str(ros_domain), str(count)],
+                          stdout=subprocess.PIPE, text=True) as reader:
+        assert reader.stdout is not None
+        assert reader.stdout.readline() == 'matched\n'
+        reader.send_signal(signal.SIGSTOP)
+        clock = group.start('replay_clock', {
+            'bag': str(bag), 'lockstep': True, 'rate': 0.0, 'exit_at_end': True,
+            'participants': ['hydraulic_load']})
+        wait_until(lambda: 'at its end' in clock.said(), 80.0, 'the end of the bag')
+        load.process.send_signal(signal.SIGINT)
+        time.sleep(0.2)
+        reader.send_signal(signal.SIGCONT)
+        assert reader.stdout.readline() == f'{count}\n'
