@@ -19,6 +19,37 @@ FLAGS = ('--headless=new', '--no-sandbox', '--disable-gpu', '--disable-quic', '-
          '--remote-debugging-port=0')
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'chrome')
 
+# Visible texts, outside of disabled controls, whose contrast is below that of WCAG 2.1 AA.
+FAINT_TEXTS = """(() => {
+  const parts = (colour) => (colour.match(/[0-9.]+/g) ?? []).map(Number);
+  const linear = (part) => (part <= 10.31475 ? part / 3294.6
+    : ((part / 255 + 0.055) / 1.055) ** 2.4);
+  const luminance = ([r, g, b]) => 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
+  const behind = (element) => {
+    for (let one = element; one; one = one.parentElement) {
+      const [r, g, b, alpha = 1] = parts(getComputedStyle(one).backgroundColor);
+      if (alpha > 0.5) return [r, g, b];
+    }
+    return matchMedia('(prefers-color-scheme: dark)').matches ? [18, 18, 18] : [255, 255, 255];
+  };
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  const found = [];
+  while (walker.nextNode()) {
+    const element = walker.currentNode.parentElement;
+    const text = walker.currentNode.textContent.trim();
+    if (!text || element.closest('script, style, :disabled')) continue;
+    if (!element.checkVisibility()) continue;
+    const style = getComputedStyle(element);
+    const ink = parts(element instanceof SVGElement ? style.fill : style.color);
+    const pair = [luminance(ink), luminance(behind(element))].sort((a, b) => b - a);
+    const size = parseFloat(style.fontSize);
+    const isLarge = size >= 24 || (size >= 18.66 && style.fontWeight >= 700);
+    const ratio = (pair[0] + 0.05) / (pair[1] + 0.05);
+    if (ratio < (isLarge ? 3 : 4.5)) found.push(`${text.slice(0, 40)}: ${ratio.toFixed(2)}`);
+  }
+  return found; })()"""
+CONTROLS = 'a[href], button:not(:disabled), select, summary, [tabindex="0"]'
+
 
 def chromium():
     """The program; skips the test where there is none."""
@@ -90,6 +121,33 @@ class Page:
 
     def text(self, selector='body'):
         return self.run(f'document.querySelector({json.dumps(selector)}).innerText')
+
+    def faint_texts(self):
+        """Texts whose contrast is too low, with their ratios."""
+        return self.run(FAINT_TEXTS)
+
+    def press(self, key, code=0, text=''):
+        self.send('Input.dispatchKeyEvent', type='keyDown', key=key, windowsVirtualKeyCode=code,
+                  **({'text': text} if text else {}))
+        self.send('Input.dispatchKeyEvent', type='keyUp', key=key, windowsVirtualKeyCode=code)
+
+    def beyond_the_keyboard(self):
+        """Controls that the tabulator key does not reach."""
+        self.run('document.activeElement.blur(), scrollTo(0, 0)')
+        number = self.run(f'document.querySelectorAll({json.dumps(CONTROLS)}).length')
+        for _ in range(number + 2):
+            self.press('Tab', 9)
+            self.run('document.activeElement.dataset.reached = ""')
+        return self.run(f'[...document.querySelectorAll({json.dumps(CONTROLS)})].filter((it) => '
+                        'it.checkVisibility() && it.dataset.reached === undefined)'
+                        '.map((it) => it.outerHTML.slice(0, 80))')
+
+    def show_at(self, width, dark=False):
+        """Lay the page out for a screen of this width [px], in the light or dark of the system."""
+        self.send('Emulation.setDeviceMetricsOverride', width=width, height=900,
+                  deviceScaleFactor=1, mobile=False)
+        self.send('Emulation.setEmulatedMedia', features=[
+            {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}])
 
     def picture(self, path, height=900, width=1280, top=0):
         clip = {'x': 0, 'y': top, 'width': width, 'height': height, 'scale': 1}

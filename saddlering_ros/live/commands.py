@@ -1,15 +1,30 @@
-"""Commands of the page to the nodes: zero, start and pause, each a service of one node."""
+"""Commands of the page to the nodes, and the goals of both actions as a bystander sees them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+import json
 from typing import Any
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
+import numpy as np
 from rclpy.node import Node
+from rclpy.qos import qos_profile_action_status_default
 from std_srvs.srv import Trigger
+
+from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
+from saddlering_ros.live.answers import diagnosis_answer, identification_answer
+from saddlering_ros.ros.names import DIAGNOSE, IDENTIFY
 
 SERVICES = {'zero': 'ring_displacement/zero', 'start': 'replay_clock/play',
             'pause': 'replay_clock/pause'}
 """Relative names: in the namespace of the page's node."""
+
+
+ACTIONS = {'identify': (IDENTIFY, IdentifyRing),
+           'diagnose': (DIAGNOSE, DiagnoseRing)}
+RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
 
 
 class Commands:
@@ -40,3 +55,106 @@ class Commands:
     def _note(self, name: str, future: Any) -> None:
         answer = future.result()
         self._answers[name] = str(answer.message) or ('done' if answer.success else 'refused')
+
+
+@dataclass
+class Job:
+    """One goal of an action as the page shows it; share 0 to 1; elapsed and left [s]."""
+
+    goal: str
+    state: str = 'running'
+    stage: str = 'starting'
+    share: float = 0.0
+    elapsed: float = 0.0
+    left: float | None = None
+    words: str = ''
+    lines: list[str] = field(default_factory=list)
+    verdict: str = ''
+    title: str = ''
+
+
+Change = Callable[[Job | None], Job | None]
+"""The next state of a goal, from the last one."""
+
+
+class Action:
+    """One action as a bystander sees it: goals, feedback, results, and the way to cancel."""
+
+    def __init__(self, node: Node, name: str, change: Callable[[str, Change], None]) -> None:
+        self._node, self._name, self._change_of = node, name, change
+        path, kind = ACTIONS[name]
+        self._path, self._kind = path, kind
+        node.create_subscription(GoalStatusArray, f'{path}/_action/status', self._on_status,
+                                 qos_profile_action_status_default)
+        node.create_subscription(kind.Impl.FeedbackMessage, f'{path}/_action/feedback',
+                                 self._on_feedback, 10)
+        self._cancel = node.create_client(kind.Impl.CancelGoalService,
+                                          f'{path}/_action/cancel_goal')
+        self._result = node.create_client(kind.Impl.GetResultService,
+                                          f'{path}/_action/get_result')
+        self._asked = ''
+
+    def cancel(self) -> bool:
+        """Cancel all goals (the zero id means all)."""
+        if not self._cancel.service_is_ready():
+            return False
+        self._cancel.call_async(self._kind.Impl.CancelGoalService.Request())
+        self._change(lambda job: _with(job, stage='canceling') if job is not None else None)
+        return True
+
+    def look_after(self) -> None:
+        """Notice that the server is gone."""
+        if self._node.count_publishers(f'{self._path}/_action/status'):
+            return
+        self._change(lambda job: _with(job, state='lost', words='its server is gone')
+                     if job is not None and job.state == 'running' else None)
+
+    def _change(self, change: Change) -> None:
+        self._change_of(self._name, change)
+
+    def _on_status(self, message: GoalStatusArray) -> None:
+        for status in message.status_list:
+            if status.status in RUNNING:
+                self._notice(bytes(status.goal_info.goal_id.uuid).hex())
+
+    def _notice(self, goal: str) -> None:
+        """A goal is running: show it, and request its result."""
+        self._change(lambda job: job if job is not None and job.goal == goal else Job(goal))
+        if self._asked == goal or not self._result.service_is_ready():
+            return
+        self._asked = goal
+        request = self._kind.Impl.GetResultService.Request()
+        request.goal_id.uuid = np.frombuffer(bytes.fromhex(goal), np.uint8)
+        self._result.call_async(request).add_done_callback(
+            lambda future: self._on_result(goal, future.result()))
+
+    def _on_feedback(self, message: Any) -> None:
+        goal = bytes(message.goal_id.uuid).hex()
+        self._notice(goal)
+        said = message.feedback
+        if self._name == 'identify':
+            share = said.iteration / max(said.iterations, 1)
+            words = f'{said.iteration} of {said.iterations}, best {said.best_objective:.4g}'
+        else:
+            share, words = said.progress, ''
+        left = said.elapsed * (1.0 - share) / share if share > 0.05 else None
+        self._change(lambda job: job if job is None or job.state != 'running' else _with(
+            job, stage=said.stage, share=float(share), words=words, elapsed=float(said.elapsed),
+            left=left))
+
+    def _on_result(self, goal: str, response: Any) -> None:
+        state = {GoalStatus.STATUS_SUCCEEDED: 'done', GoalStatus.STATUS_CANCELED: 'canceled'}.get(
+            response.status, 'failed')
+        result = response.result
+        ended = Job(goal, state, stage='', share=1.0, words=str(result.message))
+        if state == 'done':
+            answer = (diagnosis_answer(json.loads(result.verdict_json))
+                      if self._name == 'diagnose' else
+                      identification_answer(json.loads(result.report_json), ended.words))
+            ended = _with(ended, verdict=answer.verdict, title=answer.title, words=answer.words,
+                          lines=list(answer.lines))
+        self._change(lambda job: ended if job is None or job.goal == goal else None)
+
+
+def _with(job: Job, **changes: Any) -> Job:
+    return Job(**{**asdict(job), **changes})

@@ -25,12 +25,14 @@ from typing import Any
 from aiohttp import web
 
 from saddlering_ros.errors import LiveError
+from saddlering_ros.live.commands import ACTIONS
 from saddlering_ros.live.connections import Connection, Door, quiet_log
-from saddlering_ros.live.watcher import ACTIONS, Watcher
+from saddlering_ros.live.watcher import Watcher
 from saddlering_ros.rig import default_rig, Rig
 
 PAGE = Path(__file__).parent / 'page'
 FILES = {'/': ('page.html', 'text/html'), '/live.js': ('live.js', 'text/javascript'),
+         '/plots.js': ('plots.js', 'text/javascript'),
          '/live.css': ('live.css', 'text/css')}
 PERIOD = 0.25
 """Period at which browsers receive new data [s]."""
@@ -86,6 +88,8 @@ def application(watcher: Watcher, where: Address, rig: Rig | None = None) -> web
     app.router.add_get('/plotly.js', _library)
     app.router.add_get('/rig.svg', partial(_drawing, rig or default_rig()))
     app.router.add_get('/events', partial(_events, watcher, secrets.token_hex(4)))
+    app.router.add_get(r'/tests/{number:\d{1,9}}', partial(_test, watcher))
+    app.router.add_get(r'/bags/{number:\d{1,9}}', partial(_bag, watcher))
     app.router.add_post('/cancel/{action}', partial(_cancel, watcher))
     app.router.add_post('/clear', partial(_clear, watcher))
     for command in COMMANDS:
@@ -233,6 +237,26 @@ async def _events(watcher: Watcher, boot: str, request: web.Request) -> web.Stre
 
 async def _send(response: web.StreamResponse, event: str, data: str) -> None:
     await response.write(f'event: {event}\ndata: {data}\n\n'.encode())
+
+
+async def _test(watcher: Watcher, request: web.Request) -> web.Response:
+    found = watcher.test(int(request.match_info['number']))
+    if found is None:
+        raise web.HTTPNotFound(text='this test is no longer kept\n')
+    return web.json_response(found)
+
+
+async def _bag(watcher: Watcher, request: web.Request) -> web.Response:
+    """The messages of a test to save."""
+    number = int(request.match_info['number'])
+    try:
+        data = await asyncio.get_running_loop().run_in_executor(None, watcher.bag, number)
+    except LiveError as problem:
+        raise web.HTTPGone(text=f'{problem}\n') from problem
+    if data is None:
+        raise web.HTTPNotFound(text='this test is no longer kept\n')
+    return web.Response(body=data, content_type='application/octet-stream', headers={
+        'Content-Disposition': f'attachment; filename="test_{number}.mcap"'})
 
 
 async def _cancel(watcher: Watcher, request: web.Request) -> web.Response:

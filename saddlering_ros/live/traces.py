@@ -2,11 +2,13 @@
 
 Time is cut into cells, all streams alike. Of each cell the mean and the extremes are kept, so that
 not one sample that stands out is lost. As time goes on, neighbouring cells become one; what is
-older than the window is dropped. Memory and work per sample do not grow.
+older than the window is dropped. Memory and work per sample do not grow. The curves of earlier
+tests are kept as they were.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math
@@ -28,6 +30,9 @@ BACKWARDS = SECOND // 4
 
 APART = 30 * SECOND
 """A stamp that is further ahead than this [ns] of all others begins another test."""
+
+MAX_PAST = 30
+"""Earlier tests whose curves are kept: a third of a megabyte each."""
 
 LEFTOVERS = 1.0
 """Time after a jump in which other streams may still carry earlier samples [s]."""
@@ -96,6 +101,39 @@ def joined(one: Cells, other: Cells) -> Cells:
         np.concatenate([one.high, other.high], axis=1), np.append(one.changed, other.changed)))
 
 
+@dataclass(frozen=True)
+class TestCurves:
+    """The curves of one test, and its peaks (C, 2), lowest and highest, by stream.
+
+    number: counted from 1; origin, newest [ns]: first and last stamp; width of a cell [ns].
+    """
+
+    number: int
+    origin: int
+    newest: int
+    width: int
+    cells: Mapping[str, Cells]
+    peaks: Mapping[str, Floats]
+
+    def since(self, turn: int, scales: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+        """Changes after `turn`: by stream the cells' numbers, and means and extremes scaled.
+
+        None stands for an unknown value. scales: by stream, the factor of its values.
+        """
+        found: dict[str, dict[str, Any]] = {}
+        for name, cells in self.cells.items():
+            new = cells.changed > turn
+            if not new.any():
+                continue
+            scale = scales[name]
+            mean = _means(cells.total[:, new], cells.count[:, new])
+            found[name] = {
+                'cell': cells.number[new].tolist(), 'mean': _rounded(scale * mean),
+                'low': _rounded(scale * cells.low[:, new]),
+                'high': _rounded(scale * cells.high[:, new])}
+        return found
+
+
 class Traces:
     """All streams of the page on one grid of time cells.
 
@@ -111,13 +149,21 @@ class Traces:
         self._window = int(window * SECOND)
         self.version = 0
         self.turn = 0
+        self.number = 1
+        self.past: deque[TestCurves] = deque(maxlen=MAX_PAST)
         self._leftovers_until = 0.0
         self._start = 0
         self.left_out = 0
-        self.clear()
+        self._forget()
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Begin anew; what was drawn is kept as an earlier test."""
+        if self.current is not None:
+            self.past.append(self.current)
+            self.number += 1
+        self._forget()
+
+    def _forget(self) -> None:
         self.version += 1
         self.origin: int | None = None
         self.newest = 0
@@ -126,6 +172,15 @@ class Traces:
         self._last: dict[str, int] = {}
         self._ended: dict[str, int] = {}
         self._cells = {name: Cells.none(count) for name, count in self._channels.items()}
+        self._peaks = {name: np.full((count, 2), np.nan) for name, count in self._channels.items()}
+
+    @property
+    def current(self) -> TestCurves | None:
+        """The test that is shown; None before its first sample."""
+        if self.origin is None:
+            return None
+        return TestCurves(self.number, self.origin, self.newest, self.width, self._cells,
+                          self._peaks)
 
     def push(self, name: str, stamps: Stamps, values: Floats) -> None:
         """Take samples: stamps (N,) [ns], values (C, N), NaN in channels that are not known."""
@@ -158,6 +213,9 @@ class Traces:
         self.newest = max(self.newest, int(stamps.max()))
         self._make_room()
         self.turn += 1
+        peaks = np.column_stack([self._peaks[name], values])
+        self._peaks[name] = np.column_stack(
+            [np.fmin.reduce(peaks, axis=1), np.fmax.reduce(peaks, axis=1)])
         number = (stamps - self.origin) // self.width
         self._cells[name] = joined(self._cells[name], cells_of(number, values, self.turn))
 
@@ -212,26 +270,6 @@ class Traces:
         """Means (C, N) of the drawn cells of a stream; NaN where not known."""
         cells = self._cells[name]
         return _means(cells.total, cells.count)
-
-    def since(self, turn: int, scales: Mapping[str, float]) -> dict[str, dict[str, Any]]:
-        """Changes after `turn`: by stream the cells' numbers, and means and extremes scaled.
-
-        None stands for an unknown value.
-
-        scales: by stream, the factor of its values.
-        """
-        found: dict[str, dict[str, Any]] = {}
-        for name, cells in self._cells.items():
-            new = cells.changed > turn
-            if not new.any():
-                continue
-            scale = scales[name]
-            mean = _means(cells.total[:, new], cells.count[:, new])
-            found[name] = {
-                'cell': cells.number[new].tolist(), 'mean': _rounded(scale * mean),
-                'low': _rounded(scale * cells.low[:, new]),
-                'high': _rounded(scale * cells.high[:, new])}
-        return found
 
 
 def _means(total: Floats, count: Stamps) -> Floats:

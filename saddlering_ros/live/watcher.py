@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 import contextlib
-from dataclasses import asdict, dataclass, field
-import json
+from dataclasses import asdict
+import math
 import os
+from pathlib import Path
 import threading
 import time
 from typing import Any
 
-from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 import numpy as np
@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import qos_profile_action_status_default
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Range
 
-from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import (
     ReplayProgress,
     ReplayState,
@@ -34,16 +33,19 @@ from saddlering_ros.bags.messages import decode_displacements, decode_samples
 from saddlering_ros.bags.wire import CdrError
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.live.alarms import alarm_as_page, with_link
-from saddlering_ros.live.answers import diagnosis_answer, identification_answer
-from saddlering_ros.live.commands import Commands
+from saddlering_ros.live.commands import Action, ACTIONS, Change, Commands, Job
 from saddlering_ros.live.gauges import Gauges
+from saddlering_ros.live.session import mcap_of, Session
 from saddlering_ros.live.traces import Traces
+from saddlering_ros.monitoring.noise import materiality, sound_motion
 from saddlering_ros.quantities import quantity
+from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.samples import BRIDGED, DOUBTFUL_LOAD, NOT_KNOWN
 from saddlering_ros.record.scatter import white_noise
 from saddlering_ros.record.topics import ELEVATION, LOAD, PROBES, RigTopic
 from saddlering_ros.rig import (
     CHANNELS,
+    ContactParameters,
     default_rig,
     FORCE_UNITS,
     PARAMETER_NAMES,
@@ -53,10 +55,8 @@ from saddlering_ros.rig import (
 )
 from saddlering_ros.ros.messages import parameters_from_message, progress_of, to_stamp
 from saddlering_ros.ros.names import (
-    DIAGNOSE,
     DIAGNOSTICS,
     DISPLACEMENT,
-    IDENTIFY,
     LIVE_PAGE,
     PARAMETERS_IN_FORCE,
     PROGRESS,
@@ -83,6 +83,12 @@ POLL = 0.05
 REVIEW = 1.0
 """How often it is looked whether the publishers are reliable or best effort [s]."""
 
+NODE_NAME = 48
+"""Bytes at the start of a report of progress within which its node's name ends."""
+
+LAST_SAMPLES = 3.0
+"""After the end of a replay, samples that have not come for so long [s] are lost."""
+
 REPORT = 0.2
 """Period [s] of the reports to a replay, which stays at its end until the page has all."""
 
@@ -99,29 +105,10 @@ SENSORS: dict[str, RigTopic] = {
     'elevation': ELEVATION, **{f'probe_{place}': topic for place, topic in enumerate(PROBES, 1)}}
 """Readings of the rig besides the load, by the name of the gauge."""
 
-BAG, ELEVATION_KEY = 'bag', 'elevation [deg]'
-"""Keys of /diagnostics whose values the page shows."""
+ELEVATION_KEY = 'elevation [deg]'
+"""Key of /diagnostics whose value the page shows."""
 
-ACTIONS = {'identify': (IDENTIFY, IdentifyRing),
-           'diagnose': (DIAGNOSE, DiagnoseRing)}
-RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
 LEVELS = ('ok', 'warning', 'error', 'silent')
-
-
-@dataclass
-class Job:
-    """One goal of an action as the page shows it; share 0 to 1; elapsed and left [s]."""
-
-    goal: str
-    state: str = 'running'
-    stage: str = 'starting'
-    share: float = 0.0
-    elapsed: float = 0.0
-    left: float | None = None
-    words: str = ''
-    lines: list[str] = field(default_factory=list)
-    verdict: str = ''
-    title: str = ''
 
 
 class Watcher:
@@ -154,9 +141,16 @@ class Watcher:
         self._sensors = {name: RawSubscription(self.node, topic.relative, TYPES[topic.type])
                          for name, topic in SENSORS.items()}
         self.gauges = Gauges()
+        self.session = Session()
         self.commands = Commands(self.node)
         self._band: list[float | None] = [None] * len(CHANNELS)
-        self._doubt = ''
+        self._allowed: list[float | None] = [None] * len(CHANNELS)
+        self._range: list[list[float | None]] = [[None, None]] * len(CHANNELS)
+        self._contact: ContactParameters | None = None
+        self._elevation = math.nan
+        self._sound_for: tuple[ContactParameters, float] | None = None
+        self._received_at = 0.0
+        self._doubt = self._bag = ''
         self._published: dict[str, int] = {}
         self._facts: dict[str, str] = {}
         self._health: dict[str, tuple[float, dict[str, Any]]] = {}
@@ -164,14 +158,13 @@ class Watcher:
         self._replay: dict[str, Any] | None = None
         self._alarm: dict[str, Any] | None = None
         self._jobs: dict[str, Job] = {}
-        self._actions = {name: _Action(self, name, path, kind)
-                         for name, (path, kind) in ACTIONS.items()}
+        self._actions = {name: Action(self.node, name, self._set_job) for name in ACTIONS}
         self._progress = self.node.create_publisher(ReplayProgress, PROGRESS, PROGRESS_QOS)
         subscribe = self.node.create_subscription
         subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 50)
         subscribe(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters, LATCHED_BY_SEVERAL)
         subscribe(ReplayState, STATE, self._on_replay, LATCHED)
-        subscribe(ReplayProgress, PROGRESS, self._on_progress, PROGRESS_QOS)
+        self._reports = RawSubscription(self.node, PROGRESS, ReplayProgress, depth=1000)
         subscribe(RingAlarm, RING_ALARM, self._on_alarm, LATCHED)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=LIVE_PAGE, daemon=True)
@@ -193,23 +186,24 @@ class Watcher:
     def rows(self, version: int, turn: int) -> dict[str, Any] | None:
         """New data of the streams since `turn` of `version`; None if there are none."""
         with self.lock:
-            traces = self.traces
+            traces, curves = self.traces, self.traces.current
             is_new = version != traces.version
-            found = traces.since(-1 if is_new else turn, self._scales)
+            found = {} if curves is None else curves.since(-1 if is_new else turn, self._scales)
             if not found and not is_new:
                 return None
-            return {'full_load': self.rig.full_scale_load * self._scales['load'],
-                    'version': traces.version, 'turn': traces.turn, 'anew': is_new,
-                    'width': traces.width / 1e9, 'force_unit': self.force_unit, 'streams': found}
+            return {'version': traces.version, 'turn': traces.turn, 'anew': is_new,
+                    'width': traces.width / 1e9, 'origin': (traces.origin or 0) / 1e6,
+                    'streams': found}
 
     def now(self) -> dict[str, Any]:
-        """The name of the test and the numbers of this moment."""
+        """The test and the numbers of this moment."""
         with self.lock:
             shown = self.gauges.as_page(_number(self._facts.get(ELEVATION_KEY)),
                                         self.rig.probes.absent)
+            curves = self.traces.current
             has_ended = shown['load'] is not None and shown['load']['is_old']
-            return {'test': self._facts.get(BAG, ''), 'gauges': shown,
-                    'ended': self.traces.newest if has_ended else 0}
+            return {'test': None if curves is None else self.session.as_page(curves, self._scales),
+                    'gauges': shown, 'ended': self.traces.newest / 1e6 if has_ended else 0}
 
     def state(self) -> dict[str, Any]:
         """The state of the page without the streams and the values of each sample."""
@@ -219,13 +213,50 @@ class Watcher:
                 {'name': name, **({'level': 'silent', 'words': 'Node offline'}
                                   if now - heard > SILENT else status)}
                 for name, (heard, status) in sorted(self._health.items())]
+            alarm = with_link(self._alarm, health)
+            if alarm is not None:
+                alarm['taken_back'] = self.session.current.alarm.taken_back
             return {
-                'health': health, 'parameters': self._parameters, 'replay': self._replay,
-                'alarm': with_link(self._alarm, health), 'band': self._band, 'doubt': self._doubt,
+                'full_load': self.rig.full_scale_load * self._scales['load'],
+                'force_unit': self.force_unit, 'health': health, 'parameters': self._parameters,
+                'replay': self._replay, 'alarm': alarm, 'band': self._band,
+                'allowed': (alarm or {}).get('allowed') or self._allowed, 'range': self._range,
+                'doubt': self._doubt,
                 'commands': self.commands.as_page(), 'left_out': self.traces.left_out,
-                'missing': missing_words(self.traces.received, self._published_by_stream())
-                if self._replay is not None and self._replay['state'] == 'finished' else '',
+                'missing': self._missing(now),
+                'past': [self.session.as_page(curves, self._scales)
+                         for curves in self.traces.past],
                 'jobs': {name: asdict(job) for name, job in self._jobs.items()}}
+
+    def _missing(self, now: float) -> str:
+        """Samples that a replay has published and that did not come; '' while more arrive."""
+        has_ended = self._replay is not None and self._replay['state'] == 'finished'
+        if not has_ended or now - self._received_at < LAST_SAMPLES:
+            return ''
+        return missing_words(self.traces.received, self._published_by_stream())
+
+    def test(self, number: int) -> dict[str, Any] | None:
+        """All curves of an earlier test, as `rows` gives them; None if it is not kept."""
+        with self.lock:
+            for curves in self.traces.past:
+                if curves.number == number:
+                    return {'width': curves.width / 1e9, 'origin': curves.origin / 1e6,
+                            'streams': curves.since(-1, self._scales)}
+        return None
+
+    def bag(self, number: int) -> bytes | None:
+        """The rig's messages of a test as an MCAP file; None if the test is not kept."""
+        with self.lock:
+            found = [curves for curves in (*self.traces.past, self.traces.current)
+                     if curves is not None and curves.number == number]
+            if not found:
+                return None
+            name, flows = self.session.messages(number)
+            elevation = self._elevation
+        facts = TestMetadata(
+            elevation_deg=None if math.isnan(elevation) else math.degrees(elevation), run=name,
+            details={'rig_hash': self.rig.digest})
+        return mcap_of(flows, found[0], facts)
 
     def clear(self) -> None:
         """Clear the plots."""
@@ -258,13 +289,15 @@ class Watcher:
                 reported = now
                 self._progress.publish(progress_of(
                     f'{LIVE_PAGE}_{os.getpid()}',
-                    [flow for flow in self._streams.values() if flow.reliable], []))
+                    [flow for flow in (*self._streams.values(), *self._sensors.values())
+                     if flow.reliable], []))
             if now - reviewed >= REVIEW:
                 reviewed = now
                 for subscription in (*self._streams.values(), *self._sensors.values()):
                     subscription.review()
                 with self.lock:
                     self._band = self._band_of_residual()
+                    self._look_at_sound_ring()
 
     def _poll(self) -> None:
         for name, subscription in self._streams.items():
@@ -274,11 +307,18 @@ class Watcher:
             with contextlib.suppress(CdrError), self.lock:
                 self._take(name, messages)
         for name, subscription in self._sensors.items():
-            newest = subscription.take()[-1:]
+            messages = subscription.take()
+            newest = messages[-1:]
             if newest:
                 with contextlib.suppress(CdrError), self.lock:
+                    self.session.keep(SENSORS[name].name, messages)
                     found = decode_samples(newest, SENSORS[name])
+                    subscription.last_stamp = int(found.stamps[-1])
                     self.gauges.push(name, float(found.values[-1]), found.low, found.high)
+        # Every node reports a thousand times a second; the last report of each counts.
+        last = {report[:NODE_NAME]: report for report in self._reports.take()}
+        for report in last.values():
+            self._on_progress(deserialize_message(report, ReplayProgress))
         for action in self._actions.values():
             action.look_after()
 
@@ -290,16 +330,34 @@ class Watcher:
         lag = min(BAND_LAG, means.shape[1] // 6)
         return [_finite(1e6 * white_noise(channel, lag)) for channel in means]
 
+    def _look_at_sound_ring(self) -> None:
+        """What a sound ring may do, anew if parameters or elevation are others."""
+        key = self._contact, self._elevation
+        if self._contact is None or math.isnan(self._elevation) or key == self._sound_for:
+            return
+        self._sound_for = self._contact, self._elevation
+        motion = sound_motion(self.rig, *self._sound_for)
+        motion = 1e6 * (motion - motion[:, :1])
+        self._range = [[_finite(row.min()), _finite(row.max())] for row in motion]
+        self._allowed = [_finite(1e6 * value) for value in materiality(self.rig, *self._sound_for)]
+
     def _take(self, name: str, messages: list[bytes]) -> None:
         if name == 'load':
             load = decode_samples(messages, LOAD)
             self._streams[name].last_stamp = int(load.stamps[-1])
             self.traces.push(name, load.stamps, load.values[None, :])
             self.gauges.push(name, float(load.values[-1]))
+            self._received_at = time.monotonic()
+            playing = self._replay is not None and self._replay['state'] != 'finished'
+            self.session.follow(self.traces.number, self._bag if playing else '')
+            self.session.keep(LOAD.name, messages)
             return
         batch = decode_displacements(messages)
         self._streams[name].last_stamp = int(batch.stamps[-1])
         self.traces.push(name, batch.stamps, batch.channels)
+        if not math.isnan(batch.elevations[-1]):
+            self._elevation = float(batch.elevations[-1])
+        self._received_at = time.monotonic()
         if name == 'residual':
             self._doubt = doubt_words(batch.validity)
 
@@ -312,7 +370,7 @@ class Watcher:
                 level = LEVELS[min(status.level[0], 3)]
                 self._health[status.name] = (now, {'level': level, 'words': status.message})
                 self._facts.update((item.key, item.value) for item in status.values
-                                   if item.key in (BAG, ELEVATION_KEY))
+                                   if item.key == ELEVATION_KEY)
 
     def _on_parameters(self, message: RingParameters) -> None:
         if not message.applied_by:
@@ -331,6 +389,7 @@ class Watcher:
                  for effect, values in parameters.effects.items()
                  for name, value in values.items()]
         with self.lock:
+            self._contact = contact
             self._parameters = {'source': str(message.source), 'rows': rows}
 
     def _on_replay(self, message: ReplayState) -> None:
@@ -338,6 +397,7 @@ class Watcher:
         share = (to_stamp(message.now) - start) / max(end - start, 1)
         words = ('waiting', 'playing', 'paused', 'finished')[min(message.state, 3)]
         with self.lock:
+            self._bag = Path(message.bag).name
             if words != 'finished':
                 self.traces.begin(start, end)
             self._replay = {'state': words, 'share': min(max(share, 0.0), 1.0),
@@ -357,8 +417,9 @@ class Watcher:
         shown = alarm_as_page(message)
         with self.lock:
             self._alarm = shown
+            self.session.hear(message)
 
-    def set_job(self, action: str, change: Callable[[Job | None], Job | None]) -> None:
+    def _set_job(self, action: str, change: Change) -> None:
         """Change the state of an action's goal."""
         with self.lock:
             job = change(self._jobs.get(action))
@@ -386,89 +447,6 @@ def missing_words(received: Mapping[str, int], published: Mapping[str, int]) -> 
 def in_namespace(status: str, namespace: str) -> bool:
     """Whether a status on /diagnostics is of a node in `namespace` ('' for the root)."""
     return status.startswith(f'{namespace}/') if namespace else not status.startswith('/')
-
-
-class _Action:
-    """One action as a bystander sees it: goals, feedback, results, and the way to cancel."""
-
-    def __init__(self, watcher: Watcher, name: str, path: str, kind: Any) -> None:
-        self._watcher, self._name, self._path = watcher, name, path
-        node = watcher.node
-        self._kind = kind
-        node.create_subscription(GoalStatusArray, f'{path}/_action/status', self._on_status,
-                                 qos_profile_action_status_default)
-        node.create_subscription(kind.Impl.FeedbackMessage, f'{path}/_action/feedback',
-                                 self._on_feedback, 10)
-        self._cancel = node.create_client(kind.Impl.CancelGoalService,
-                                          f'{path}/_action/cancel_goal')
-        self._result = node.create_client(kind.Impl.GetResultService,
-                                          f'{path}/_action/get_result')
-        self._asked = ''
-
-    def cancel(self) -> bool:
-        """Cancel all goals (the zero id means all)."""
-        if not self._cancel.service_is_ready():
-            return False
-        self._cancel.call_async(self._kind.Impl.CancelGoalService.Request())
-        self._change(lambda job: _with(job, stage='canceling') if job is not None else None)
-        return True
-
-    def look_after(self) -> None:
-        """Notice that the server is gone."""
-        if self._watcher.node.count_publishers(f'{self._path}/_action/status'):
-            return
-        self._change(lambda job: _with(job, state='lost', words='its server is gone')
-                     if job is not None and job.state == 'running' else None)
-
-    def _change(self, change: Callable[[Job | None], Job | None]) -> None:
-        self._watcher.set_job(self._name, change)
-
-    def _on_status(self, message: GoalStatusArray) -> None:
-        for status in message.status_list:
-            if status.status in RUNNING:
-                self._notice(bytes(status.goal_info.goal_id.uuid).hex())
-
-    def _notice(self, goal: str) -> None:
-        """A goal is running: show it, and request its result."""
-        self._change(lambda job: job if job is not None and job.goal == goal else Job(goal))
-        if self._asked == goal or not self._result.service_is_ready():
-            return
-        self._asked = goal
-        request = self._kind.Impl.GetResultService.Request()
-        request.goal_id.uuid = np.frombuffer(bytes.fromhex(goal), np.uint8)
-        self._result.call_async(request).add_done_callback(
-            lambda future: self._on_result(goal, future.result()))
-
-    def _on_feedback(self, message: Any) -> None:
-        goal = bytes(message.goal_id.uuid).hex()
-        self._notice(goal)
-        said = message.feedback
-        if self._name == 'identify':
-            share = said.iteration / max(said.iterations, 1)
-            words = f'{said.iteration} of {said.iterations}, best {said.best_objective:.4g}'
-        else:
-            share, words = said.progress, ''
-        left = said.elapsed * (1.0 - share) / share if share > 0.05 else None
-        self._change(lambda job: job if job is None or job.state != 'running' else _with(
-            job, stage=said.stage, share=float(share), words=words, elapsed=float(said.elapsed),
-            left=left))
-
-    def _on_result(self, goal: str, response: Any) -> None:
-        state = {GoalStatus.STATUS_SUCCEEDED: 'done', GoalStatus.STATUS_CANCELED: 'canceled'}.get(
-            response.status, 'failed')
-        result = response.result
-        ended = Job(goal, state, stage='', share=1.0, words=str(result.message))
-        if state == 'done':
-            answer = (diagnosis_answer(json.loads(result.verdict_json))
-                      if self._name == 'diagnose' else
-                      identification_answer(json.loads(result.report_json), ended.words))
-            ended = _with(ended, verdict=answer.verdict, title=answer.title, words=answer.words,
-                          lines=list(answer.lines))
-        self._change(lambda job: ended if job is None or job.goal == goal else None)
-
-
-def _with(job: Job, **changes: Any) -> Job:
-    return Job(**{**asdict(job), **changes})
 
 
 def _finite(value: float) -> float | None:

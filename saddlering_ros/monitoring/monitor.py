@@ -433,7 +433,7 @@ def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> 
     return best if strength.get(best, 0.0) > MIN_CORRELATION else 'unclear'
 
 
-_FOLLOWS = {
+FOLLOWS = {
     'load': 'the difference follows the load', 'time': 'the difference follows time',
     'rate': 'the difference follows the rate of the load',
     'direction': 'the difference follows the direction of the load',
@@ -458,7 +458,7 @@ def alarm_words(alarm: Raised, origin: int | None = None) -> str:
     words = (f'{found}: {alarm.channel} has differed from its model by {size_words(alarm)} in the '
              'mean since then')
     if alarm.follows:
-        words += f'; {_FOLLOWS[alarm.follows]}; first guess: {alarm.first_guess}'
+        words += f'; {FOLLOWS[alarm.follows]}; first guess: {alarm.first_guess}'
     return words
 
 

@@ -171,6 +171,15 @@ LOADS = 26
 """Loads at which the motion is looked at: a channel may turn back on the way to full scale."""
 
 
+def sound_motion(rig: Rig, contact: ContactParameters, elevation: float) -> NDArray[np.float64]:
+    """Motion of the model from preload to full scale, (3, LOADS) [m, m, rad].
+
+    elevation: of the load [rad].
+    """
+    loads = np.linspace(rig.preload, rig.full_scale_load, LOADS)
+    return np.asarray(static_response(rig, contact.to_array(), elevation, loads))
+
+
 def materiality(
     rig: Rig, contact: ContactParameters, elevation: float, percent: float = DEFAULT_PERCENT
 ) -> NDArray[np.float64]:
@@ -180,9 +189,7 @@ def materiality(
     """
     if not 0.0 <= percent < math.inf:
         raise MonitoringError(f'materiality is {percent:g} %: give 0 or more')
-    loads = np.linspace(rig.preload, rig.full_scale_load, LOADS)
-    motion = static_response(rig, contact.to_array(), elevation, loads)
-    return np.asarray(0.01 * percent * np.ptp(motion, axis=1))
+    return np.asarray(0.01 * percent * np.ptp(sound_motion(rig, contact, elevation), axis=1))
 
 
 class MonitoringError(SaddleringError):

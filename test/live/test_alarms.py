@@ -1,7 +1,7 @@
 """Claims about what the page shows of the alarm."""
 
 from saddlering_interfaces.msg import RingAlarm
-from saddlering_ros.live.alarms import alarm_as_page, with_link
+from saddlering_ros.live.alarms import alarm_as_page, AlarmOfTest, with_link
 from saddlering_ros.ros.messages import to_time
 
 
@@ -9,23 +9,26 @@ def test_an_alarm_is_shown_with_channel_size_onset_guess_and_lapses():
     shown = alarm_as_page(RingAlarm(
         state=RingAlarm.ALARM, message='ALARM', channel='gamma', size=-2.5e-6,
         since=to_time(10_000_000_000), raised=to_time(10_400_000_000), follows='direction',
-        first_guess='friction', lapses=['9.5 s: the zero was renewed']))
+        first_guess='friction', materiality=[1e-6, 0.0, 2e-6],
+        lapses=['9.5 s: the zero was renewed']))
     assert shown == {
         'state': 'alarm', 'words': 'ALARM', 'channel': 'gamma', 'size': '-2.50 µrad',
-        'since': 10_000_000_000, 'before': 0.4, 'follows': 'direction', 'guess': 'friction',
+        'since': 10_000_000_000, 'before': 0.4, 'guess': 'friction', 'allowed': [1.0, 0.0, 2.0],
+        'why': 'the difference follows the direction of the load',
         'lapses': ['the zero was renewed']}
 
 
 def test_without_an_alarm_the_state_is_shown_and_no_numbers():
     shown = alarm_as_page(RingAlarm(state=RingAlarm.LEARNING, message='reading the noise'))
-    assert shown == {'state': 'learning', 'words': 'reading the noise', 'lapses': []}
+    assert shown == {'state': 'learning', 'words': 'reading the noise', 'lapses': [],
+                     'allowed': None}
 
 
 def test_a_blind_watch_is_shown_with_the_topics_that_are_missing():
     shown = alarm_as_page(RingAlarm(state=RingAlarm.BLIND, message='BLIND: nothing arrives',
                                     missing=['/ring/residual']))
     assert shown == {'state': 'blind', 'words': 'BLIND: nothing arrives', 'lapses': [],
-                     'missing': ['/ring/residual']}
+                     'allowed': None, 'missing': ['/ring/residual']}
 
 
 def test_a_node_that_reports_no_longer_is_shown_as_offline():
@@ -36,3 +39,42 @@ def test_a_node_that_reports_no_longer_is_shown_as_offline():
     assert not with_link(shown, [{**silent[0], 'level': 'ok'}])['offline']
     assert not with_link(shown, [])['offline']
     assert with_link(None, silent) is None
+
+
+def told(state, seconds, **fields):
+    """A state of the alarm at a stamp [s]."""
+    message = RingAlarm(state=state, message='BLIND: nothing arrives: start it', **fields)
+    message.header.stamp = to_time(round(seconds * 1e9))
+    return message
+
+
+def verdict(*messages, origin=10.0, newest=20.0):
+    """The words on a test [s] in which these messages came."""
+    seen = AlarmOfTest()
+    for message in messages:
+        seen.hear(message)
+    return seen.verdict(round(origin * 1e9), round(newest * 1e9))['words']
+
+
+def test_a_test_is_without_alarm_only_if_it_was_watched_to_its_end():
+    watching, blind = told(RingAlarm.WATCHING, 12.0), told(RingAlarm.BLIND, 19.5)
+    assert verdict() == 'not watched: ring_alarm did not run'
+    assert verdict(watching) == verdict(watching, blind) == 'no alarm'
+    assert verdict(told(RingAlarm.BLIND, 10.0)) == 'not watched: BLIND: nothing arrives'
+    assert verdict(watching, told(RingAlarm.BLIND, 15.0)) == (
+        'no alarm, but not watched to the end: BLIND: nothing arrives')
+
+
+def test_an_alarm_counts_for_the_test_in_which_it_was_raised():
+    alarm = told(RingAlarm.ALARM, 15.0, channel='gamma', size=3e-6, raised=to_time(14 * 10**9))
+    assert verdict(alarm) == 'ALARM gamma +3.00 µrad'
+    assert verdict(alarm, origin=30.0, newest=40.0) == 'not watched: an earlier alarm is latched'
+
+
+def test_a_first_guess_that_later_samples_speak_against_is_taken_back():
+    seen = AlarmOfTest()
+    for seconds, follows, guess in ((15.0, '', 'too short'), (17.0, 'time', 'drift'),
+                                    (19.0, 'time', 'drift'), (25.0, 'direction', 'friction')):
+        seen.hear(told(RingAlarm.ALARM, seconds, raised=to_time(15 * 10**9), follows=follows,
+                       first_guess=guess))
+    assert seen.taken_back == [('drift', 10.0)]

@@ -4,6 +4,7 @@ import contextlib
 import json
 import threading
 import time
+import urllib.request
 
 from browser import browser_page, chromium
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -18,7 +19,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingAlarm
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.live.server import address, serve
 from saddlering_ros.live.watcher import LATCHED, Watcher
 from saddlering_ros.record import displacement_of_run
@@ -141,7 +142,59 @@ class Servers:
         client.send_goal_async(kind.Goal(bags=['any']))
 
 
-def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(campaign, ros_domain):
+TITLES_THAT_OVERLAP = """(() => {
+  const boxes = [...document.querySelectorAll('#plots .annotation, #plots .modebar-group')].map(
+    (it) => it.getBoundingClientRect());
+  return boxes.filter((one, i) => boxes.some((other, j) => i < j && one.left < other.right
+    && other.left < one.right && one.top < other.bottom && other.top < one.bottom));
+})()"""
+
+
+def check_cursor_zoom_and_way_back(page):
+    """The keyboard moves one cursor through all plots, zooms in time, and returns to now."""
+    page.run('figure.focus()')
+    page.press('ArrowLeft', 37)
+    page.press('ArrowLeft', 37)
+    assert page.wait('document.querySelectorAll("#plots .shapelayer path").length === 13')
+    said = page.text('#readout')
+    assert all(word in said for word in ('UTC', 'load', 'simulated', 'residual')), said
+    page.press('+', text='+')
+    shown = page.wait('span && figure.layout.xaxis7.range')
+    assert page.run('figure.layout.xaxis4.range') == shown
+    page.wait('!document.querySelector("#back").hidden')
+    page.run('document.querySelector("#back").click()')
+    page.wait('document.querySelector("#back").hidden && figure.layout.xaxis4.autorange')
+    page.wait('document.querySelectorAll("#plots .shapelayer path").length === 6')
+
+
+def check_picture_and_bag(page, where, bag, folder):
+    """What is seen is saved: the picture by the browser, the bag with the messages replayed."""
+    page.send('Browser.setDownloadBehavior', behavior='allow', downloadPath=str(folder))
+    page.run('document.querySelector("#picture").click()')
+    wait_until(lambda: list(folder.glob('Curves_of_*.png')), 30.0, 'the picture is saved')
+    saved = folder / 'saved.mcap'
+    saved.write_bytes(urllib.request.urlopen(
+        where.url + page.run('document.querySelector("#bag").getAttribute("href")')).read())
+    one, other = read_raw(bag), read_raw(saved)
+    assert all(np.array_equal(one[topic].values, other[topic].values) for topic in one)
+    assert other.facts.elevation_deg == pytest.approx(50.0)
+
+
+def check_list_of_tests(page):
+    """Each test of the session is listed with its verdict, and can be looked at again."""
+    assert page.wait('document.querySelectorAll("#tests button").length === 2')
+    assert 'not watched: ring_alarm did not run' in page.text('#tests')
+    page.run('document.querySelectorAll("#tests button")[1].click()')
+    page.wait('earlier !== null && earlier.residual.size > 20 && streams.residual.size === 0')
+    page.wait('!document.querySelector("#back").hidden')
+    page.press('Escape', 27)
+    page.run('figure.focus()')
+    page.press('Escape', 27)
+    page.wait('earlier === null && document.querySelector("#back").hidden')
+
+
+def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(
+        campaign, ros_domain, tmp_path):
     chromium()
     bag, = campaign('radial_friction', 8000.0, 'force', ('dynamic_50_fast',))
     run = read_run(bag)
@@ -154,25 +207,32 @@ def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(campa
             page.wait('+document.body.dataset.points > 20', 60.0)
             page.wait('document.querySelectorAll(".gauge .span").length === 4')
             page.wait('/Load[^]*[0-9.]+ t[^]*kN/.test(document.querySelector("#now").innerText)')
-            page.wait('document.querySelectorAll("#loops .scatterlayer .trace").length === 7')
+            page.wait('document.querySelectorAll("#plots .scatterlayer .trace").length === 13')
             group.wait('replay_clock', 60.0)
             assert page.wait(f'Math.abs({highest} - {peak}) < 1e-3')
         page.run('document.querySelector("details:has(#parameters) summary").click()')
         for words in ('true to scale', 'N/mm^n', 'probe 4', 'ring_residual', 'Replay finished',
                       'Test dynamic_50_fast', 'as simulated', 'test ended'):
             page.wait(f'document.body.innerText.includes({json.dumps(words)})')
-        assert page.wait('document.querySelectorAll("#residuals .shapelayer path").length === 3')
+        assert page.wait('document.querySelectorAll("#plots .shapelayer path").length === 6')
         assert 'None received' not in page.text('#now')
         assert page.text('#lost') == ''
-        for width, rows in ((1400, 1), (900, 2), (390, 4), (2560, 1)):
-            page.send('Emulation.setDeviceMetricsOverride', width=width, height=900,
-                      deviceScaleFactor=1, mobile=False)
+        for width, columns, dark in ((1400, 3, False), (900, 3, True), (390, 1, False),
+                                     (2560, 3, True)):
+            page.show_at(width, dark)
             # Plots stand one below the other where they do not fit beside each other.
-            page.wait(f'document.querySelector("#loops .main-svg").clientHeight === {310 * rows}'
-                      ' && document.querySelector("#loops").clientHeight === '
-                      f'{310 * rows}')
+            page.wait('document.querySelector("#plots .main-svg").clientWidth '
+                      '=== figure.clientWidth && new Set(["xaxis", "xaxis2", "xaxis3"].map('
+                      f'(it) => figure.layout[it].domain[0])).size === {columns}')
             assert page.run('document.documentElement.scrollWidth') == width
-        assert page.run('document.querySelectorAll(".modebar-btn:not([tabindex])").length') == 0
+            assert page.run(TITLES_THAT_OVERLAP) == []
+            page.wait(f'getComputedStyle(document.body).colorScheme && {str(dark).lower()} === '
+                      '(figure.layout.font.color !== "#1f2933")')
+            assert page.faint_texts() == []
+        page.show_at(1400)
+        assert page.beyond_the_keyboard() == []
+        check_cursor_zoom_and_way_back(page)
+        check_picture_and_bag(page, where, bag, tmp_path)
         page.send('Page.reload')
         page.wait('document.readyState === "complete" && +document.body.dataset.points > 20')
         assert page.wait(f'Math.abs({highest} - {peak}) < 1e-3')
@@ -182,6 +242,7 @@ def test_a_replay_is_drawn_as_it_happens_and_outlives_reloads_and_restarts(campa
             group.wait('replay_clock', 60.0)
             # How many points stand for it depends on when they came; its highest does not.
             assert page.wait(f'streams.measured.size > 20 && Math.abs({highest} - {peak}) < 1e-3')
+        check_list_of_tests(page)
         assert page.errors == []
         assert [url for url in page.requests
                 if not url.startswith((where.url, 'data:', 'blob:'))] == []
@@ -203,6 +264,13 @@ def test_alarm_and_progress_are_shown_canceled_by_a_click_and_a_verdict_comes(ro
             page.wait('document.querySelector("#alarm.alarm")?.innerText.includes("+3.25 µm")')
             assert 'a probe that slipped' in page.text('#alarm')
             assert 'zero renewed' in page.text('#alarm')
+            servers.alarm(state=RingAlarm.ALARM, channel='delta_x', follows='time',
+                          first_guess='drift')
+            servers.alarm(state=RingAlarm.ALARM, channel='delta_x', follows='load',
+                          first_guess='stiffness')
+            page.wait('document.querySelector("#alarm s")?.innerText === "drift"')
+            assert 'Reason: the difference follows the load' in page.text('#alarm')
+            assert page.faint_texts() == []
             servers.ask(IdentifyRing)
             page.wait('document.querySelector(".job[data-action=identify][data-state=running]")'
                       '?.innerText.includes("best 1.25")')

@@ -1,6 +1,7 @@
 """Claims about streams kept as few points: nothing that stands out is lost, nothing grows."""
 
 import numpy as np
+import pytest
 
 from saddlering_ros.live.traces import Traces
 from saddlering_ros.live.watcher import doubt_words, missing_words
@@ -23,7 +24,7 @@ def pushed(traces, start, seconds, rate=1000, spike=None):
 def test_a_single_sample_that_stands_out_is_still_there_after_minutes():
     traces = Traces(CHANNELS, limit=200)
     pushed(traces, 10 * SECOND, 60.0, spike=1234)
-    found = traces.since(-1, SCALES)['measured']
+    found = traces.current.since(-1, SCALES)['measured']
     assert max(found['high'][1]) == 7.0
     assert len(found['cell']) <= 200
 
@@ -31,7 +32,7 @@ def test_a_single_sample_that_stands_out_is_still_there_after_minutes():
 def test_means_of_cells_are_the_means_of_their_samples():
     traces = Traces(CHANNELS, limit=100)
     stamps, values = pushed(traces, 0, 10.0)
-    found = traces.since(-1, SCALES)['measured']
+    found = traces.current.since(-1, SCALES)['measured']
     number = stamps // traces.width
     expected = [values[0, number == cell].mean() for cell in found['cell']]
     assert np.allclose(found['mean'][0], expected, atol=1e-4)
@@ -40,7 +41,8 @@ def test_means_of_cells_are_the_means_of_their_samples():
 def test_what_is_older_than_the_window_is_dropped():
     traces = Traces(CHANNELS, limit=100, window=5.0)
     pushed(traces, 0, 60.0, rate=100)
-    cells = np.array(traces.since(-1, SCALES)['measured']['cell']) * traces.width / SECOND
+    found = traces.current.since(-1, SCALES)['measured']
+    cells = np.array(found['cell']) * traces.width / SECOND
     assert cells.max() > 59.8
     assert cells.min() >= 54.0
     assert len(cells) <= 120
@@ -51,13 +53,13 @@ def test_only_what_changed_is_said_again_and_adds_up_to_everything():
     kept, turn = {}, -1
     for part in range(5):
         pushed(traces, part * SECOND // 2, 0.5)
-        new = traces.since(turn, SCALES).get('measured', {'cell': []})
+        new = traces.current.since(turn, SCALES).get('measured', {'cell': []})
         assert len(new['cell']) <= 52
         kept.update(zip(new['cell'], zip(*new['mean'], strict=True), strict=True))
         turn = traces.turn
-    whole = traces.since(-1, SCALES)['measured']
+    whole = traces.current.since(-1, SCALES)['measured']
     assert kept == dict(zip(whole['cell'], zip(*whole['mean'], strict=True), strict=True))
-    assert traces.since(turn, SCALES) == {}
+    assert traces.current.since(turn, SCALES) == {}
 
 
 def test_a_replay_that_starts_again_is_drawn_anew_and_late_samples_are_not():
@@ -68,7 +70,7 @@ def test_a_replay_that_starts_again_is_drawn_anew_and_late_samples_are_not():
     assert traces.version == version
     pushed(traces, 100 * SECOND, 0.5)
     assert traces.version > version
-    assert traces.since(-1, SCALES)['measured']['cell'][-1] * traces.width < SECOND
+    assert traces.current.since(-1, SCALES)['measured']['cell'][-1] * traces.width < SECOND
 
 
 def test_streams_drained_one_after_another_are_one_replay():
@@ -79,7 +81,7 @@ def test_streams_drained_one_after_another_are_one_replay():
         if start == 0:
             traces.push('measured', 50 * SECOND + stamps[400:], np.ones((2, 100)))
         traces.push('measured', start + stamps[:400], np.ones((2, 400)))
-        found = traces.since(-1, SCALES)
+        found = traces.current.since(-1, SCALES)
         assert found['load']['cell'] == found['measured']['cell']
         assert len(found['load']['cell']) == 400
 
@@ -91,10 +93,14 @@ def test_a_test_ten_minutes_after_another_is_drawn_alone_and_as_finely():
     traces.push('load', late + np.arange(1000) * SECOND // 100, np.ones((1, 1000)))
     traces.push('measured', 60 * SECOND + np.arange(50) * SECOND // 100, np.ones((2, 50)))
     pushed(traces, late, 10.0)
-    found = traces.since(-1, SCALES)
+    found = traces.current.since(-1, SCALES)
     assert [len(found[name]['cell']) for name in SCALES] == [1000, 1000]
     assert found['measured']['cell'][-1] * traces.width < 10 * SECOND
     assert traces.received == {'load': 1000, 'measured': 10000}
+    before, = traces.past
+    assert (before.number, traces.current.number) == (1, 2)
+    assert len(before.since(-1, SCALES)['measured']['cell']) == 1000
+    assert before.peaks['measured'][0] == pytest.approx([-1.0, 1.0], abs=1e-4)
     assert traces.left_out == 50
 
 
@@ -103,7 +109,8 @@ def test_a_batch_that_holds_the_end_of_one_test_and_the_start_of_the_next_is_par
         traces = Traces(CHANNELS)
         stamps = 1000 * SECOND + np.arange(100) * SECOND // 100
         traces.push('load', np.append(stamps, stamps + later * SECOND), np.ones((1, 200)))
-        assert traces.received['load'] == len(traces.since(-1, SCALES)['load']['cell']) == 100
+        found = traces.current.since(-1, SCALES)['load']
+        assert traces.received['load'] == len(found['cell']) == 100
 
 
 def test_a_test_announced_a_few_seconds_after_another_is_drawn_alone_from_its_first_sample():
@@ -113,7 +120,7 @@ def test_a_test_announced_a_few_seconds_after_another_is_drawn_alone_from_its_fi
     pushed(traces, 58 * SECOND, 5.0)
     traces.begin(58 * SECOND, 63 * SECOND)
     assert traces.received['measured'] == 5000
-    assert len(traces.since(-1, SCALES)['measured']['cell']) == 500
+    assert len(traces.current.since(-1, SCALES)['measured']['cell']) == 500
 
 
 def test_samples_that_the_nodes_published_and_the_page_has_not_are_counted():
@@ -125,7 +132,7 @@ def test_samples_that_the_nodes_published_and_the_page_has_not_are_counted():
 def test_samples_that_are_no_numbers_are_left_out():
     traces = Traces(CHANNELS)
     traces.push('measured', np.array([0, 1]), np.array([[1.0, np.nan], [1.0, 1.0]]))
-    assert traces.since(-1, SCALES)['measured']['mean'] == [[1.0], [1.0]]
+    assert traces.current.since(-1, SCALES)['measured']['mean'] == [[1.0], [1.0]]
 
 
 def test_a_channel_that_is_not_known_leaves_the_others_drawn():
@@ -134,7 +141,7 @@ def test_a_channel_that_is_not_known_leaves_the_others_drawn():
     values = np.stack([np.ones(1000), np.ones(1000)])
     values[1, 500:] = np.nan
     traces.push('measured', stamps, values)
-    found = traces.since(-1, SCALES)['measured']
+    found = traces.current.since(-1, SCALES)['measured']
     assert found['mean'][0] == [1.0] * 100
     assert found['mean'][1] == [1.0] * 50 + [None] * 50
     assert found['low'][1] == found['high'][1] == found['mean'][1]

@@ -1,14 +1,6 @@
 // Draws what the server says. The server alone knows; a reload or a lost connection starts from it.
 'use strict';
-const CHANNELS = [
-  { name: 'δx', unit: 'µm', row: 0 },
-  { name: 'δy', unit: 'µm', row: 1 },
-  { name: 'γ', unit: 'µrad', row: 2 },
-];
-const colours = {};
-const DARK = matchMedia('(prefers-color-scheme: dark)');
 const MARKS = { ok: '✓', warning: '▲', error: '✗', silent: '…' };
-const REDRAW = 400;
 
 const byId = (id) => document.getElementById(id);
 const make = (tag, text = '', kind = '') => {
@@ -19,164 +11,14 @@ const make = (tag, text = '', kind = '') => {
 };
 const post = (path) => fetch(path, { method: 'POST', headers: { 'X-Saddlering': 'live' } });
 
-let boot = '';
-let width = 0.01;
-let forceUnit = 't';
-let fullLoad = 25;
-let band = [];
 const opened = new Set();
-let streams = {};
-let stale = true;
+let current = null; // the test that runs, or the last one
+let past = [];
 
-function forget() {
-  streams = { load: new Map(), measured: new Map(), simulated: new Map(), residual: new Map() };
-}
-
-function take(message) {
-  if (message.anew || message.boot !== boot) forget();
-  boot = message.boot;
-  width = message.width;
-  forceUnit = message.force_unit;
-  fullLoad = message.full_load;
-  for (const [name, found] of Object.entries(message.streams)) {
-    found.cell.forEach((cell, i) => {
-      streams[name].set(cell, {
-        mean: found.mean.map((row) => row[i]),
-        low: found.low.map((row) => row[i]),
-        high: found.high.map((row) => row[i]),
-      });
-    });
-  }
-  document.body.dataset.cells = streams.residual.size;
-  stale = true;
-}
-
-// Cells of a stream in order; a stretch ends where for more than a second nothing came.
-function stretches(name) {
-  const found = [];
-  let before = -Infinity;
-  for (const entry of [...streams[name]].sort((a, b) => a[0] - b[0])) {
-    if ((entry[0] - before - 1) * width > 1) found.push([]);
-    found.at(-1).push(entry);
-    before = entry[0];
-  }
-  return found;
-}
-
-function points(name, of) {
-  const rows = stretches(name).flatMap((cells, i) => [
-    ...(i ? [[null, null]] : []), ...cells.map(of).filter(Boolean)]);
-  return { x: rows.map((row) => row[0]), y: rows.map((row) => row[1]) };
-}
-
-const loop = (name, row) => points(name, ([cell, values]) => {
-  const load = streams.load.get(cell);
-  return load && [load.mean[0], values.mean[row]];
-});
-
-const means = (name, row) => points(
-  name, ([cell, values]) => [(cell + 0.5) * width, values.mean[row]]);
-
-function extremes(name, row) {
-  const found = { x: [], y: [] };
-  for (const stretch of stretches(name)) {
-    const cells = stretch.filter(([, values]) => values.low[row] !== null);
-    const at = cells.map(([cell]) => (cell + 0.5) * width);
-    found.x.push(...at, ...[...at].reverse(), null);
-    found.y.push(...cells.map(([, values]) => values.low[row]),
-      ...cells.map(([, values]) => values.high[row]).reverse(), null);
-  }
-  return found;
-}
-
-const SETTINGS = { responsive: true, displaylogo: false, displayModeBar: true,
-  modeBarButtonsToRemove: ['select2d', 'lasso2d', 'autoScale2d'] };
-const LOAD_PLOT = 3;
-const suffixOf = (i) => (i ? i + 1 : '');
-const titleOf = (i) => (i === LOAD_PLOT ? `load / ${forceUnit}`
-  : `${CHANNELS[i].name} / ${CHANNELS[i].unit}`);
-
-function readColours() {
-  const style = getComputedStyle(document.documentElement);
-  for (const name of ['ink', 'line', 'measured', 'simulated', 'noise']) {
-    colours[name] = style.getPropertyValue(`--${name}`).trim();
-  }
-}
-
-// Plots in as many columns as fit. `least` is what every vertical axis shows at least: the axes
-// begin with it and not with the noise.
-function layout(place, plots, across, least, low) {
-  const room = byId(place).clientWidth;
-  const columns = room < 560 ? 1 : room < 1100 && plots === 4 ? 2 : plots;
-  const rows = Math.ceil(plots / columns);
-  const each = low ? 230 : 310;
-  byId(place).style.height = `${rows * each}px`;
-  const found = {
-    height: rows * each, margin: { l: 44, r: 12, t: 50, b: 40 },
-    font: { size: 12, color: colours.ink }, paper_bgcolor: 'rgba(0,0,0,0)',
-    plot_bgcolor: 'rgba(0,0,0,0)', showlegend: false, hovermode: 'closest', uirevision: 'kept',
-    modebar: { bgcolor: 'rgba(0,0,0,0)', color: colours.measured, activecolor: colours.ink },
-    shapes: [], annotations: [],
-  };
-  const inner = { x: Math.max(room - 56, 200), y: rows * each - 90 };
-  const gap = { x: 56 / inner.x, y: 86 / inner.y };
-  const size = { x: (1 - (columns - 1) * gap.x) / columns, y: (1 - (rows - 1) * gap.y) / rows };
-  for (let i = 0; i < plots; i += 1) {
-    const suffix = suffixOf(i);
-    const left = (i % columns) * (size.x + gap.x);
-    const top = 1 - Math.floor(i / columns) * (size.y + gap.y);
-    const line = { gridcolor: colours.line, zeroline: false, linecolor: colours.noise };
-    const axis = i === LOAD_PLOT ? 'time / s' : across;
-    found[`xaxis${suffix}`] = { ...line, domain: [left, left + size.x], anchor: `y${suffix}`,
-      title: { text: axis, standoff: 4 }, rangemode: 'normal',
-      autorangeoptions: { include: axis === 'time / s' ? [0, 10] : [0, fullLoad] } };
-    found[`yaxis${suffix}`] = { ...line, domain: [Math.max(top - size.y, 0), top],
-      anchor: `x${suffix}`,
-      autorangeoptions: { include: i === LOAD_PLOT ? [0, fullLoad] : least } };
-    found.annotations.push({ text: titleOf(i), xref: `x${suffix} domain`, x: 0, xanchor: 'left',
-      yref: `y${suffix} domain`, y: 1, yanchor: 'bottom', showarrow: false });
-    if (low && band[i]) {
-      found.shapes.push({ type: 'rect', xref: `x${suffix} domain`, yref: `y${suffix}`, x0: 0,
-        x1: 1, y0: -2 * band[i], y1: 2 * band[i], line: { width: 0 },
-        fillcolor: colours.noise, opacity: 0.35, layer: 'below' });
-    }
-  }
-  return found;
-}
-
-function trace(points, i, colour, name, line = { width: 1.6 }) {
-  const unit = i === LOAD_PLOT ? forceUnit : CHANNELS[i].unit;
-  return { ...points, type: 'scatter', mode: 'lines', name, line: { color: colour, ...line },
-    xaxis: `x${suffixOf(i)}`, yaxis: `y${suffixOf(i)}`,
-    hovertemplate: `%{x:.3f}<br>%{y:.3f} ${unit}<extra>${name}</extra>` };
-}
-
-async function draw() {
-  if (stale && !document.hidden && window.Plotly) {
-    stale = false;
-    readColours();
-    const loops = CHANNELS.flatMap((channel, i) => [
-      { ...trace(loop('measured', channel.row), i, colours.measured, 'measured', { width: 5 }),
-        opacity: 0.5 },
-      trace(loop('simulated', channel.row), i, colours.simulated, 'simulated', { width: 1.4 })]);
-    loops.push(trace(means('load', 0), LOAD_PLOT, colours.measured, 'load'));
-    const residuals = CHANNELS.flatMap((channel, i) => [
-      { ...trace(extremes('residual', channel.row), i, colours.simulated, 'lowest to highest',
-        { width: 0 }), fill: 'toself', fillcolor: 'rgba(209,73,91,0.2)', hoverinfo: 'skip' },
-      trace(means('residual', channel.row), i, colours.simulated, 'mean')]);
-    await Plotly.react('loops', loops, layout('loops', 4, `load / ${forceUnit}`, [-2, 10], false),
-      SETTINGS);
-    await Plotly.react('residuals', residuals,
-      layout('residuals', 3, 'time / s', [-1, 1], true), SETTINGS);
-    for (const button of document.querySelectorAll('.modebar-btn')) {
-      button.tabIndex = 0;
-      button.setAttribute('role', 'button');
-      button.setAttribute('aria-label', button.dataset.title);
-    }
-    document.body.dataset.points = loops[0].x.length;
-  }
-  setTimeout(draw, REDRAW);
-}
+// A time of day from milliseconds, by the clock of this place.
+const clockTime = (milliseconds, digits = 0) => new Date(milliseconds).toLocaleTimeString('en-GB', {
+  hour: '2-digit', minute: '2-digit', second: '2-digit', timeZoneName: 'short',
+  ...(digits ? { fractionalSecondDigits: digits } : {}) });
 
 // New children, and the keyboard's focus where it was among them.
 function renew(place, children) {
@@ -218,19 +60,70 @@ function probeGauge(probe, number) {
 
 const loadWords = (load, unit) => `${load[unit].toFixed(unit === 't' ? 2 : 1)} ${unit}`;
 
+// The value of a range that is further from zero.
+const peakOf = ([low, high]) => (Math.abs(low) > Math.abs(high) ? low : high);
+
+function motionGauge({ name, unit }, row, isOld) {
+  const newest = Math.max(...streams.measured.keys());
+  const value = streams.measured.get(newest)?.mean[row];
+  const peak = current?.peaks.measured[row] ?? [value, value];
+  if (value === undefined || value === null) return gauge(name, '–', 'None received');
+  return gauge(name, `${value.toFixed(1)} ${unit}`, `peak ${peakOf(peak).toFixed(1)} ${unit}`,
+    'ok', isOld);
+}
+
 function showNow(now) {
   const { load, elevation, probes } = now.gauges;
-  const time = new Date(now.ended / 1e6).toISOString().slice(11, 19);
-  byId('test').textContent = (now.test ? `Test ${now.test}` : 'Test in progress')
-    + (now.ended ? `: test ended ${time} UTC, last values` : '');
+  current = now.test;
+  const began = current ? ` since ${clockTime(current.began)}` : '';
+  byId('test').textContent = (current?.name ? `Test ${current.name}` : 'Test in progress') + began
+    + (now.ended ? `: test ended ${clockTime(now.ended)}, last values` : '');
+  const peak = current?.peaks.load[0][1];
   document.querySelector('#now .gauges').replaceChildren(
-    gauge('Load', load ? loadWords(load, forceUnit) : '–',
-      load ? loadWords(load, forceUnit === 't' ? 'kN' : 't') : 'None received',
-      'ok', load?.is_old),
+    gauge('Load', load ? loadWords(load, rig.unit) : '–', load ? `peak ${peak?.toFixed(2)} ${rig.unit}; `
+      + loadWords(load, rig.unit === 't' ? 'kN' : 't') : 'None received', 'ok', load?.is_old),
+    ...CHANNELS.map((channel, row) => motionGauge(channel, row, load?.is_old)),
     gauge('Elevation', elevation ? `${elevation.deg}°` : '–',
       elevation ? (elevation.is_measured ? 'measured' : 'as simulated') : 'None received',
-      'ok', elevation?.is_old),
+      'ok', elevation?.is_old || now.ended),
     ...probes.map((probe, i) => probeGauge(probe, i + 1)));
+  showTests();
+}
+
+function testRow(test) {
+  const isShown = earlier ? earlier.number === test.number : test === current;
+  const row = make('tr');
+  const button = make('button', clockTime(test.began));
+  button.type = 'button';
+  button.title = 'Show the curves of this test';
+  button.addEventListener('click', () => (test === current ? returnToNow() : lookAt(test.number)));
+  const { level, words } = test.verdict;
+  const cells = [button, test.name || 'no name', make('span', `${MARKS[level]} ${words}`, level),
+    `${test.seconds.toFixed(1)} s`,
+    test.peaks.load[0][1]?.toFixed(2) ?? '–',
+    ...test.peaks.measured.slice(0, 3).map((range) => (range[0] === null ? '–' : peakOf(range).toFixed(1)))];
+  row.append(...cells.map((cell) => {
+    const place = make('td');
+    place.append(cell);
+    return place;
+  }));
+  if (isShown) row.setAttribute('aria-current', 'true');
+  return row;
+}
+
+function showTests() {
+  const tests = [...past, current].filter(Boolean).reverse();
+  const head = make('tr');
+  head.append(...['began', 'test', 'alarm', 'time', `peak load / ${rig.unit}`,
+    ...CHANNELS.map(({ name, unit }) => `${name} / ${unit}`)].map((it) => make('th', it)));
+  renew(byId('tests'), tests.length ? [head, ...tests.map(testRow)]
+    : [make('caption', 'None yet', 'soft')]);
+  const shown = tests.find((test) => test.number === earlier?.number) ?? current;
+  byId('shown').textContent = shown ? `Curves of ${shown.name || 'the test'}, `
+    + `${new Date(shown.began).toLocaleDateString('en-CA')} ${clockTime(shown.began)}: `
+    + shown.verdict.words : 'Curves';
+  byId('bag').hidden = !shown?.has_bag;
+  if (shown) byId('bag').href = `bags/${shown.number}`;
 }
 
 function showCommands(commands) {
@@ -245,7 +138,9 @@ function showCommands(commands) {
 
 function showParameters(parameters) {
   if (!parameters) return;
-  byId('source').textContent = parameters.source;
+  const [short, rest] = parameters.source.split(' (', 2);
+  byId('source').textContent = short;
+  byId('notes').textContent = rest ? rest.slice(0, -1) : '';
   byId('parameters').replaceChildren(...parameters.rows.map(([name, value]) => {
     const row = make('tr');
     row.append(make('td', name), make('td', value));
@@ -271,13 +166,19 @@ function showHealth(health) {
   const probes = [1, 2, 3, 4].map((number) => {
     const items = health.filter((item) => item.name.endsWith(`/rig/eddy_current_${number}`)
       && item.name.includes('ring_displacement'));
-    return items.length ? node(`probe ${number}`, items, items) : null;
+    const told = items.filter((item, i) => items.findIndex((it) => it.words === item.words) === i);
+    return items.length ? node(`probe ${number}`, items, told) : null;
   }).filter(Boolean);
   const parity = health.filter((item) => item.name.endsWith('ring_displacement: parity'));
   if (parity.length) probes.push(node('parity of probes 1 and 3', parity, parity));
   byId('probes').replaceChildren(...(probes.length ? probes
     : [make('p', 'ring_displacement: Node offline', 'soft')]));
   const names = [...new Set(health.map((item) => item.name.split(':')[0]))];
+  if (health.length && health.every((item) => item.level === 'silent')) {
+    byId('probes').replaceChildren(make('p', 'All nodes are offline.', 'soft'));
+    renew(byId('nodes'), [node(`Node offline: ${names.join(', ')}`, health, [])]);
+    return;
+  }
   renew(byId('nodes'), names.map((name) => {
     const items = health.filter((item) => item.name.split(':')[0] === name);
     const raised = items.filter((item) => item.level !== 'ok');
@@ -357,15 +258,27 @@ function showAlarm(alarm) {
     place.replaceChildren(make('p', `Alarm: ${alarm.words}`, 'soft'), ...lapses);
     return;
   }
-  const since = new Date(alarm.since / 1e6).toISOString().replace('T', ' ').replace('Z', ' UTC');
   place.replaceChildren(
     make('p', 'Alarm: the ring has left its model', 'soft'),
     make('b', `${alarm.channel} ${alarm.size}`),
-    make('p', `since ${since}, ${alarm.before} s before the alarm`),
-    make('p', `First guess: ${alarm.guess}`), ...lapses);
+    make('p', `since ${clockTime(alarm.since / 1e6, 3)}, ${alarm.before} s before the alarm`),
+    make('p', `First guess: ${alarm.guess}.${alarm.why ? ` Reason: ${alarm.why}.` : ''}`),
+    ...alarm.taken_back.map(([guess, seconds]) => {
+      const line = make('p', `Taken back ${seconds} s after the alarm, because later samples speak against it: `, 'soft');
+      line.append(make('s', guess));
+      return line;
+    }), ...lapses);
 }
 
+const listed = (values) => (values[0] === null ? 'not known yet' : CHANNELS.map(
+  ({ name, unit }, row) => `${name} ${values[row]?.toFixed(2) ?? '–'} ${unit}`).join(', '));
+
 function show(state) {
+  const known = { fullLoad: state.full_load, unit: state.force_unit, range: state.range,
+    allowed: state.allowed, band: state.band };
+  if (JSON.stringify(known) !== JSON.stringify(rig)) stale = true;
+  rig = known;
+  past = state.past;
   showAlarm(state.alarm);
   byId('doubt').textContent = state.doubt;
   byId('lost').textContent = (state.missing ? `Not received: ${state.missing}. ` : '')
@@ -374,14 +287,13 @@ function show(state) {
   showCommands(state.commands);
   showParameters(state.parameters);
   showHealth(state.health);
+  showTests();
   const jobs = Object.entries(state.jobs).map(([name, job]) => showJob(name, job));
   renew(byId('jobs').lastElementChild, (jobs.length ? jobs
     : [make('p', 'No goal is running on /identify_ring or /diagnose_ring.', 'soft')]));
   showVerdict(state.jobs.diagnose);
-  if (String(state.band) !== String(band)) stale = true;
-  band = state.band;
-  byId('noise').textContent = band[0] === null ? 'not known yet' : CHANNELS.map(
-    (channel) => `${channel.name} ${band[channel.row].toFixed(2)} ${channel.unit}`).join(', ');
+  byId('noise').textContent = listed(state.band);
+  byId('allowed').textContent = listed(state.allowed);
 }
 
 function link(words, kind) {
@@ -403,17 +315,17 @@ function listen() {
   events.addEventListener('now', (event) => showNow(JSON.parse(event.data)));
 }
 
-forget();
 for (const name of ['clear', 'zero', 'start', 'pause']) {
   byId(name).addEventListener('click', () => post(name));
 }
-for (const target of [window, DARK]) {
+byId('back').addEventListener('click', returnToNow);
+byId('picture').addEventListener('click', savePicture);
+byId('follow').addEventListener('change', returnToNow);
+for (const target of [window, document, DARK]) {
   for (const event of ['visibilitychange', 'resize', 'change']) {
     target.addEventListener(event, () => { stale = true; });
   }
 }
-addEventListener('keydown', (event) => {
-  if (event.key === 'Enter' && event.target.matches('.modebar-btn')) event.target.click();
-});
+setInterval(() => { byId('clock').textContent = clockTime(Date.now()); }, 1000);
 listen();
 draw();

@@ -1,0 +1,127 @@
+"""The tests that the page has seen: their names, the verdict of the alarm, and their messages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+import heapq
+from pathlib import Path
+import struct
+import tempfile
+from typing import Any
+
+from saddlering_interfaces.msg import RingAlarm
+from saddlering_ros.bags.wire import SECOND
+from saddlering_ros.bags.write import BagWriter
+from saddlering_ros.errors import LiveError
+from saddlering_ros.live.alarms import AlarmOfTest
+from saddlering_ros.live.traces import TestCurves
+from saddlering_ros.record.metadata import TestMetadata
+from saddlering_ros.record.topics import TOPICS
+
+MAX_BYTES = 256 * 2**20
+"""Messages of the rig kept for saving: three quarters of an hour at 1 kHz."""
+
+EDGE = SECOND // 10
+"""Messages so long before and after the curves of a test [ns] belong to it: other clocks."""
+
+_stamp = struct.Struct('<iI')
+
+
+@dataclass
+class SeenTest:
+    """One test: its name, the alarm during it, the messages of the rig by topic and their size.
+
+    is_cut: whether messages are missing, because they were too many to keep.
+    """
+
+    name: str = ''
+    alarm: AlarmOfTest = field(default_factory=AlarmOfTest)
+    messages: dict[str, list[bytes]] = field(default_factory=dict)
+    size: int = 0
+    is_cut: bool = False
+
+
+class Session:
+    """The tests by their numbers; from any thread that holds the page's lock."""
+
+    def __init__(self) -> None:
+        self.number = 1
+        self._tests = {1: SeenTest()}
+        self._alarm: RingAlarm | None = None
+
+    @property
+    def current(self) -> SeenTest:
+        """The test that runs, or the last one."""
+        return self._tests[self.number]
+
+    def follow(self, number: int, name: str) -> None:
+        """The test of that number runs; its name, '' where it is not known."""
+        if number != self.number:
+            self.number = number
+            self._tests[number] = SeenTest()
+            if self._alarm is not None:
+                self.current.alarm.hear(self._alarm)
+        self.current.name = name or self.current.name
+
+    def hear(self, message: RingAlarm) -> None:
+        """Take a state of the alarm."""
+        self._alarm = message
+        self.current.alarm.hear(message)
+
+    def keep(self, topic: str, messages: list[bytes]) -> None:
+        """Keep messages of the rig; the oldest tests give way to them."""
+        test = self.current
+        test.messages.setdefault(topic, []).extend(messages)
+        test.size += sum(map(len, messages))
+        surplus = sum(one.size for one in self._tests.values()) - MAX_BYTES
+        for one in self._tests.values():
+            if surplus <= 0:
+                return
+            surplus -= one.size
+            one.messages, one.size, one.is_cut = {}, 0, True
+
+    def as_page(self, curves: TestCurves, scales: Mapping[str, float]) -> dict[str, Any]:
+        """A test as the page lists it: times [ms], peaks in the units of the page, the verdict."""
+        test = self._tests[curves.number]
+        return {
+            'number': curves.number, 'name': test.name, 'began': curves.origin / 1e6,
+            'seconds': (curves.newest - curves.origin) / 1e9, 'has_bag': not test.is_cut,
+            'peaks': {name: [[None if value != value else round(value, 3) for value in row]
+                             for row in (scales[name] * peaks).tolist()]
+                      for name, peaks in curves.peaks.items() if name != 'residual'},
+            'verdict': test.alarm.verdict(curves.origin, curves.newest)}
+
+    def messages(self, number: int) -> tuple[str, dict[str, list[bytes]]]:
+        """Name of a test, and by topic the messages that came during it and just beside it.
+
+        LiveError if some were too many to keep.
+        """
+        if self._tests[number].is_cut:
+            raise LiveError('the messages of this test were too many to keep: record the next '
+                            'one with ros2 bag record, or saddlering replay --record')
+        near = [self._tests[one] for one in range(number - 1, number + 2) if one in self._tests]
+        return self._tests[number].name, {
+            topic: [message for test in near for message in test.messages.get(topic, ())]
+            for topic in TOPICS}
+
+
+def mcap_of(flows: Mapping[str, list[bytes]], curves: TestCurves, facts: TestMetadata) -> bytes:
+    """The messages of a test, by topic, as one MCAP file."""
+    first, last = curves.origin - EDGE, curves.newest + EDGE
+    inside = [[(stamp, topic, message) for stamp, message in zip(
+        map(_stamp_of, messages), messages, strict=True) if first <= stamp <= last]
+        for topic, messages in flows.items()]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, 'test')
+        kinds = {flow[0][1]: TOPICS[flow[0][1]].type for flow in inside if flow}
+        with BagWriter(path, kinds, facts.as_text()) as bag:
+            for stamp, topic, message in heapq.merge(*map(sorted, inside)):
+                bag.write_message(topic, stamp, message)
+        return next(path.glob('*.mcap')).read_bytes()
+
+
+def _stamp_of(message: bytes) -> int:
+    """The stamp [ns] of a message that begins with a header."""
+    seconds, rest = _stamp.unpack_from(message, 4)
+    return int(seconds * SECOND + rest)
