@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from itertools import chain
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saddlering_ros.record.alignment import JITTER_NS, longer_hold
 from saddlering_ros.record.guard import load_limits, SampleGuard
@@ -17,14 +17,21 @@ from saddlering_ros.record.samples import (
     ANY_TIME,
     Displacements,
     is_pause,
+    join,
     no_displacements,
     pick,
     Samples,
     SECOND,
 )
 from saddlering_ros.record.scratch import BLOCK, forget
-from saddlering_ros.rig import CHANNELS, ParameterSet, Rig, ZeroReading
-from saddlering_ros.ring import RingSimulator, SimulatedSample, SimulationError
+from saddlering_ros.rig import (
+    CHANNELS,
+    ParameterSet,
+    probes_to_displacement,
+    Rig,
+    ZeroReading,
+)
+from saddlering_ros.ring import RingSimulator, SimulationError
 from saddlering_ros.ring.simulator import simulate_in_blocks, SimulatedRun
 
 
@@ -60,6 +67,7 @@ class SimulationStream:
 
     def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float, *,
                  max_step: float = 1e-3, max_gap: float = 10.0) -> None:
+        self._rig = rig
         self._max_gap = round(max_gap * SECOND)
         self.simulator = RingSimulator(rig, parameters, elevation, max_step)
         self.elevation = self.zero_elevation = elevation
@@ -76,7 +84,7 @@ class SimulationStream:
         self._held: list[tuple[int, float]] = []
         self._last = 0
         self._newest = 0
-        self._pushed: deque[tuple[float, int]] = deque()
+        self._pushed: NDArray[np.int64] = np.empty(0, np.int64)
         self.zero_stamp = 0
         self.zero_elevation = self.elevation
         self._zero_duration = 0.0
@@ -159,56 +167,51 @@ class SimulationStream:
         self.hold = longer_hold(self.hold, self._newest - stamp)
 
     def _release(self, until: int) -> Displacements:
+        """The states at the samples up to a stamp [ns]."""
         count = bisect_left(self._held, (until + 1,))
-        due, self._held = self._held[:count], self._held[count:]
-        states: list[SimulatedSample] = []
-        stamps: list[int] = []
-        for stamp, load in due:
-            if self._asked_after is not None and stamp > self._asked_after:
-                held, newest = self._held, self._newest
-                self.restart(zero_anywhere=True)
-                self._held, self._newest = held, newest
-            if self._epoch is None:
-                self._epoch = stamp
-            time = (stamp - self._epoch) / 1e9
-            self._pushed.append((time, stamp))
-            self._last, self.load = stamp, load
-            new = self.simulator.push(time, load)
-            is_first = bool(new) and not self.zero_stamp
-            own = self._stamps_of(new)
-            if is_first:
-                self._zero_duration = self._duration_of_zero(own)
-            states += new
-            stamps += own
-        return self._batch(states, stamps)
-
-    def _stamps_of(self, states: list[SimulatedSample]) -> list[int]:
-        stamps = []
-        for state in states:
-            while self._pushed[0][0] != state.time:
-                self._pushed.popleft()
-            stamps.append(self._pushed.popleft()[1])
-            self.zero_stamp = self.zero_stamp or stamps[0]
-        return stamps
-
-    def _duration_of_zero(self, stamps: list[int]) -> float:
-        """How long the samples of the zero took [s]; they are the first states to come out."""
-        zero = self.simulator.zero
-        assert zero is not None
-        last = min(zero.end - zero.start, len(stamps)) - 1
-        return (stamps[max(last, 0)] - stamps[0]) / SECOND
-
-    def _batch(self, states: list[SimulatedSample], stamps: list[int]) -> Displacements:
-        zero = self.simulator.zero
-        if not states or zero is None:
+        if not count:
             return no_displacements()
-        channels = np.array([[getattr(state.displacement, name) for name in CHANNELS]
-                             for state in states]).T
-        found = np.isfinite(channels).all(axis=0)
-        self.counters.not_converged += int((~found).sum())
-        times = np.array(stamps, dtype=np.int64)[found]
-        return Displacements(times, np.ascontiguousarray(channels[:, found]),
-                             np.full(len(times), self.zero_stamp, dtype=np.int64),
+        due, self._held = self._held[:count], self._held[count:]
+        stamps = np.array([stamp for stamp, _ in due], np.int64)
+        loads = np.array([load for _, load in due])
+        if self._asked_after is None or stamps[-1] <= self._asked_after:
+            return self._simulated(stamps, loads)
+        asked = int(stamps.searchsorted(self._asked_after, 'right'))
+        before = self._simulated(stamps[:asked], loads[:asked])
+        held, newest = self._held, self._newest
+        self.restart(zero_anywhere=True)
+        self._held, self._newest = held, newest
+        after = self._simulated(stamps[asked:], loads[asked:])
+        return join([batch for batch in (before, after) if len(batch)])
+
+    def _simulated(self, stamps: NDArray[np.int64], loads: NDArray[np.float64]) -> Displacements:
+        """The states that are known with samples (N,) in order: stamps [ns], loads [N]."""
+        if not len(stamps):
+            return no_displacements()
+        if self._epoch is None:
+            self._epoch = int(stamps[0])
+        self._last, self.load = int(stamps[-1]), float(loads[-1])
+        time, probes = self.simulator.push((stamps - self._epoch) / 1e9, loads)
+        pushed = np.append(self._pushed, stamps) if len(self._pushed) else stamps
+        pending = self.simulator.pending
+        first = len(pushed) - pending - len(time)
+        zero = self.simulator.zero
+        if zero is not None and not self.zero_stamp:
+            of_zero = pushed[first:first + zero.end - zero.start]
+            self.zero_stamp = int(of_zero[0])
+            self._zero_duration = int(of_zero[-1] - of_zero[0]) / SECOND
+        self._pushed = pushed[len(pushed) - pending:]
+        if zero is None or not len(time):
+            return no_displacements()
+        found = probes_to_displacement(self._rig.probes, probes)
+        channels = np.array([getattr(found, name) for name in CHANNELS])
+        times = pushed[first:first + len(time)]
+        converged = np.isfinite(channels).all(axis=0)
+        if not converged.all():
+            self.counters.not_converged += int(np.count_nonzero(~converged))
+            times, channels = times[converged], channels[:, converged]
+        return Displacements(times, channels,
+                             np.full(len(times), self.zero_stamp),
                              np.full(len(times), zero.load),
                              np.full(len(times), self.elevation),
                              self.guard.marks(times, to_next=True),

@@ -6,13 +6,12 @@ from saddlering_ros.ring.simulator import (
     RingSimulator,
     simulate,
     SimulatedRun,
-    SimulatedSample,
     SimulationError,
     static_batch,
     static_response,
 )
 
 __all__ = [
-    'RingSimulator', 'SimulatedRun', 'SimulatedSample', 'SimulationError', 'dynamic_batch',
+    'RingSimulator', 'SimulatedRun', 'SimulationError', 'dynamic_batch',
     'probe_batch', 'simulate', 'static_batch', 'static_response',
 ]

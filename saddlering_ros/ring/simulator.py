@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -49,18 +48,6 @@ class SimulationError(SaddleringError):
 
 
 @dataclass(frozen=True)
-class SimulatedSample:
-    """One simulated state: time [s], displacement (floats), probe increments (4,) [m].
-
-    NaN if the time step did not converge, even in many small steps.
-    """
-
-    time: float
-    displacement: Displacement
-    probes: Floats
-
-
-@dataclass(frozen=True)
 class SimulatedRun:
     """A simulated record from its zero window on: M samples, mostly the last M of N.
 
@@ -78,11 +65,11 @@ class SimulatedRun:
 
 
 class RingSimulator:
-    """One simulated state per load sample; nodes and commands use this class.
+    """The state of the ring at each load sample, from batches of any size; a record is one batch.
 
     rig, parameters with their effects, elevation [rad]; max_step [s] is the longest time step.
     Samples wait until the zero window (rig.zeroing) closes, and are then returned together. After
-    that each push returns its own sample, unless a negative clock offset needs a later load.
+    that each push returns its own samples, unless a negative clock offset needs later loads.
     """
 
     def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float,
@@ -96,7 +83,6 @@ class RingSimulator:
         self._m, self._rows, self._uniform = model.constants, model.rows.flat, model.rows.uniform
         self._max_step = max_step
         self._offset, self._skew = extension.clock_offset, extension.clock_skew
-        self._shifted = self._offset != 0.0 or self._skew != 0.0
         self.reset()
 
     def reset(self, *, zero_anywhere: bool = False) -> None:
@@ -105,10 +91,11 @@ class RingSimulator:
         self._lost = False
         self.zero: ZeroReading | None = None
         self._window = ZeroWindow(self._rig, anywhere=zero_anywhere)
-        self._waiting: list[tuple[float, float]] = []
+        self._waiting = np.empty((2, 0))
+        self._offered = 0
         self._state = np.zeros(at.STATE_SIZE)
-        self._past: deque[tuple[float, Floats]] = deque()
-        self._asked: deque[float] = deque()
+        self._past = np.empty((5, 0))
+        self._asked = np.empty(0)
 
     def turn(self, elevation: float) -> None:
         """Go on from the present state at another elevation [rad]; the zero stays."""
@@ -119,111 +106,102 @@ class RingSimulator:
         """Number of steps in which Newton did not converge."""
         return int(self._state[at.FAILED_STEPS])
 
-    def push(self, time: float, load: float) -> list[SimulatedSample]:
-        """Take one load sample, time [s] and load [N]; the simulated samples that are ready."""
-        if self.zero is not None:
-            return self._samples(np.array([time]), np.array([load]))
-        self._waiting.append((time, load))
-        reading = self._window.push(time, load)
-        if reading is None:
-            self._drop_before_window()
-            return []
-        return self._begin(reading, np.array(self._waiting))
+    @property
+    def pending(self) -> int:
+        """How many of the last samples wait for later ones."""
+        return len(self._asked) if self.zero is not None else self._waiting.shape[1]
 
-    def _drop_before_window(self) -> None:
-        """Drop samples that can no longer belong to the zero window (bounded memory)."""
-        keep = self._window.samples
-        if len(self._waiting) > keep:
-            del self._waiting[:len(self._waiting) - keep]
-
-    def _begin(self, reading: ZeroReading, waiting: Floats) -> list[SimulatedSample]:
-        self._waiting = []
-        self.zero = reading
-        rows = waiting[-(reading.end - reading.start) - 1:]
-        self._start(rows[0, 0], reading.load)
-        return self._samples(np.ascontiguousarray(rows[:, 0]), np.ascontiguousarray(rows[:, 1]))
-
-    def _start(self, time: float, load: float) -> None:
+    def begin(self, zero: ZeroReading, time: float) -> None:
+        """Start at rest under the load of a zero that begins at `time` [s]."""
+        self.zero = zero
         if self._laws:
-            self._additions = Additions(self._rig, self._laws, time, load)
-        if not integration.start(self._m, self._rows, self._uniform, self._state, time, load):
+            self._additions = Additions(self._rig, self._laws, time, zero.load)
+        if not integration.start(self._m, self._rows, self._uniform, self._state, time, zero.load):
             self._state[at.FAILED_STEPS] += 1.0
             self._lost = True
 
-    def _advance(self, time: Floats, load: Floats) -> Floats:
-        """Increments (N, 4) of the probes, with the user's own laws."""
-        if self._additions is None:
-            return self._moved(time, load)
-        at_ring, added = self._additions.push(time, load)
-        return self._moved(time, at_ring) + added
+    def push(self, time: Floats, load: Floats) -> tuple[Floats, Floats]:
+        """Take load samples (N,) [s], [N]; times (M,) and probe increments (4, M) [m] now known.
+
+        Increments are NaN where the time step did not converge, even in many small steps.
+        """
+        if self.zero is None:
+            time, load = self._from_zero(time, load)
+        if not time.size:
+            return time, np.empty((4, 0))
+        increments = self._moved(time, load)
+        if self._offset == 0.0 and self._skew == 0.0:
+            return time, increments
+        return self._on_probes_clock(time, increments)
+
+    def _from_zero(self, time: Floats, load: Floats) -> tuple[Floats, Floats]:
+        """Time and load of all samples from the start of the zero on; none before it is known."""
+        reading = self._window.push_batch(time, load, np.empty((0, time.size)))
+        waiting = np.hstack([self._waiting, [time, load]])
+        if reading is None:
+            self._offered += time.size
+            self._waiting = waiting[:, waiting.shape[1] - self._window.samples:]
+            return np.empty(0), np.empty(0)
+        # The window counts every sample that it was offered.
+        rows = np.ascontiguousarray(
+            waiting[:, reading.start - self._offered + self._waiting.shape[1]:])
+        self._waiting = np.empty((2, 0))
+        self.begin(reading, float(rows[0, 0]))
+        return rows[0], rows[1]
 
     def _moved(self, time: Floats, load: Floats) -> Floats:
+        """Increments (4, N) of the probes by the kernels, with the user's own laws."""
+        added = None
+        if self._additions is not None:
+            load, added = self._additions.push(time, load)
         motion, increments = np.empty((time.size, 3)), np.empty((time.size, 4))
         self.iterations += integration.advance(self._m, self._rows, self._uniform, self._state,
                                                time, load, self._max_step, motion, increments)
         if self._lost:
             increments[:] = np.nan
-        return increments
+        return np.ascontiguousarray((increments if added is None else increments + added).T)
 
-    def _samples(self, time: Floats, load: Floats) -> list[SimulatedSample]:
-        increments = self._advance(time, load)
-        if not self._shifted:
-            return [self._sample(t, d) for t, d in zip(time.tolist(), increments, strict=True)]
-        self._past.extend(zip(time.tolist(), increments, strict=True))
-        self._asked.extend(time.tolist())
-        return self._due()
+    def _on_probes_clock(self, time: Floats, increments: Floats) -> tuple[Floats, Floats]:
+        """Times and increments of the samples that lie within the simulated time.
 
-    def _due(self) -> list[SimulatedSample]:
-        """Samples whose time on the probes' clock lies within the simulated time."""
-        due = []
-        begin, newest = self._state[at.START_TIME], self._past[-1][0]
-        while self._asked:
-            wanted = self._asked[0] - self._offset - self._skew * (self._asked[0] - begin)
-            if wanted > newest:
-                break
-            while len(self._past) > 1 and self._past[1][0] <= wanted:
-                self._past.popleft()
-            due.append(self._sample(self._asked.popleft(), self._between(wanted)))
-        return due
-
-    def _between(self, wanted: float) -> Floats:
-        before, old = self._past[0]
-        if wanted <= before or len(self._past) == 1:
-            return old
-        after, new = self._past[1]
-        return np.asarray(old + (new - old) * ((wanted - before) / (after - before)))
-
-    def _sample(self, time: float, increments: Floats) -> SimulatedSample:
-        displacement = probes_to_displacement(self._rig.probes, increments)
-        return SimulatedSample(time, displacement, increments)
-
-    def run(self, time: Floats, load: Floats) -> SimulatedRun:
-        """Simulate a whole record from a new start: the same numbers as with `push`."""
-        return next(self.run_in_blocks(time, load, len(time)))
+        The probes' clock differs from that of the load; a sample is interpolated linearly.
+        """
+        self._past = np.hstack([self._past, np.vstack([time, increments])])
+        self._asked = np.append(self._asked, time)
+        wanted = (self._asked - self._offset
+                  - self._skew * (self._asked - self._state[at.START_TIME]))
+        late = wanted > self._past[0, -1]
+        count = int(late.argmax()) if late.any() else late.size
+        due, self._asked, wanted = self._asked[:count], self._asked[count:], wanted[:count]
+        if not count:
+            return due, np.empty((4, 0))
+        seconds, past = self._past[0], self._past[1:]
+        last = seconds.size - 1
+        before = np.maximum(seconds.searchsorted(wanted, 'right') - 1, 0)
+        after = np.minimum(before + 1, last)
+        share = (wanted - seconds[before]) / np.where(after > before,
+                                                      seconds[after] - seconds[before], 1.0)
+        old, new = past[:, before], past[:, after]
+        found = np.where((wanted <= seconds[before]) | (before == last), old,
+                         old + (new - old) * share)
+        self._past = self._past[:, before[-1]:]
+        return due, found
 
     def run_in_blocks(self, time: Floats, load: Floats, size: int) -> Iterator[SimulatedRun]:
-        """The same in stretches of `size` samples from the zero on, for long records.
+        """A whole record from a new start in stretches of `size` samples from the zero on.
 
         `first` of a stretch is the index of its first sample in the record; `failed_steps` counts
         from the start of the record.
         """
         self.reset()
-        reading = zero_of_record(self._rig, time, load)
-        self.zero = reading
-        self._start(float(time[reading.start]), reading.load)
-        first = reading.start
-        for start in range(reading.start, len(time), size):
-            part = np.ascontiguousarray(time[start:start + size])
-            increments = self._advance(part, np.ascontiguousarray(load[start:start + size]))
-            if self._shifted:
-                self._past.extend(zip(part.tolist(), increments, strict=True))
-                self._asked.extend(part.tolist())
-                due = self._due()
-                part = np.array([sample.time for sample in due])
-                increments = np.array([sample.probes for sample in due]).reshape(-1, 4)
-            probes = np.ascontiguousarray(increments.T)
+        zero = zero_of_record(self._rig, time, load)
+        self.begin(zero, float(time[zero.start]))
+        first = zero.start
+        for start in range(zero.start, len(time), size):
+            part, probes = self.push(np.ascontiguousarray(time[start:start + size]),
+                                     np.ascontiguousarray(load[start:start + size]))
             yield SimulatedRun(part, probes_to_displacement(self._rig.probes, probes), probes,
-                               first, reading, self.failed_steps)
+                               first, zero, self.failed_steps)
             first += len(part)
 
 
@@ -263,7 +241,8 @@ def simulate(rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLi
     seconds = np.ascontiguousarray(time, dtype=np.float64)
     force = np.ascontiguousarray(load, dtype=np.float64)
     check_record(seconds, force)
-    return RingSimulator(rig, parameters, elevation, max_step).run(seconds, force)
+    simulator = RingSimulator(rig, parameters, elevation, max_step)
+    return next(simulator.run_in_blocks(seconds, force, len(seconds)))
 
 
 def simulate_in_blocks(

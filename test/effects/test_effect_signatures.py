@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from pushed import pushed
 import pytest
 from scipy.signal import lsim
 
@@ -387,8 +388,7 @@ def test_live_and_offline_give_the_same_numbers_under_many_effects() -> None:
     parameters = ParameterSet(TRUE_TO_SCALE, effects)
     offline = simulate(RIG, parameters, PUSHED, time, load)
     live = RingSimulator(RIG, parameters, PUSHED)
-    samples = [sample for t, p in zip(time, load, strict=True) for sample in live.push(t, p)]
-    assert np.array_equal(np.array([sample.probes for sample in samples]).T, offline.probes)
+    assert np.array_equal(pushed(live, time, load)[1], offline.probes)
 
 
 def test_axial_friction_carries_a_part_of_the_weight_while_the_ring_goes_down() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from pushed import pushed
 import pytest
 
 from saddlering_ros import effects
@@ -77,8 +78,7 @@ def test_live_equals_offline_bit_for_bit(folder, coordinate: str) -> None:
     folder('eddy_current_2', coordinate)
     whole = simulate(RIG, parameters(), 0.9, TIME, LOAD)
     live = RingSimulator(RIG, parameters(), 0.9)
-    pushed = [sample for t, p in zip(TIME, LOAD, strict=True) for sample in live.push(t, p)]
-    assert np.array_equal(np.array([sample.probes for sample in pushed]).T, whole.probes)
+    assert np.array_equal(pushed(live, TIME, LOAD)[1], whole.probes)
 
 
 def test_a_direction_turns_after_the_load_turned_back_enough() -> None:

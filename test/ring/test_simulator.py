@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from pushed import pushed
 import pytest
 import readable_ring as reference
 
@@ -81,7 +82,7 @@ def test_a_radial_row_off_the_mid_plane_couples_tilt_and_radial_motion() -> None
     assert fast == pytest.approx(plain, abs=1e-9)
 
 
-def test_pushing_samples_one_by_one_gives_the_whole_records_numbers_to_the_last_bit() -> None:
+def test_pushing_batches_of_any_size_gives_the_whole_records_numbers_to_the_last_bit() -> None:
     time, load = dynamic_record()
     effects = {name: {p.name: (p.scale if p.amplitude else p.start) for p in effect.parameters}
                for name, effect in catalogue().items() if name in
@@ -89,31 +90,31 @@ def test_pushing_samples_one_by_one_gives_the_whole_records_numbers_to_the_last_
     for chosen in ({}, effects):
         parameters = ParameterSet(TRUE_TO_SCALE, chosen)
         whole = simulate(RIG, parameters, np.deg2rad(50.0), time, load)
-        live = RingSimulator(RIG, parameters, np.deg2rad(50.0))
-        samples = [out for t, p in zip(time, load, strict=True) for out in live.push(t, p)]
-        assert len(samples) == whole.time.size > 0
-        assert np.array_equal(np.array([sample.probes for sample in samples]).T, whole.probes)
-        assert [sample.displacement.gamma for sample in samples] == list(whole.displacement.gamma)
+        for sizes in ((1,), (7, 1, 300, 90)):
+            live = RingSimulator(RIG, parameters, np.deg2rad(50.0))
+            times, probes = pushed(live, time, load, sizes)
+            assert np.array_equal(times, whole.time)
+            assert np.array_equal(probes, whole.probes)
 
 
 def test_a_negative_clock_offset_waits_for_the_load_it_needs() -> None:
     time, load = dynamic_record()
     parameters = ParameterSet(TRUE_TO_SCALE, {'clock_offset': {'offset': -0.0125}})
     live = RingSimulator(RIG, parameters, np.deg2rad(50.0))
-    samples = [out for t, p in zip(time, load, strict=True) for out in live.push(t, p)]
-    assert samples[-1].time == pytest.approx(time[-1] - 0.0125, abs=2e-3)
+    times, probes = pushed(live, time, load)
+    assert times[-1] == pytest.approx(time[-1] - 0.0125, abs=2e-3)
     plain = simulate(RIG, ParameterSet(TRUE_TO_SCALE), np.deg2rad(50.0), time, load)
-    late = np.interp(np.array([s.time for s in samples]) + 0.0125, plain.time, plain.probes[0])
-    assert np.array([s.probes[0] for s in samples]) == pytest.approx(late, abs=1e-12)
+    late = np.interp(times + 0.0125, plain.time, plain.probes[0])
+    assert probes[0] == pytest.approx(late, abs=1e-12)
 
 
 def test_reset_forgets_the_past_completely() -> None:
     time, load = dynamic_record(0.8)
     simulator = RingSimulator(RIG, ParameterSet(TRUE_TO_SCALE), np.deg2rad(50.0))
-    first = [out for t, p in zip(time, load, strict=True) for out in simulator.push(t, p)]
+    _, first = pushed(simulator, time, load)
     simulator.reset()
-    again = [out for t, p in zip(time, load, strict=True) for out in simulator.push(t, p)]
-    assert [sample.probes.tolist() for sample in first] == [s.probes.tolist() for s in again]
+    _, again = pushed(simulator, time, load)
+    assert np.array_equal(first, again)
 
 
 def test_a_batch_gives_each_member_the_numbers_it_gets_alone() -> None:

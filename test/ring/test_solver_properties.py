@@ -7,6 +7,7 @@ from dataclasses import replace
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+from pushed import pushed
 import pytest
 import readable_ring as reference
 
@@ -200,16 +201,16 @@ def test_a_step_that_newton_cannot_take_is_taken_in_parts(monkeypatch):
     jumps = FULL_SCALE_LOAD * np.random.default_rng(0).uniform(-0.5, 1.5, 100)
     rest = np.full(40, BASE.preload)
     simulator = RingSimulator(BASE, ParameterSet(TRUE_TO_SCALE), 0.9, max_step=1.0)
-    samples = [sample for number, load in enumerate([*rest, *jumps, *rest])
-               for sample in simulator.push(number / 20.0, float(load))]
+    loads = np.concatenate([rest, jumps, rest])
+    _, probes = pushed(simulator, np.arange(loads.size) / 20.0, loads)
 
     failed = [number for number, (_, used) in enumerate(tried) if used == -1]
     assert len(failed) > 10
     assert all(tried[number + 1][0] == tried[number][0] / 4.0
                for number in failed if (number - 1) not in failed)
     assert simulator.failed_steps == 0
-    assert np.isfinite([sample.probes for sample in samples]).all()
-    assert np.abs(samples[-1].probes).max() < 1e-9
+    assert np.isfinite(probes).all()
+    assert np.abs(probes[:, -1]).max() < 1e-9
 
 
 def test_the_node_gives_out_nothing_for_it_and_counts_it():
@@ -257,7 +258,7 @@ def test_at_usual_damping_a_moving_load_is_followed_in_one_step_a_sample():
     load = np.interp(time, [0.0, 0.1, 0.5], [BASE.preload, BASE.preload, 0.5 * FULL_SCALE_LOAD])
     load += np.random.default_rng(0).normal(0.0, 50.0, time.size)
     simulator = RingSimulator(BASE, ParameterSet(TRUE_TO_SCALE), 0.9)
-    simulator.run(time, load)
+    simulator.push(time, load)
     assert simulator.iterations < 2.5 * time.size
 
 
@@ -268,5 +269,4 @@ def test_dividing_steps_leaves_live_and_offline_alike():
     parameters = ParameterSet(law, {'cylinder_friction': {'force': 500.0}})
     offline = simulate(BASE, parameters, 0.9, time, load)
     live = RingSimulator(BASE, parameters, 0.9)
-    samples = [sample for pair in zip(time, load, strict=True) for sample in live.push(*pair)]
-    assert np.array_equal(np.array([sample.probes for sample in samples]).T, offline.probes)
+    assert np.array_equal(pushed(live, time, load)[1], offline.probes)
