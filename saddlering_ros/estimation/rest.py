@@ -39,30 +39,55 @@ class RestSegment:
     label: str = ''
 
 
+@dataclass
+class Rest:
+    """A rest as it grows by blocks of samples: how many there are, and their mean load [N].
+
+    Streams and records use this one rule. band [N]: see `takes`.
+    """
+
+    band: float
+    samples: int = 0
+    level: float = 0.0
+
+    def takes(self, mean: float, count: int) -> bool:
+        """Add a block of `count` samples, if its mean load is within the band of the rest's."""
+        if self.samples and abs(mean - self.level) >= self.band:
+            return False
+        self.samples += count
+        self.level += (mean - self.level) * count / self.samples
+        return True
+
+    def quiet(self, step: float, *, has_moved: bool, moves_on: bool) -> slice:
+        """The samples without settling and without the start of the next movement.
+
+        step [s]: between samples; has_moved, moves_on: whether the load moved before and after.
+        """
+        settling = min(round(SETTLING_SECONDS / step), self.samples // 2) if has_moved else 0
+        guard = min(round(GUARD_SECONDS / step), self.samples // 5) if moves_on else 0
+        return slice(settling, self.samples - guard)
+
+
 def stretches_at_rest(time: Array, load: Array, band: float) -> Stretches:
     """Stretches [start, stop) of samples over which the mean load stays within `band` [N].
 
-    A block belongs to a stretch while its mean is within the band of the mean of the blocks before
-    it. The beginning of a stretch is left to settling, unless the record begins with it.
+    The beginning of a stretch is left to settling, unless the record begins with it.
     """
     step = float(np.median(np.diff(time)))
     count = max(1, round(BLOCK_SECONDS / step))
-    usable = time.size // count * count
-    level = load[:usable].reshape(-1, count).mean(axis=1)
-    found, start, total = [], 0, level[0] if level.size else 0.0
-    for index in range(1, level.size + 1):
-        inside = index < level.size and abs(level[index] - total / (index - start)) < band
-        if inside:
-            total += level[index]
+    blocks = time.size // count
+    level = load[:blocks * count].reshape(-1, count).mean(axis=1)
+    found, begin = [], 0
+    rest = Rest(band, count, float(level[0])) if blocks else Rest(band)
+    for index in range(1, blocks + 1):
+        if index < blocks and rest.takes(level[index], count):
             continue
-        begin, end = start * count, index * count
-        settling = 0 if start == 0 else min(round(SETTLING_SECONDS / step), (end - begin) // 2)
-        long_enough = time[end - 1] - time[begin] > MIN_SECONDS
-        if long_enough and end - begin - settling >= MIN_SAMPLES:
-            guard = min(round(GUARD_SECONDS / step), (end - begin) // 5)
-            found.append((begin + settling, end - guard))
-        start = index
-        total = level[index] if index < level.size else 0.0
+        quiet = rest.quiet(step, has_moved=begin > 0, moves_on=True)
+        seconds = time[index * count - 1] - time[begin]
+        if seconds > MIN_SECONDS and rest.samples - quiet.start >= MIN_SAMPLES:
+            found.append((begin + quiet.start, begin + quiet.stop))
+        if index < blocks:
+            begin, rest = index * count, Rest(band, count, float(level[index]))
     return found
 
 

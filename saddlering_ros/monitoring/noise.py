@@ -2,8 +2,7 @@
 
 Noise is learnt while the load rests, from samples as they come, with assumptions on the probes
 that a rest of seconds cannot show. Materiality is the residual that is allowed without an alarm.
-The rule of rest is that of `estimation.rest`, without a look ahead: a rest lasts while the mean
-load of each 50 ms stays within a band of the mean before.
+The rule of rest is that of a record (`estimation.rest.Rest`), without a look ahead.
 """
 
 from __future__ import annotations
@@ -16,13 +15,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.noise import noise_alone
-from saddlering_ros.estimation.rest import (
-    BLOCK_SECONDS,
-    GUARD_SECONDS,
-    MIN_SAMPLES,
-    MIN_SECONDS,
-    SETTLING_SECONDS,
-)
+from saddlering_ros.estimation.rest import BLOCK_SECONDS, MIN_SAMPLES, MIN_SECONDS, Rest
 from saddlering_ros.monitoring.detector import block_noise, BlockNoise
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring.simulator import static_response
@@ -72,7 +65,7 @@ class RestLearner:
         self.moved = moved
         self._stamps: list[int] = []
         self._rows: list[tuple[float, ...]] = []
-        self._rested, self._level = 0, 0.0
+        self._rest = Rest(self._band)
         self._load, self._begin = 0.0, 0
 
     def step(self, stamp: int, residual: tuple[float, ...], load: float) -> RestNoise | None:
@@ -85,19 +78,16 @@ class RestLearner:
         self._stamps.append(stamp)
         self._rows.append(residual)
         self._load += load
-        if not ended and self._stamps[self._rested - 1] - self._stamps[0] < MAX_REST * SECOND:
+        rested = self._stamps[self._rest.samples - 1] - self._stamps[0]
+        if not ended and rested < MAX_REST * SECOND:
             return None
         return self._finish(ended)
 
     def _end_block(self, stamp: int) -> bool:
         """Judge the block that ends; whether the load has left its rest in it."""
-        count = len(self._stamps) - self._rested
-        mean = self._load / count
-        if self._rested and abs(mean - self._level) >= self._band:
+        count = len(self._stamps) - self._rest.samples
+        if not self._rest.takes(self._load / count, count):
             return True
-        total = self._level * self._rested + self._load
-        self._rested = len(self._stamps)
-        self._level = total / self._rested
         self._load, self._begin = 0.0, stamp
         return False
 
@@ -109,19 +99,17 @@ class RestLearner:
         return found
 
     def _read(self, ended: bool) -> RestNoise | None:
-        stamps, rows = self._stamps[:self._rested], self._rows[:self._rested]
-        if len(stamps) < MIN_SAMPLES:
+        if self._rest.samples < MIN_SAMPLES:
             return None
-        interval = float(np.median(np.diff(stamps))) / SECOND
-        count = len(stamps)
-        begin = min(round(SETTLING_SECONDS / interval), count // 2) if self.moved else 0
-        end = count - (min(round(GUARD_SECONDS / interval), (count - begin) // 5) if ended else 0)
-        seconds = (stamps[end - 1] - stamps[begin]) / SECOND
-        if seconds < MIN_SECONDS or end - begin < MIN_SAMPLES:
+        interval = float(np.median(np.diff(self._stamps[:self._rest.samples]))) / SECOND
+        quiet = self._rest.quiet(interval, has_moved=self.moved, moves_on=ended)
+        stamps, rows = self._stamps[quiet], self._rows[quiet]
+        seconds = (stamps[-1] - stamps[0]) / SECOND if stamps else 0.0
+        if seconds < MIN_SECONDS or len(stamps) < MIN_SAMPLES:
             return None
         samples = max(1, round(self._block / interval))
-        values = np.array(rows[begin:end]).T
-        factor = 1.0 + LEVEL_SIGMAS / math.sqrt(2.0 * (end - begin))
+        values = np.array(rows).T
+        factor = 1.0 + LEVEL_SIGMAS / math.sqrt(2.0 * len(stamps))
         noise = tuple(
             block_noise(noise_alone([channel], interval), samples * interval).inflated(factor)
             if np.isfinite(channel).all() else UNKNOWN for channel in values)
