@@ -53,7 +53,7 @@ def decode_displacements(messages: Sequence[bytes]) -> Displacements:
     fields = found.fields
     zero = fields['zero_stamp.sec'].astype(np.int64) * SECOND + fields['zero_stamp.nanosec']
     return Displacements(
-        found.stamps, np.stack([fields[name] for name in CHANNELS]).astype(np.float64),
+        found.stamps, np.array([fields[name] for name in CHANNELS], np.float64),
         zero, fields['zero_load'].astype(np.float64), fields['elevation'].astype(np.float64),
         fields['validity'].astype(np.uint8), fields['zero_duration'].astype(np.float64))
 

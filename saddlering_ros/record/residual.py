@@ -156,7 +156,7 @@ class ResidualStream:
         """The pairs whose elevations, where both are known, are the same."""
         differs = np.abs(measured.elevations - simulated.elevations) > ELEVATION_TOLERANCE
         self.elevations_agree = not differs[-1]
-        if not differs.any():
+        if not np.count_nonzero(differs):
             return measured, simulated
         self.counters.elevation_differs += int(differs.sum())
         rows = np.flatnonzero(~differs)
@@ -168,7 +168,7 @@ class ResidualStream:
         apart = np.abs(measured.zero_stamps - simulated.zero_stamps)
         same = apart <= round(WINDOW_SECONDS * SECOND)
         same &= np.abs(measured.zero_loads - simulated.zero_loads) <= self._load_tolerance
-        if same.all():
+        if np.count_nonzero(same) == len(same):
             self._bridges.clear()
             self.zeros_agree = True
             return _difference(measured, simulated)
