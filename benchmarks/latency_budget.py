@@ -1,11 +1,14 @@
 """Where a sample waits on its way from the driver to its residual, hop by hop.
 
-    python benchmarks/latency_budget.py [--rate 500] [--seconds 8] [--rounds 1] [--alone]
+    python benchmarks/latency_budget.py [--seconds 8]                 the table of all rates
+    python benchmarks/latency_budget.py --rate 500 [--rounds 1]       each stage of one rate
+    chrt -r 10 python benchmarks/latency_budget.py                    as in the unit of systemd
 
-The arrangement is that of `ros_load.py`: one driver, a plain rclpy node beside the
-ring nodes, a listener of the residuals. Here every node notes when it takes a message and when it
-sends one, by stamp. --alone leaves the plain node out. The time that the threads of each process
-were ready and waited for a processor is read from the kernel.
+One driver publishes to the ring nodes, and in another run to a plain rclpy node that does nothing
+else. Every node notes when it takes a message and when it sends one, by stamp. With --rate the
+plain node runs beside the ring nodes, and the time that the threads of each process were ready and
+waited for a processor is read from the kernel. The table ends with ring/within_limits on a machine
+that other programs keep busy, without and with real-time priority of the nodes.
 """
 
 from __future__ import annotations
@@ -26,9 +29,12 @@ from typing import Any
 import numpy as np
 import ros_load
 from ros_load import listener, wait_matched
+from std_msgs.msg import Bool
 
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
+from saddlering_ros.ros.launcher import ALARM_NODES, NodeGroup, RING_NODES
+from saddlering_ros.ros.names import WITHIN_LIMITS
+from saddlering_ros.ros.raw_topics import DataWait, RawSubscription
 
 TRACER = """
 import sys
@@ -66,7 +72,18 @@ if any('saddlering_ros.nodes' in word for word in sys.orig_argv):
 SETTLED_NS = 1_500_000_000
 """Rows of the first 1.5 s wait for the zero and are left out."""
 
-Trace = dict[str, dict[int, int]]
+RATES = (200.0, 500.0, 1000.0)
+BUSY_PROGRAMS = 20
+PRIORITY = 10
+HOPS = {
+    'to displacement': ('driver: load published to taken by ring_displacement',
+                        'ring_displacement: load to last probe of the stamp'),
+    'displacement': ('ring_displacement: all inputs to displacement sent',),
+    'to residual': ('displacement sent to taken by ring_residual',
+                    'ring_residual: first input to second'),
+    'residual': ('ring_residual: both inputs to residual sent',),
+    'to listener': ('residual sent to taken by the listener',)}
+"""Columns of the table, and the stages of each."""
 
 
 @dataclass
@@ -212,13 +229,96 @@ def show(found: dict[str, Any]) -> None:
           flush=True)
 
 
+def plain_alone(seconds: float, rate: float) -> np.ndarray:
+    """Time [ms] from each load to the last of its five callbacks in a plain node, alone."""
+    command = [sys.executable, ros_load.__file__, '--seconds', str(seconds), '--rate', str(rate),
+               '--role']
+    with tempfile.TemporaryDirectory() as folder, NodeGroup() as group:
+        kept = Path(folder) / 'published.npy'
+        plain = subprocess.Popen([*command, 'plain'], env=group.environment, text=True,
+                                 stdout=subprocess.PIPE)
+        assert plain.stdout is not None
+        plain.stdout.readline()
+        subprocess.run([*command, 'drive', '--published', str(kept)], env=group.environment,
+                       input='1 1 1 1 1\n', text=True, stdout=subprocess.DEVNULL, check=True)
+        calls = ros_load.Calls(json.loads(plain.stdout.readline()))
+        plain.wait()
+        published = np.load(kept)
+    return between(published, calls.complete, published[0, 0])
+
+
+def limits_while_busy(seconds: float, rate: float, policy: int) -> tuple[float, int, int]:
+    """Longest silence [s] of ring/within_limits among busy programs; its messages, false ones.
+
+    They count from the first true message to the last load. policy: of the scheduler, for nodes
+    and driver.
+    """
+    os.sched_setscheduler(0, policy, os.sched_param(PRIORITY if policy else 0))
+    with (tempfile.TemporaryDirectory() as folder, NodeGroup() as group,
+          listener(group.domain_id) as (node, _, progress)):
+        kept = Path(folder) / 'published.npy'
+        command = [sys.executable, ros_load.__file__, '--seconds', str(seconds), '--rate',
+                   str(rate), '--role', 'drive', '--published', str(kept)]
+        for name in (*RING_NODES, *ALARM_NODES):
+            group.start(name)
+        limits = RawSubscription(node, WITHIN_LIMITS, Bool)
+        heard: list[tuple[float, bool]] = []
+        driver = subprocess.Popen(command, env=group.environment, stdin=subprocess.PIPE,
+                                  stdout=subprocess.DEVNULL, text=True)
+        assert driver.stdin is not None
+        wait_matched(progress)
+        busy = [subprocess.Popen([sys.executable, '-c', 'while True: pass'], preexec_fn=lambda:
+                                 os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0)))
+                for _ in range(BUSY_PROGRAMS)]
+        try:
+            driver.stdin.write('3 1 1 1 1\n')
+            driver.stdin.flush()
+            data, end = DataWait(node.context), time.monotonic() + seconds + 30.0
+            while driver.poll() is None and time.monotonic() < end:
+                data.wait([limits], 0.1)
+                heard += [(time.time(), bool(message[4])) for message in limits.take()]
+        finally:
+            for one in busy:
+                one.kill()
+            driver.kill()
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        last = np.load(kept)[1, -1] / 1e9
+    first = next((index for index, (_, within) in enumerate(heard) if within), 0)
+    times = np.array([at for at, _ in heard[first:] if at <= last])
+    within = [value for at, value in heard[first:] if at <= last]
+    return float(np.diff(times).max(initial=0.0)), len(within), within.count(False)
+
+
+def show_table(seconds: float) -> None:
+    """Print the latency of all rates and the hops of each, and the limit on a busy machine."""
+    print(f'load average {os.getloadavg()[0]:.1f}; p50 and p99 [ms]\n')
+    print('| rate [Hz] | plain node | residual | p50 of: ' + ' | '.join(HOPS) + ' | lost |')
+    print('|---' * (len(HOPS) + 4) + '|')
+    for rate in RATES:
+        plain, found = plain_alone(seconds, rate), traced(seconds, rate, alone=True)
+        total = found['hops']['all: load published to residual taken']
+        pairs = ['{:.2f} and {:.2f}'.format(*np.percentile(times, (50, 99)))
+                 for times in (plain, total)]
+        stages = [f'{sum(np.percentile(found["hops"][name], 50) for name in names):.2f}'
+                  for names in HOPS.values()]
+        print(f'| {rate:g} | ' + ' | '.join([*pairs, *stages, str(found['lost'])]) + ' |',
+              flush=True)
+    for policy, words in ((os.SCHED_OTHER, 'ordinary'), (os.SCHED_RR, 'real-time')):
+        silence, count, lows = limits_while_busy(seconds, 200.0, policy)
+        print(f'ring/within_limits beside {BUSY_PROGRAMS} busy programs, {words} priority: '
+              f'silent for {silence:.2f} s at most, {lows} of {count} messages false', flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seconds', type=float, default=8.0)
-    parser.add_argument('--rate', type=float, default=500.0, help='of a topic [Hz]')
+    parser.add_argument('--rate', type=float, help='of a topic [Hz]; none: the table')
     parser.add_argument('--rounds', type=int, default=1)
     parser.add_argument('--alone', action='store_true', help='without the plain node')
     args = parser.parse_args()
+    if args.rate is None:
+        show_table(args.seconds)
+        return
     for number in range(args.rounds):
         print(f'round {number + 1}, {args.rate:g} Hz a topic, '
               f'{"no" if args.alone else "one"} plain node, '
