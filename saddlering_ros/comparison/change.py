@@ -35,6 +35,7 @@ from saddlering_ros.discrepancy import (
     observed,
     prepare,
     Problem,
+    RunBlocks,
     Settings,
     space_beside_error,
     tangent,
@@ -212,12 +213,13 @@ def compare_records(
     watch.progress('limits of the later session alone', 0.95)
     notes += [*check_set([*earlier, *later], rig), *found.warnings]
     contact = contact_of_sessions(found, system)
+    left = left_between(found, system)
     found = with_main_cause(
-        replace(found, causes=tuple(_as_change(cause) for cause in found.causes)))
+        replace(found, causes=tuple(_as_change(cause) for cause in found.causes)), left)
     found = in_doubt(found) if doubts and found.verdict != 'none' else found
     if not found.complete:
-        notes.append(f'a rest of {100.0 * _rest(found):.2g} % of range fits no cause: it may be '
-                     'the interplay of the change with errors that both sessions share')
+        notes.append(f'{100.0 * left:.2g} % of range differs between the sessions and fits no '
+                     'cause: it may be the interplay of the change with errors that both share')
     return Change(
         found, earlier, later, contact, _limits_alone(rig, later, start, seed, watch),
         _maker(rig, before, after), (*doubts, *notes), _next_test(found, doubts), rig, seed,
@@ -232,24 +234,28 @@ def _by_name(
     return {'before': before, **numbered, 'after': after}
 
 
-def with_main_cause(found: Diagnosis) -> Diagnosis:
-    """The verdict with its one cause established if that takes nearly all of the misfit.
+def with_main_cause(found: Diagnosis, left: float) -> Diagnosis:
+    """The verdict by what differs between the sessions, `left` of it beside the causes.
 
-    The rest is then stated. A stand-in for a law that the catalogue lacks took at most 0.80 of the
-    power of the misfit on other machines (docs/benchmarks/real_machines.md).
+    A misfit that both sessions have is no change. The one cause is established if it takes nearly
+    all of the power of the difference. The rest may be a part of this cause: its share of the
+    change is an error of the size. A stand-in for a law that the catalogue lacks took at most 0.80
+    of the power of the misfit on other machines (docs/benchmarks/real_machines.md).
     """
-    if found.verdict != 'unknown' or len(found.causes) != 1:
+    if not found.causes and found.verdict == 'unknown' and left < SETTINGS.materiality:
+        return replace(found, verdict='none', complete=True, remainder=())
+    if len(found.causes) != 1 or found.verdict == 'none':
         return found
     cause = found.causes[0]
-    share = 1.0 - (_rest(found) / cause.visible) ** 2
-    if share < ESTABLISHED_SHARE or cause.p_value > ESTABLISHED_P:
+    share = 1.0 - (left / cause.visible) ** 2
+    if found.verdict == 'unknown' and (share < ESTABLISHED_SHARE or cause.p_value > ESTABLISHED_P):
         return found
     name, size = next(iter(cause.parameters.items()))
-    # The rest may be a part of this cause: its share of the size is an error of the size.
-    std = math.hypot(size.std, abs(size.value) * _rest(found) / cause.visible)
+    std = math.hypot(size.std, abs(size.value) * left / cause.visible)
     widened = {**cause.parameters, name: replace(size, std=std)}
     return replace(found, verdict='named' if len(cause.group) == 1 else 'ambiguous',
-                   causes=(replace(cause, parameters=widened, partial=False),), complete=False)
+                   causes=(replace(cause, parameters=widened, partial=False),),
+                   complete=left < SETTINGS.materiality)
 
 
 def in_doubt(found: Diagnosis) -> Diagnosis:
@@ -258,10 +264,50 @@ def in_doubt(found: Diagnosis) -> Diagnosis:
     return replace(found, verdict='unknown', causes=partial, complete=False)
 
 
-def _rest(found: Diagnosis) -> float:
-    """Largest structure of the residual beside the causes, as a share of range."""
-    left = found.residual_after
-    return float(max(left.slow.visible, left.fast.visible))
+def left_between(found: Diagnosis, system: TwoSessions) -> float:
+    """Largest rms, as a share of range, of what differs between the sessions beside the causes.
+
+    Each run is compared with the run of the other session under the same course of the load; a
+    run without one counts whole. The noise of both is subtracted.
+    """
+    problem = found.fits.metric.problem
+    residual = found.fits.metric.without_nuisances(problem.measured - found.fits.after.prediction)
+    largest = 0.0
+    for view, weights in problem.system.views.items():
+        seen = problem.view_residuals(residual, view)
+        for run, own in zip(problem.runs, seen, strict=True):
+            other = next((number for number, one in enumerate(problem.runs)
+                          if system.session_of(one) != system.session_of(run)
+                          and _same_course(run, one)), None)
+            noise = _noise_power(found, run, weights)
+            if other is not None:
+                one = problem.runs[other]
+                own = own - np.interp(run.time - run.time[0], one.time - one.time[0], seen[other])
+                noise += _noise_power(found, one, weights)
+            power = problem.mean_square(own, run, view) - noise
+            largest = max(largest, math.sqrt(max(power, 0.0)) / problem.view_ranges[view])
+    return largest
+
+
+SAME_COURSE = 0.01
+"""Largest median difference of two loads under one course, as a share of the largest load."""
+
+
+def _same_course(run: RunBlocks, other: RunBlocks) -> bool:
+    """Whether two runs are of one elevation and have nearly the same load at every time."""
+    if run.group != other.group:
+        return False
+    first, second = run.inputs['load'], other.inputs['load']
+    along = np.interp(run.time - run.time[0], other.time - other.time[0], second)
+    return bool(np.median(np.abs(first - along)) < SAME_COURSE * np.abs(first).max())
+
+
+def _noise_power(found: Diagnosis, run: RunBlocks, weights: Array) -> float:
+    """Mean square noise of the blocks of a run in a view."""
+    metric = found.fits.metric
+    return float(sum(
+        weight**2 * np.mean(metric.noise[run.name, channel].variances(run.width))
+        for channel, weight in enumerate(weights) if weight))
 
 
 def check_sessions(
@@ -411,9 +457,7 @@ def _seen(found: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
         seen = [problem.view_residuals(residual, view) for residual in residuals]
         for run, before, after in zip(problem.runs, *seen, strict=True):
             span = max(float(np.ptp(weights @ run.channels)), 1e-12)
-            noise = math.sqrt(sum(
-                weight**2 * float(np.mean(metric.noise[run.name, channel].variances(run.width)))
-                for channel, weight in enumerate(weights) if weight))
+            noise = math.sqrt(_noise_power(found, run, weights))
             answers[run.name][view] = {
                 'nrmse_before': math.sqrt(problem.mean_square(before, run, view)) / span,
                 'nrmse_after': math.sqrt(problem.mean_square(after, run, view)) / span,

@@ -9,11 +9,24 @@ import pytest
 from sessions_made import dirt, RIG, session, with_size
 
 from saddlering_ros.comparison import compare_records, ComparisonError
-from saddlering_ros.comparison.change import check_sessions, in_doubt, with_main_cause
+from saddlering_ros.comparison.change import (
+    check_sessions,
+    in_doubt,
+    left_between,
+    with_main_cause,
+)
 from saddlering_ros.comparison.maker import common_loads, maker_figures
 from saddlering_ros.comparison.page import change_text, write_change_page
 from saddlering_ros.comparison.series import ChangeSeries, Evidence
-from saddlering_ros.comparison.sessions import CONTACT_CHANGE, EARLIER, LATER, seen_in, SESSION
+from saddlering_ros.comparison.sessions import (
+    CONTACT_CHANGE,
+    EARLIER,
+    LATER,
+    seen_in,
+    SESSION,
+    TwoSessions,
+)
+from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.errors import BagError
 
@@ -81,24 +94,33 @@ def test_a_series_stands_in_the_document_and_on_the_page(grown, tmp_path):
     assert document['headline'] in change_text(change)
 
 
-def leaving(diagnosis, share):
-    """The same, undecided, with a rest of a share of the change."""
-    rest = share * diagnosis.causes[0].visible
-    left = diagnosis.residual_after
-    left = replace(left, slow=replace(left.slow, visible=rest))
-    return replace(diagnosis, verdict='unknown', residual_after=left)
-
-
 def test_a_main_cause_that_leaves_a_rest_is_named_with_a_wider_error(grown):
     cause = grown.diagnosis.causes[0]
-    stated = with_main_cause(leaving(grown.diagnosis, 0.2))
+    unsure = replace(grown.diagnosis, verdict='unknown')
+    stated = with_main_cause(unsure, 0.2 * cause.visible)
     assert (stated.verdict, stated.complete) == ('named', False)
     force = cause.parameters['force']
     assert stated.causes[0].parameters['force'].std == pytest.approx(
         np.hypot(force.std, 0.2 * force.value))
-    assert with_main_cause(leaving(grown.diagnosis, 0.6)).verdict == 'unknown'
-    weak = replace(leaving(grown.diagnosis, 0.2), causes=(replace(cause, p_value=1e-3),))
-    assert with_main_cause(weak).verdict == 'unknown'
+    assert with_main_cause(unsure, 0.6 * cause.visible).verdict == 'unknown'
+    weak = replace(unsure, causes=(replace(cause, p_value=1e-3),))
+    assert with_main_cause(weak, 0.2 * cause.visible).verdict == 'unknown'
+
+
+def test_a_misfit_that_both_sessions_have_is_no_change(grown):
+    """Ring 20 of benchmarks/changes.py left 1.8 % of range in both, and was `unknown`."""
+    silent = replace(grown.diagnosis, verdict='unknown', causes=())
+    assert with_main_cause(silent, 5e-4).verdict == 'none'
+    assert with_main_cause(silent, 5e-3).verdict == 'unknown'
+    runs = [record.run for record in (*grown.before, *grown.after)]
+    system = TwoSessions(RingSystem(RIG), frozenset(record.run.name for record in grown.before))
+    assert left_between(grown.diagnosis, system) < 2e-3
+    shifted = grown.diagnosis.fits.metric.problem.with_runs(
+        [replace(run, channels=run.channels + 1e-5 * np.sin(run.time)) for run in runs])
+    fits = grown.diagnosis.fits
+    both = replace(grown.diagnosis, fits=replace(
+        fits, metric=replace(fits.metric, problem=shifted)))
+    assert left_between(both, system) < 2e-3
 
 
 def test_a_cause_acts_in_its_own_session_only():
