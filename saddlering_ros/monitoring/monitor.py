@@ -45,8 +45,9 @@ SHORT_REST = 2.0
 HISTORY_BLOCKS = 180_000
 """Blocks remembered: an hour of 20 ms; an onset before that is stamped with the oldest."""
 
-REFINED_AFTER = (2.0, 10.0)
-"""Times after the alarm [s] at which its size and first guess are taken anew."""
+REFINE_AFTER, REFINE_GROWTH = 2.0, 0.1
+"""Size and first guess are taken anew after so long [s], or, if that is longer, after this share
+of the time since the alarm: samples to come may speak against a guess."""
 
 MAX_LAPSES = 20
 
@@ -95,7 +96,8 @@ class Raised:
     @property
     def first_guess(self) -> str:
         """Frequent causes of a residual that follows this."""
-        return FIRST_GUESSES.get(self.follows, 'too short to tell')
+        return FIRST_GUESSES.get(self.follows, 'too short to tell: it is judged again as the test '
+                                               'goes on, and when the load has turned')
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ class Monitor:
         self._noise_grew, self._known = False, (True,) * len(CHANNELS)
         self._clear_block()
         self._onset: tuple[int, int] | None = None
-        self._refine_at: list[int] = []
+        self._refine_at = self._raised_at = 0
 
     @property
     def state(self) -> int:
@@ -323,14 +325,16 @@ class Monitor:
         self._onset = (found.channel, index - (found.block - found.since))
         self.alarm = self._described(
             Raised(CHANNELS[found.channel], self.stamp, 0, 0.0, found.evidence, ''))
-        self._refine_at = [index + round(seconds / block) for seconds in REFINED_AFTER]
+        self._raised_at, self._refine_at = index, index + round(REFINE_AFTER / block)
         self.changes += 1
 
     def _refine(self, index: int) -> None:
         """Take size and first guess anew from the readings since the alarm."""
-        if self._onset is not None and self._refine_at and index >= self._refine_at[0]:
-            del self._refine_at[0]
+        if self._onset is not None and index >= self._refine_at:
             assert self.alarm is not None
+            assert self.rest is not None
+            self._refine_at = index + max(round(REFINE_AFTER / self.rest.block),
+                                          round(REFINE_GROWTH * (index - self._raised_at)))
             self.alarm = self._described(self.alarm)
             self.changes += 1
 
@@ -414,6 +418,8 @@ SPAN = 2
 def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> str:
     """Which key of FIRST_GUESSES the residual (N,) follows; '' if it is too short for a guess.
 
+    It is too short for load against time while the load moves in one direction: both only grow.
+
     load (N,) [N]; time (N,) [s]; rest_band [N]: the load has no direction while it moves by less.
     """
     if residual.size < MIN_BLOCKS:
@@ -422,14 +428,17 @@ def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> 
     change[SPAN:-SPAN] = load[2 * SPAN:] - load[:-2 * SPAN]
     change[:SPAN], change[-SPAN:] = change[SPAN], change[-SPAN - 1]
     direction = np.where(np.abs(change) > rest_band, np.sign(change), 0.0)
+    is_one_way = abs(direction.mean()) > ONE_WAY
     if residual.std() < STEADY_SHARE * abs(residual.mean()):
         # Friction after the load has turned is an offset too, until the load turns again.
-        return 'one direction' if abs(direction.mean()) > ONE_WAY else 'offset'
+        return 'one direction' if is_one_way else 'offset'
     regressors = {'load': load, 'rate': change, 'direction': direction, 'time': time}
     strength = {
         name: abs(float(np.corrcoef(residual, values)[0, 1]))
         for name, values in regressors.items() if np.ptp(values) > 0.0}
     best = max(strength, key=lambda name: strength[name], default='unclear')
+    if is_one_way and best in ('load', 'time'):
+        return ''
     return best if strength.get(best, 0.0) > MIN_CORRELATION else 'unclear'
 
 

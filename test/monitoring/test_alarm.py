@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -245,6 +246,31 @@ def test_the_first_guess_is_what_the_residual_follows(follows, make):
     noisy = residual + 0.2 * np.random.default_rng(7).standard_normal(time.size)
     assert first_guess(noisy, load, time, BAND) == follows
     assert first_guess(noisy[:5], load[:5], time[:5], BAND) == ''
+
+
+def test_load_and_time_are_told_apart_only_when_the_load_has_turned():
+    time = np.arange(0.0, 4.0, 0.02)
+    noise = 0.2 * np.random.default_rng(7).standard_normal(time.size)
+    rising, turning = 5e4 * time, 5e4 * np.minimum(time, 4.0 - time)
+    for residual in (1e-4 * rising, 2.0 * time):
+        assert first_guess(residual + noise, rising, time, BAND) == ''
+    assert first_guess(1e-4 * turning + noise, turning, time, BAND) == 'load'
+    assert first_guess(2.0 * time + noise, turning, time, BAND) == 'time'
+
+
+def test_a_first_guess_is_judged_again_as_long_as_the_test_goes_on():
+    def rise_and_fall(time):
+        return 1e5 * np.clip(np.minimum(time - 5.0, 19.0 - time), 0.0, None)
+
+    follows = []
+    watched = monitor()
+    for one in record(seconds=17.0, load=rise_and_fall):
+        x, y, gamma = one.residual
+        friction = 4.0 * (one.stamp > 12 * 10**9)  # +2 before the load turns, -2 after it
+        watched.step(replace(one, residual=(x, y - friction, gamma)))
+        if watched.alarm is not None and watched.alarm.follows not in follows:
+            follows.append(watched.alarm.follows)
+    assert follows == ['', 'one direction', 'direction']
 
 
 def test_an_offset_under_a_load_that_moves_one_way_may_be_friction_or_a_probe():
