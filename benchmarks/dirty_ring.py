@@ -1,10 +1,11 @@
 """A dirty ring: many small errors at once, drawn, on the ring of independent_ring.py.
 
-    python benchmarks/dirty_ring.py [--seeds 1 2 ...] [--effects NAME,NAME | none]
+    python benchmarks/dirty_ring.py [--seeds 1 2 ...] [--effects NAME NAME none] [--out FILE.jsonl]
 
 Of a sound real ring nothing is exact: load cell, elevation, trunnion, probes, friction, raceways,
 structure and temperature each have a small error. One cause of the catalogue, about ten times as
-large, is hidden beside them. Printed is the verdict on each, with what it says about the rest.
+large, is hidden beside them. Each effect has one ring, of the seeds in turn; the rows are those of
+real_faults.py.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ import os
 os.environ.setdefault('SADDLERING_THREADS', '1')
 
 import argparse
-from collections import Counter
 from dataclasses import replace
+import json
 import math
 from pathlib import Path
 import tempfile
@@ -25,6 +26,7 @@ from independent import draw_ring, RIG, verdict_on
 from independent_faults import fault_of, slider_state
 from independent_ring import Array, Fault, Motion, Sliders, usual_courses
 import numpy as np
+from real_faults import answer_of, misfit, say, table
 
 FULL = RIG.full_scale_load
 MAIN = ('load_offset', 'load_nonlinearity', 'cylinder_friction', 'elevation_error', 'bracket_play',
@@ -85,39 +87,36 @@ def dirty(fault: Fault, draw: np.random.Generator) -> Fault:
         readings=(*fault.readings, readings))
 
 
-def trial(effect: str, seed: int, folder: Path, counts: Counter[str]) -> None:
-    """One dirty ring with one cause, or none, counted and printed."""
+def row_of(effect: str, seed: int, folder: Path) -> dict[str, object]:
+    """The verdict on one dirty ring with one cause, or none, as real_faults.py tables it."""
     began = clock.process_time()
     ring, noise = draw_ring(seed)
     fault = fault_of(effect, np.random.default_rng([seed, 12])).fault if effect else Fault()
     whole = dirty(fault, np.random.default_rng([seed, 13]))
     found = verdict_on(ring, noise, whole, usual_courses(RIG), seed, folder).diagnosis
-    groups = [list(cause.group) for cause in found.causes]
-    named = found.verdict in ('named', 'ambiguous')
-    right = effect in (groups[0] if groups else [])
-    kind = 'sound' if not effect else 'hidden'
-    counts[kind] += 1
-    counts[f'{kind}: {found.verdict}'] += 1
-    counts['right and established'] += named and right
-    counts['wrong name'] += named and not right
-    counts['right and first, not established'] += right and not named
-    print(f'{seed} {effect or "none"}: {found.verdict} {groups}, gain {found.gain.fit:.2f} '
-          f'{found.gain.held_out}, {clock.process_time() - began:.0f} s', flush=True)
-    for warning in found.warnings:
-        print(f'    {warning}', flush=True)
+    return {
+        'machine': 'dirty ring', 'seed': seed, 'trial': effect or 'none', 'exact': False,
+        'kind': 'hidden' if effect else 'sound', 'truth': [effect] if effect else [],
+        'misfit': misfit(found), 'seconds': clock.process_time() - began, **answer_of(found),
+    }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seeds', nargs='*', type=int, default=[1])
-    parser.add_argument('--effects', default=','.join(MAIN))
+    parser.add_argument('--effects', nargs='*', default=[*MAIN, 'none'])
+    parser.add_argument('--out', type=Path)
     args = parser.parse_args()
-    counts: Counter[str] = Counter()
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
-        for seed in args.seeds:
-            for effect in args.effects.split(','):
-                trial('' if effect == 'none' else effect, seed, Path(folder), counts)
-    print(', '.join(f'{name} {count}' for name, count in sorted(counts.items())))
+        for number, effect in enumerate(args.effects):
+            seed = args.seeds[number % len(args.seeds)]
+            rows.append(row_of('' if effect == 'none' else effect, seed, Path(folder)))
+            say(rows[-1])
+            if args.out:
+                with args.out.open('a') as file:
+                    file.write(f'{json.dumps(rows[-1])}\n')
+    table(rows)
 
 
 if __name__ == '__main__':

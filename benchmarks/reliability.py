@@ -54,12 +54,15 @@ def report(rows: Sequence[Row], picture: Path | None = None) -> None:
     ideal = np.quantile([calibration_error(chances, random.random(hits.size) < chances)
                          for _ in range(REPEATS)], [0.5, 0.975])
     surest = np.array([one[np.argmax(one[:, 0])] for one in pairs])
+    named = np.array([pair for row in rows for pair in told_and_true(row)[:len(row['groups'])]]).T
     right = np.clip(np.where(hits > 0.0, chances, 1.0 - chances), 1e-3, 1.0)
     print(f'{len(rows)} trials, {hits.size} told probabilities: Brier '
           f'{np.mean((chances - hits) ** 2):.4f}, log {-np.mean(np.log(right)):.4f}, calibration '
           f'error {calibration_error(chances, hits):.4f} (95 % of resamplings {spread[0]:.4f} to '
           f'{spread[1]:.4f}; were every probability exact: median {ideal[0]:.4f}, 97.5 % '
-          f'{ideal[1]:.4f}); of the surest answers {calibration_error(*surest.T):.4f}')
+          f'{ideal[1]:.4f}); of the surest answer of each trial '
+          f'{calibration_error(*surest.T):.4f}, of {named.shape[1]} causes alone '
+          f'{calibration_error(*named):.4f}')
     bins = diagram(chances, hits)
     for told, true, low, high, count in bins:
         print(f'told {told:.3f}, true {true:.3f} ({low:.3f} to {high:.3f}), {count:.0f}')
