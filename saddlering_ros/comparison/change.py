@@ -11,6 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.comparison.judgement import (
+    in_doubt,
+    left_between,
+    noise_power,
+    with_main_cause,
+)
 from saddlering_ros.comparison.maker import common_loads, maker_figures, MakerFigures
 from saddlering_ros.comparison.series import ChangeSeries, series_of
 from saddlering_ros.comparison.sessions import (
@@ -23,6 +29,7 @@ from saddlering_ros.comparison.sessions import (
     SETTINGS,
     TwoSessions,
 )
+from saddlering_ros.diagnosis.certificates import assumed_notes, certificate_notes
 from saddlering_ros.diagnosis.next_test import confirming, for_group, propose
 from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRecord
 from saddlering_ros.diagnosis.ring_system import RingSystem
@@ -35,7 +42,6 @@ from saddlering_ros.discrepancy import (
     observed,
     prepare,
     Problem,
-    RunBlocks,
     Settings,
     space_beside_error,
     tangent,
@@ -47,12 +53,10 @@ from saddlering_ros.identification import identify
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.quantities import finite_json
 from saddlering_ros.record import Record
-from saddlering_ros.rig import PARAMETER_NAMES, Rig
+from saddlering_ros.rig import Instruments, PARAMETER_NAMES, Rig
+from saddlering_ros.rig.instruments import difference_of, NAMES, stated_by
 
 Array = NDArray[np.float64]
-
-ESTABLISHED_SHARE, ESTABLISHED_P = 0.85, 1e-6
-"""Share of the power of the misfit, and largest p-value, of a main cause that leaves a rest."""
 
 DRAWN_DATES = 'virtual rig'
 """Bags of the virtual rig state this as their rig; their dates are drawn."""
@@ -202,7 +206,8 @@ def compare_records(
     watch.progress('contact parameters', 0.0)
     start = dict(zip(PARAMETER_NAMES, identify(
         list(before), rig, is_cancelled=is_cancelled).parameters.contact.to_array(), strict=True))
-    system = TwoSessions(RingSystem(rig), frozenset(item.run.name for item in earlier))
+    renewed, said = renewed_between(before, after)
+    system = TwoSessions(RingSystem(rig), frozenset(item.run.name for item in earlier), renewed)
     fitted = [item.run for item in (*earlier, *later)]
     found = diagnose_system(
         system, fitted, replace(SETTINGS, seed=seed),
@@ -211,7 +216,8 @@ def compare_records(
         start=start, proposals=propose(rig, [item.run for item in later]),
         on_progress=on_progress, is_cancelled=is_cancelled)
     watch.progress('limits of the later session alone', 0.95)
-    notes += [*check_set([*earlier, *later], rig), *found.warnings]
+    notes += [*said, *check_set([*earlier, *later], rig), *found.warnings,
+              *certificate_notes(rig, found.causes), *assumed_notes(rig)]
     contact = contact_of_sessions(found, system)
     left = left_between(found, system)
     found = with_main_cause(
@@ -232,82 +238,6 @@ def _by_name(
     """The sessions in order of time, by the name that their runs get."""
     numbered = {f'session {number}': records for number, records in enumerate(between, start=2)}
     return {'before': before, **numbered, 'after': after}
-
-
-def with_main_cause(found: Diagnosis, left: float) -> Diagnosis:
-    """The verdict by what differs between the sessions, `left` of it beside the causes.
-
-    A misfit that both sessions have is no change. The one cause is established if it takes nearly
-    all of the power of the difference. The rest may be a part of this cause: its share of the
-    change is an error of the size. A stand-in for a law that the catalogue lacks took at most 0.80
-    of the power of the misfit on other machines (docs/benchmarks/real_machines.md).
-    """
-    if not found.causes and found.verdict == 'unknown' and left < SETTINGS.materiality:
-        return replace(found, verdict='none', complete=True, remainder=())
-    if len(found.causes) != 1 or found.verdict == 'none':
-        return found
-    cause = found.causes[0]
-    share = 1.0 - (left / cause.visible) ** 2
-    if found.verdict == 'unknown' and (share < ESTABLISHED_SHARE or cause.p_value > ESTABLISHED_P):
-        return found
-    name, size = next(iter(cause.parameters.items()))
-    std = math.hypot(size.std, abs(size.value) * left / cause.visible)
-    widened = {**cause.parameters, name: replace(size, std=std)}
-    return replace(found, verdict='named' if len(cause.group) == 1 else 'ambiguous',
-                   causes=(replace(cause, parameters=widened, partial=False),),
-                   complete=left < SETTINGS.materiality)
-
-
-def in_doubt(found: Diagnosis) -> Diagnosis:
-    """The verdict if the sessions differ in more than the ring: no cause is established."""
-    partial = tuple(replace(cause, partial=True) for cause in found.causes)
-    return replace(found, verdict='unknown', causes=partial, complete=False)
-
-
-def left_between(found: Diagnosis, system: TwoSessions) -> float:
-    """Largest rms, as a share of range, of what differs between the sessions beside the causes.
-
-    Each run is compared with the run of the other session under the same course of the load; a
-    run without one counts whole. The noise of both is subtracted.
-    """
-    problem = found.fits.metric.problem
-    residual = found.fits.metric.without_nuisances(problem.measured - found.fits.after.prediction)
-    largest = 0.0
-    for view, weights in problem.system.views.items():
-        seen = problem.view_residuals(residual, view)
-        for run, own in zip(problem.runs, seen, strict=True):
-            other = next((number for number, one in enumerate(problem.runs)
-                          if system.session_of(one) != system.session_of(run)
-                          and _same_course(run, one)), None)
-            noise = _noise_power(found, run, weights)
-            if other is not None:
-                one = problem.runs[other]
-                own = own - np.interp(run.time - run.time[0], one.time - one.time[0], seen[other])
-                noise += _noise_power(found, one, weights)
-            power = problem.mean_square(own, run, view) - noise
-            largest = max(largest, math.sqrt(max(power, 0.0)) / problem.view_ranges[view])
-    return largest
-
-
-SAME_COURSE = 0.01
-"""Largest median difference of two loads under one course, as a share of the largest load."""
-
-
-def _same_course(run: RunBlocks, other: RunBlocks) -> bool:
-    """Whether two runs are of one elevation and have nearly the same load at every time."""
-    if run.group != other.group:
-        return False
-    first, second = run.inputs['load'], other.inputs['load']
-    along = np.interp(run.time - run.time[0], other.time - other.time[0], second)
-    return bool(np.median(np.abs(first - along)) < SAME_COURSE * np.abs(first).max())
-
-
-def _noise_power(found: Diagnosis, run: RunBlocks, weights: Array) -> float:
-    """Mean square noise of the blocks of a run in a view."""
-    metric = found.fits.metric
-    return float(sum(
-        weight**2 * np.mean(metric.noise[run.name, channel].variances(run.width))
-        for channel, weight in enumerate(weights) if weight))
 
 
 def check_sessions(
@@ -345,6 +275,22 @@ def check_sessions(
 def _differ(stated: Sequence[set[str]]) -> bool:
     """Whether both sessions state something, and not the same."""
     return bool(stated[0] and stated[1] and stated[0] != stated[1])
+
+
+def renewed_between(
+    before: Sequence[Record], after: Sequence[Record],
+) -> tuple[Instruments, list[str]]:
+    """What was calibrated between the sessions by the certificates in their bags, and a note."""
+    (first, old), (second, new) = (
+        stated_by((record.details.get('instruments', '') for record in records), name)
+        for name, records in (('before', before), ('after', after)))
+    if (first, old) == (second, new):
+        return Instruments(), []
+    renewed = difference_of(first, second)
+    names = [name for name in NAMES if name not in renewed.not_stated]
+    return renewed, [f'{", ".join(names)}: calibrated between the sessions (certificates '
+                     f'{old or "not named"}, then {new or "not named"}): a change within both '
+                     'certificates is not accused'] if names else []
 
 
 def _named(record: PreparedRecord, session: str, number: int) -> PreparedRecord:
@@ -457,7 +403,7 @@ def _seen(found: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
         seen = [problem.view_residuals(residual, view) for residual in residuals]
         for run, before, after in zip(problem.runs, *seen, strict=True):
             span = max(float(np.ptp(weights @ run.channels)), 1e-12)
-            noise = math.sqrt(_noise_power(found, run, weights))
+            noise = math.sqrt(noise_power(found, run, weights))
             answers[run.name][view] = {
                 'nrmse_before': math.sqrt(problem.mean_square(before, run, view)) / span,
                 'nrmse_after': math.sqrt(problem.mean_square(after, run, view)) / span,

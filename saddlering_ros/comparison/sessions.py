@@ -9,7 +9,7 @@ A cause that has become smaller acts in the earlier session alone.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,7 +25,7 @@ from saddlering_ros.discrepancy import (
     Settings,
 )
 from saddlering_ros.effects import catalogue
-from saddlering_ros.rig import PARAMETER_NAMES
+from saddlering_ros.rig import Instruments, PARAMETER_NAMES
 
 Array = NDArray[np.float64]
 
@@ -65,11 +65,13 @@ that the width of the prior costs one degree of freedom for each shape and no mo
 class TwoSessions:
     """The engine's `System` for two sessions of one ring.
 
-    earlier: names of the runs of the earlier session; every other run is of the later one.
+    earlier: names of the runs of the earlier session; every other run is of the later one;
+    renewed: uncertainty of the difference of each instrument that was calibrated between them.
     """
 
     ring: RingSystem
     earlier: frozenset[str]
+    renewed: Instruments = field(default_factory=Instruments)
 
     @property
     def channel_names(self) -> tuple[str, ...]:
@@ -123,12 +125,16 @@ class TwoSessions:
         Both are evaluated without causes, because they belong to the ring and not to a session.
         """
         plain = Point(point.base)
+        renewed = replace(self.ring, rig=replace(self.ring.rig, instruments=self.renewed))
         columns = []
         for run, usual in zip(runs, self.ring.nuisances(runs, plain), strict=True):
             points = [plain, *(Point(point.base, effects) for effects in self.persistent)]
             predicted = self.ring.predict_many(run, points)
             persistent = np.moveaxis(predicted[1:] - predicted[0], 0, -1)
-            columns.append(np.concatenate([usual, persistent], axis=2))
+            own = renewed.instrument_errors(run, point.base)
+            own = [change * (self.session_of(run) == LATER) for change in own]
+            columns.append(np.concatenate(
+                [usual, *(change[:, :, None] for change in own), persistent], axis=2))
         return columns
 
     @cached_property

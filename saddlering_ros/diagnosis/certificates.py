@@ -48,3 +48,11 @@ def certificate_notes(rig: Rig, causes: Iterable[Cause]) -> list[str]:
             notes.append(f'{cause.effect} is {times:.1f} times the standard uncertainty of its '
                          f'certificate ({uncertainty:g})')
     return notes
+
+
+def assumed_notes(rig: Rig) -> list[str]:
+    """What is assumed of instruments without a certificate, and how to state it."""
+    missing = rig.instruments.not_stated
+    return [] if not missing else [
+        f'no certificate states {", ".join(missing)}: they count as exact in an identification, '
+        'and a diagnosis may accuse them; give their standard uncertainties as rig.instruments']

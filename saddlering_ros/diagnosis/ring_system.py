@@ -255,7 +255,7 @@ class RingSystem:
                 np.stack(
                     [0.5 * (above - below) for above, below in sides]
                     + [CURVATURE * (0.5 * (above + below) - usual) for above, below in sides]
-                    + self._instrument_errors(run, base),
+                    + self.instrument_errors(run, base),
                     axis=-1,
                 )
             )
@@ -269,7 +269,7 @@ class RingSystem:
             start += run.channels.size
         return answer
 
-    def _instrument_errors(self, run: RunBlocks, base: Array) -> list[Array]:
+    def instrument_errors(self, run: RunBlocks, base: Array) -> list[Array]:
         """Changes (C, N) of a run by one standard uncertainty of each stated instrument."""
         errors = certified_errors(self.rig)
         points = [Point(base), *(Point(base, effects) for effects in errors)]

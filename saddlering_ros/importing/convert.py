@@ -25,7 +25,7 @@ from saddlering_ros.importing.clock import (
     TimeSource,
 )
 from saddlering_ros.importing.feed import Feed, first_stamp, Floats, Part, Piece
-from saddlering_ros.importing.mapping import ChannelMap, ImportMap
+from saddlering_ros.importing.mapping import ChannelMap, ImportMap, instruments_text
 from saddlering_ros.importing.preview import Envelope
 from saddlering_ros.importing.source import find_column, open_source, Source
 from saddlering_ros.record.metadata import TestMetadata
@@ -198,6 +198,8 @@ def _common_metadata(
         'import_sources': '; '.join(f'{source.path.name} sha256 {source.sha256}'
                                     for source in sources),
         'import_map': mapping.text}
+    stated = instruments_text(mapping.channels)
+    texts = {**texts, 'instruments': stated} if stated else texts
     return {**texts, 'rig_hash': rig.digest} if rig is not None else texts
 
 

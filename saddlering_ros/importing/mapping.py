@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, datetime
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -59,7 +60,11 @@ TO_DO = 'TODO'
 TIME_KEYS = ('column', 'unit', 'format', 'zone', 'start', 'rate', 'from')
 CHANNEL_KEYS = ('column', 'unit', 'scale', 'scale_unit', 'offset', 'table', 'table_unit',
                 'polynomial', 'polynomial_unit', 'polarity', 'delay', 'range', 'piston_area',
-                'rod_pressure', 'rod_area', 'time', 'file')
+                'rod_pressure', 'rod_area', 'time', 'file', 'uncertainty')
+UNCERTAINTIES = {'load': ('gain', 'offset', 'nonlinearity'),
+                 'probe': ('gain', 'nonlinearity', 'lag')}
+"""Entries of `uncertainty`: load_gain, probe_gain and so on of rig.instruments, in its units."""
+
 TEST_KEYS = ('test', 'elevation_deg', 'rig', 'run',
              *(key for key in DETAILS
                if not key.startswith(('import', 'rig_hash', 'instruments'))))
@@ -72,7 +77,8 @@ class ChannelMap:
 
     delay [s]: the reading lags the quantity by so much, its stamp is that much earlier;
     polarity: -1 turns the reading's sign before anything else; range [m] of a probe, () if not
-    given; second: column of the rod side's pressure, with areas [m2] of both sides.
+    given; second: column of the rod side's pressure, with areas [m2] of both sides; uncertainty:
+    of the calibration, by the names of UNCERTAINTIES, and its `certificate`.
     """
 
     name: str
@@ -86,6 +92,7 @@ class ChannelMap:
     range: tuple[float, ...] = ()
     second: str = ''
     areas: tuple[float, float] = (0.0, 0.0)
+    uncertainty: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -246,7 +253,39 @@ def _channel(name: str, section: Any, file: str, folder: Path) -> ChannelMap:
         file=str(section.get('file', '*')),
         delay=_number(section.get('delay', 0.0), f'{where}.delay'), polarity=polarity,
         range=_range(section.get('range'), topic, where),
-        second=str(section.get('rod_pressure', '')), areas=areas)
+        second=str(section.get('rod_pressure', '')), areas=areas,
+        uncertainty=_uncertainty(section.get('uncertainty', {}), topic, where))
+
+
+def _uncertainty(section: Any, topic: RigTopic, where: str) -> dict[str, Any]:
+    """Standard uncertainties (k = 1, SI) of a calibration, each above zero."""
+    section = _section(section, f'{where}.uncertainty')
+    file, _, name = where.partition(': ')
+    known = UNCERTAINTIES['probe' if topic.type == RANGE_TYPE else 'load']
+    refuse_unknown_keys(section, (*known, 'certificate'), f'{name}.uncertainty', file,
+                        ImportingError)
+    for key in set(section) - {'certificate'}:
+        if _number(section[key], f'{where}.uncertainty.{key}') <= 0.0:
+            raise ImportingError(f'{where}.uncertainty.{key} is {section[key]!r}: give a standard '
+                                 'uncertainty above zero')
+    return dict(section)
+
+
+def instruments_text(channels: Sequence[ChannelMap]) -> str:
+    """The uncertainties of all calibrations as `instruments` of the metadata; '' for none.
+
+    Entries are those of rig.instruments. Of the four probes the largest lag and curvature counts.
+    """
+    stated: dict[str, Any] = {}
+    for channel in channels:
+        kind = 'probe' if channel.topic.type == RANGE_TYPE else 'load'
+        for key, value in channel.uncertainty.items():
+            if key == 'certificate':
+                stated.setdefault('certificates', []).append(str(value))
+            else:
+                name = f'{kind}_{key}'
+                stated[name] = max(float(value), stated.get(name, 0.0))
+    return json.dumps(stated, sort_keys=True) if stated else ''
 
 
 def _remedy(unit: Unit, wanted: str) -> str:

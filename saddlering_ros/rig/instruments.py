@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields, replace
+import json
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from saddlering_ros.errors import refuse_unknown_keys
+from saddlering_ros.rig.certificate import from_certificate
 from saddlering_ros.rig.ros_yaml import RigError
 
 FOUR_PROBES = 'probe_gain'
@@ -44,9 +50,16 @@ class Instruments:
 
 NAMES = tuple(one.name for one in fields(Instruments))
 
+UNITS = {'load_offset': 'N', 'elevation': 'rad', 'probe_nonlinearity': '1/m', 'probe_lag': 's',
+         'clock': 's', 'clearance': 'm', 'trunnion': 'm', 'axial_span': 'm', 'radial_height': 'm'}
+"""SI units of the entries; the others are shares."""
+
 
 def instruments_from(values: Any, where: str) -> Instruments:
-    """Instruments from the section of a rig file; RigError (one line) for an entry of no use."""
+    """Instruments from the section of a rig file; RigError (one line) for an entry of no use.
+
+    An entry {certificate: FILE.xml, quantity: NAME} is read from a DCC beside the rig file.
+    """
     if not isinstance(values, dict):
         raise RigError(f'{where}: rig.instruments is not a section: give it as "instruments:" '
                        'with entries')
@@ -54,7 +67,10 @@ def instruments_from(values: Any, where: str) -> Instruments:
                         'rig.instruments', where, RigError)
     stated: dict[str, Any] = {}
     for name, value in values.items():
-        numbers = value if isinstance(value, list) else [value]
+        numbers = [
+            from_certificate(one, UNITS.get(name, '1'), Path(where).parent,
+                             f'{where}: rig.instruments.{name}') if isinstance(one, dict) else one
+            for one in (value if isinstance(value, list) else [value])]
         count = 4 if name == FOUR_PROBES and isinstance(value, list) else 1
         usable = len(numbers) == count and all(
             isinstance(one, (int, float)) and not isinstance(one, bool) and 0.0 < one < 1e9
@@ -66,3 +82,35 @@ def instruments_from(values: Any, where: str) -> Instruments:
         stated[name] = (tuple(map(float, numbers)) * (4 // count) if name == FOUR_PROBES
                         else float(numbers[0]))
     return Instruments(**stated)
+
+
+def stated_by(texts: Iterable[str], where: str) -> tuple[Instruments, str]:
+    """Instruments that bags state in their `instruments`, and the names of the certificates.
+
+    Where bags differ the larger uncertainty counts.
+    """
+    stated: dict[str, Any] = {}
+    certificates: set[str] = set()
+    for text in filter(None, texts):
+        try:
+            values = json.loads(text)
+            certificates.update(values.pop('certificates', []))
+        except (ValueError, AttributeError, TypeError) as problem:
+            raise RigError(f'{where}: instruments of the metadata is {text[:40]!r}: give it as '
+                           'saddlering import writes it') from problem
+        for name, value in asdict(instruments_from(values, where)).items():
+            if value is not None:
+                stated[name] = max(stated.get(name, value), value)
+    return Instruments(**stated), ', '.join(sorted(certificates))
+
+
+def completed(own: Instruments, other: Instruments) -> Instruments:
+    """The same with the entries of the other where it has none."""
+    return replace(own, **{name: getattr(other, name) for name in own.not_stated})
+
+
+def difference_of(first: Instruments, second: Instruments) -> Instruments:
+    """Standard uncertainty of the difference of two calibrations, where both are stated."""
+    both = {name: np.hypot(getattr(first, name), getattr(second, name)).tolist() for name in NAMES
+            if None not in (getattr(first, name), getattr(second, name))}
+    return Instruments(**both)

@@ -9,12 +9,8 @@ import pytest
 from sessions_made import dirt, RIG, session, with_size
 
 from saddlering_ros.comparison import compare_records, ComparisonError
-from saddlering_ros.comparison.change import (
-    check_sessions,
-    in_doubt,
-    left_between,
-    with_main_cause,
-)
+from saddlering_ros.comparison.change import check_sessions, renewed_between
+from saddlering_ros.comparison.judgement import in_doubt, left_between, with_main_cause
 from saddlering_ros.comparison.maker import common_loads, maker_figures
 from saddlering_ros.comparison.page import change_text, write_change_page
 from saddlering_ros.comparison.series import ChangeSeries, Evidence
@@ -29,6 +25,7 @@ from saddlering_ros.comparison.sessions import (
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.errors import BagError
+from saddlering_ros.rig import Instruments, TRUE_TO_SCALE
 
 
 @pytest.fixture(scope='module')
@@ -121,6 +118,28 @@ def test_a_misfit_that_both_sessions_have_is_no_change(grown):
     both = replace(grown.diagnosis, fits=replace(
         fits, metric=replace(fits.metric, problem=shifted)))
     assert left_between(both, system) < 2e-3
+
+
+def test_an_instrument_calibrated_between_the_sessions_may_differ_by_both_certificates(
+        before, grown):
+    def stating(name):
+        text = f'{{"load_gain": 0.001, "certificates": ["{name}"]}}'
+        return [replace(record, details={'instruments': text}) for record in before]
+    assert renewed_between(stating('A'), stating('A')) == (Instruments(), [])
+    renewed, (note,) = renewed_between(stating('A'), stating('B'))
+    assert renewed.load_gain == pytest.approx(1e-3 * np.sqrt(2.0))
+    assert 'load_gain' in note
+    assert 'certificates A, then B' in note
+    runs = [grown.before[0].run, grown.after[0].run]
+    ring, earlier = RingSystem(RIG), frozenset([runs[0].name])
+    point = Point(TRUE_TO_SCALE.to_array())
+    plain = TwoSessions(ring, earlier).nuisances(runs, point)
+    both = TwoSessions(ring, earlier, renewed).nuisances(runs, point)
+    place = plain[0].shape[2] - len(TwoSessions(ring, earlier).persistent)
+    assert not both[0][:, :, place].any()
+    assert np.abs(both[1][:, :, place]).max() > 1e-8
+    for own, more in zip(plain, both, strict=True):
+        assert np.allclose(np.delete(more, place, axis=2), own)
 
 
 def test_a_cause_acts_in_its_own_session_only():

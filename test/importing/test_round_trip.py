@@ -11,6 +11,7 @@ import pytest
 
 from saddlering_ros.bags import read_raw
 from saddlering_ros.importing import import_files, ImportResult, open_sources, read_map
+from saddlering_ros.rig.instruments import stated_by
 
 
 def imported(tmp_path: Path, file: Path, text: str, **options: object) -> ImportResult:
@@ -50,9 +51,12 @@ def test_plain_records_of_mdf4_read_as_zipped_ones(tmp_path: Path) -> None:
 def test_what_the_map_says_of_the_test_and_where_it_came_from_is_in_the_bag(
         tmp_path: Path) -> None:
     file, write = tmp_path / 'a.csv', WRITERS['CSV'][1]
-    text = map_text(write(file, make_record()))
+    text = map_text(write(file, make_record())).replace(
+        'unit: N}', 'unit: N, uncertainty: {gain: 0.001, certificate: K-4711}}')
     imported(tmp_path, file, text)
     found = read_raw(tmp_path / 'bag').facts
+    stated, certificates = stated_by([found.details['instruments']], 'bag')
+    assert (stated.load_gain, certificates) == (0.001, 'K-4711')
     (source,) = open_sources([file])
     assert (found.test, found.elevation_deg, found.rig) == ('dynamic', 50.0, 'SR-017')
     assert found.details['operator'] == 'J. Doe'

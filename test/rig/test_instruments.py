@@ -10,7 +10,13 @@ import pytest
 from saddlering_ros.diagnosis.certificates import certified_errors as errors_of_diagnosis
 from saddlering_ros.identification.imperfections import certified_errors
 from saddlering_ros.rig import default_rig, Instruments, RigError
-from saddlering_ros.rig.instruments import instruments_from, NAMES
+from saddlering_ros.rig.instruments import (
+    completed,
+    difference_of,
+    instruments_from,
+    NAMES,
+    stated_by,
+)
 
 RIG = default_rig()
 STATED = dict.fromkeys(NAMES, 0.001)
@@ -68,3 +74,70 @@ def test_the_gain_of_a_probe_is_that_of_its_own_reading(number):
     assert change[number - 1] == pytest.approx(0.5 * own if pair else own)
     others = [index for index in range(4) if index + 1 not in (number, pair)]
     assert change[others] == pytest.approx([0.0] * len(others), abs=1e-18)
+
+
+def certificate(folder, quantity, before=''):
+    """A DCC with one quantity, in the elements of PTB's schema."""
+    path = folder / 'cell.xml'
+    path.write_text(
+        f'<?xml version="1.0"?>{before}<dcc:digitalCalibrationCertificate '
+        'xmlns:dcc="https://ptb.de/dcc" xmlns:si="https://ptb.de/si"><dcc:data>'
+        '<dcc:quantity refType="force_sensitivity basic_measuredValue"><dcc:name>'
+        f'<dcc:content lang="en">sensitivity</dcc:content></dcc:name>{quantity}</dcc:quantity>'
+        '</dcc:data></dcc:digitalCalibrationCertificate>')
+    return path
+
+
+def expanded(value, unit, uncertainty, factor):
+    return (f'<si:real><si:value>{value}</si:value><si:unit>{unit}</si:unit>'
+            '<si:measurementUncertaintyUnivariate><si:expandedMU>'
+            f'<si:valueExpandedMU>{uncertainty}</si:valueExpandedMU>'
+            f'<si:coverageFactor>{factor}</si:coverageFactor>'
+            '</si:expandedMU></si:measurementUncertaintyUnivariate></si:real>')
+
+
+LIST = ('<si:realListXMLList><si:valueXMLList>100 200</si:valueXMLList>'
+        '<si:unitXMLList>\\newton</si:unitXMLList><si:expandedUncXMLList>'
+        '<si:uncertaintyXMLList>0.2 0.2</si:uncertaintyXMLList>'
+        '<si:coverageFactorXMLList>2</si:coverageFactorXMLList></si:expandedUncXMLList>'
+        '</si:realListXMLList>')
+
+
+@pytest.mark.parametrize(('name', 'quantity', 'wanted'), [
+    ('load_gain', expanded(2.0, r'\volt\per\volt', 0.002, 2), 5e-4),
+    ('load_gain', expanded(0.01, r'\percent', 0.1, 2), 5e-4),
+    ('load_gain', LIST, 1e-3), ('load_offset', LIST, 0.1),
+    ('clearance', expanded(40.0, r'\micro\metre', 1.0, 2.0), 5e-7),
+    ('elevation', expanded(50.0, r'\degree', 0.02, 2.0), np.radians(0.01))])
+def test_an_entry_is_read_from_a_digital_calibration_certificate(tmp_path, name, quantity, wanted):
+    certificate(tmp_path, quantity)
+    for called in ('force_sensitivity', 'sensitivity'):
+        entry = {name: {'certificate': 'cell.xml', 'quantity': called}}
+        stated = instruments_from(entry, str(tmp_path / 'rig.yaml'))
+        assert getattr(stated, name) == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize(('before', 'quantity', 'called', 'said'), [
+    ('', expanded(1.0, r'\metre', 0.1, 2), 'gain', 'one of basic_measuredValue, force_sens'),
+    ('', expanded(1.0, r'\metre', 0.1, 2), 'sensitivity', 'is in m, and N is needed'),
+    ('', expanded(1.0, r'\newton', 'x', 2), 'sensitivity', 'no number'),
+    ('', expanded(1.0, r'\newton', 0.0, 2), 'sensitivity', 'above zero'),
+    ('', '<si:real>', 'sensitivity', 'cannot be read as XML'),
+    ('<!DOCTYPE a [<!ENTITY b "c">]>', '&b;', 'sensitivity', 'document type')])
+def test_a_certificate_of_no_use_is_refused_in_one_line(tmp_path, before, quantity, called, said):
+    certificate(tmp_path, quantity, before)
+    with pytest.raises(RigError, match=said) as refusal:
+        instruments_from({'load_offset': {'certificate': 'cell.xml', 'quantity': called}},
+                         str(tmp_path / 'rig.yaml'))
+    assert '\n' not in str(refusal.value)
+
+
+def test_what_bags_state_completes_a_rig_file_and_two_calibrations_differ_by_both():
+    stated, names = stated_by(['', '{"load_gain": 0.003, "certificates": ["A"]}'], 'bags')
+    rig_file = Instruments(load_offset=10.0, load_gain=1e-3)
+    assert completed(rig_file, stated).load_gain == 1e-3
+    assert completed(Instruments(load_offset=10.0), stated).load_gain == 3e-3
+    assert names == 'A'
+    assert difference_of(stated, Instruments(load_gain=4e-3)) == Instruments(load_gain=5e-3)
+    with pytest.raises(RigError, match='as saddlering import writes it'):
+        stated_by(['{'], 'bags')
