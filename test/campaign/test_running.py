@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 import json
 import os
@@ -22,7 +23,7 @@ from saddlering_ros.campaign import (
     run_campaign,
     Store,
 )
-from saddlering_ros.campaign.running import local_workers
+from saddlering_ros.campaign.running import local_workers, Workers
 from saddlering_ros.campaign.tables import write_tables
 
 HERE = Path(__file__).resolve().parent
@@ -220,6 +221,32 @@ def test_a_worker_with_other_effects_than_the_campaign_gives_no_verdict(
     with local_workers(1) as workers:
         run_campaign(found, store, workers)
     assert {store.read_result(task.key)['kind'] for task in found} == {'changed'}
+
+
+class Mortal(Executor):
+    """Workers that die in their first tasks, as a Dask worker under the memory killer."""
+
+    def __init__(self, deaths):
+        self.deaths = deaths
+
+    def submit(self, function, *arguments):
+        future = Future()
+        self.deaths -= 1
+        if self.deaths >= 0:
+            future.set_exception(ConnectionError('the worker died'))
+        else:
+            future.set_result(function(*arguments))
+        return future
+
+
+@pytest.mark.parametrize(('deaths', 'kind'), [(2, None), (3, 'worker')])
+def test_a_session_whose_workers_die_is_given_again_and_then_a_failure(tmp_path, deaths, kind):
+    write_bag(tmp_path / 'works', 'SR-1', 'static_50')
+    store = Store(tmp_path / 'store')
+    found = tasks(tmp_path / 'works')
+    count = run_campaign(found, store, Workers(Mortal(deaths), 1))
+    assert (count.done, count.faults) == (1, int(bool(kind)))
+    assert store.read_result(found[0].key).get('kind') == kind
 
 
 def test_a_worker_of_another_version_gives_no_verdict(works, tmp_path):

@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Callable
 import math
+import os
 from pathlib import Path
 import shutil
+import signal
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import rclpy
 
 from saddlering_interfaces.action import IdentifyRing
+from saddlering_ros.cli.main import main as saddlering
 from saddlering_ros.files import share_directory
-from saddlering_ros.jobs.action_server import ActionNode
+from saddlering_ros.jobs.action_server import ActionNode, serve
+from saddlering_ros.nodes.ring_diagnosis import RingDiagnosisNode
+from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
 from saddlering_ros.nodes.ring_identification import settings_of
 from saddlering_ros.ros.diagnostics import OK, SourcesTask, WARN
 from saddlering_ros.ros.launcher import local_discovery
 from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import bag_below, NodeParameter
+from saddlering_ros.ros.streaming_node import run_streaming
 
 SOURCE = Path(__file__).resolve().parents[2] / 'saddlering_ros'
 
@@ -122,3 +131,24 @@ def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(
     assert local_discovery() == {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
     assert local_discovery() == {}
+
+
+@pytest.mark.parametrize('start', [
+    lambda _: run_streaming(RingDisplacementNode, []), lambda _: serve(RingDiagnosisNode, []),
+    lambda folder: saddlering(['record', str(folder / 'bag'), '--duration', '1']),
+    lambda _: saddlering(['check-driver']), lambda _: saddlering(['live', '--port', '0'])],
+    ids=['node', 'server', 'record', 'check-driver', 'live'])
+def test_every_program_limits_its_discovery_before_it_joins_a_domain(
+        start: Callable[[Path], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ranges = []
+
+    def joined(*_: Any, **__: Any) -> None:
+        ranges.append(os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE'))
+        raise KeyboardInterrupt
+
+    for name in ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY'):
+        monkeypatch.setenv(name, '')
+    monkeypatch.setattr(rclpy, 'init', joined)
+    monkeypatch.setattr(signal, 'signal', lambda *_: None)
+    start(tmp_path)
+    assert ranges == ['LOCALHOST']

@@ -97,7 +97,7 @@ def test_a_static_test_of_a_sound_rig_is_not_called_wrong(
         assert lines(found) == [], seed
 
 
-@pytest.mark.parametrize(('true', 'stated'), [(30.0, 50.0), (50.0, 70.0)])
+@pytest.mark.parametrize(('true', 'stated'), [(30.0, 50.0), (50.0, 30.0), (50.0, 70.0)])
 def test_an_elevation_that_is_wrong_by_20_deg_is_found(
         true: float, stated: float, tmp_path: Path) -> None:
     for seed in (2, 4, 7):
