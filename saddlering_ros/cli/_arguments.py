@@ -48,6 +48,12 @@ class OneLineParser(argparse.ArgumentParser):
                          + did_you_mean(unknown[0].partition('=')[0], parser.options()))
         return parsed
 
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        """The value of an argument; argparse makes an empty list of `--name=--`."""
+        if arg_strings == ['--'] and action.option_strings:
+            raise argparse.ArgumentError(action, "invalid value: '--'")
+        return super()._get_values(action, arg_strings)
+
     def options(self) -> list[str]:
         """The long options of this parser."""
         return [text for action in self._actions for text in action.option_strings

@@ -50,7 +50,7 @@ def test_unusable_input_is_one_line_and_status_2(capsys):
     'diagnose bag --seed 1_0', 'generate out --test static --elevation 50 --set K1=1_0e8',
     'generate out --test static --elevation 50 --effect radial_friction=1_000',
     'identify bag --bounds n1=1_1:2', 'rig --draft x.yaml --set preload=1_0',
-    'plan --test static:5_0'])
+    'plan --test static:5_0', 'info bag --elevation=--', 'displacement bag --elevation=--'])
 def test_a_number_in_other_than_decimal_digits_is_refused(words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     try:
