@@ -428,16 +428,17 @@ def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> 
     change[SPAN:-SPAN] = load[2 * SPAN:] - load[:-2 * SPAN]
     change[:SPAN], change[-SPAN:] = change[SPAN], change[-SPAN - 1]
     direction = np.where(np.abs(change) > rest_band, np.sign(change), 0.0)
-    is_one_way = abs(direction.mean()) > ONE_WAY
     if residual.std() < STEADY_SHARE * abs(residual.mean()):
-        # Friction after the load has turned is an offset too, until the load turns again.
-        return 'one direction' if is_one_way else 'offset'
+        # Friction after the load has turned is an offset too, until the load turns again; a rest
+        # of the load changes nothing.
+        moving = direction[direction != 0.0]
+        return 'one direction' if moving.size and abs(moving.mean()) > ONE_WAY else 'offset'
     regressors = {'load': load, 'rate': change, 'direction': direction, 'time': time}
     strength = {
         name: abs(float(np.corrcoef(residual, values)[0, 1]))
         for name, values in regressors.items() if np.ptp(values) > 0.0}
     best = max(strength, key=lambda name: strength[name], default='unclear')
-    if is_one_way and best in ('load', 'time'):
+    if abs(direction.mean()) > ONE_WAY and best in ('load', 'time'):
         return ''
     return best if strength.get(best, 0.0) > MIN_CORRELATION else 'unclear'
 

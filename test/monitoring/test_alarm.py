@@ -277,6 +277,7 @@ def test_an_offset_under_a_load_that_moves_one_way_may_be_friction_or_a_probe():
     time = np.arange(0.0, 4.0, 0.02)
     noisy = 9.0 + 0.2 * np.random.default_rng(7).standard_normal(time.size)
     assert first_guess(noisy, 2e5 - 4e4 * time, time, BAND) == 'one direction'
+    assert first_guess(noisy, np.maximum(2e5 - 8e4 * time, 0.0), time, BAND) == 'one direction'
     assert first_guess(noisy, np.full(time.size, 2e5), time, BAND) == 'offset'
 
 
