@@ -287,10 +287,8 @@ class Watcher:
                 self._poll()
             if now - reported >= REPORT and self._replay is not None:
                 reported = now
-                self._progress.publish(progress_of(
-                    f'{LIVE_PAGE}_{os.getpid()}',
-                    [flow for flow in (*self._streams.values(), *self._sensors.values())
-                     if flow.reliable], []))
+                self._report([flow for flow in (*self._streams.values(), *self._sensors.values())
+                              if flow.reliable])
             if now - reviewed >= REVIEW:
                 reviewed = now
                 for subscription in (*self._streams.values(), *self._sensors.values()):
@@ -298,6 +296,13 @@ class Watcher:
                 with self.lock:
                     self._band = self._band_of_residual()
                     self._look_at_sound_ring()
+
+        if self._replay is not None and self.context.ok():
+            self._report([])  # the page leaves: nobody waits for it
+
+    def _report(self, flows: list[RawSubscription]) -> None:
+        """Report to a replay what has arrived."""
+        self._progress.publish(progress_of(f'{LIVE_PAGE}_{os.getpid()}', flows, []))
 
     def _poll(self) -> None:
         for name, subscription in self._streams.items():

@@ -211,8 +211,9 @@ def progress_of(node: str, subscriptions: list[RawSubscription], publishers: lis
 
 
 MAX_SPECTATORS = 8
-SPECTATOR_LEASE = 2.0
-"""A spectator that has not reported for so long [s] is gone."""
+SPECTATOR_LEASE = 10.0
+"""A spectator that has not reported for so long [s] is gone; one that leaves says so. A busy
+machine has kept a page from reporting for several seconds while a browser loaded it."""
 
 
 class LockstepGroup:

@@ -26,7 +26,7 @@ def test_a_wrong_model_alarms_and_a_generous_materiality_does_not(parameters, ca
     assert found['alarm']['channel'] in ('delta_x', 'delta_y', 'gamma')
     assert found['alarm']['since_ns'] < found['alarm']['stamp_ns']
     assert 0.0 < found['alarm']['since'] < found['alarm']['time'] < 4.4
-    assert any('s of rest' in note for note in found['notes'])
+    assert found['notes'] == []  # the shipped bag rests long enough for the noise to be known
     assert main(['watch', BAG, BAG, '--params', parameters, '--materiality', '100']) == 0
     said = [line for line in capsys.readouterr().out.splitlines() if line.startswith('/')]
     assert len(said) == 2

@@ -266,6 +266,7 @@ def test_alarm_and_progress_are_shown_canceled_by_a_click_and_a_verdict_comes(ro
             assert 'zero renewed' in page.text('#alarm')
             servers.alarm(state=RingAlarm.ALARM, channel='delta_x', follows='time',
                           first_guess='drift')
+            page.wait('document.querySelector("#alarm").innerText.includes("drift")')
             servers.alarm(state=RingAlarm.ALARM, channel='delta_x', follows='load',
                           first_guess='stiffness')
             page.wait('document.querySelector("#alarm s")?.innerText === "drift"')

@@ -216,26 +216,31 @@ function readColours() {
   }
 }
 
-async function draw() {
+async function redraw() {
+  stale = false;
+  readColours();
+  const isFirst = !figure.data;
+  await Plotly.react(figure, traces(), layout(), SETTINGS);
+  if (isFirst) follow();
+  for (const button of document.querySelectorAll('.modebar-btn')) {
+    button.tabIndex = 0;
+    button.setAttribute('role', 'button');
+    button.setAttribute('aria-label', button.dataset.title);
+  }
+  document.body.dataset.points = figure.data[0].x.length;
+  document.getElementById('back').hidden = !span && !earlier;
+  readOut();
+}
+
+// Draw when there is news; at once after an action of the user.
+async function draw(isAsked = false) {
   let took = 0;
-  if (stale && !document.hidden && window.Plotly) {
-    stale = false;
+  if ((stale || isAsked) && !document.hidden && window.Plotly) {
     const began = performance.now();
-    readColours();
-    const isFirst = !figure.data;
-    await Plotly.react(figure, traces(), layout(), SETTINGS);
-    if (isFirst) follow();
-    for (const button of document.querySelectorAll('.modebar-btn')) {
-      button.tabIndex = 0;
-      button.setAttribute('role', 'button');
-      button.setAttribute('aria-label', button.dataset.title);
-    }
-    document.body.dataset.points = figure.data[0].x.length;
-    document.getElementById('back').hidden = !span && !earlier;
-    readOut();
+    await redraw();
     took = performance.now() - began;
   }
-  setTimeout(draw, Math.min(Math.max(REDRAW[0], 3 * took), REDRAW[1]));
+  if (!isAsked) setTimeout(draw, Math.min(Math.max(REDRAW[0], 3 * took), REDRAW[1]));
 }
 
 // Follow what is done in the figure: a pointed value is the cursor, a zoomed time the span.
@@ -249,7 +254,7 @@ function follow() {
       if (!axis) continue;
       span = axis[2] === 'autorange' ? null : Array.isArray(value) ? [...value]
         : [value, change[`xaxis${axis[1]}.range[1]`]];
-      stale = true;
+      draw(true);
       return;
     }
   });
@@ -279,8 +284,8 @@ function readOut() {
 function returnToNow() {
   earlier = span = cursor = null;
   revision += 1;
-  stale = true;
   showTests();
+  draw(true);
 }
 
 async function lookAt(number) {
@@ -290,13 +295,14 @@ async function lookAt(number) {
   returnToNow();
   earlier = { ...add(found, newCurves()), number };
   showTests();
+  draw(true);
 }
 
 function zoom(factor) {
   const [from, to] = shownTime() ?? figure.layout.xaxis4.range;
   const middle = cursor === null ? (from + to) / 2 : timeOf(cursor);
   span = [middle - factor * (middle - from), middle + factor * (to - middle)];
-  stale = true;
+  draw(true);
 }
 
 const KEYS = { ArrowLeft: -1, ArrowRight: 1 };
@@ -321,6 +327,7 @@ figure.addEventListener('keydown', (event) => {
 });
 
 async function savePicture() {
+  await redraw();
   const title = document.getElementById('shown').textContent;
   await Plotly.downloadImage({ data: figure.data, layout: { ...figure.layout,
     height: figure.layout.height + 40, margin: { l: 0, r: 0, t: 40, b: 0 },
