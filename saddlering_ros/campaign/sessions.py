@@ -62,7 +62,8 @@ class Session:
     """Tests of one ring that are judged together.
 
     time [s since 1970] of the first test, None if unknown; maintenance: whether the ring was
-    serviced since the session before.
+    serviced since the session before; is_base: whether it is a base measurement, with which the
+    later sessions of the ring are compared.
     """
 
     name: str
@@ -72,6 +73,7 @@ class Session:
     members: tuple[Member, ...]
     service_hours: float | None = None
     maintenance: bool = False
+    is_base: bool = False
 
     @property
     def date(self) -> str:
@@ -93,6 +95,15 @@ class Session:
         if not self.of_role(FIT):
             return f'{self.name}: no bag is left to fit: change a role in the manifest'
         return ''
+
+
+def base_of(session: Session, sessions: Sequence[Session]) -> Session | None:
+    """The last base measurement of the ring before a session that is none itself."""
+    earlier = [other for other in sessions if other.is_base and other.ring == session.ring
+               and None not in (other.time, session.time) and not other.problem
+               and (other.time or 0.0) < (session.time or 0.0)]
+    return None if session.is_base else max(
+        earlier, key=lambda other: other.time or 0.0, default=None)
 
 
 def group_sessions(bags: Sequence[FoundBag], grouping: Grouping | None = None) -> list[Session]:
@@ -144,10 +155,10 @@ def _session(ring: str, bench: str, members: list[Member], grouping: Grouping) -
     if bench == 'unreadable':
         ring, bench = first.ring, ''
     hours = [item.bag.service_hours for item in members if item.bag.service_hours is not None]
-    serviced = any(item.bag.fact('maintenance').lower() in ('1', 'true', 'yes')
-                   for item in members)
+    serviced, is_base = (any(item.bag.fact(name).lower() in YES for item in members)
+                         for name in ('maintenance', 'base'))
     session = Session('', ring, bench, first.time, tuple(members), min(hours, default=None),
-                      serviced)
+                      serviced, is_base)
     return replace(session, name=f'{ring} {session.date}'.strip())
 
 
@@ -307,7 +318,7 @@ def _time_of(metadata: dict[str, str], start: int | None) -> float | None:
 
 COLUMNS = (
     'bag', 'session', 'ring', 'bench', 'date', 'test', 'elevation_deg', 'role', 'service_hours',
-    'maintenance', 'note', 'sha256',
+    'maintenance', 'base', 'note', 'sha256',
 )
 YES = ('1', 'true', 'yes')
 
@@ -336,6 +347,7 @@ def manifest_rows(sessions: Sequence[Session]) -> list[dict[str, str]]:
             'role': member.role,
             'service_hours': '' if session.service_hours is None else f'{session.service_hours:g}',
             'maintenance': 'yes' if session.maintenance else '',
+            'base': 'yes' if session.is_base else '',
             'note': member.bag.problem or member.note, 'sha256': member.bag.sha256,
         }
         for session in sessions for member in session.members
@@ -405,7 +417,7 @@ def _session_of_lines(path: Path, name: str, lines: list[tuple[Member, ManifestL
     return Session(
         name, first['ring'] or members[0].bag.ring, first['bench'] or members[0].bag.bench, time,
         members, _hours(path, first['service_hours']),
-        any(line['maintenance'].lower() in YES for _, line in lines))
+        *(any(line[name].lower() in YES for _, line in lines) for name in ('maintenance', 'base')))
 
 
 def _hours(path: Path, text: str) -> float | None:

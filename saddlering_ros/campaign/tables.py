@@ -38,6 +38,7 @@ VERDICTS = pyarrow.schema([
     *_SESSION, ('maintenance', pyarrow.bool_()), ('status', _TEXT), ('kind', _TEXT),
     ('reason', _TEXT), ('verdict', _TEXT), ('causes', pyarrow.list_(_CAUSE)),
     ('p_value', _NUMBER), ('misfit_reduction', _NUMBER), ('misfit_reduction_held_out', _NUMBER),
+    ('change', _TEXT), ('change_headline', _TEXT), ('change_causes', pyarrow.list_(_CAUSE)),
     ('next_test', _TEXT), ('report', _TEXT), ('bags', pyarrow.list_(_TEXT)),
     ('bag_sha256', pyarrow.list_(_TEXT)), ('rig_file', _TEXT), ('rig_sha256', _TEXT),
     ('code', _TEXT), ('seed', pyarrow.int64()), ('seconds', _NUMBER),
@@ -82,12 +83,15 @@ def verdict_rows(task: SessionTask, result: Mapping[str, Any]) -> Rows:
     document = result.get('verdict') or {}
     causes = document.get('causes', [])
     gain = document.get('gain') or {}
+    change = result.get('change') or {}
     return [{
         **_session(task), 'maintenance': task.maintenance, 'status': result['status'],
         'kind': result.get('kind'), 'reason': result.get('reason'),
         'verdict': document.get('verdict'), 'causes': [_cause(item) for item in causes],
         'p_value': p_value_of(document) if document else None,
         'misfit_reduction': gain.get('fit'), 'misfit_reduction_held_out': gain.get('held_out'),
+        'change': change.get('verdict'), 'change_headline': change.get('headline'),
+        'change_causes': [_cause(item) for item in change.get('causes', [])],
         'next_test': document.get('next_test'), 'report': result.get('report') or None,
         'bags': [bag.path for bag in task.bags],
         'bag_sha256': [bag.sha256 for bag in task.bags],

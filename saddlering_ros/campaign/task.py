@@ -18,10 +18,13 @@ from typing import Any
 
 from saddlering_ros.api.inputs import origins
 from saddlering_ros.bags.folder import open_directory
-from saddlering_ros.campaign.sessions import FIT, HOLD_OUT, Session
+from saddlering_ros.campaign.sessions import base_of, FIT, HOLD_OUT, Session
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import sha256_of_file, versions_in_use
 from saddlering_ros.progress import OnProgress
+
+BASE = 'base'
+"""Role of a bag of the base measurement with which a session is compared."""
 
 VERDICT = 'saddlering_ros.campaign.task:session_verdict'
 """The function that judges a session; benchmarks and tests put another in its place."""
@@ -104,6 +107,10 @@ def tasks_of(
         bags = tuple(
             TaskBag(str(bag.path.resolve()), bag.sha256, role)
             for role in (FIT, HOLD_OUT) for bag in session.of_role(role))
+        base = base_of(session, sessions)
+        if base is not None:
+            bags += tuple(TaskBag(str(bag.path.resolve()), bag.sha256, BASE)
+                          for bag in base.of_role(FIT))
         key = _key(bags, rig_sha256, effects, compute, session)
         tasks.setdefault(key, SessionTask(
             key=key, name=session.name, ring=session.ring, bench=session.bench, time=session.time,
@@ -218,4 +225,17 @@ def session_verdict(task: SessionTask) -> dict[str, Any]:
         'verdict': result.document,
         'covariance': None if covariance is None else covariance.tolist(),
         'report': report,
+        'change': None if not bags[BASE] else change_since(
+            task, bags[BASE], [*bags[FIT], *bags[HOLD_OUT]]),
     }
+
+
+def change_since(task: SessionTask, base: Sequence[str], bags: Sequence[str]) -> dict[str, Any]:
+    """The verdict on the change since the base measurement; a refusal does not end the session."""
+    from saddlering_ros import compare, load_rig
+
+    try:
+        found = compare(base, bags, rig=load_rig(task.rig or None), seed=task.seed)
+    except SaddleringError as problem:
+        return {'verdict': None, 'headline': ' '.join(str(problem).split()), 'causes': []}
+    return found.change.to_json()

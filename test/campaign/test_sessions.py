@@ -18,6 +18,7 @@ from saddlering_ros.campaign import (
     tasks_of,
     write_manifest,
 )
+from saddlering_ros.campaign.task import change_since
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
 
@@ -118,3 +119,28 @@ def test_a_key_follows_contents_and_roles_but_not_places(works, tmp_path):
     (moved / 'SR-1/static_50/static_50_0.mcap').write_text('other readings')
     changed = {task.key for task in tasks_of(group_sessions(find_bags(moved)))}
     assert len(changed - before) == 1
+
+
+def test_later_sessions_of_a_ring_are_compared_with_its_last_base_measurement(tmp_path):
+    for date, base in (('2031-01-01', 'yes'), ('2032-01-01', ''), ('2033-01-01', 'yes'),
+                       ('2034-01-01', '')):
+        write_bag(tmp_path / date, 'SR-9', 'static_50', date=date, base=base)
+    write_bag(tmp_path / 'other', 'SR-8', 'static_50', date='2034-01-01')
+    sessions = group_sessions(find_bags(tmp_path))
+    compared = {task.name: [bag.path for bag in task.bags if bag.role == 'base']
+                for task in tasks_of(sessions)}
+    assert {name: len(paths) for name, paths in compared.items()} == {
+        'SR-8 2034-01-01': 0, 'SR-9 2031-01-01': 0, 'SR-9 2032-01-01': 1, 'SR-9 2033-01-01': 0,
+        'SR-9 2034-01-01': 1}
+    assert '2033-01-01' in compared['SR-9 2034-01-01'][0]
+    write_manifest(tmp_path, sessions)
+    again = read_manifest(tmp_path / 'manifest.csv', find_bags(tmp_path))
+    assert [item.is_base for item in again] == [item.is_base for item in sessions]
+
+
+def test_a_comparison_that_is_refused_does_not_end_the_session(works):
+    task = tasks_of(group_sessions(find_bags(works)))[0]
+    path = str(BAGS / 'static_50')
+    change = change_since(task, [path], [path])
+    assert change['verdict'] is None
+    assert 'same recording' in change['headline']
