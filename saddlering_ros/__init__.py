@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     )
     from saddlering_ros.errors import Cancelled, SaddleringError
     from saddlering_ros.identification import IdentificationSettings, SwarmSettings
-    from saddlering_ros.progress import Progress
+    from saddlering_ros.progress import Progress, show_progress
     from saddlering_ros.rig import load_rig, ParameterSet, read_parameters, Rig
 
 __version__ = '0.1.0'
@@ -29,6 +29,7 @@ _PLACES = {
     'simulate': 'api.curves', 'IdentificationSettings': 'identification',
     'SwarmSettings': 'identification',
     'Bag': 'api.inputs', 'read_bag': 'api.inputs', 'Progress': 'progress',
+    'show_progress': 'progress',
     'DiagnosisResult': 'api.results', 'IdentificationResult': 'api.results',
     'ValidationResult': 'api.results', 'Cancelled': 'errors', 'SaddleringError': 'errors',
     'load_rig': 'rig', 'ParameterSet': 'rig', 'read_parameters': 'rig', 'Rig': 'rig',
@@ -41,7 +42,7 @@ __all__ = [
     'IdentificationResult', 'IdentificationSettings', 'ParameterSet', 'Progress', 'Rig',
     'SaddleringError', 'SwarmSettings', 'ValidationResult', '__version__', 'compare',
     'diagnose', 'displacement', 'identify', 'load_rig', 'read_bag', 'read_parameters',
-    'residual', 'simulate', 'validate',
+    'residual', 'show_progress', 'simulate', 'validate',
 ]
 
 def names_on_first_use(package: str, places: Mapping[str, str]) -> Callable[[str], Any]:

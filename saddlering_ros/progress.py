@@ -14,7 +14,7 @@ from saddlering_ros.errors import Cancelled
 
 __all__ = [
     'Cancelled', 'IsCancelled', 'OnProgress', 'Progress', 'SearchStep', 'Watch', 'check',
-    'one_blas_thread',
+    'one_blas_thread', 'show_progress',
 ]
 
 
@@ -52,6 +52,13 @@ class Progress:
     def words(self) -> str:
         """The present step as a phrase: 'refinement', 'read static_50'."""
         return f'{self.task} {self.stage}' if self.task in ('read', 'validate') else self.stage
+
+
+def show_progress(report: Progress) -> None:
+    """Show progress as one line of a notebook or a terminal: `on_progress=show_progress`."""
+    done = round(20 * min(max(report.share, 0.0), 1.0))
+    text = f'{report.words}: {"#" * done}{"." * (20 - done)} {report.share:.0%} {report.detail}'
+    print(f'\r{text[:79]:79s}', end='\n' if report.share >= 1.0 else '', flush=True)
 
 
 OnProgress = Callable[[Progress], None]

@@ -18,6 +18,7 @@ from saddlering_ros.api.inputs import (
     Inputs,
     inputs_of,
     ParametersLike,
+    polars_frame,
     RigLike,
 )
 from saddlering_ros.bags.samples import displacement_columns, write_samples
@@ -31,6 +32,7 @@ from saddlering_ros.rig import CHANNELS, MICRO_UNITS, ParameterSet
 
 if TYPE_CHECKING:
     import pandas
+    import polars
 
     from saddlering_ros.api.results import Plot
 
@@ -87,6 +89,10 @@ class Curves:
     def to_dataframe(self) -> pandas.DataFrame:
         """The same as a pandas DataFrame, one row per sample."""
         return dataframe(self.columns())
+
+    def to_polars(self) -> polars.DataFrame:
+        """The same as a polars DataFrame."""
+        return polars_frame(self.columns())
 
     def save(self, path: Path | str) -> None:
         """Write the table; the suffix selects .csv or .parquet."""

@@ -118,4 +118,6 @@ def diagnose(
     answer = diagnosis.diagnose(
         runs_of(fitted), runs_of(held_out), rig=given.rig, parameters=given.parameters, seed=seed,
         on_progress=on_progress, is_cancelled=is_cancelled)
+    if on_progress is not None:
+        on_progress(Progress('diagnose', 'verdict', 1.0))
     return DiagnosisResult((*fitted, *held_out), given.rig, given.files, answer)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import csv
 from dataclasses import dataclass
 from functools import cached_property
+import importlib
 import math
 import os
 from pathlib import Path
@@ -30,6 +31,7 @@ from saddlering_ros.rig import load_rig, ParameterSet, read_parameters, Rig, sho
 
 if TYPE_CHECKING:
     import pandas
+    import polars
 
 
 class ApiError(SaddleringError):
@@ -104,6 +106,10 @@ class Bag:
     def to_dataframe(self) -> pandas.DataFrame:
         """The same as a pandas DataFrame, one row per sample."""
         return dataframe(self.columns())
+
+    def to_polars(self) -> polars.DataFrame:
+        """The same as a polars DataFrame."""
+        return polars_frame(self.columns())
 
     def _repr_html_(self) -> str:
         from saddlering_ros.pages import html
@@ -325,12 +331,20 @@ Columns = Mapping[str, Any]
 
 def dataframe(columns: Columns) -> pandas.DataFrame:
     """Columns as a pandas DataFrame; ApiError if pandas is not installed."""
+    return _library('pandas', 'to_dataframe').DataFrame(dict(columns))
+
+
+def polars_frame(columns: Columns) -> polars.DataFrame:
+    """Columns as a polars DataFrame; ApiError if polars is not installed."""
+    return _library('polars', 'to_polars').DataFrame(dict(columns))
+
+
+def _library(name: str, method: str) -> Any:
     try:
-        import pandas
+        return importlib.import_module(name)
     except ModuleNotFoundError as problem:
-        raise ApiError('to_dataframe needs pandas: pip install pandas, or use columns(), which '
+        raise ApiError(f'{method} needs {name}: pip install {name}, or use columns(), which '
                        'gives the same as plain lists') from problem
-    return pandas.DataFrame(dict(columns))
 
 
 def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:

@@ -18,6 +18,7 @@ from saddlering_ros.api.inputs import (
     check_path,
     columns_of,
     dataframe,
+    polars_frame,
     runs_of,
     write_csv,
 )
@@ -47,6 +48,9 @@ from saddlering_ros.rig import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     import pandas
+    import polars
+
+    from saddlering_ros.report.curves import RunCurves
 
 
 PLOT_SUFFIXES = ('.png', '.svg', '.pdf')
@@ -120,9 +124,31 @@ class Result(ABC):
         """Everything as plain dictionaries, lists and numbers, as `--json` writes it."""
         return add_origins(self._document(), self.files)
 
-    def to_dataframe(self) -> pandas.DataFrame:
-        """The table of `columns` as a pandas DataFrame (pandas is not installed by itself)."""
-        return dataframe(self.columns())
+    def _tables(self) -> dict[str, Callable[[], Mapping[str, list[Any]]]]:
+        """Tables beside that of `columns`, by name."""
+        return {}
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Names of the tables beside that of `columns`."""
+        return tuple(self._tables())
+
+    def table(self, name: str = '') -> dict[str, list[Any]]:
+        """A table of `tables` as lists by column name (SI units); '': that of `columns`."""
+        if not name:
+            return self.columns()
+        if name not in self.tables:
+            raise ApiError(f'table {name!r} is not one of this result: give one of '
+                           f'{", ".join(self.tables) or "none"}')
+        return dict(self._tables()[name]())
+
+    def to_dataframe(self, table: str = '') -> pandas.DataFrame:
+        """A table as a pandas DataFrame (pandas is not installed by itself)."""
+        return dataframe(self.table(table))
+
+    def to_polars(self, table: str = '') -> polars.DataFrame:
+        """A table as a polars DataFrame (polars is not installed by itself)."""
+        return polars_frame(self.table(table))
 
     def save(self, path: Path | str) -> None:
         """Write the result; the suffix selects .json (all figures) or .csv (table of `columns`).
@@ -271,13 +297,22 @@ class ValidationResult(Result):
              **{key: value for key, value in vars(figures).items() if key not in skipped}}
             for run in self.found.runs for channel, figures in run.channels.items()])
 
+    def _curves(self) -> list[RunCurves]:
+        from saddlering_ros.report.reports import curves_of_validation
+
+        return curves_of_validation(self.found, runs_of(self.bags), self.rig.force_unit)
+
+    def _tables(self) -> dict[str, Callable[[], Mapping[str, list[Any]]]]:
+        from saddlering_ros.report.curves import curve_columns
+
+        return {'curves': lambda: curve_columns(self._curves())}
+
     def plot(self) -> Plot:
         """Measured and simulated, one column per run: static runs over load, dynamic over time."""
         from saddlering_ros.pages.charts import draw
         from saddlering_ros.report import figures
-        from saddlering_ros.report.reports import curves_of_validation
 
-        curves = curves_of_validation(self.found, runs_of(self.bags), self.rig.force_unit)
+        curves = self._curves()
         static = [item for item in curves if item.test == 'static']
         return Plot(draw(figures.comparison((static or curves)[:3])), self._spare_inputs)
 
@@ -356,12 +391,32 @@ class DiagnosisResult(Result, _Parametric):
         return columns_of([
             row for cause in causes_of(self.document) for row in _cause_rows(cause)])
 
+    def _tables(self) -> dict[str, Callable[[], Mapping[str, list[Any]]]]:
+        from saddlering_ros.report.curves import curve_columns, curves_of
+
+        said = self.document
+        return {
+            'candidates': lambda: columns_of([
+                {**item, 'effects': ' + '.join(item['effects'])}
+                for item in _without(said.get('candidates') or (), 'parameters')]),
+            'limits': lambda: columns_of(_without(said.get('detection_limits') or (), 'places')),
+            'misfit': lambda: columns_of([
+                {**{key: run[key] for key in ('bag', 'test', 'elevation_deg', 'held_out')},
+                 'channel': name, **item}
+                for run in _mappings(said['runs']) for name, item in run['channels'].items()]),
+            'probabilities': lambda: {
+                'outcome': list(said.get('probabilities') or {}),
+                'probability': list((said.get('probabilities') or {}).values())},
+            'curves': lambda: curve_columns(curves_of(self.found)),
+        }
+
     def plot(self) -> Plot:
         """Misfit of every run and channel before and after, beside the noise."""
         from saddlering_ros.pages.charts import draw
         from saddlering_ros.report import figures
 
-        return Plot(draw(figures.misfit(self.document['runs'])), self._spare_inputs)
+        return Plot(draw(figures.misfit(
+            self.document['runs'], is_extended=bool(self.causes))), self._spare_inputs)
 
     def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
         """Write the report of the diagnosis."""
@@ -394,6 +449,16 @@ class DiagnosisResult(Result, _Parametric):
         from saddlering_ros.diagnosis.wording import headline
 
         return f'Verdict: {self.verdict}. {headline(self.document)}'
+
+
+def _mappings(entries: Sequence[Any]) -> Sequence[Mapping[str, Any]]:
+    """Typed entries of a document as plain mappings."""
+    return entries
+
+
+def _without(entries: Sequence[Any], left_out: str) -> list[dict[str, Any]]:
+    """Entries without a nested part that no table holds."""
+    return [{key: value for key, value in entry.items() if key != left_out} for entry in entries]
 
 
 def _cause_rows(cause: CauseEntry) -> Sequence[dict[str, Any]]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import csv
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,24 +233,34 @@ def curves_path(report: Path | str) -> Path:
 
 
 def write_curves(path: Path, curves: Sequence[RunCurves]) -> None:
-    """Write every run's curves as rows of one table, whole or not at all.
+    """Write the table of `curve_columns` as CSV, whole or not at all."""
+    columns = curve_columns(curves)
+    with whole_file(path, ReportError) as temporary, temporary.open(
+            'w', encoding='utf-8', newline='') as file:
+        table = csv.writer(file)
+        table.writerow(columns)
+        table.writerows(zip(*columns.values(), strict=True))
+
+
+def curve_columns(curves: Sequence[RunCurves]) -> dict[str, list[Any]]:
+    """Every run's curves as one table, one row per sample.
 
     Columns: FACTS, then each channel measured, simulated by the contact law alone and, if any run
     has it, by the extended model: [m], gamma [rad].
     """
-    is_extended = any(run.is_extended for run in curves)
-    versions = ('measured', 'simulated', *(('simulated_extended',) if is_extended else ()))
-    with whole_file(path, ReportError) as temporary, temporary.open(
-            'w', encoding='utf-8', newline='') as file:
-        table = csv.writer(file)
-        table.writerow([*FACTS, *(f'{name}_{kind}' for kind in versions for name in CHANNELS)])
-        for run in curves:
-            table.writerows(_rows(run, is_extended))
-
-
-def _rows(run: RunCurves, is_extended: bool) -> Iterator[list[object]]:
-    values = [*run.measured, *run.before, *(run.after if is_extended else ())]
-    facts = [run.name, run.test, run.elevation_deg, int(run.held_out)]
-    for place in range(run.time.size):
-        yield [*facts, repr(float(run.time[place])), repr(float(run.load[place])),
-               int(run.direction[place]), *(repr(float(row[place])) for row in values)]
+    versions = {'measured': 'measured', 'simulated': 'before'}
+    if any(run.is_extended for run in curves):
+        versions['simulated_extended'] = 'after'
+    columns: dict[str, list[Any]] = {name: [] for name in (
+        *FACTS, *(f'{name}_{kind}' for kind in versions for name in CHANNELS))}
+    for run in curves:
+        same = (run.name, run.test, run.elevation_deg, int(run.held_out))
+        for name, value in zip(FACTS, same, strict=False):
+            columns[name] += [value] * run.time.size
+        for name, values in zip(FACTS[len(same):], (
+                run.time, run.load, run.direction.astype(int)), strict=True):
+            columns[name] += values.tolist()
+        for kind, attribute in versions.items():
+            for name, row in zip(CHANNELS, getattr(run, attribute), strict=True):
+                columns[f'{name}_{kind}'] += row.tolist()
+    return columns

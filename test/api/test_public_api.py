@@ -27,10 +27,11 @@ from saddlering_ros import (
     read_parameters,
     residual,
     SaddleringError,
+    show_progress,
     simulate,
     validate,
 )
-from saddlering_ros.api.inputs import dataframe
+from saddlering_ros.api.inputs import dataframe, polars_frame
 from saddlering_ros.bags import write_bag
 from saddlering_ros.identification import IdentificationSettings, SwarmSettings
 from saddlering_ros.record import TestMetadata
@@ -149,7 +150,7 @@ def test_results_are_saved_as_their_name_ends(judged, tmp_path):
 
 
 def test_results_show_themselves_in_a_notebook(found, judged, bags):
-    assert '<table>' in found._repr_html_()
+    assert '<table' in found._repr_html_()
     assert 'delta_x' in judged._repr_html_()
     assert 'static test' in bags[0]._repr_html_()
     assert judged.plot()._repr_png_().startswith(b'\x89PNG')
@@ -167,10 +168,28 @@ def test_a_report_is_written(judged, tmp_path):
     assert 'python mine.py' in (tmp_path / 'page.html').read_text()
 
 
-def test_a_data_frame_needs_pandas_and_the_error_names_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, 'pandas', None)
-    with pytest.raises(SaddleringError, match='pip install pandas'):
-        dataframe({'a': [1]})
+@pytest.mark.parametrize(('library', 'frame'), [('pandas', dataframe), ('polars', polars_frame)])
+def test_a_frame_needs_its_library_and_the_error_names_it(monkeypatch, library, frame):
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(SaddleringError, match=f'pip install {library}'):
+        frame({'a': [1]})
+
+
+def test_a_result_has_tables_by_name_and_refuses_others(judged):
+    curves = judged.table('curves')
+    assert {'time_s', 'load_N', 'delta_x_measured', 'delta_x_simulated'} <= set(curves)
+    assert len({len(values) for values in curves.values()}) == 1
+    assert judged.table() == judged.columns()
+    with pytest.raises(SaddleringError, match='give one of curves'):
+        judged.table('candidates')
+
+
+def test_progress_is_one_line_that_ends(capsys):
+    show_progress(Progress('identify', 'swarm', 0.5))
+    show_progress(Progress('identify', 'refinement', 1.0))
+    printed = capsys.readouterr().out
+    assert printed.count('\n') == 1
+    assert printed.split('\r')[-1].startswith('refinement: ####################')
 
 
 def test_a_negative_seed_is_refused_in_one_line(bags):

@@ -3,10 +3,10 @@
 The engine's answer is shared with the tutorial, which asks the same by a command.
 """
 
-import ast
 import json
 from pathlib import Path
 
+from execute_notebook import shown
 import pytest
 from shared_verdicts import PLACE, shared_diagnose
 
@@ -18,22 +18,9 @@ pytestmark = pytest.mark.slow
 
 
 def cells():
-    """The source of every code cell."""
-    return [''.join(cell['source']) for cell in json.loads(NOTEBOOK.read_text())['cells']
+    """The code cells."""
+    return [cell for cell in json.loads(NOTEBOOK.read_text())['cells']
             if cell['cell_type'] == 'code']
-
-
-def shown(source, names):
-    """Execute a cell; what a notebook would show of its last expression, or None."""
-    tree = ast.parse(source)
-    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
-    exec(compile(tree, '<cell>', 'exec'), names)
-    value = None if last is None else eval(
-        compile(ast.Expression(last.value), '<cell>', 'eval'), names)
-    for form in ('_repr_html_', '_repr_png_'):
-        if hasattr(value, form):
-            return getattr(value, form)()
-    return None
 
 
 def test_the_notebook_goes_from_bags_to_a_verdict(
@@ -42,7 +29,8 @@ def test_the_notebook_goes_from_bags_to_a_verdict(
     (tmp_path / 'bags').symlink_to(campaign('radial_friction', 8000.0, 'force')[0].parent)
     monkeypatch.chdir(tmp_path)
     names = {}
-    tables = [shown(source, names) for source in cells()]
+    seen = [shown(''.join(cell['source']), names) for cell in cells()]
+    tables = [None if one is None else one[1] for one in seen]
     printed = capsys.readouterr().out
     assert 'static test at 50 deg' in printed
     assert f'verdict: {names["verdict"].verdict}' in printed
@@ -55,6 +43,10 @@ def test_the_notebook_goes_from_bags_to_a_verdict(
     assert json.loads(Path('verdict.json').read_text())['verdict'] == names['verdict'].verdict
 
 
-def test_the_notebook_is_kept_without_outputs():
-    for cell in json.loads(NOTEBOOK.read_text())['cells']:
-        assert not cell.get('outputs')
+def test_the_notebook_is_kept_with_its_outputs():
+    kept = cells()
+    assert [cell['execution_count'] for cell in kept] == list(range(1, len(kept) + 1))
+    outputs = [output for cell in kept[1:] for output in cell['outputs']]
+    assert len(outputs) >= len(kept) - 1
+    assert 'verdict: named' in json.dumps(outputs)
+    assert sum('image/png' in output.get('data', {}) for output in outputs) == 3

@@ -96,13 +96,3 @@ def test_a_verdict_is_the_same_in_any_unit(name: str) -> None:
     second = diagnose(in_other_units(module.model, channel, time, parameter), other)
     assert (second.verdict, names(second)) == (first.verdict, names(first))
     assert second.gain.fit == pytest.approx(first.gain.fit, abs=1e-3)
-
-
-def test_the_page_for_strangers_runs_as_it_stands(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    page = (FOLDER.parents[1] / 'docs' / 'own_simulator.md').read_text()
-    monkeypatch.chdir(tmp_path)
-    exec(page.split('```python\n')[1].split('```')[0], {})
-    assert 'verdict: named' in capsys.readouterr().out
-    assert 'Coulomb friction' in (tmp_path / 'report.html').read_text()
