@@ -11,6 +11,7 @@ from saddlering_ros.comparison.change import Change, change_words, name_of
 from saddlering_ros.comparison.series import CHANGED, ChangeSeries
 from saddlering_ros.discrepancy import RunBlocks
 from saddlering_ros.pages import html
+from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import (
     AFTER,
     BEFORE,
@@ -135,6 +136,7 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
         f'<div class="verdict {change.verdict}">{html.paragraph(change.headline, "headline")}'
         + (html.paragraph(f'Next: {change.next_test}', 'next') if change.next_test else '')
         + '</div>',
+        certainty(change.to_json(), name_of),
         html.section('Change of the later runs', html.picture(
             change_chart(change), 'change',
             'Measured minus simulated in the later session, over the load. Errors that both '
