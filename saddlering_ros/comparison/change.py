@@ -17,7 +17,12 @@ from saddlering_ros.comparison.judgement import (
     noise_power,
     with_main_cause,
 )
-from saddlering_ros.comparison.maker import common_loads, maker_figures, MakerFigures
+from saddlering_ros.comparison.maker import (
+    common_loads,
+    judged_wear,
+    maker_figures,
+    MakerFigures,
+)
 from saddlering_ros.comparison.series import ChangeSeries, series_of
 from saddlering_ros.comparison.sessions import (
     CONTACT_CHANGE,
@@ -112,6 +117,12 @@ class Change:
         return self.diagnosis.verdict
 
     @property
+    def wear_judged(self) -> list[dict[str, Any]]:
+        """The wear beside the limits of the rig file."""
+        return [] if self.maker is None else judged_wear(
+            self.maker[1].wear_since(self.maker[0]), self.rig.wear_limits)
+
+    @property
     def headline(self) -> str:
         """The verdict in one sentence."""
         if self.verdict == 'none':
@@ -155,7 +166,7 @@ class Change:
                 for item in found.observability.limits],
             'maker': None if self.maker is None else {
                 'before': self.maker[0].as_dict(), 'after': self.maker[1].as_dict(),
-                'wear': self.maker[1].wear_since(self.maker[0])},
+                'wear': self.maker[1].wear_since(self.maker[0]), 'limits': self.wear_judged},
             'series': None if self.series is None else self.series.to_json(),
             'notes': list(self.notes),
             'proposal': None,

@@ -25,8 +25,9 @@ def with_main_cause(found: Diagnosis, left: float) -> Diagnosis:
     change is an error of the size. A stand-in for a law that the catalogue lacks took at most 0.80
     of the power of the misfit on other machines (docs/benchmarks/real_machines.md).
     """
-    if not found.causes and found.verdict == 'unknown' and left < SETTINGS.materiality:
-        return replace(found, verdict='none', complete=True, remainder=())
+    largest = max([left, *(cause.visible for cause in found.causes)])
+    if found.verdict == 'unknown' and largest < SETTINGS.materiality:
+        return replace(found, verdict='none', causes=(), complete=True, remainder=())
     if len(found.causes) != 1 or found.verdict == 'none':
         return found
     cause = found.causes[0]

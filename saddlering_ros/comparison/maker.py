@@ -8,18 +8,21 @@ made at marked positions when the ring went into service, under the same defined
   the smaller to the larger defined load;
 - axial reduction: approach of the rings along the axis under the larger defined load.
 
-This suite states no limit values; a user's own table belongs beside the figures.
+This suite states no limit values; the user's own stand in the rig file as `rig.wear_limits`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 
 from saddlering_ros.record import displacement_of_run, plateaus, Record
 from saddlering_ros.rig import Rig
+from saddlering_ros.rig.description import WEAR_LIMITS
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,8 @@ class MakerFigures:
     """Figures of one static test under two defined loads.
 
     elevation [rad]; low, high: the defined loads [N]; tilting_clearance and axial_reduction [m],
-    each with its standard deviation [m].
+    each with the standard deviation of its readings [m]; gain: standard uncertainty of the gain of
+    the probes by their certificate, 0 if none states it.
     """
 
     elevation: float
@@ -37,27 +41,47 @@ class MakerFigures:
     tilting_clearance_std: float
     axial_reduction: float
     axial_reduction_std: float
+    gain: float = 0.0
 
     def as_dict(self) -> dict[str, float]:
         """In millimetres, as makers state them."""
         return {
             'elevation_deg': math.degrees(self.elevation), 'low_N': self.low, 'high_N': self.high,
             'tilting_clearance_mm': 1e3 * self.tilting_clearance,
-            'tilting_clearance_std_mm': 1e3 * self.tilting_clearance_std,
+            'tilting_clearance_std_mm': 1e3 * math.hypot(
+                self.tilting_clearance_std, self.gain * self.tilting_clearance),
             'axial_reduction_mm': 1e3 * self.axial_reduction,
-            'axial_reduction_std_mm': 1e3 * self.axial_reduction_std,
+            'axial_reduction_std_mm': 1e3 * math.hypot(
+                self.axial_reduction_std, self.gain * self.axial_reduction),
         }
 
     def wear_since(self, base: MakerFigures) -> dict[str, float]:
-        """The difference to a base measurement [mm], with its standard deviation [mm]."""
-        return {
-            'tilting_clearance_mm': 1e3 * (self.tilting_clearance - base.tilting_clearance),
-            'tilting_clearance_std_mm': 1e3 * math.hypot(
-                self.tilting_clearance_std, base.tilting_clearance_std),
-            'axial_reduction_mm': 1e3 * (self.axial_reduction - base.axial_reduction),
-            'axial_reduction_std_mm': 1e3 * math.hypot(
-                self.axial_reduction_std, base.axial_reduction_std),
-        }
+        """The difference to a base measurement [mm], with its standard deviation [mm].
+
+        The gain of the probes is the same in both, so that it counts for the difference alone.
+        """
+        answer = {}
+        for name in WEAR_LIMITS:
+            wear = getattr(self, name) - getattr(base, name)
+            spreads = [getattr(one, f'{name}_std') for one in (self, base)]
+            answer[f'{name}_mm'] = 1e3 * wear
+            answer[f'{name}_std_mm'] = 1e3 * math.hypot(*spreads, self.gain * wear)
+        return answer
+
+
+def judged_wear(wear: Mapping[str, float], limits: Mapping[str, float]) -> list[dict[str, Any]]:
+    """The wear [mm] beside the user's own limits [m]: 'within', 'beyond', or 'open'.
+
+    Open: the limit lies within two standard deviations of the wear.
+    """
+    answer = []
+    for name, limit in limits.items():
+        left = 1e3 * limit - wear[f'{name}_mm']
+        is_open = abs(left) < 2.0 * wear[f'{name}_std_mm']
+        answer.append({
+            'figure': name, 'limit_mm': 1e3 * limit, 'share': wear[f'{name}_mm'] / (1e3 * limit),
+            'state': 'open' if is_open else 'within' if left > 0.0 else 'beyond'})
+    return answer
 
 
 def maker_figures(rig: Rig, record: Record, loads: tuple[float, float]) -> MakerFigures:
@@ -84,7 +108,8 @@ def maker_figures(rig: Rig, record: Record, loads: tuple[float, float]) -> Maker
         tilting_clearance=abs(float(raceway @ axial)),
         tilting_clearance_std=float(np.linalg.norm(raceway * axial_deviation)),
         axial_reduction=-float(axial.mean()),
-        axial_reduction_std=0.5 * float(np.linalg.norm(axial_deviation)))
+        axial_reduction_std=0.5 * float(np.linalg.norm(axial_deviation)),
+        gain=max(rig.instruments.probe_gain or (0.0,)))
 
 
 def common_loads(before: Record, after: Record) -> tuple[float, float]:

@@ -54,10 +54,17 @@ def change_text(change: Change) -> str:
             f'axial reduction {1e3 * first.axial_reduction:.5f} to '
             f'{1e3 * second.axial_reduction:.5f} mm '
             f'({wear["axial_reduction_mm"]:+.5f} +/- {wear["axial_reduction_std_mm"]:.5f})')
+    lines += limit_words(change)
     lines += [f'series: {change.series.headline}'] if change.series else []
     lines += [f'next test: {change.next_test}'] if change.next_test else []
     lines += [f'note: {note}' for note in change.notes]
     return '\n'.join(lines)
+
+
+def limit_words(change: Change) -> list[str]:
+    """A sentence for each limit of the rig file."""
+    return [f'wear of {item["figure"].replace("_", " ")}: {100.0 * item["share"]:.0f} % of the '
+            f'limit of {item["limit_mm"]:g} mm, {item["state"]}' for item in change.wear_judged]
 
 
 def change_chart(change: Change) -> Chart:
@@ -164,4 +171,5 @@ def _maker_table(change: Change) -> str:
                            ('axial reduction', 'axial_reduction'))]
     loads = (f'Static tests at {math.degrees(first.elevation):g} deg, between '
              f'{change.rig.force_words(first.low)} and {change.rig.force_words(first.high)}.')
-    return html.table(['', number('before'), number('after'), number('wear')], rows, loads)
+    return html.table(['', number('before'), number('after'), number('wear')], rows, loads
+                      ) + html.bullets(limit_words(change))

@@ -94,6 +94,9 @@ class Probes:
         return self.present.index(self.partner)
 
 
+WEAR_LIMITS = ('tilting_clearance', 'axial_reduction')
+"""Figures of makers whose wear since a base measurement a rig file may limit."""
+
 Pair = tuple[float, float]
 """A low and a high bound."""
 
@@ -110,7 +113,8 @@ class Rig:
     """The whole rig; every default is a project assumption, not a measured dimension.
 
     radial_row is called middle_row in files. full_scale_time [s]: the shortest time in which the
-    hydraulics change the load by full scale. instruments: what certificates state. source: the
+    hydraulics change the load by full scale. instruments: what certificates state; wear_limits:
+    the user's own [m], by the names of WEAR_LIMITS. source: the
     file that it was read from, '' for none.
     """
 
@@ -125,6 +129,7 @@ class Rig:
     full_scale_time: float = FULL_SCALE_TIME
     force_unit: str = 't'
     instruments: Instruments = field(default_factory=Instruments)
+    wear_limits: Mapping[str, float] = field(default_factory=dict)
     source: str = field(default='', compare=False)
 
     @property
@@ -297,6 +302,12 @@ def check_bounds(bounds: Mapping[str, Pair], where: str) -> dict[str, Pair]:
     return dict(bounds)
 
 
+def _wear_limits(section: _Section) -> dict[str, float]:
+    limits = {name: section.number(name, 1e-9, 1.0) for name in WEAR_LIMITS if section.has(name)}
+    section.finish()
+    return limits
+
+
 def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
     """A Rig from the nested parameters of a rig file; `where` names the file in messages."""
     check_sections(parameters, 'rig', 'see config/rig.yaml for the shape', where, RigError)
@@ -328,6 +339,7 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
         force_unit=_force_unit(rig, where),
         instruments=(instruments_from(rig.raw('instruments'), where) if rig.has('instruments')
                      else Instruments()),
+        wear_limits=_wear_limits(rig.section('wear_limits')) if rig.has('wear_limits') else {},
         bounds=_bounds(bounds, where),
     )
     if result.probes.max_range <= result.probes.min_range:
@@ -373,7 +385,8 @@ def shipped_rig_file() -> Path | None:
 SHORT_DIGITS = 12
 """Digits of the form for people."""
 
-NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time', 'absent', 'instruments', 'source')
+NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time', 'absent', 'instruments',
+                  'wear_limits', 'source')
 """Fields of a Rig for identification, guarding and display, and the number of a probe that is
 absent. They are not part of the hash: the ring is the same."""
 

@@ -11,7 +11,7 @@ from sessions_made import dirt, RIG, session, with_size
 from saddlering_ros.comparison import compare_records, ComparisonError
 from saddlering_ros.comparison.change import check_sessions, renewed_between
 from saddlering_ros.comparison.judgement import in_doubt, left_between, with_main_cause
-from saddlering_ros.comparison.maker import common_loads, maker_figures
+from saddlering_ros.comparison.maker import common_loads, judged_wear, maker_figures, MakerFigures
 from saddlering_ros.comparison.page import change_text, write_change_page
 from saddlering_ros.comparison.series import ChangeSeries, Evidence
 from saddlering_ros.comparison.sessions import (
@@ -109,6 +109,8 @@ def test_a_misfit_that_both_sessions_have_is_no_change(grown):
     silent = replace(grown.diagnosis, verdict='unknown', causes=())
     assert with_main_cause(silent, 5e-4).verdict == 'none'
     assert with_main_cause(silent, 5e-3).verdict == 'unknown'
+    tiny = replace(grown.diagnosis.causes[0], visible=7e-5, p_value=1.0)
+    assert with_main_cause(replace(silent, causes=(tiny,)), 0.0).verdict == 'none'
     runs = [record.run for record in (*grown.before, *grown.after)]
     system = TwoSessions(RingSystem(RIG), frozenset(record.run.name for record in grown.before))
     assert left_between(grown.diagnosis, system) < 2e-3
@@ -173,3 +175,14 @@ def test_tilting_clearance_grows_with_the_axial_clearance_of_the_ring():
     figures = [maker_figures(RIG, record, loads) for record in (first, worn)]
     wear = figures[1].wear_since(figures[0])
     assert wear['tilting_clearance_mm'] > 5.0 * wear['tilting_clearance_std_mm'] > 0.0
+
+
+def test_wear_stands_beside_the_limits_of_the_rig_file_and_a_gain_counts_for_it_alone():
+    base, worn = (MakerFigures(0.9, 1e4, 2e5, size, 1e-6, 5e-5, 1e-6, gain=0.01)
+                  for size in (2e-4, 5e-4))
+    wear = worn.wear_since(base)
+    assert wear['tilting_clearance_std_mm'] == pytest.approx(np.hypot(1e-3 * 2**0.5, 3e-3))
+    assert worn.as_dict()['tilting_clearance_std_mm'] == pytest.approx(np.hypot(1e-3, 5e-3))
+    states = [judged_wear(wear, {'tilting_clearance': limit})[0]['state']
+              for limit in (2e-4, 3e-4, 5e-4)]
+    assert states == ['beyond', 'open', 'within']
