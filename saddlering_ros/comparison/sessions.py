@@ -15,10 +15,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.diagnosis.ring_system import RingNeighbourhood, RingSystem
+from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import (
     Effect,
     ModelErrorPrior,
+    Neighbourhood,
     Parameter,
     Point,
     RunBlocks,
@@ -161,7 +162,7 @@ class SessionNeighbourhoods:
     """Groups of points, prepared for the runs of each session."""
 
     system: TwoSessions
-    by_session: Mapping[float, RingNeighbourhood]
+    by_session: Mapping[float, Neighbourhood]
 
     def predict(self, run: RunBlocks) -> list[Array]:
         """Channels (B, C, N) of each group."""

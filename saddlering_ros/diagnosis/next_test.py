@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.diagnosis.records import LoadGrid, LONGEST_STEP
+from saddlering_ros.diagnosis.rig_dimensions import entries_of, title_of_dimension
 from saddlering_ros.diagnosis.verdict import signature_cosines
 from saddlering_ros.diagnosis.wording import lowered, title_of
 from saddlering_ros.discrepancy import (
@@ -63,12 +64,24 @@ def next_test(diagnosis: Diagnosis, runs: Sequence[Record], rig: Rig) -> str | N
         return (f'First compare the rig file with the ring ({rig_in_words(rig)}): saddlering rig '
                 '--check BAG and its drawing show a wrong dimension, span, polarity or '
                 f'elevation. {sentence}')
+    entries = entries_of(rig, diagnosis.causes)
+    first = ''
+    if entries:
+        first = f'First compare the rig file with the drawing and the ring: {", ".join(entries)}.'
+    return ' '.join(filter(None, (first, _for_causes(diagnosis))))
+
+
+def _for_causes(diagnosis: Diagnosis) -> str:
+    """The test that tells a group apart or confirms a cause; '' for a dimension of the rig."""
     open_groups = [cause.group for cause in diagnosis.causes if len(cause.group) > 1]
-    if not open_groups:
-        named = diagnosis.causes[0].effect
-        return confirming(named, look_alikes(named, signature_cosines(diagnosis)))
-    sentence_of_group = for_group(open_groups[0], diagnosis.separations)
-    return sentence_of_group or catalogue()[open_groups[0][0]].settled_by
+    if open_groups:
+        group = [name for name in open_groups[0] if not title_of_dimension(name)]
+        sentence = for_group(open_groups[0], diagnosis.separations)
+        return sentence or (catalogue()[group[0]].settled_by if group else '')
+    named = diagnosis.causes[0].effect
+    if title_of_dimension(named):
+        return ''
+    return confirming(named, look_alikes(named, signature_cosines(diagnosis)))
 
 
 def _for_residual(after: Residual) -> str:

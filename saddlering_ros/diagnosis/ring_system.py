@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis.certificates import certified_errors
 from saddlering_ros.diagnosis.records import LoadGrid
-from saddlering_ros.discrepancy import Effect, Parameter, Point, RunBlocks
+from saddlering_ros.diagnosis.rig_dimensions import (
+    dimension_effects,
+    has_dimensions,
+    NeighbourhoodsByRig,
+    without_dimensions,
+)
+from saddlering_ros.discrepancy import Effect, Neighbourhood, Parameter, Point, RunBlocks
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, size_factor, TRUE_TO_SCALE
@@ -158,6 +164,11 @@ class RingSystem:
         )
 
     @cached_property
+    def inputs(self) -> tuple[Effect, ...]:
+        """Dimensions of the rig file, which may be wrong."""
+        return dimension_effects(self.rig)
+
+    @cached_property
     def views(self) -> Mapping[str, Array]:
         probes = self.rig.probes
         views = {
@@ -173,6 +184,8 @@ class RingSystem:
         return {name: weights[self.seen] for name, weights in views.items()}
 
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
+        if any(map(has_dimensions, points)):
+            return np.concatenate(self._by_rig([[point] for point in points]).predict(run))
         answer = self.simulated(run, [(point.base, self.extension(point)) for point in points])
         for number, point in enumerate(points):
             laws = self.laws(point)
@@ -180,8 +193,10 @@ class RingSystem:
                 answer[number] = self._with_laws(run, point, laws, answer[number])
         return answer
 
-    def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> RingNeighbourhood:
+    def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> Neighbourhood:
         """Groups of points with their extensions, and the tangents that each group allows."""
+        if any(has_dimensions(point) for group in groups for point in group):
+            return self._by_rig(groups)
         candidates = [
             [(point.base, self.extension(point)) for point in group] for group in groups
         ]
@@ -193,6 +208,11 @@ class RingSystem:
             for group, own in zip(candidates, near, strict=True)
         ])
         return RingNeighbourhood(self, groups, candidates, near, passes)
+
+    def _by_rig(self, groups: Sequence[Sequence[Point]]) -> NeighbourhoodsByRig:
+        """The groups, with the points of each rig together."""
+        return NeighbourhoodsByRig.of(
+            self.rig, groups, lambda rig, own: replace(self, rig=rig).neighbourhood(own))
 
     def _with_laws(self, run: RunBlocks, point: Point, laws: Sequence[Law], plain: Array) -> Array:
         """Channels (C, N) with the user's own laws, from those without."""
@@ -349,11 +369,12 @@ class RingSystem:
         key = tuple((name, *values.items()) for name, values in point.effects.items())
         point_read = self._kept.get(key)
         if point_read is None:
+            plain = without_dimensions(point)
             if len(self._kept) >= KEPT_POINTS:
                 self._kept.clear()
             point_read = self._kept[key] = _ReadPoint(
-                catalogue_of_effects.extension_of(point.effects, self.rig),
-                catalogue_of_effects.laws_of(point.effects))
+                catalogue_of_effects.extension_of(plain.effects, self.rig),
+                catalogue_of_effects.laws_of(plain.effects))
         return point_read
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.records import PreparedRecord
+from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
 from saddlering_ros.diagnosis.wording import (
     headline,
     shape_words,
@@ -159,14 +160,16 @@ class Verdict:
     def extended_parameters(self) -> ParameterSet:
         """Contact parameters after the diagnosis, with the effects found.
 
-        Steady lines are left out, because their phase is new in every run.
+        Steady lines are left out, because their phase is new in every run, and dimensions, which
+        belong in the rig file.
         """
         values = np.array([estimate.value for estimate in self.contact_law.after.values()])
         effects = {}
         if self.verdict in ('named', 'ambiguous'):
             effects = {
                 cause.effect: {name: size.value for name, size in cause.parameters.items()}
-                for cause in self.diagnosis.causes if not cause.definition.line
+                for cause in self.diagnosis.causes
+                if not cause.definition.line and not title_of_dimension(cause.effect)
             }
         made = self.provenance(held_out=False)
         source = ParameterSource(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any, cast, TypedDict
 
+from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
 from saddlering_ros.discrepancy import (
     cause_lines,
     CauseEntry,
@@ -203,9 +204,11 @@ COORDINATES = {
 
 
 def title_of(effect_id: str) -> str:
-    """The title of an effect, or its id if the catalogue does not have it."""
+    """The title of an effect or dimension, or its id if neither has it."""
     effect = catalogue().get(effect_id)
-    return effect_id if effect is None else effect.title
+    if effect is not None:
+        return effect.title
+    return title_of_dimension(effect_id) or effect_id
 
 
 def lowered(title: str) -> str:

@@ -31,6 +31,7 @@ from saddlering_ros.discrepancy.search.selection import (
     forward,
     prune,
     select,
+    with_inputs,
 )
 from saddlering_ros.discrepancy.search.space import (
     better_base,
@@ -299,7 +300,7 @@ def _searched(start: ModelSpace) -> Search:
 
 def _search(begun: ModelSpace) -> Search:
     """Select effects, adapt the nuisance parameters to them, check the alternatives."""
-    space, log = begun, SearchLog()
+    space, log = with_inputs(begun), SearchLog()
     fit = select(space, log)
     alternatives: Alternatives = {}
     space.watch.progress('check of alternatives', 0.75)

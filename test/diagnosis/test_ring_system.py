@@ -160,3 +160,37 @@ def test_every_declared_start_lies_within_the_bounds_of_a_small_ring():
             for start in form.starts:
                 assert all(form.parameters[name].low <= value <= form.parameters[name].high
                            for name, value in start.items() if name in form.parameters), start
+
+
+def test_a_dimension_of_the_rig_file_is_a_cause_like_any_other(campaign):
+    rig = default_rig()
+    bag = next(bag for bag in campaign() if bag.name == 'static_50')
+    run = build_record(rig, read_run(bag), held_out=False).run
+    system, base = RingSystem(rig), TRUE_TO_SCALE.to_array()
+    wider = replace(rig, probes=replace(rig.probes, axial_span=rig.probes.axial_span + 0.05))
+    plain, stiffer = Point(base), Point(1.0001 * base)
+    span = Point(base, {'rig_axial_span': {'change': 0.05}})
+    reversed_sign = Point(base, {'rig_polarity': {'reversal': 1.0, 'probe': 4.0}})
+    usual = system.predict_many(run, [plain])[0]
+    expected = RingSystem(wider).predict_many(run, [plain])[0]
+    seen = system.predict_many(run, [plain, span, reversed_sign])
+    np.testing.assert_allclose(seen[:2], [usual, expected], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(seen[2], usual * np.array([1.0, 1.0, 1.0, -1.0])[:, None])
+    group = [span, Point(1.0001 * base, span.effects), stiffer]
+    near = system.neighbourhood([group]).predict(run)[0]
+    own = RingSystem(wider).neighbourhood([[plain, stiffer]]).predict(run)[0]
+    np.testing.assert_allclose(near[:2], own, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(near[2:], system.predict_many(run, [stiffer]), atol=1e-12)
+
+
+def test_a_wrong_span_in_the_rig_file_is_named_by_its_entry(campaign):
+    rig = default_rig()
+    narrow = replace(rig, probes=replace(rig.probes, axial_span=1.1))
+    bags = [bag for bag in campaign() if bag.name.startswith('static')]
+    found = diagnosis.diagnose([read_run(bag) for bag in bags], rig=narrow)
+    assert 'rig_axial_span' in {name for cause in found.diagnosis.causes for name in cause.group}
+    assert found.verdict != 'unknown'
+    assert found.next_test is not None
+    assert found.next_test.startswith('First compare the rig file')
+    assert 'rig.probes.axial_span' in found.next_test
+    assert 'rig_axial_span' not in found.extended_parameters().effects

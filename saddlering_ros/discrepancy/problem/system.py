@@ -283,6 +283,16 @@ class SystemWithTangents(Protocol):
         ...
 
 
+@runtime_checkable
+class SystemWithInputs(Protocol):
+    """A `System` whose inputs may be wrong, such as the dimensions in a file."""
+
+    @property
+    def inputs(self) -> tuple[Effect, ...]:
+        """Errors of the inputs as effects. They are possible causes where something is wrong."""
+        ...
+
+
 @dataclass(frozen=True)
 class Settings:
     """Strictness of a diagnosis. The values were chosen before the blind trials that check them.

@@ -44,7 +44,7 @@ def space_beside_error(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit, Ar
     beside = ModelSpace(
         metric=metric, base=base, base_tangent=sensitivities,
         signatures=whitened_by(metric, space.signatures, sensitivities), scale=space.scale,
-        trials=space.trials)
+        trials=space.trials, inputs=whitened_by(metric, space.inputs, sensitivities))
     beside.pairs = min(space.pairs, degrees)
     beside.max_pairs = min(space.max_pairs, degrees)
     return beside, beside.keep(fit), process

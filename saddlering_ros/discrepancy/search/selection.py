@@ -33,7 +33,7 @@ from saddlering_ros.discrepancy.problem.fits import (
     run_refits,
     spread_starts,
 )
-from saddlering_ros.discrepancy.problem.system import Array, Effect
+from saddlering_ros.discrepancy.problem.system import Array, Effect, SystemWithInputs
 from saddlering_ros.discrepancy.search.comparison import (
     alternative_floor,
     Comparison,
@@ -45,8 +45,10 @@ from saddlering_ros.discrepancy.search.comparison import (
 from saddlering_ros.discrepancy.search.signatures import (
     best_of_each,
     effect_starts,
+    measure_signatures,
     MIN_LENGTH,
     reach_of,
+    shapes_tried,
     shortlist,
     Signature,
 )
@@ -67,6 +69,25 @@ at most three."""
 
 Alternatives = Mapping[str, tuple[Fit, ...]]
 """Models that these data cannot tell from the best, by the member that they replace."""
+
+
+def with_inputs(space: ModelSpace) -> ModelSpace:
+    """The space with errors of the simulator's inputs, if the base alone leaves misfit.
+
+    Where nothing is wrong to first order, no input is accused.
+    """
+    system = space.problem.system
+    if not isinstance(system, SystemWithInputs):
+        return space
+    gains = [score.gain for score in space.scores(space.base)]
+    if max(gains, default=0.0) < space.real_gain and not space.leaves_misfit(space.base):
+        return space
+    tangents = space.tangent_of(space.base)
+    inputs = measure_signatures(space.metric, space.base, tangents, space.scale, system.inputs)
+    return ModelSpace(
+        metric=space.metric, base=space.base, base_tangent=tangents,
+        signatures=space.signatures, scale=space.scale,
+        trials=space.trials + shapes_tried(inputs), inputs=inputs)
 
 
 def select(space: ModelSpace, log: SearchLog) -> Fit:

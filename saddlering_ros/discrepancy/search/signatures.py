@@ -180,15 +180,15 @@ def _other_shapes(shapes: Sequence[Parameter]) -> list[list[float]]:
 
 
 def measure_signatures(
-    metric: Metric, fit: Fit, base: Tangent, scale: ChangeScale
+    metric: Metric, fit: Fit, base: Tangent, scale: ChangeScale, effects: Sequence[Effect]
 ) -> list[Signature]:
-    """Signatures of every effect, variant and start at the base fit.
+    """Signatures of each of `effects`, its variants and starts at the base fit.
 
     Amplitude-dependent effects have signatures at small sizes too.
     """
     starts: list[tuple[Effect, int, Array]] = [
         (effect, variant, start)
-        for effect in metric.problem.system.effects
+        for effect in effects
         if not effect.line
         for variant in range(effect.first_variant, len(effect.variants))
         for start in effect_starts(effect)

@@ -80,6 +80,7 @@ Trial = tuple[Score, Sequence[Array]]
 class ModelSpace:
     """Every model fitted in one metric. A new metric has a new space.
 
+    inputs: signatures of errors of the simulator's inputs, which are no effects of the catalogue.
     pairs, max_pairs: numbers of independent differences from which the noise of the poorest and
     of the richest run is known.
     """
@@ -93,15 +94,16 @@ class ModelSpace:
         signatures: Sequence[Signature],
         scale: ChangeScale,
         trials: int,
+        inputs: Sequence[Signature] = (),
     ) -> None:
         problem = self.problem = metric.problem
         self.settings, self.watch = problem.settings, problem.watch
         self.metric, self.base, self.signatures, self.scale = metric, base, signatures, scale
-        self.trials = trials
+        self.trials, self.inputs = trials, inputs
         known_from = [noise.pairs for noise in metric.noise.values()]
         self.pairs = max(MIN_PAIRS, min(known_from))
         self.max_pairs = max(MIN_PAIRS, max(known_from))
-        self.usable = testable(signatures)
+        self.usable = testable([*signatures, *inputs])
         self.tests = LackOfFitTests(metric, self.max_pairs)
         self.log_size = float(np.log(metric.free_count))
         self._fits: dict[Key, Fit] = {}
@@ -436,12 +438,12 @@ def space_about(problem: Problem, rough: Fit) -> ModelSpace:
     problem.watch.check()
     sensitivities = tangent(metric, base)
     scale = ChangeScale(problem, sensitivities.plain)
-    signatures = measure_signatures(metric, base, sensitivities, scale)
-    lines = sum(bool(effect.line) for effect in problem.system.effects)
-    trials = max(1, shapes_tried(signatures) + lines)
+    effects = problem.system.effects
+    signatures = measure_signatures(metric, base, sensitivities, scale, effects)
+    trials = shapes_tried(signatures) + sum(bool(effect.line) for effect in effects)
     return ModelSpace(
         metric=metric, base=base, base_tangent=sensitivities, signatures=signatures, scale=scale,
-        trials=trials)
+        trials=max(1, trials))
 
 
 def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
@@ -453,15 +455,8 @@ def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
     if not fit.candidate.effects:
         return None
     count = space.base.theta_unit.size
-    wanted = [
-        refit(
-            space.metric,
-            Candidate(),
-            fit.theta_unit[:count],
-            rounds=space.settings.rounds,
-            full_jacobian=True,
-        )
-    ]
+    wanted = [refit(space.metric, Candidate(), fit.theta_unit[:count],
+                    rounds=space.settings.rounds, full_jacobian=True)]
     other_base = run_refits(space.metric, wanted)[0]
     gain = space.base.misfit - other_base.misfit
     return other_base if gain > max(MIN_DEEPER, MIN_DEEPER_SHARE * other_base.misfit) else None
@@ -483,7 +478,8 @@ def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:
     signatures = whitened_by(metric, space.signatures, sensitivities)
     moved = ModelSpace(
         metric=metric, base=base, base_tangent=sensitivities, signatures=signatures,
-        scale=space.scale, trials=space.trials)
+        scale=space.scale, trials=space.trials,
+        inputs=whitened_by(metric, space.inputs, sensitivities))
     return moved, moved.keep(fit)
 
 

@@ -1,0 +1,190 @@
+"""Dimensions of the rig file as possible causes: each as an effect whose size is its error.
+
+They enter a search only where something is wrong. Height of the trunnion, clearances and height
+of the radial probes are effects of the catalogue already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saddlering_ros.discrepancy import Cause, Effect, Neighbourhood, Parameter, Point, RunBlocks
+from saddlering_ros.rig import Rig
+
+REVERSED = 'rig_polarity'
+"""A probe whose sign is reversed. It acts on the readings."""
+
+IN_CATALOGUE = {
+    'moment_arm': 'rig.trunnion.y', 'axial_clearance': 'rig.axial_rows.clearance',
+    'radial_clearance': 'rig.middle_row.clearance', 'probe_height': 'rig.probes.radial_height',
+}
+"""Entry of the rig file by effect of the catalogue that its error would look like."""
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """An entry of the rig file, and the rig with another value of it.
+
+    usual: an error [unit] that a wrong drawing would give; reach: the largest that is searched;
+    least: the smallest possible value.
+    """
+
+    entry: str
+    title: str
+    unit: str
+    usual: float
+    reach: float
+    read: Callable[[Rig], float]
+    changed: Callable[[Rig, float], Rig]
+    least: float = -np.inf
+
+
+def _carriage(name: str) -> Callable[[Rig, float], Rig]:
+    return lambda rig, value: replace(rig, carriage=replace(rig.carriage, **{name: value}))
+
+
+DIMENSIONS: Mapping[str, Dimension] = {
+    'rig_weight': Dimension(
+        'rig.carriage.weight', 'Wrong weight in the rig file', 'N', 8e3, 1e5,
+        lambda rig: rig.carriage.weight, _carriage('weight'), 0.0),
+    'rig_weight_x': Dimension(
+        'rig.carriage.weight_x', 'Wrong place of the weight in the rig file', 'm', 0.05, 1.0,
+        lambda rig: rig.carriage.weight_x, _carriage('weight_x')),
+    'rig_trunnion_x': Dimension(
+        'rig.trunnion.x', 'Wrong trunnion.x in the rig file', 'm', 0.05, 0.5,
+        lambda rig: rig.trunnion.x,
+        lambda rig, value: replace(rig, trunnion=replace(rig.trunnion, x=value))),
+    'rig_axial_span': Dimension(
+        'rig.probes.axial_span', 'Wrong span of the axial probes in the rig file', 'm', 0.03, 0.6,
+        lambda rig: rig.probes.axial_span,
+        lambda rig, value: replace(rig, probes=replace(rig.probes, axial_span=value)), 0.1),
+    'rig_axial_radius': Dimension(
+        'rig.axial_rows.pitch_radius', 'Wrong pitch radius of the axial rows in the rig file',
+        'm', 0.02, 0.3, lambda rig: rig.axial_rows.pitch_radius,
+        lambda rig, value: replace(rig, axial_rows=replace(rig.axial_rows, pitch_radius=value)),
+        0.1),
+    'rig_radial_row_height': Dimension(
+        'rig.middle_row.height', 'Wrong height of the radial row in the rig file', 'm', 0.02, 0.3,
+        lambda rig: rig.radial_row.height,
+        lambda rig, value: replace(rig, radial_row=replace(rig.radial_row, height=value))),
+}
+"""By the id of the effect."""
+
+
+def dimension_effects(rig: Rig) -> tuple[Effect, ...]:
+    """Every dimension, and the sign of every probe, as an effect."""
+    effects = []
+    for name, one in DIMENSIONS.items():
+        low = max(-one.reach, one.least - one.read(rig))
+        effects.append(Effect(
+            one.title, {'change': Parameter(low, one.reach, unit=one.unit, neutral=0.0)},
+            starts=({'change': one.usual}, {'change': max(-one.usual, 0.5 * low)}), id=name))
+    effects.append(Effect(
+        title_of_dimension(REVERSED), {'reversal': Parameter(0.5, 1.5, start=1.0, neutral=0.0)},
+        variants=tuple({'probe': float(number)} for number in rig.probes.present),
+        starts=({'reversal': 1.0},), id=REVERSED))
+    return tuple(effects)
+
+
+def title_of_dimension(effect_id: str) -> str:
+    """The title of a dimension; '' for other effects."""
+    if effect_id == REVERSED:
+        return 'Reversed sign of a probe in the rig file'
+    return DIMENSIONS[effect_id].title if effect_id in DIMENSIONS else ''
+
+
+def entries_of(rig: Rig, causes: Sequence[Cause]) -> list[str]:
+    """Entries of the rig file that would make one of the causes or its alternatives.
+
+    'rig.probes.axial_span (1.25 m in the file, 1.3 m by these data)'
+    """
+    entries: dict[str, str] = {}
+    for cause in causes:
+        for name in cause.group:
+            entry = IN_CATALOGUE.get(name, '')
+            if name == REVERSED:
+                entry = 'rig.probes.polarity'
+            elif name in DIMENSIONS:
+                one = DIMENSIONS[name]
+                entry = one.entry
+                if name == cause.effect:
+                    value, change = one.read(rig), cause.parameters['change'].value
+                    entry += (f' ({value:.4g} {one.unit} in the file, {value + change:.4g} by '
+                              'these data)')
+            entries.setdefault(name, entry)
+    return [*filter(None, entries.values())]
+
+
+def has_dimensions(point: Point) -> bool:
+    """Whether a point has a dimension or a sign of its own."""
+    return any(name in DIMENSIONS or name == REVERSED for name in point.effects)
+
+
+def without_dimensions(point: Point) -> Point:
+    """The same point on the rig of the file."""
+    return Point(point.base, {
+        name: values for name, values in point.effects.items()
+        if name not in DIMENSIONS and name != REVERSED})
+
+
+def _rig_of(rig: Rig, point: Point) -> Rig:
+    """The rig with the dimensions of a point."""
+    for name, values in point.effects.items():
+        if name in DIMENSIONS:
+            one = DIMENSIONS[name]
+            rig = one.changed(rig, one.read(rig) + values['change'])
+    return rig
+
+
+def _signs(rig: Rig, point: Point) -> NDArray[np.float64]:
+    """Factors (C,) of the channels of a point."""
+    reversal = point.effects.get(REVERSED, {'probe': 0.0, 'reversal': 0.0})
+    return np.array([1.0 - 2.0 * reversal['reversal'] * (number == reversal['probe'])
+                     for number in rig.probes.present])
+
+
+@dataclass(frozen=True)
+class NeighbourhoodsByRig:
+    """Groups of points of which some have another rig: those of one rig are prepared together.
+
+    signs (B, C) of the channels of each group; parts: for each rig its points, and the group and
+    the rows of each of its groups.
+    """
+
+    signs: Sequence[NDArray[np.float64]]
+    parts: Sequence[tuple[Neighbourhood, Sequence[tuple[int, list[int]]]]]
+
+    @classmethod
+    def of(
+        cls, rig: Rig, groups: Sequence[Sequence[Point]],
+        prepare: Callable[[Rig, list[list[Point]]], Neighbourhood],
+    ) -> NeighbourhoodsByRig:
+        """Each rig's points, prepared by a function of that rig and of points on it."""
+        rigs: dict[tuple[object, ...], dict[int, list[int]]] = {}
+        for number, group in enumerate(groups):
+            for row, point in enumerate(group):
+                key = tuple((name, *values.items()) for name, values in point.effects.items()
+                            if name in DIMENSIONS)
+                rigs.setdefault(key, {}).setdefault(number, []).append(row)
+        parts = []
+        for places in rigs.values():
+            number, rows = next(iter(places.items()))
+            own = [[without_dimensions(groups[number][row]) for row in rows]
+                   for number, rows in places.items()]
+            parts.append((prepare(_rig_of(rig, groups[number][rows[0]]), own),
+                          list(places.items())))
+        signs = [np.array([_signs(rig, point) for point in group]) for group in groups]
+        return cls(signs, parts)
+
+    def predict(self, run: RunBlocks) -> list[NDArray[np.float64]]:
+        """Points (B, C, N) of each group."""
+        answers = [np.empty((*sign.shape, run.time.size)) for sign in self.signs]
+        for neighbourhood, places in self.parts:
+            for (group, rows), values in zip(places, neighbourhood.predict(run), strict=True):
+                answers[group][rows] = values
+        return [answer * sign[:, :, None]
+                for answer, sign in zip(answers, self.signs, strict=True)]
