@@ -183,9 +183,12 @@ MIN_RATING = 0.8
 """Smallest ISO 18571 rating of a good curve."""
 
 
-def allowed_misfit(noise_floor: float | None) -> float:
-    """The largest misfit that is as good as the measurement, as a share of the channel's range."""
-    return max(GOOD * (noise_floor or 0.0), MATERIAL)
+def allowed_misfit(noise_floor: float | None, sound: float | None = None) -> float:
+    """The largest misfit that is as good as the measurement, as a share of the channel's range.
+
+    sound: what small errors of a sound ring may do.
+    """
+    return max(GOOD * math.hypot(noise_floor or 0.0, sound or 0.0), MATERIAL)
 
 
 def is_left(p_value: float | None, share_of_range: float | None) -> bool:

@@ -21,6 +21,7 @@ from saddlering_ros.diagnosis.verdict import signature_cosines
 from saddlering_ros.diagnosis.wording import lowered, title_of
 from saddlering_ros.discrepancy import (
     Diagnosis,
+    free_test_words,
     Point,
     Proposal,
     Reading,
@@ -68,7 +69,8 @@ def next_test(diagnosis: Diagnosis, runs: Sequence[Record], rig: Rig) -> str | N
     first = ''
     if entries:
         first = f'First compare the rig file with the drawing and the ring: {", ".join(entries)}.'
-    return ' '.join(filter(None, (first, _for_causes(diagnosis))))
+    free = free_test_words(diagnosis.held_out_evidence)
+    return ' '.join(filter(None, (free, first, _for_causes(diagnosis))))
 
 
 def _for_causes(diagnosis: Diagnosis) -> str:

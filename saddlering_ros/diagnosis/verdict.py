@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.diagnosis.proposed_law import proposal_document
-from saddlering_ros.diagnosis.records import PreparedRecord
+from saddlering_ros.diagnosis.records import LoadGrid, PreparedRecord
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
 from saddlering_ros.diagnosis.wording import (
     headline,
@@ -51,6 +51,7 @@ from saddlering_ros.rig import (
     Rig,
     with_absent,
 )
+from saddlering_ros.ring.roller_scatter import sound_deviation
 
 Array = NDArray[np.float64]
 
@@ -119,11 +120,15 @@ def _values(estimates: Mapping[str, Estimate]) -> dict[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class ChannelMisfit:
-    """One channel of one run: rms misfit and noise over the channel's measured range."""
+    """One channel of one run: rms misfit and noise over the channel's measured range.
+
+    sound: what unequal rollers, clearances and the weight of a sound ring may add.
+    """
 
     nrmse_before: float
     nrmse_after: float
     noise_floor: float
+    sound: float
 
 
 @dataclass(frozen=True)
@@ -204,6 +209,10 @@ def run_figures(
     curves = [_displacement(rig, values) for values in (run.channels, before, after)]
     channels = {}
     views = diagnosis.fits.metric.problem.system.views
+    grid: LoadGrid = run.payload
+    sound = np.append(sound_deviation(
+        rig, diagnosis.fits.before.point.base, grid.elevation,
+        grid.block_means(grid.load), grid.zero_load), 0.0)
     for index, name in enumerate(CHANNELS):
         if name not in views:
             continue  # A probe is absent.
@@ -211,8 +220,8 @@ def run_figures(
         span = max(float(np.ptp(measured)), 1e-12)
         noise = _noise_floor(diagnosis, run, views[name])
         channels[name] = ChannelMisfit(
-            _rms(first - measured) / span, _rms(last - measured) / span, noise / span
-        )
+            _rms(first - measured) / span, _rms(last - measured) / span, noise / span,
+            float(sound[index]) / span)
     return RunFigures(record, channels, *curves)
 
 
@@ -260,7 +269,10 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
         'remainder': [vars(rest) for rest in diagnosis.remainder],
         'probabilities': diagnosis.probabilities,
         'stability': diagnosis.stability,
+        'refits': [vars(refit) for refit in diagnosis.refits],
+        'near_limit': list(diagnosis.near_limit),
         'influence': [vars(stretch) for stretch in diagnosis.influence],
+        'held_out_evidence': [vars(one) for one in diagnosis.held_out_evidence],
         'simulated_tests': [_simulated_test(one) for one in diagnosis.separations],
         'detection_limits': [_limit_entry(limit) for limit in diagnosis.observability.limits],
         'immaterial': [_evidence_entry(one) for one in diagnosis.search.immaterial],

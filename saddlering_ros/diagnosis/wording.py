@@ -15,6 +15,8 @@ from saddlering_ros.discrepancy import (
     CauseEntry,
     certainty_words,
     gain_words,
+    influence_words,
+    limit_lines,
     ReductionEntry,
     rest_words,
     share_words,
@@ -24,7 +26,15 @@ from saddlering_ros.discrepancy import (
 )
 from saddlering_ros.effects import catalogue
 from saddlering_ros.estimation.identifiability import undetermined_words
-from saddlering_ros.quantities import CHANCE, compact, MATERIAL, percent, quantity, signed_percent
+from saddlering_ros.quantities import (
+    allowed_misfit,
+    CHANCE,
+    compact,
+    MATERIAL,
+    percent,
+    quantity,
+    signed_percent,
+)
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
 
 Shares = dict[str, float]
@@ -49,8 +59,12 @@ class ShapeEntry(_ShapeWords):
     share_of_range: float
 
 
-class ChannelEntry(TypedDict):
-    """Misfits of a channel as shares of its range in the run."""
+class _ChannelMore(TypedDict, total=False):
+    sound: float | None
+
+
+class ChannelEntry(_ChannelMore):
+    """Misfits of a channel as shares of its range in the run; sound: small errors of the ring."""
 
     nrmse_before: float | None
     nrmse_after: float | None
@@ -154,13 +168,35 @@ class InfluenceEntry(TypedDict):
     evidence: float
 
 
+class RefitEntry(TypedDict):
+    """A refit with other data or assumptions, and the first cause that it ends in."""
+
+    change: str
+    first: str | None
+    is_same: bool
+
+
+class HeldOutEntry(TypedDict):
+    """An open alternative judged by held-out runs; share: of the probability of all of them."""
+
+    effect: str
+    title: str
+    runs: tuple[str, ...]
+    distance: float
+    share: float
+    remains: bool
+
+
 class _VerdictMore(TypedDict, total=False):
     complete: bool
     remainder: list[RemainderEntry]
     headline: str
     probabilities: Shares
     stability: float
+    refits: list[RefitEntry]
+    near_limit: list[str]
     influence: list[InfluenceEntry]
+    held_out_evidence: list[HeldOutEntry]
     simulated_tests: list[SimulatedTestEntry]
     gain: TotalReductionEntry
     detection_limits: list[LimitEntry]
@@ -221,7 +257,8 @@ def headline(document: VerdictDocument) -> str:
     verdict = document['verdict']
     if verdict == 'none':
         return ('The simulation lacks nothing that these data could show: the residual is noise, '
-                f"or smaller than {100.0 * MATERIAL:g} % of a channel's range.")
+                f"{_sound_words(document)}or smaller than {100.0 * MATERIAL:g} % of a channel's "
+                'range.')
     if verdict == 'unknown':
         return _unknown(document)
     causes = causes_of(document)
@@ -265,6 +302,21 @@ def tried(document: VerdictDocument) -> str:
 
 def _bag_name(run: Mapping[str, Any]) -> str:
     return str(run['bag']).rstrip('/').rsplit('/', 1)[-1]
+
+
+def _sound_words(document: VerdictDocument) -> str:
+    """Where small errors of a sound ring explain the residual: the channel with the largest."""
+    largest, words = 0.0, ''
+    for run in document['runs']:
+        for name, channel in run['channels'].items():
+            misfit, sound = channel['nrmse_before'] or 0.0, channel.get('sound') or 0.0
+            is_noise = misfit <= allowed_misfit(channel['noise_floor'])
+            if name != 'parity' and not is_noise and misfit > largest:
+                largest, words = misfit, (
+                    f'or what unequal rollers, clearances and the weight of a sound ring do '
+                    f'({percent(misfit)} of range in {name}, where they may do '
+                    f'{percent(sound)} rms), ')
+    return words
 
 
 def _rest(document: VerdictDocument) -> str:
@@ -398,12 +450,21 @@ def _open_cause(cause: CauseEntry) -> str:
     return f'These data cannot tell the possible causes apart: {" or ".join(names)}.'
 
 
+def certainty_lines(document: VerdictDocument) -> list[str]:
+    """Probabilities and stability, why the verdict is near its limit, which runs it rests on."""
+    influence = document.get('influence', []) if causes_of(document) else []
+    return [*filter(None, (
+        certainty_words(document.get('probabilities', {}), document.get('stability', 1.0)),
+        *limit_lines(document.get('near_limit', [])),
+        influence_words([
+            (one['run'], one['start'], one['end'], one['evidence']) for one in influence])))]
+
+
 def document_text(document: VerdictDocument) -> str:
     """Verdict, next test, misfit reduction, open questions, in plain lines."""
     verdict = document['verdict']
     lines = [verdict_line(verdict), headline(document), gain_sentence(document),
-             certainty_words(document.get('probabilities', {}), document.get('stability', 1.0)),
-             tried(document)]
+             *certainty_lines(document), tried(document)]
     if document['next_test']:
         lines.append(f'next test: {document["next_test"]}')
     lines = [*filter(None, lines), '']

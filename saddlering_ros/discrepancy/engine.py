@@ -11,7 +11,12 @@ from dataclasses import dataclass, replace
 import time as clock
 
 from saddlering_ros.discrepancy.law.proposal import Proposer
-from saddlering_ros.discrepancy.next_test import separate_open_models, Separation
+from saddlering_ros.discrepancy.next_test import (
+    HeldOutEvidence,
+    judge_by_held_out,
+    separate_open_models,
+    Separation,
+)
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import (
@@ -43,14 +48,15 @@ from saddlering_ros.discrepancy.search.space import (
 from saddlering_ros.discrepancy.verdict.established import (
     as_seen_in,
     doubts_of,
-    influence_of,
     MIN_TAKEN,
     own_kind_left,
     probabilities_of,
     remainder_of,
-    stability_of,
+    under_declared_error,
+    weak_words,
 )
 from saddlering_ros.discrepancy.verdict.judgement import (
+    allowed_sizes,
     explained_share_of,
     is_under_declared_error,
     judge,
@@ -65,7 +71,9 @@ from saddlering_ros.discrepancy.verdict.results import (
     Residual,
     Verdict,
 )
+from saddlering_ros.discrepancy.verdict.stability import influence_of, near_limit, refits_of
 from saddlering_ros.discrepancy.verdict.steady_lines import find_steady_lines, find_swings
+from saddlering_ros.discrepancy.verdict.wording import free_test_words
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 
 PARTIAL_SUBJECT = 0.5
@@ -132,9 +140,12 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
     log.immaterial += lines.immaterial
 
     separations: tuple[Separation, ...] = ()
+    by_held_out: tuple[HeldOutEvidence, ...] = ()
     if judgement.verdict == 'ambiguous':
         watch.progress('next test', 0.85)
         separations = separate_open_models(space, fit, alternatives)
+        by_held_out = judge_by_held_out(space, fit, alternatives)
+    refits = refits_of(space, fit, alternatives)
     law = None
     if judgement.verdict == 'unknown' and problem.assumptions.proposes_law:
         watch.progress('search for a law', 0.9)
@@ -158,7 +169,9 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         base_alone=published.base_alone,
         gain=published.gain,
         explained=judgement.explained,
-        next_test=separations[0].proposal.sentence if separations else None,
+        next_test=' '.join(filter(None, (
+            free_test_words(by_held_out),
+            separations[0].proposal.sentence if separations else ''))) or None,
         separations=separations,
         warnings=judgement.warnings,
         converged=space.base.converged and fit.converged and published.converged,
@@ -174,8 +187,11 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         complete=not answer.remainder and verdict != 'unknown',
         remainder=answer.remainder,
         probabilities=probabilities_of(verdict, causes, taken),
-        stability=stability_of(space, fit, answer.process),
+        refits=refits,
+        near_limit=near_limit(
+            space, fit, refits, None if answer.process is None else taken, MIN_TAKEN),
         influence=influence_of(space, fit),
+        held_out_evidence=by_held_out,
     )
 
 
@@ -204,12 +220,20 @@ def _answer(search: Search) -> Answer:
     if is_under_declared_error(space, before):
         search, fit = replace(search, fit=space.base, alternatives={}), space.base
     after = residual_of(space, fit) if fit.candidate.effects else before
-    judgement = judge(space, fit, search.alternatives, before, after)
     published = publish(space, fit, search.alternatives, before, after)
-    if published.doubts:
-        judgement = replace(
-            judgement, verdict='unknown', warnings=(*judgement.warnings, *published.doubts))
+    is_declared = any(allowed_sizes(space).values())
+    weak = _weakest(published) or next(iter(under_declared_error(space, fit)), None)
+    if is_declared and weak is not None and len(fit.candidate.effects) > 1:
+        less, alternatives = check_alternatives(space, space.without(fit, weak), search.log)
+        return _answer(replace(search, fit=less, alternatives=alternatives))
+    judgement = judge(space, fit, search.alternatives, before, after)
     taken = 0.0 if published.shares is None else published.shares.best
+    doubts = list(published.doubts)
+    if is_declared and published.shares is not None and taken < MIN_TAKEN:
+        doubts.append(weak_words(' and '.join(fit.candidate.ids), published.shares))
+    if doubts:
+        judgement = replace(
+            judgement, verdict='unknown', warnings=(*judgement.warnings, *doubts))
     return Answer(search, judgement, before, after, published, remainder_of(space, fit, after),
                   taken)
 
@@ -226,11 +250,9 @@ def _beside_error(strict: Answer) -> Answer:
         space, fit, alternatives = search.space, search.fit, search.alternatives
         before, after = residual_of(space, space.base), residual_of(space, fit)
         published = publish(space, fit, alternatives, before, after, process)
-        weak = {name: shares.best for name, shares in published.member_shares.items()
-                if shares.best < MIN_TAKEN}
-        if weak:
-            worst = min(weak, key=lambda name: weak[name])
-            search, process = _learnt_again(search, space.without(fit, worst))
+        weak = _weakest(published)
+        if weak is not None:
+            search, process = _learnt_again(search, space.without(fit, weak))
             continue
         seen = as_seen_in(noise_alone, published.fits.after)
         left = residual_of(noise_alone, seen)
@@ -247,6 +269,13 @@ def _beside_error(strict: Answer) -> Answer:
                       strict.before, left, published, remainder_of(noise_alone, seen, left),
                       published.shares.best, process)
     return strict
+
+
+def _weakest(published: Publication) -> str | None:
+    """The cause beside others that takes least, if it is too little to be established."""
+    weak = {name: shares.best for name, shares in published.member_shares.items()
+            if shares.best < MIN_TAKEN}
+    return min(weak, key=lambda name: weak[name]) if weak else None
 
 
 REST_WARNING = ('what remains is more than noise and fits no cause: every interval and comparison '

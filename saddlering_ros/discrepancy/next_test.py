@@ -10,8 +10,8 @@ normal errors).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 import math
 
@@ -47,23 +47,67 @@ def separate_open_models(
     space: ModelSpace, fit: Fit, alternatives: Alternatives
 ) -> tuple[Separation, ...]:
     """The proposed tests, the best first, with their separation of a model and alternatives."""
+    open_models = _open_models(space, fit, alternatives)
+    if not open_models or not space.problem.proposals:
+        return ()
+    return tuple(simulate_tests(
+        space.metric, open_models, space.tangent_of, space.problem.proposals,
+        _rule(space, fit), seed=space.settings.seed))
+
+
+def judge_by_held_out(
+    space: ModelSpace, fit: Fit, alternatives: Alternatives
+) -> tuple[HeldOutEvidence, ...]:
+    """A model and its alternatives judged by the held-out runs, the most likely first.
+
+    Each predicts them with its parameters as the fitted runs leave them.
+    """
+    open_models = _open_models(space, fit, alternatives)
+    proposals = [Proposal(run.name, replace(run, held_out=False), 'held_out')
+                 for run in space.problem.held_out]
+    if not open_models or not proposals:
+        return ()
+    fits = _distinct(open_models)
+    misfits = np.array([one.misfit for one in fits])
+    for proposal, forecasts in _forecast_each(
+            space.metric, open_models, space.tangent_of, proposals):
+        measured = proposal.run.channels.ravel()
+        misfits = misfits + [float(one.misfits(one.whiten(measured[:, None]))[0])
+                             for one in forecasts]
+    number = {one.candidate.key: index for index, one in enumerate(fits)}
+    own = misfits[[number[one.fit.candidate.key] for one in open_models]]
+    less = misfits[[number[one.less.candidate.key] for one in open_models]]
+    left = _left(open_models, own, less, _rule(space, fit))
+    price = np.array([space.log_size * one.fit.theta_unit.size for one in open_models])
+    odds = np.exp(-0.5 * (own + price - (own + price).min()))
+    answers = []
+    for index, one in enumerate(open_models):
+        effects = {effect.id: effect.title for effect, _ in one.fit.candidate.effects}
+        new = [name for name in effects if name not in one.less.candidate.ids]
+        answers.append(HeldOutEvidence(
+            new[0], effects[new[0]], tuple(run.name for run in space.problem.held_out),
+            float(own[index] - own.min()), float(odds[index] / odds.sum()), index in left))
+    return tuple(sorted(answers, key=lambda one: -one.share))
+
+
+def _open_models(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> list[OpenModel]:
+    """The model and each alternative; none without alternatives."""
     others = [
         OpenModel(other, space.without(fit, name))
         for name, models in alternatives.items()
         for other in models
     ]
-    if not others or not space.problem.proposals:
-        return ()
-    rule = JudgingRule(
+    return [OpenModel(fit, others[0].less), *others] if others else []
+
+
+def _rule(space: ModelSpace, fit: Fit) -> JudgingRule:
+    """The rule that keeps an alternative in the group of a model."""
+    return JudgingRule(
         floor=alternative_floor(space.pairs, space.settings),
         excess=max(space.slow_residual(fit).excess, 0.0),
         log_size=space.log_size,
         settings=space.settings,
     )
-    open_models = [OpenModel(fit, others[0].less), *others]
-    return tuple(simulate_tests(
-        space.metric, open_models, space.tangent_of, space.problem.proposals, rule,
-        seed=space.settings.seed))
 
 
 DRAWS = 100
@@ -76,6 +120,22 @@ class OpenModel:
 
     fit: Fit
     less: Fit
+
+
+@dataclass(frozen=True)
+class HeldOutEvidence:
+    """An open alternative judged by held-out runs.
+
+    distance: misfit of fitted and held-out runs beyond that of the best; share: of the
+    probability of all alternatives; remains: whether the rule of groups keeps it.
+    """
+
+    effect: str
+    title: str
+    runs: tuple[str, ...]
+    distance: float
+    share: float
+    remains: bool
 
 
 @dataclass(frozen=True)
@@ -128,9 +188,25 @@ def simulate_tests(
     seed: int = 0,
 ) -> list[Separation]:
     """Each proposal with its separation of the models, the best first."""
-    old = metric.problem
-    fits = list({fit.candidate.key: fit for open_model in open_models
+    fits, random = _distinct(open_models), np.random.default_rng(seed)
+    answers = [
+        _separation(proposal, open_models, fits, forecasts, rule, draws, random)
+        for proposal, forecasts in _forecast_each(metric, open_models, tangent_of, proposals)]
+    return sorted(answers, key=lambda answer: (-answer.alone, -answer.kept))
+
+
+def _distinct(open_models: Sequence[OpenModel]) -> list[Fit]:
+    """Every fit among the models and what they have without the cause in question."""
+    return list({fit.candidate.key: fit for open_model in open_models
                  for fit in (open_model.fit, open_model.less)}.values())
+
+
+def _forecast_each(
+    metric: Metric, open_models: Sequence[OpenModel], tangent_of: Callable[[Fit], Tangent],
+    proposals: Sequence[Proposal],
+) -> Iterator[tuple[Proposal, list[_Forecast]]]:
+    """Each proposal with its prediction by every fit."""
+    old, fits = metric.problem, _distinct(open_models)
     seen = [_seen_by(old.system, proposal, fits) for proposal in proposals]
     joint = old.with_runs([*old.runs, *(proposal.run for proposal in proposals)])
     first = [own[0].values[: proposal.run.channels.size]
@@ -138,19 +214,16 @@ def simulate_tests(
     shared, local = _nuisances(joint, open_models[0].fit, first)
     nuisances = _Columns(np.hstack([shared, local]), shared.shape[1], old.size)
     known = [_Known.of(metric, fit, tangent_of(fit), nuisances.in_old_data) for fit in fits]
-    random = np.random.default_rng(seed)
-    answers, start = [], old.size
+    start = old.size
     for proposal, own in zip(proposals, seen, strict=True):
         part = slice(start, start + proposal.run.channels.size)
         start = part.stop
         whiten = _whitener(metric, proposal)
         again, anew = nuisances.of(part, proposal)
-        forecasts = [
+        yield proposal, [
             _Forecast.of(knowledge, view, again, anew, whiten)
             for knowledge, view in zip(known, own, strict=True)
         ]
-        answers.append(_separation(proposal, open_models, fits, forecasts, rule, draws, random))
-    return sorted(answers, key=lambda answer: (-answer.alone, -answer.kept))
 
 
 @dataclass(frozen=True)
@@ -296,12 +369,13 @@ class _Known:
 class _Forecast:
     """Whitened prediction of a model for a test: mean (m,) and spread (m, k).
 
-    inner (k, k): lower factor of 1 + spread^T spread.
+    inner (k, k): lower factor of 1 + spread^T spread; whiten: divides by the expected noise.
     """
 
     mean: Array
     spread: Array
     inner: Array
+    whiten: Callable[[Array], Array]
 
     @classmethod
     def of(
@@ -312,7 +386,7 @@ class _Forecast:
         columns, own = np.split(white[:, 1:], [known.mean.size], axis=1)
         spread = np.hstack([solve_triangular(known.root, columns.T, lower=True).T, own])
         inner = cholesky(np.eye(spread.shape[1]) + spread.T @ spread, lower=True)
-        return cls(white[:, 0] + columns @ known.mean, spread, inner)
+        return cls(white[:, 0] + columns @ known.mean, spread, inner, whiten)
 
     def drawn(self, random: np.random.Generator, draws: int) -> Array:
         """Whitened results (m, draws) of the test if this model is the truth."""

@@ -58,7 +58,8 @@ class ChannelFigures:
     loop over load, as a share of load range times channel range; zero_return: residual left at
     the end; time_shift [s]: how much later the measurement is (None for a static run);
     iso18571: overall rating 0..1; comparison_error E and validation uncertainty u_val after ASME
-    V&V 20 (noise and zero of the readings, covariance of the parameters), and E over u_val.
+    V&V 20 (noise and zero of the readings, covariance of the parameters, small errors of a sound
+    ring), and E over u_val. sound: those errors alone, over the range.
     None means that a figure has no meaning, for instance for the parity, which is not simulated.
     """
 
@@ -68,6 +69,7 @@ class ChannelFigures:
     rmse: float
     nrmse: float | None
     noise_floor: float | None
+    sound: float | None
     maximum: float
     bias: float
     slope_ratio: float | None
@@ -129,12 +131,13 @@ def _finite_or_none(value: Any) -> Any:
 
 def channel_figures(
     run: RunValidation, position: int, rests: Spans, noise: ChannelNoise, step: float,
-    zero_lasting: float, input_variance: float,
+    zero_lasting: float, input_variance: float, sound: float,
 ) -> ChannelFigures:
     """All figures of the channel in row `position` of a run.
 
     rests: stretches in which the run is at rest; noise: of the channel; step [s] of the samples;
-    zero_lasting [s]: length of the zero; input_variance: mean square error of the prediction.
+    zero_lasting [s]: length of the zero; input_variance: mean square error of the prediction;
+    sound: rms that small errors of a sound ring add.
     """
     measured, simulated = run.measured[position], run.simulated[position]
     residual = measured - simulated
@@ -153,7 +156,7 @@ def channel_figures(
     reading_noise = math.hypot(
         _noise_of_means(noise, rests, step) if static else noise.deviation(step), zero_noise)
     error = float(np.sqrt(np.mean((shape_measured - shape_simulated) ** 2)))
-    uncertainty = math.hypot(reading_noise, math.sqrt(max(0.0, input_variance)))
+    uncertainty = math.hypot(reading_noise, math.sqrt(max(0.0, input_variance)), sound)
     is_simulated = CHANNELS[position] != 'parity'
     areas = _loop_areas(shape_load, shape_measured, shape_simulated, extent)
     rating = rate(shape_measured, shape_simulated) if is_simulated else None
@@ -164,6 +167,7 @@ def channel_figures(
         rmse=rmse,
         nrmse=_ratio(rmse, extent),
         noise_floor=_ratio(_noise_of_sample(residual, rests, noise, step), extent),
+        sound=_ratio(sound, extent),
         maximum=float(np.max(np.abs(shape_measured - shape_simulated))),
         bias=float(np.mean(residual[compared])),
         slope_ratio=_slope_ratio(shape_measured, shape_simulated) if is_simulated else None,

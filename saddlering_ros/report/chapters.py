@@ -8,6 +8,7 @@ from typing import Any, Literal
 from saddlering_ros.diagnosis.wording import (
     CandidateEntry,
     causes_of,
+    certainty_lines,
     ChannelEntry,
     choices_of,
     gain_sentence,
@@ -26,7 +27,7 @@ from saddlering_ros.diagnosis.wording import (
     VerdictDocument,
     why_lost,
 )
-from saddlering_ros.discrepancy import CauseEntry, certainty_words
+from saddlering_ros.discrepancy import CauseEntry
 from saddlering_ros.effects import catalogue
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
@@ -55,8 +56,7 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
         html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
         html.paragraph(headline(document), 'headline'),
         html.paragraph(gain_sentence(document)),
-        html.paragraph(certainty_words(
-            document.get('probabilities', {}), document.get('stability', 1.0))),
+        *map(html.paragraph, certainty_lines(document)),
         html.paragraph(tried(document)),
     ]
     if document.get('next_test'):

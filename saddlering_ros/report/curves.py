@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -35,8 +35,9 @@ class RunCurves:
     time [s], load [N], direction (+1 load rises, -1 it falls), width [s] of the mean that a sample
     stands for: (N,) each; measured, before, after (4, N) [m, m, rad, m] in the order of CHANNELS:
     as measured, simulated by the contact law alone, and by the extended model (the same array
-    where there is none); noise: rms noise of a sample by channel, in the channel's unit;
-    force_unit: unit in which loads are shown, that of the rig file.
+    where there is none); noise: rms noise of a sample by channel, in the channel's unit; sound:
+    the same with small errors of a sound ring, where they are known; force_unit: unit in which
+    loads are shown, that of the rig file.
     """
 
     name: str
@@ -52,6 +53,7 @@ class RunCurves:
     after: Array
     noise: Mapping[str, float]
     force_unit: str = 't'
+    sound: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def load_in_unit(self) -> Array:
@@ -96,12 +98,16 @@ def _curves(figures: RunFigures, changed: bool, force_unit: str) -> RunCurves:
         name: item.noise_floor * float(np.ptp(figures.measured[row]))
         for row, (name, item) in enumerate(figures.channels.items())
     }
+    sound = {
+        name: float(np.hypot(noise[name], item.sound * np.ptp(figures.measured[row])))
+        for row, (name, item) in enumerate(figures.channels.items()) if item.sound
+    }
     return RunCurves(
         name=run.name, test=test_run.test, elevation_deg=float(np.degrees(test_run.elevation)),
         held_out=run.held_out, time=run.time, width=run.width, load=run.inputs['load'],
         direction=_direction(run), measured=figures.measured, before=figures.before,
         after=figures.after if changed else figures.before, noise=noise, force_unit=force_unit,
-    )
+        sound=sound)
 
 
 def _direction(run: RunBlocks) -> Array:

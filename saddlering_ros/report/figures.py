@@ -102,7 +102,6 @@ def _compared(
     if run.is_extended:
         versions.append((after, AFTER, '--', 'simulated, extended model'))
     role = 'held out' if run.held_out else 'fitted'
-    size = 2.0 * MICRO * run.noise[channel]
     return [
         Panel(row, column, across, axis_label(channel),
               (*seen, *(line(over, values, colour, name, dash, width=1.0)
@@ -115,7 +114,17 @@ def _compared(
                          is_open=True)
                  for values, colour, _, _ in versions
                  for here, mark, _, _ in branches_of if is_static)),
-              bands=(ShadedBand(-size, size, name='± 2 × noise floor'),), levels=(0.0,))]
+              bands=_bands(run, channel), levels=(0.0,))]
+
+
+def _bands(run: RunCurves, channel: str) -> tuple[ShadedBand, ...]:
+    """Twice the noise floor, and twice what a sound ring may do beside it, in micro-units."""
+    size = 2.0 * MICRO * run.noise[channel]
+    bands = (ShadedBand(-size, size, name='± 2 × noise floor'),)
+    if channel not in run.sound:
+        return bands
+    wide = 2.0 * MICRO * run.sound[channel]
+    return (ShadedBand(-wide, wide, opacity=0.12, name='± 2 × noise and sound ring'), *bands)
 
 
 def of_run(run: RunCurves, channels: Sequence[str] = SHOWN) -> Chart:
@@ -212,9 +221,8 @@ def _view(
     run: RunCurves, channel: str, row: int, column: int, label: str, title: str,
     series: Sequence[Series], *, with_band: bool = True,
 ) -> Panel:
-    """One view of a channel's misfit, with twice the noise floor as a band."""
-    size = 2.0 * MICRO * run.noise[channel]
-    bands = (ShadedBand(-size, size, name='± 2 × noise floor'),) if with_band else ()
+    """One view of a channel's misfit, with bands of noise and of a sound ring."""
+    bands = _bands(run, channel) if with_band else ()
     return Panel(row, column, label, axis_label(channel), tuple(series), bands,
                  title=title if row == 0 else '', shows_y_label=column == 0)
 

@@ -28,6 +28,7 @@ CLEARANCE_UNKNOWN = 1e-6
 WEIGHT_UNKNOWN = 0.02
 """Standard deviation of the weight of the carriage, as a share."""
 GRID = 70
+SOUND_LOADS = 25
 COLUMNS = 60
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
@@ -153,6 +154,28 @@ def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
             )
         )
     return list(zip(*pairs, strict=True))
+
+
+def sound_deviation(
+    rig: Rig, contact: Array, elevation: float, load: Array, zero_load: float
+) -> Array:
+    """Rms (3,) [m, m, rad] by which small errors of a sound ring move it at loads (N,).
+
+    One standard deviation of unequal rollers, of clearances and of the weight together, counted
+    from the zero. Commands that judge a residual allow for it beside the noise.
+    """
+    low, high = float(load.min()), float(load.max())
+    grid = np.append(zero_load, np.linspace(low, high, SOUND_LOADS))
+    motion = static_response(rig, contact, elevation, grid)
+    columns = _columns_at(rig, contact, motion.T, np.zeros_like(motion.T))[0]
+    changes = [np.nan_to_num(columns)]
+    for above, below in known_rigs(rig):
+        sides = [static_response(other, contact, elevation, grid) for other in (above, below)]
+        changes.append(np.nan_to_num(0.5 * (sides[0] - sides[1])).T[:, :, None])
+    moved = np.concatenate(changes, axis=2)
+    variance = ((moved[1:] - moved[:1]) ** 2).sum(axis=2)
+    at_loads = [np.interp(load, grid[1:], own) for own in variance.T]
+    return np.sqrt(np.mean(at_loads, axis=1))
 
 
 def _half(row: RollerRow) -> tuple[Array, Array]:

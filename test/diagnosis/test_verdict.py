@@ -81,7 +81,7 @@ def test_each_run_has_four_channels_with_noise_floor(document):
         assert run['test'] in ('static', 'dynamic')
         assert set(run['channels']) == set(CHANNELS)
         for figures in run['channels'].values():
-            assert set(figures) == {'nrmse_before', 'nrmse_after', 'noise_floor'}
+            assert set(figures) == {'nrmse_before', 'nrmse_after', 'noise_floor', 'sound'}
             assert figures['noise_floor'] > 0.0
 
 

@@ -142,3 +142,49 @@ def test_a_small_second_cause_is_not_told_to_be_as_likely_as_the_first() -> None
         assert told['large'] > 10.0 * told['small']
     assert probabilities_of('named', [first], 0.99)['large'] > 0.9
     assert probabilities_of('unknown', [first], 0.4)['unknown'] > 0.8
+
+
+def test_a_cause_without_a_rival_is_stable_and_its_evidence_is_told_by_run() -> None:
+    answer = found(0.3, 0.0)
+    assert answer.stability == 1.0
+    assert not answer.near_limit
+    assert {refit.change for refit in answer.refits} >= {
+        'without run 0', 'without run 1', 'half the model error', 'twice the model error'}
+    assert {part.run for part in answer.influence} == {'run 0', 'run 1', 'run 2'}
+    assert 'Evidence by run: run ' in answer.summary()
+
+
+def test_a_verdict_with_little_evidence_says_that_it_is_near_its_limit() -> None:
+    random = np.random.default_rng(3)
+    runs = [replace(run, outputs={'seen': run.outputs['seen'] + random.normal(0, 0.08, TIME.size)})
+            for run in (record(number, 0.009, 0.0) for number in range(3))]
+    answer = diagnose(MODEL, runs)
+    assert [cause.effect for cause in answer.causes] == ['friction']
+    assert any('near its limit: ' in line for line in answer.summary().splitlines())
+
+
+def test_held_out_runs_tell_open_alternatives_apart() -> None:
+    """Where the drive is small the spring and the gain are alike; a held-out run is large."""
+    def made(number: int, size: float, std: float = 0.02) -> Run:
+        random = np.random.default_rng(number)
+        drive = size * np.sin((0.9 + 0.2 * number) * TIME)
+        run = Run(f'run {number}', TIME, {'drive': drive}, {'seen': TIME})
+        seen = 1.2 * drive + 0.3 * drive**3 + std * random.normal(size=TIME.size)
+        return replace(run, outputs={'seen': seen})
+
+    def law(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        drive = np.asarray(run.inputs['drive'])
+        bent = parameters['cubic.size'] * drive**3
+        bent = bent + parameters['soft.size'] * (drive - np.arctan(drive))
+        return {'seen': parameters['gain'] * drive + bent}
+
+    model = Model(law, {'gain': Parameter(0.5, 2.0)}, {
+        'cubic': Effect('A cubic spring', {'size': Parameter(-2, 2)}),
+        'soft': Effect('A spring of another law', {'size': Parameter(-2, 2)}),
+    }, {'seen': Channel()})
+    answer = diagnose(model, [made(0, 0.5), made(1, 0.6)], hold_out=[made(2, 1.5)])
+    assert answer.verdict == 'ambiguous'
+    assert [one.remains for one in answer.held_out_evidence] == [True, False]
+    assert answer.held_out_evidence[0].effect == 'cubic'
+    assert answer.next_test is not None
+    assert answer.next_test.startswith('Fit run 2 too: ')

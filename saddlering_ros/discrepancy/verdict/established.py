@@ -22,11 +22,11 @@ from saddlering_ros.discrepancy.search.space import AT_BOUND, ModelSpace
 from saddlering_ros.discrepancy.verdict.judgement import allowed_sizes, shapes_at_bounds
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
-    Influence,
     Remainder,
     Residual,
     Verdict,
 )
+from saddlering_ros.discrepancy.verdict.stability import STRETCHES
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.quantities import percent, quantity
 
@@ -37,9 +37,6 @@ docs/benchmarks."""
 
 MAX_OWN_KIND = 0.7
 """Share of the remainder that may go as the causes act, in other proportions."""
-
-STRETCHES = 4
-"""Stretches of a run whose part of the evidence is told, and which are drawn for intervals."""
 
 DRAWS = 400
 """Draws of stretches for the interval of a reduction."""
@@ -166,10 +163,7 @@ def doubts_of(
     doubts = [*shapes_at_bounds(space, fit), *sizes_at_bounds(space.problem, fit)]
     for name, own in {' and '.join(fit.candidate.ids): whole, **members}.items():
         if own.best < MIN_TAKEN:
-            doubts.append(
-                f'{name} takes {percent(max(own.best, 0.0))} of the power of the misfit beyond '
-                f'noise, less than the {percent(MIN_TAKEN)} that a cause takes which nothing '
-                'else could stand for')
+            doubts.append(weak_words(name, own))
     if whole.interval is None:
         doubts.append('one run only: that the causes predict other runs is not shown')
     elif whole.interval[0] <= 0.0:
@@ -187,6 +181,22 @@ def doubts_of(
     if open_members and len(fit.candidate.effects) > 1:
         doubts.append(f'beside another cause, other effects can replace {open_members[0]}')
     return doubts
+
+
+def weak_words(name: str, shares: Shares) -> str:
+    """That causes take too little of the misfit to be established."""
+    return (f'{name} takes {percent(max(shares.best, 0.0))} of the power of the misfit beyond '
+            f'noise, less than the {percent(MIN_TAKEN)} that a cause takes which nothing else '
+            'could stand for')
+
+
+def under_declared_error(space: ModelSpace, fit: Fit) -> list[str]:
+    """Effects of a fit whose part is no larger than the declared model error anywhere."""
+    allowed = allowed_sizes(space)
+    return [
+        name for name in fit.candidate.ids
+        if all(float(size.max()) <= allowed[view] for view, size in
+               Comparison(space, space.without(fit, name), fit).added.items())]
 
 
 def own_kind_left(space: ModelSpace, fit: Fit, residual: Residual) -> list[str]:
@@ -268,56 +278,6 @@ def as_seen_in(space: ModelSpace, fit: Fit) -> Fit:
     """A fit of another metric in the metric of `space`."""
     whitened = space.metric.whiten(fit.prediction - space.problem.measured)
     return replace(fit, whitened=whitened, misfit=float(whitened @ whitened))
-
-
-def influence_of(space: ModelSpace, fit: Fit) -> tuple[Influence, ...]:
-    """What each stretch of each run adds to the evidence for the causes."""
-    problem = space.problem
-    falls = problem.by_run(space.base.whitened**2 - fit.whitened**2)
-    answer = []
-    for run, fall in zip(problem.runs, falls, strict=True):
-        for part in np.array_split(np.arange(run.time.size), STRETCHES):
-            answer.append(Influence(
-                run.name, float(run.time[part[0]]), float(run.time[part[-1]]),
-                float(fall[:, part].sum())))
-    return tuple(answer)
-
-
-def stability_of(space: ModelSpace, fit: Fit, process: Array | None) -> float:
-    """Share of refits that end in the same first cause.
-
-    Each run is left out once; the model error is half and twice as large; stretches are drawn
-    again. The models keep their parameters: a run that is left out leaves the sum of the others.
-    """
-    problem = space.problem
-    models = [space.base, *space.single_effect_fits()]
-    if all(item.candidate.key != fit.candidate.key for item in models):
-        models.append(fit)
-    wanted = set(fit.candidate.ids) or {''}
-    sizes = np.array([item.theta_unit.size for item in models]) * space.log_size
-    parts = np.array([_by_stretch(problem, item.whitened) for item in models])
-    count = len(problem.runs)
-    sums = [parts.sum(axis=1) - parts[:, STRETCHES * run : STRETCHES * (run + 1)].sum(axis=1)
-            for run in range(count if count > 1 else 0)]
-    draws = np.random.default_rng(1).integers(0, parts.shape[1], (4, parts.shape[1]))
-    sums += [parts[:, draw].sum(axis=1) for draw in draws]
-    residuals = np.column_stack([item.prediction - problem.measured for item in models])
-    for factor in (0.5, 2.0) if process is not None else ():
-        scaled = space.metric.marginalise(np.hstack([factor * np.asarray(process)]))
-        sums.append((scaled.whiten(residuals) ** 2).sum(axis=0))
-    same = 0
-    for total in sums:
-        best = models[int(np.argmin(total + sizes))]
-        same += bool(wanted & (set(best.candidate.ids) or {''}))
-    return same / max(len(sums), 1)
-
-
-def _by_stretch(problem: Problem, whitened: Array) -> Array:
-    """Squares (R * S,) of a whitened residual by stretch of each run."""
-    return np.array([
-        float((block[:, part] ** 2).sum())
-        for block in problem.by_run(whitened)
-        for part in np.array_split(np.arange(block.shape[1]), STRETCHES)])
 
 
 HALF_LEFT, STEEPNESS = 0.3, 2.5

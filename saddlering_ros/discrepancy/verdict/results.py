@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal, TypedDict
 
 from saddlering_ros.discrepancy.law.proposal import LawProposal
-from saddlering_ros.discrepancy.next_test import Separation
+from saddlering_ros.discrepancy.next_test import HeldOutEvidence, Separation
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain
 from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
@@ -188,6 +188,15 @@ class Influence:
 
 
 @dataclass(frozen=True)
+class Refit:
+    """A refit with other data or assumptions: what changes, and the first cause it ends in."""
+
+    change: str
+    first: str | None
+    is_same: bool
+
+
+@dataclass(frozen=True)
 class PublishedFits:
     """The published fits of the base, and of base and causes, by parameters alone.
 
@@ -209,8 +218,9 @@ class Diagnosis:
     verdict converged. law: a proposed law, with `unknown` only. separations: proposed tests,
     the best first, with their separation of an `ambiguous` group. complete: whether no more than
     noise and declared model error is left; remainder: what is. probabilities: of each cause or
-    group ('a or b'), of 'none' and of 'unknown'. stability: share of refits with the same first
-    cause; influence: what each stretch adds to the evidence.
+    group ('a or b'), of 'none' and of 'unknown'. refits: without each run, with another model
+    error, with stretches drawn again; near_limit: why the verdict is near its limit; influence:
+    what each stretch adds; held_out_evidence: open alternatives judged by held-out runs.
     """
 
     verdict: Verdict
@@ -235,8 +245,17 @@ class Diagnosis:
     complete: bool = True
     remainder: tuple[Remainder, ...] = ()
     probabilities: Mapping[str, float] = field(default_factory=dict)
-    stability: float = 1.0
+    refits: tuple[Refit, ...] = ()
+    near_limit: tuple[str, ...] = ()
     influence: tuple[Influence, ...] = ()
+    held_out_evidence: tuple[HeldOutEvidence, ...] = ()
+
+    @property
+    def stability(self) -> float:
+        """Share of the refits that end in the same first cause; 1 without refits."""
+        if not self.refits:
+            return 1.0
+        return sum(refit.is_same for refit in self.refits) / len(self.refits)
 
     @property
     def headline(self) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+from saddlering_ros.discrepancy.next_test import HeldOutEvidence
 from saddlering_ros.discrepancy.verdict.results import CauseEntry, Diagnosis, Estimate
 from saddlering_ros.quantities import (
     CHANCE,
@@ -19,8 +20,14 @@ PARTIAL = ' (explains part of the misfit only)'
 """Words behind the title of a cause that is real beside something else that is wrong."""
 
 
-MIN_STABLE = 0.8
-"""Share of refits with the same first cause below which a verdict is near its limit."""
+MAX_RUNS = 4
+"""Runs whose share of the evidence is told in a line."""
+
+MIN_AGAINST = 0.01
+"""Share of the evidence from which a run that speaks against the causes is told."""
+
+MAX_SURE = 0.99
+"""Largest probability that is told of alternatives."""
 
 
 def verdict_line(verdict: str) -> str:
@@ -93,6 +100,19 @@ def rest_words(share_of_range: float, channel: str) -> str:
     return f' A rest of {percent(share_of_range)} of range in {channel} fits no cause.'
 
 
+def free_test_words(evidence: Sequence[HeldOutEvidence]) -> str:
+    """What held-out runs say about open alternatives, as the test that needs no record; or ''."""
+    kept = [one for one in evidence if one.remains]
+    if not kept or len(kept) == len(evidence):
+        return ''
+    runs = ' and '.join(evidence[0].runs)
+    names = ' or '.join(one.title for one in kept)
+    share = sum(one.share for one in kept)
+    certain = f'{"over " if share > MAX_SURE else ""}{percent(min(share, MAX_SURE))}'
+    return (f'Fit {runs} too: of the alternatives, {names} predicts {runs} best '
+            f'({certain} of their probability).')
+
+
 def certainty_words(probabilities: Mapping[str, float], stability: float) -> str:
     """Probabilities and stability of a verdict in one line; nothing without probabilities."""
     if not probabilities:
@@ -100,8 +120,35 @@ def certainty_words(probabilities: Mapping[str, float], stability: float) -> str
     told = ', '.join(f'{name} {words}' for name, words in shares_in_words(probabilities).items())
     named = set(probabilities) - {'none', 'unknown'}
     same = 'have the same first cause' if named else 'find no cause either'
-    near = ', so that the verdict is near its limit' if stability < MIN_STABLE else ''
-    return f'Probabilities: {told}. {percent(stability)} of the refits {same}{near}.'
+    return f'Probabilities: {told}. {percent(stability)} of the refits {same}.'
+
+
+def limit_lines(near_limit: Sequence[str]) -> list[str]:
+    """Why a verdict is near its limit, one line each."""
+    return [f'near its limit: {reason}' for reason in near_limit]
+
+
+def influence_words(influence: Sequence[tuple[str, float, float, float]]) -> str:
+    """Which runs and stretches hold the evidence: run, start, end [s] and evidence of each.
+
+    Nothing without evidence.
+    """
+    runs: dict[str, list[tuple[float, float, float]]] = {}
+    for run, start, end, evidence in influence:
+        runs.setdefault(run, []).append((evidence, start, end))
+    sums = {run: sum(part[0] for part in parts) for run, parts in runs.items()}
+    whole = sum(sums.values())
+    if whole <= 0.0:
+        return ''
+    words = []
+    for run in sorted(sums, key=lambda name: -sums[name])[:MAX_RUNS]:
+        _, start, end = max(runs[run])
+        if sums[run] > 0.0:
+            words.append(f'{run} {percent(sums[run] / whole)} (most of it from {start:.3g} to '
+                         f'{end:.3g} s)')
+    against = [run for run, share in sums.items() if share < -MIN_AGAINST * whole]
+    more = f'; against the causes: {", ".join(against)}' if against else ''
+    return f'Evidence by run: {", ".join(words)}{more}.'
 
 
 def tried_words(compared: int, refitted: int, *, has_law: bool) -> str:
@@ -126,12 +173,18 @@ def summary_text(diagnosis: Diagnosis) -> str:
         lines += cause_lines(cause.entry(), estimates_words(cause.parameters))
     if diagnosis.separations:
         best = diagnosis.separations[0]
-        lines.append(f'next test: {best.proposal.sentence} It leaves the true cause alone in '
+        lines.append(f'next test: {diagnosis.next_test} The test leaves the true cause alone in '
                      f'{round(100 * best.share)} of 100 simulated draws.')
+    elif diagnosis.next_test:
+        lines.append(f'next test: {diagnosis.next_test}')
     if diagnosis.causes:
         gain = diagnosis.gain
         lines.append(f'misfit reduction: {gain_words(gain.fit, gain.held_out)}')
     lines.append(certainty_words(diagnosis.probabilities, diagnosis.stability))
+    lines += limit_lines(diagnosis.near_limit)
+    if diagnosis.causes:
+        lines.append(influence_words([
+            (one.run, one.start, one.end, one.evidence) for one in diagnosis.influence]))
     if diagnosis.verdict == 'unknown':
         lines.append(tried_words(
             len(diagnosis.observability.limits), len(diagnosis.search.candidates),

@@ -1,0 +1,154 @@
+"""How far a verdict hangs on single runs, on the assumed model error and on chance.
+
+Every model that was fitted is refitted to first order with other weights of the stretches of the
+runs: without each run, and with stretches drawn again, as another seed of the noise would. The
+model error and other nuisance parameters are half and twice as large as well. All this needs no
+simulation, because fits keep their residuals and sensitivities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
+from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.system import Array, FREE_STRENGTH
+from saddlering_ros.discrepancy.search.comparison import Comparison
+from saddlering_ros.discrepancy.search.selection import Alternatives
+from saddlering_ros.discrepancy.search.space import ModelSpace
+from saddlering_ros.discrepancy.verdict.results import Influence, Refit
+from saddlering_ros.quantities import percent
+
+STRETCHES = 4
+"""Stretches of a run whose part of the evidence is told, and which are drawn again."""
+
+SEEDS = 6
+"""Number of draws of stretches: with the runs left out, about ten refits of usual data."""
+
+MIN_STABLE = 0.8
+"""Share of refits with the same first cause below which a verdict is near its limit."""
+
+WITHOUT = 'without '
+"""Begin of the change of a refit that leaves out a run."""
+
+NEAR = 2.0
+"""Factor of the gain at which an effect is real within which a verdict is near its limit."""
+
+
+def influence_of(space: ModelSpace, fit: Fit) -> tuple[Influence, ...]:
+    """What each stretch of each run adds to the evidence for the causes."""
+    problem = space.problem
+    falls = space.base.whitened**2 - fit.whitened**2
+    return tuple(
+        Influence(run.name, float(run.time[part[0]]), float(run.time[part[-1]]),
+                  float(fall[:, part].sum()))
+        for run, fall in zip(problem.runs, problem.by_run(falls), strict=True)
+        for part in np.array_split(np.arange(run.time.size), STRETCHES) if part.size)
+
+
+def refits_of(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> tuple[Refit, ...]:
+    """Refits of all models to first order, each with the first cause that it ends in.
+
+    A refit ends in the same first cause if its best model shares an effect with the model found
+    or with an alternative to it.
+    """
+    models = {item.candidate.key: item for item in (
+        space.base, *space.single_effect_fits(), fit,
+        *(other for others in alternatives.values() for other in others))}
+    answers = []
+    open_ids = {name for others in alternatives.values() for other in others
+                for name in other.candidate.ids}
+    wanted = {*fit.candidate.ids, *open_ids} or {''}
+    count = len(space.problem.runs)
+    plain = np.ones(count * STRETCHES)
+    cases = [*_reweighted(space.problem), ('half the model error', 0.5, plain),
+             ('twice the model error', 2.0, plain)]
+    for factor in (1.0, 0.5, 2.0):
+        sums = [_Sums(space.metric, factor, model) for model in models.values()]
+        for change, own, weights in cases:
+            if own == factor:
+                best = min(sums, key=lambda one: one.penalised(space, weights))
+                ids = best.fit.candidate.ids
+                answers.append(Refit(
+                    change, ids[0] if ids else None, bool(wanted & (set(ids) or {''}))))
+    return tuple(answers)
+
+
+def _reweighted(problem: Problem) -> Iterator[tuple[str, float, Array]]:
+    """What changes, the factor of the model error, and weights (R * S,) of the stretches."""
+    count = len(problem.runs)
+    for number, run in enumerate(problem.runs):
+        if count > 1:
+            weights = np.ones((count, STRETCHES))
+            weights[number] = 0.0
+            yield WITHOUT + run.name, 1.0, weights.ravel()
+    random = np.random.default_rng(problem.settings.seed)
+    for number in range(SEEDS):
+        drawn = random.integers(0, count * STRETCHES, count * STRETCHES)
+        yield (f'stretches drawn again, {number + 1}', 1.0,
+               np.bincount(drawn, minlength=count * STRETCHES).astype(float))
+
+
+class _Sums:
+    """Products of residual and sensitivities of a fit by stretch, for any weights of stretches.
+
+    factor: of the model error and other nuisance parameters with a spread.
+    """
+
+    def __init__(self, metric: Metric, factor: float, fit: Fit) -> None:
+        self.fit = fit
+        shared = metric.shared
+        strength = shared.strength
+        other = np.where(strength < FREE_STRENGTH, factor * strength, strength)
+        ratio = np.sqrt((1.0 + strength**2) / (1.0 + other**2)) - 1.0
+        columns = np.column_stack([fit.jacobian, fit.whitened])
+        columns = columns + shared.directions @ (ratio[:, None] * (shared.directions.T @ columns))
+        parts = [
+            block[:, part].reshape(-1, columns.shape[1])
+            for block in metric.problem.by_run(columns)
+            for part in np.array_split(np.arange(block.shape[1]), STRETCHES)]
+        self._products = np.array([part.T @ part for part in parts])
+
+    def penalised(self, space: ModelSpace, weights: Array) -> float:
+        """Misfit after one step, plus the price of its parameters and of its first effect."""
+        products = np.tensordot(weights, self._products, axes=1)
+        gram, slope = products[:-1, :-1], products[:-1, -1]
+        misfit = products[-1, -1] - slope @ np.linalg.solve(
+            gram + PRIOR**2 * np.eye(slope.size), slope)
+        price = space.log_size * self.fit.theta_unit.size
+        if self.fit.candidate.effects:
+            price += max(space.real_gain - space.log_size, 0.0)
+        return float(misfit) + price
+
+
+def near_limit(
+    space: ModelSpace, fit: Fit, refits: Sequence[Refit], taken: float | None, least: float
+) -> tuple[str, ...]:
+    """Why a verdict is near its limit, one sentence each.
+
+    taken: share of the misfit that causes beside model error take, of which `least` is needed.
+    """
+    others = [refit for refit in refits if not refit.is_same]
+    sentences = [f'{refit.change} the first cause is {refit.first or "none"}: it hangs on that run'
+                 for refit in others if refit.change.startswith(WITHOUT)]
+    if len(others) > (1.0 - MIN_STABLE) * len(refits):
+        sentences.append(
+            f'{len(others)} of {len(refits)} refits end in another first cause: '
+            + '; '.join(f'{refit.change}: {refit.first or "none"}' for refit in others[:3]))
+    if not fit.candidate.effects:
+        gain, name = max(((space.base.misfit - single.misfit, single.candidate.ids[0])
+                          for single in space.single_effect_fits()), default=(0.0, ''))
+        if gain > space.real_gain / NEAR:
+            sentences.append(f'{name} reaches {percent(gain / space.real_gain)} of the evidence '
+                             'at which it would be a cause')
+    for name in fit.candidate.ids:
+        one = Comparison(space, space.without(fit, name), fit)
+        if one.gain < NEAR * space.real_gain:
+            sentences.append(f'{name} has {one.gain / space.real_gain:.1f} times the evidence at '
+                             'which a cause is real')
+    if taken is not None and least <= taken < 0.5 * (1.0 + least):
+        sentences.append(f'the causes take {percent(taken)} of the misfit beyond noise; with less '
+                         f'than {percent(least)} they would not be established')
+    return tuple(sentences)
