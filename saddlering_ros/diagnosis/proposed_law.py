@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
-from saddlering_ros.discrepancy import describe, LawProposal, Term
+from saddlering_ros.discrepancy import describe, gain_words, LawProposal, Term
 from saddlering_ros.files import write_text
+from saddlering_ros.quantities import quantity
 
 TABLE_POINTS = 1025
 """Points of the table of a simple law, which resolve a hundredth of the range."""
@@ -146,3 +147,20 @@ def _table(term: Term) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
     along = dict.fromkeys(('load', 'rate', 'time', 'angle', term.coordinate), at)
     along['direction'] = np.ones(at.size)
     return term.coordinate, at, term.evaluate(along)
+
+
+def proposal_lines(law: Mapping[str, Any] | None) -> list[str]:
+    """The proposed law, its misfit reduction, and its doubts."""
+    if not law:
+        return []
+    lines = ['', 'A law that would explain the misfit (a proposal; the verdict stays unknown):']
+    for term in law['terms']:
+        lines.append(f'  {term["channel"]} += {term["law"]} in {term["coordinate"]}: '
+                     f'{term["formula"]}')
+        lines += [
+            f'    {name} {quantity(size["value"], size["unit"], size["std"])}'
+            for name, size in term['parameters'].items()]
+    gain = law['gain']
+    lines.append(f'  misfit reduction {gain_words(gain["fit"], gain["held_out"])}')
+    lines += [f'  doubt: {doubt}' for doubt in law['doubts']]
+    return [*lines, *(f'  effect file: {path}' for path in law['effect_files'])]

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any, cast, TypedDict
 
+from saddlering_ros.diagnosis.proposed_law import proposal_lines
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
 from saddlering_ros.discrepancy import (
     cause_lines,
     CauseEntry,
     certainty_words,
-    gain_words,
     influence_words,
     limit_lines,
     ReductionEntry,
@@ -168,35 +168,16 @@ class InfluenceEntry(TypedDict):
     evidence: float
 
 
-class RefitEntry(TypedDict):
-    """A refit with other data or assumptions, and the first cause that it ends in."""
-
-    change: str
-    first: str | None
-    is_same: bool
-
-
-class HeldOutEntry(TypedDict):
-    """An open alternative judged by held-out runs; share: of the probability of all of them."""
-
-    effect: str
-    title: str
-    runs: tuple[str, ...]
-    distance: float
-    share: float
-    remains: bool
-
-
 class _VerdictMore(TypedDict, total=False):
     complete: bool
     remainder: list[RemainderEntry]
     headline: str
     probabilities: Shares
     stability: float
-    refits: list[RefitEntry]
+    refits: list[dict[str, Any]]
     near_limit: list[str]
     influence: list[InfluenceEntry]
-    held_out_evidence: list[HeldOutEntry]
+    held_out_evidence: list[dict[str, Any]]
     simulated_tests: list[SimulatedTestEntry]
     gain: TotalReductionEntry
     detection_limits: list[LimitEntry]
@@ -473,7 +454,7 @@ def document_text(document: VerdictDocument) -> str:
     if shapes_of(document):
         lines.append('Misfit that no effect of the catalogue explains:')
         lines += [f'  {shape_words(shape)}' for shape in shapes_of(document)]
-    lines += proposal_lines(document)
+    lines += proposal_lines(document.get('proposal'))
     is_extended = bool(causes_of(document))
     if lines[-1]:
         lines.append('')
@@ -484,24 +465,6 @@ def document_text(document: VerdictDocument) -> str:
     lines += ['', 'Contact parameters (before -> after):' if is_extended else
               'Contact parameters:', *_parameter_lines(document, is_extended)]
     return '\n'.join([*lines, *(f'note: {note}' for note in document['notes'])])
-
-
-def proposal_lines(document: VerdictDocument) -> list[str]:
-    """The proposed law, its misfit reduction, and its doubts."""
-    law = document.get('proposal')
-    if not law:
-        return []
-    lines = ['', 'A law that would explain the misfit (a proposal; the verdict stays unknown):']
-    for term in law['terms']:
-        lines.append(f'  {term["channel"]} += {term["law"]} in {term["coordinate"]}: '
-                     f'{term["formula"]}')
-        lines += [
-            f'    {name} {quantity(size["value"], size["unit"], size["std"])}'
-            for name, size in term['parameters'].items()]
-    gain = law['gain']
-    lines.append(f'  misfit reduction {gain_words(gain["fit"], gain["held_out"])}')
-    lines += [f'  doubt: {doubt}' for doubt in law['doubts']]
-    return [*lines, *(f'  effect file: {path}' for path in law['effect_files'])]
 
 
 def _run_line(run: RunEntry, is_extended: bool) -> str:
