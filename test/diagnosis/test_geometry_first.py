@@ -27,7 +27,8 @@ def test_the_rig_file_comes_before_the_probes_unless_a_hash_vouches_for_it(
                              labels=(), cosines=())
     cause = SimpleNamespace(effect='radial_friction', group=('radial_friction',))
     found: Any = SimpleNamespace(
-        verdict=verdict, causes=[cause], residual_after=AFTER, observability=unseen)
+        verdict=verdict, causes=[cause], residual_after=AFTER, observability=unseen,
+        held_out_evidence=())
     run: Any = SimpleNamespace(rig_hash=rig_hash)
     sentence = next_test(found, [run], RIG)
     assert sentence is not None
