@@ -97,7 +97,21 @@ def open_directory(path: Path | str) -> BagDirectory:
     if not path.is_file() or not path.name.endswith(SUFFIXES):
         raise BagError(f'{path}: is not a bag: give a rosbag2 directory or an .mcap file, or make '
                        f'one of measured files by: saddlering import {path} --draft')
-    return _of_file(path)
+    # A bare file; metadata.yaml beside it counts if it names the file.
+    beside = path.parent / METADATA
+    if beside.is_file():
+        try:
+            information = read_metadata(beside)
+            named = {Path(name).name for name in _names(information)}
+        except BagError:
+            return BagDirectory(path, (path,))
+        if path.name in named:
+            of_bag = _with_information(path, (path,), information)
+            if len(named) == 1:
+                return of_bag
+            return BagDirectory(path, (path,), of_bag.custom_data, None,
+                                of_bag.message_compression, True)
+    return BagDirectory(path, (path,))
 
 
 def announced(path: Path | str) -> str:
@@ -167,24 +181,6 @@ def _of_directory(path: Path) -> BagDirectory:
     known = {file.name.removesuffix('.zstd') for file in of_bag.files}
     return replace(of_bag, unlisted=tuple(
         file.name for file in found if file.name.removesuffix('.zstd') not in known))
-
-
-def _of_file(path: Path) -> BagDirectory:
-    """A bare file; metadata.yaml beside it counts if it names the file."""
-    beside = path.parent / METADATA
-    if beside.is_file():
-        try:
-            information = read_metadata(beside)
-            named = {Path(name).name for name in _names(information)}
-        except BagError:
-            return BagDirectory(path, (path,))
-        if path.name in named:
-            of_bag = _with_information(path, (path,), information)
-            if len(named) == 1:
-                return of_bag
-            return BagDirectory(path, (path,), of_bag.custom_data, None,
-                                of_bag.message_compression, True)
-    return BagDirectory(path, (path,))
 
 
 def _with_information(

@@ -105,7 +105,17 @@ def write_samples(
             with temporary.open('w', encoding='ascii', newline='') as file:
                 file.writelines(csv_lines(parts))
         else:
-            _write_parquet(temporary, parts, provenance)
+            import pyarrow
+            from pyarrow import parquet
+
+            metadata = None if provenance is None else {
+                'saddlering.provenance': json.dumps(provenance.as_dict())}
+            schema = pyarrow.schema(
+                [(name, {'stamp_ns': pyarrow.int64(), 'validity': pyarrow.uint8()}.get(
+                    name, pyarrow.float64())) for name in COLUMNS], metadata)
+            with parquet.ParquetWriter(temporary, schema, compression='zstd') as writer:
+                for columns in parts:
+                    writer.write_table(pyarrow.table(columns, schema))
 
 
 def csv_lines(parts: Iterable[Columns]) -> Iterator[str]:
@@ -114,19 +124,3 @@ def csv_lines(parts: Iterable[Columns]) -> Iterator[str]:
     for columns in parts:
         for row in zip(*(column.tolist() for column in columns.values()), strict=True):
             yield ','.join(map(repr, row)) + '\n'
-
-
-def _write_parquet(
-    path: Path, parts: Iterable[Columns], provenance: Provenance | None,
-) -> None:
-    import pyarrow
-    from pyarrow import parquet
-
-    metadata = None if provenance is None else {
-        'saddlering.provenance': json.dumps(provenance.as_dict())}
-    schema = pyarrow.schema(
-        [(name, {'stamp_ns': pyarrow.int64(), 'validity': pyarrow.uint8()}.get(
-            name, pyarrow.float64())) for name in COLUMNS], metadata)
-    with parquet.ParquetWriter(path, schema, compression='zstd') as writer:
-        for columns in parts:
-            writer.write_table(pyarrow.table(columns, schema))

@@ -298,7 +298,16 @@ def _scan_file(
             _take_facts(result, records, file.metadata.get(METADATA_RECORD, {}), path)
             text = file.metadata.get('rosbag2', {}).get('serialized_metadata', '')
             recorder.update(custom_data_of(text) if text else {})
-            _take_summary(result, file)
+            result.message_count += file.message_count
+            result.compressions |= file.compressions or {'none'}
+            for channel in file.channels.values():
+                topic = result.topics.setdefault(channel.topic, ScannedTopic(channel.topic))
+                topic.types.add(channel.type)
+                if channel.topic in RIG_TOPICS:
+                    result.schema_encodings.add(channel.schema_encoding)
+            starts = [time for time in (result.log_start, file.log_start) if time is not None]
+            stops = [time for time in (result.log_stop, file.log_stop) if time is not None]
+            result.log_start, result.log_stop = min(starts, default=None), max(stops, default=None)
 
 
 def _take_facts(
@@ -313,19 +322,6 @@ def _take_facts(
                 f'{key} is {records[key]!r} in one file and {value!r} in {path.name}: these are '
                 'two tests: give each test a folder of its own')
     records.update({key: value for key, value in own.items() if key not in records})
-
-
-def _take_summary(result: Scan, file: McapFile) -> None:
-    result.message_count += file.message_count
-    result.compressions |= file.compressions or {'none'}
-    for channel in file.channels.values():
-        topic = result.topics.setdefault(channel.topic, ScannedTopic(channel.topic))
-        topic.types.add(channel.type)
-        if channel.topic in RIG_TOPICS:
-            result.schema_encodings.add(channel.schema_encoding)
-    starts = [time for time in (result.log_start, file.log_start) if time is not None]
-    stops = [time for time in (result.log_stop, file.log_stop) if time is not None]
-    result.log_start, result.log_stop = min(starts, default=None), max(stops, default=None)
 
 
 def _take_block(result: Scan, file: McapFile, block: McapBlock, topics: Collection[str]) -> None:
@@ -352,7 +348,9 @@ def _take_messages(
     known = TOPICS.get(topic.topic)
     if known is None:
         return
-    if _full_name(channel.type) != known.type:
+    # Names of some recorders leave the middle part out.
+    package, _, rest = channel.type.partition('/')
+    if (channel.type if '/' in rest else f'{package}/msg/{rest}') != known.type:
         topic.fault = (f'its type is {channel.type or "not said"} and should be {known.type}: '
                        'record the topic of the rig, or remap it')
         return
@@ -371,12 +369,6 @@ def _take_messages(
         topic.add(decode(data, messages, known), messages.log_times)
     except CdrError as problem:
         topic.fault = f'{problem}: record or copy the bag again'
-
-
-def _full_name(name: str) -> str:
-    """Names of some recorders leave the middle part out."""
-    package, _, rest = name.partition('/')
-    return name if '/' in rest else f'{package}/msg/{rest}'
 
 
 def _decompressed(

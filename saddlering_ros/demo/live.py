@@ -198,7 +198,22 @@ class LiveRig:
         window = min(LONGEST_STEP, max(0.02, SAMPLES_PER_STEP * interval))
         for name in SWITCHED:
             extra = {'window': window} if name == 'replay_clock' else {}
-            self._switch(name, {'bag': str(bag), **extra})
+            # Give a replay node its next bag, through its lifecycle.
+            values: dict[str, str | float] = {'bag': str(bag), **extra}
+            if name in self._replayed:
+                self._transit(name, Transition.TRANSITION_DEACTIVATE)
+                self._transit(name, Transition.TRANSITION_CLEANUP)
+            self._replayed.add(name)
+            parameters = [
+                Parameter(name=key, value=_parameter_value(value)) for key, value in values.items()
+            ]
+            answer = self._call(SetParameters, f'/{name}/set_parameters',
+                                SetParameters.Request(parameters=parameters))
+            refused = [item.reason for item in answer.results if not item.successful]
+            if refused:
+                raise DemoError(f'{name}: {refused[0]}')
+            self._transit(name, Transition.TRANSITION_CONFIGURE)
+            self._transit(name, Transition.TRANSITION_ACTIVATE)
         self._until(lambda: 0.0 <= self._share()[0] < 1.0,
                     f'the replay of {bag.name} does not start')
         share, words = self._share()
@@ -221,23 +236,6 @@ class LiveRig:
         start, end = to_stamp(state.start), to_stamp(state.end)
         share = (to_stamp(state.now) - start) / max(end - start, 1)
         return min(share, 0.999), f'{state.speed:.0f} times real time' if state.speed else ''
-
-    def _switch(self, name: str, values: dict[str, str | float]) -> None:
-        """Give a replay node its next bag, through its lifecycle."""
-        if name in self._replayed:
-            self._transit(name, Transition.TRANSITION_DEACTIVATE)
-            self._transit(name, Transition.TRANSITION_CLEANUP)
-        self._replayed.add(name)
-        parameters = [
-            Parameter(name=key, value=_parameter_value(value)) for key, value in values.items()
-        ]
-        answer = self._call(SetParameters, f'/{name}/set_parameters',
-                            SetParameters.Request(parameters=parameters))
-        refused = [item.reason for item in answer.results if not item.successful]
-        if refused:
-            raise DemoError(f'{name}: {refused[0]}')
-        self._transit(name, Transition.TRANSITION_CONFIGURE)
-        self._transit(name, Transition.TRANSITION_ACTIVATE)
 
     def _transit(self, name: str, transition: int) -> None:
         request = ChangeState.Request(transition=Transition(id=transition))

@@ -39,7 +39,14 @@ def write_all(outcome: DemoOutcome, folder: Path, command: str) -> list[Path]:
     folder.parent.mkdir(parents=True, exist_ok=True)
     try:
         with temporary_folder(folder.parent, f'.{folder.name}.') as staging:
-            _fill(staging, outcome, command)
+            page = demo_page(outcome, command)
+            (staging / 'report.html').write_text(page, encoding='utf-8')
+            for name, data in pictures_of(page).items():
+                (staging / f'{name}.png').write_bytes(data)
+            numbers = json.dumps(numbers_of(outcome), indent=2)
+            (staging / 'numbers.json').write_text(numbers + '\n', encoding='utf-8')
+            write_parameters(staging / 'parameters_identified.yaml', outcome.identified)
+            write_parameters(staging / 'parameters_extended.yaml', outcome.extended)
             files = sorted(staging.iterdir())
             with _uninterrupted():
                 folder.mkdir(exist_ok=True)
@@ -49,17 +56,6 @@ def write_all(outcome: DemoOutcome, folder: Path, command: str) -> list[Path]:
     except OSError as problem:
         raise DemoError(f'{folder}: cannot be written ({problem.strerror}): choose another place '
                         '(--out)') from problem
-
-
-def _fill(staging: Path, outcome: DemoOutcome, command: str) -> None:
-    page = demo_page(outcome, command)
-    (staging / 'report.html').write_text(page, encoding='utf-8')
-    for name, data in pictures_of(page).items():
-        (staging / f'{name}.png').write_bytes(data)
-    numbers = json.dumps(numbers_of(outcome), indent=2)
-    (staging / 'numbers.json').write_text(numbers + '\n', encoding='utf-8')
-    write_parameters(staging / 'parameters_identified.yaml', outcome.identified)
-    write_parameters(staging / 'parameters_extended.yaml', outcome.extended)
 
 
 def numbers_of(outcome: DemoOutcome) -> dict[str, Any]:

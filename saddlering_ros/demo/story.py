@@ -239,7 +239,11 @@ class Console:
 
     def say(self, words: str) -> None:
         """One line on standard output."""
-        self._end_task()
+        self._said = ''
+        if self._task is not None:
+            self._progress.remove_task(self._task)
+            self._progress.refresh()
+            self._task = None
         if self._progress is not None and sys.stdout.isatty():
             self._progress.console.file.flush()
         print(f'{self.seconds:5.1f} s  {words}', flush=True)
@@ -259,13 +263,6 @@ class Console:
         elif stage != self._said:
             self._said = stage
             print(f'{self.seconds:5.1f} s        {stage}', flush=True)
-
-    def _end_task(self) -> None:
-        self._said = ''
-        if self._task is not None:
-            self._progress.remove_task(self._task)
-            self._progress.refresh()
-            self._task = None
 
 
 IDENTIFY_AT = 50.0

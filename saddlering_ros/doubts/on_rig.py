@@ -149,7 +149,10 @@ def line_findings(rig: Rig, seconds: float, load: Floats, gaps: Floats) -> list[
     parity = 0.5 * (increments[0] + increments[2])
     window = np.hanning(parity.size)
     power = np.abs(np.fft.rfft((parity - parity.mean()) * window)) ** 2
-    usual = _median_about(power)
+    # The median of the lines about each, those next to it left out; none for the outermost.
+    windows = np.lib.stride_tricks.sliding_window_view(power, 2 * LINE_REACH + 1)
+    beside = np.abs(np.arange(-LINE_REACH, LINE_REACH + 1)) > 2
+    usual = np.asarray(np.maximum(np.median(windows[:, beside], axis=1), 1e-300))
     place = int(np.argmax(power[LINE_REACH:-LINE_REACH] / usual)) + LINE_REACH
     size = 4.0 * math.sqrt(power[place]) / parity.size
     noise = float(np.std(np.diff(parity))) / math.sqrt(2.0)
@@ -157,13 +160,6 @@ def line_findings(rig: Rig, seconds: float, load: Floats, gaps: Floats) -> list[
         return []
     return [PARITY_OSCILLATES.at(size=quantity(size, 'm', digits=2),
                                  frequency=quantity(place / seconds, 'Hz'))]
-
-
-def _median_about(power: Floats) -> Floats:
-    """The median of the lines about each, those next to it left out; none for the outermost."""
-    windows = np.lib.stride_tricks.sliding_window_view(power, 2 * LINE_REACH + 1)
-    beside = np.abs(np.arange(-LINE_REACH, LINE_REACH + 1)) > 2
-    return np.asarray(np.maximum(np.median(windows[:, beside], axis=1), 1e-300))
 
 
 def rig_findings(

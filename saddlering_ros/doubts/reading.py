@@ -237,23 +237,16 @@ def _spikes(
         return None
     spikes = scratch_mask(len(RIG_TOPICS), len(load))
     for name, reached in zip(RIG_TOPICS, spikes, strict=True):
-        _mark_reached(load.stamps, record[name], found[name].spikes, reached)
+        # Mark the load's samples (N,) that are aligned with a spike among a topic's readings.
+        for spike in found[name].spikes.tolist():
+            about = slice(max(spike - GAP_HISTORY - 2, 0), spike + 3)
+            stamps = record[name].stamps[about]
+            struck = np.zeros(len(stamps))
+            struck[spike - about.start] = 1.0
+            first, last = np.searchsorted(load.stamps, [stamps[0], stamps[-1]]).tolist()
+            near = slice(first, last + 1)
+            reached[near] |= np.nan_to_num(align(load.stamps[near], stamps, struck)) > 0.0
     return spikes
-
-
-def _mark_reached(
-    load_stamps: NDArray[np.int64], raw: RawTopic, spikes: NDArray[np.intp],
-    reached: NDArray[np.bool_],
-) -> None:
-    """Mark the load's samples (N,) that are aligned with a spike among a topic's readings."""
-    for spike in spikes.tolist():
-        about = slice(max(spike - GAP_HISTORY - 2, 0), spike + 3)
-        stamps = raw.stamps[about]
-        struck = np.zeros(len(stamps))
-        struck[spike - about.start] = 1.0
-        first, last = np.searchsorted(load_stamps, [stamps[0], stamps[-1]]).tolist()
-        near = slice(first, last + 1)
-        reached[near] |= np.nan_to_num(align(load_stamps[near], stamps, struck)) > 0.0
 
 
 def absent_topic(rig: Rig | None) -> str:

@@ -88,20 +88,16 @@ def wiring_findings(
     stuck = {probe: finding for probe in probes
              if (finding := _stuck(rig, probe, load, gaps[probe])) is not None}
     increments = gap_increment(rig.probes, gaps, gaps[:, 0])
-    response = _response(load, increments)
+    around = load - load.mean()
+    slope = (increments @ around) / float(around @ around)
+    span = float(np.ptp(load))
+    response = _Response(slope, np.abs(slope) * span, span)
     expected = _expected(rig, elevation)
     dead = [finding for probe in probes if probe not in stuck
             and (finding := _dead(rig, probe, response, expected)) is not None]
     if stuck or dead:
         return [*stuck.values(), *dead]
     return _mirrored(increments) or _sides(rig, response, expected)
-
-
-def _response(load: Floats, increments: Floats) -> _Response:
-    around = load - load.mean()
-    slope = (increments @ around) / float(around @ around)
-    span = float(np.ptp(load))
-    return _Response(slope, np.abs(slope) * span, span)
 
 
 def _expected(rig: Rig, elevation: float) -> Floats:

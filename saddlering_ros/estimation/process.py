@@ -53,7 +53,13 @@ class ChannelNoise:
         for variance, tau in self.parts():
             shrink = mean_correlation(width / tau)
             shared = np.outer(shrink, shrink) * np.exp(-np.maximum(apart, 0.0) / tau)
-            shared[overlap] = _of_overlapping(start, stop, overlap, tau)
+            # Covariance (P,) of means of unit OU noise over pairs of stretches that may overlap.
+            one, other = overlap
+            integral = (_twice_integrated(stop[one] - start[other], tau)
+                        - _twice_integrated(stop[one] - stop[other], tau)
+                        - _twice_integrated(start[one] - start[other], tau)
+                        + _twice_integrated(start[one] - stop[other], tau))
+            shared[overlap] = np.asarray(integral / ((stop - start)[one] * (stop - start)[other]))
             matrix += variance * shared
         if self.held > 0.0:
             same = np.eye(time.size) if hold is None else (hold[:, None] == hold[None, :])
@@ -109,18 +115,6 @@ class ChannelNoise:
 
 QUIET = ChannelNoise(0.0, np.zeros(TIME_CONSTANTS.size), 0.0, 1)
 """No noise at all."""
-
-
-def _of_overlapping(
-    start: Array, stop: Array, pairs: tuple[NDArray[np.intp], ...], tau: float
-) -> Array:
-    """Covariance (P,) of means of unit OU noise over pairs of stretches that may overlap."""
-    one, other = pairs
-    integral = (_twice_integrated(stop[one] - start[other], tau)
-                - _twice_integrated(stop[one] - stop[other], tau)
-                - _twice_integrated(start[one] - start[other], tau)
-                + _twice_integrated(start[one] - stop[other], tau))
-    return np.asarray(integral / ((stop - start)[one] * (stop - start)[other]))
 
 
 def _twice_integrated(separation: Array, tau: float) -> Array:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from datetime import datetime, timezone
 import math
 
 import numpy as np
 
 from saddlering_ros.fleet.drifts import Drift, words_of
 from saddlering_ros.fleet.judgement import Fleet, RingJudgement
-from saddlering_ros.fleet.observations import Array, COORDINATES, SessionFigures
+from saddlering_ros.fleet.observations import Array, COORDINATES
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import (
     AFTER,
@@ -22,17 +21,10 @@ from saddlering_ros.pages.charts import (
     NOISE,
     Panel,
     Series,
-    Ticks,
 )
 
 MAX_DRAWN = 12
 """Rings whose histories are drawn, those of most concern first."""
-
-MAX_MONTHS_NAMED = 12
-
-VERDICT_COLOURS = {
-    'none': '#2f8f4e', 'named': '#1f6fb2', 'ambiguous': '#d9930d', 'unknown': '#d1495b',
-}
 
 UNLIKE_TEST = (
     'Test the ring on another rig. If it differs there too, measure its clearances. If it does '
@@ -46,8 +38,8 @@ def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
     flagged = [ring for ring in fleet.rings if ring.reasons]
     return html.page('Fleet of rings', [
         '<h1>Rings and rigs of this campaign</h1>', _tiles(fleet, flagged, failures),
-        _needs_a_person(fleet, flagged), _verdicts(fleet.sessions),
-        _histories(fleet), _all_rings(fleet), _failures(failures), _method(fleet),
+        _needs_a_person(fleet, flagged), _histories(fleet), _all_rings(fleet),
+        _failures(failures), _method(fleet),
     ])
 
 
@@ -110,27 +102,6 @@ def _links(ring: RingJudgement) -> html.Cell:
         for session in ring.sessions if session.report
     ]
     return html.Cell(', '.join(links), is_html=True)
-
-
-def _verdicts(sessions: Sequence[SessionFigures]) -> str:
-    """Sessions a month by verdict; '' where no session has a date."""
-    months: dict[str, Counter[str]] = {}
-    for session in sorted(sessions, key=lambda one: one.time):
-        if np.isfinite(session.time):
-            month = datetime.fromtimestamp(session.time, timezone.utc).strftime('%Y-%m')
-            months.setdefault(month, Counter())[session.verdict] += 1
-    if not months:
-        return ''
-    names = list(months)
-    step = math.ceil(len(names) / MAX_MONTHS_NAMED)
-    places = np.arange(float(len(names)))
-    series = [part for verdict, colour in VERDICT_COLOURS.items() for part in (
-        line(places, [counts[verdict] for counts in months.values()], colour),
-        markers(places, [counts[verdict] for counts in months.values()], 'o', colour, verdict))]
-    panel = Panel(0, 0, 'month', 'sessions', tuple(series), x_ticks=Ticks(
-        tuple(places[::step].tolist()), tuple(names[::step])))
-    return html.section('Verdicts over time', html.picture(
-        Chart((panel,), width=9.4, height=2.8), 'verdicts', 'Sessions a month by verdict.'))
 
 
 def _histories(fleet: Fleet) -> str:

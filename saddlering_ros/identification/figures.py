@@ -301,10 +301,14 @@ def rate(reference: Array, signal: Array) -> Rating:
         return Rating(same, same, same, same)
     shift = _best_shift(reference, signal)
     matched_reference, matched_signal = _shifted(reference, signal, shift)
+    inner, outer = INNER_CORRIDOR * peak, OUTER_CORRIDOR * peak
+    score = (outer - np.abs(reference - signal)) / (outer - inner)
+    window = max(1, int(WARPING_WINDOW * len(matched_reference)))
+    distance = float(_warping_distance(matched_reference, matched_signal, window))
     return Rating(
-        corridor=_corridor(reference, signal, peak),
+        corridor=float(np.mean(np.clip(score, 0.0, 1.0) ** 2)),
         phase=_score(abs(shift) / len(reference), MAX_SHIFT),
-        magnitude=_magnitude(matched_reference, matched_signal),
+        magnitude=_score(distance / float(np.sum(np.abs(matched_reference))), MAX_MAGNITUDE_ERROR),
         slope=_slope(matched_reference, matched_signal),
     )
 
@@ -317,12 +321,6 @@ def _shortened(values: Array) -> Array:
 
 def _score(error: float, largest: float) -> float:
     return float(max(0.0, 1.0 - error / largest))
-
-
-def _corridor(reference: Array, signal: Array, peak: float) -> float:
-    inner, outer = INNER_CORRIDOR * peak, OUTER_CORRIDOR * peak
-    score = (outer - np.abs(reference - signal)) / (outer - inner)
-    return float(np.mean(np.clip(score, 0.0, 1.0) ** 2))
 
 
 def _shifted(reference: Array, signal: Array, shift: int) -> tuple[Array, Array]:
@@ -343,12 +341,6 @@ def _best_shift(reference: Array, signal: Array) -> int:
         if correlation > highest + 1e-12:
             best, highest = shift, correlation
     return best
-
-
-def _magnitude(reference: Array, signal: Array) -> float:
-    window = max(1, int(WARPING_WINDOW * len(reference)))
-    distance = float(_warping_distance(reference, signal, window))
-    return _score(distance / float(np.sum(np.abs(reference))), MAX_MAGNITUDE_ERROR)
 
 
 @Compiler(__file__)()

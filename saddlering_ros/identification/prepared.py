@@ -121,7 +121,10 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     interval = float(np.median(np.diff(measured.time)))
     size = 1 if run.test == 'static' else block_sizes(interval, len(run.load), fit_rate)[0]
     load = _smoothed(measured.load, size)
-    explained = _load_slope(displacement, load)[:, None] * load
+    # Displacement per load (3,) over the whole run: the effect of small loads at rest.
+    good = np.all(np.isfinite(displacement), axis=0)
+    centred = load[good] - load[good].mean()
+    explained = np.asarray(displacement[:, good] @ centred / (centred @ centred))[:, None] * load
     rounding, parity = _rounding(run, rig), parity_at_rest(measured)
     if levels is not None:
         rests = list(zip(levels.start.tolist(), levels.stop.tolist(), strict=True))
@@ -160,13 +163,6 @@ def _smoothed(load: Array, size: int) -> Array:
     damping against it. Frequencies above a block are not compared anyway.
     """
     return np.asarray(uniform_filter1d(load, 2 * (size // 2) + 1, mode='nearest'))
-
-
-def _load_slope(displacement: Array, load: Array) -> Array:
-    """Displacement per load (3,) over the whole run: the effect of small loads at rest."""
-    good = np.all(np.isfinite(displacement), axis=0)
-    centred = load[good] - load[good].mean()
-    return np.asarray(displacement[:, good] @ centred / (centred @ centred))
 
 
 def _simulated(
@@ -322,32 +318,28 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
             "): load the ring further, or correct the rig file's full_scale_load"
         )
     if run.test == 'static':
-        return _check_static(run, rig, name)
+        try:
+            readings = plateaus(run, errors=False)
+        except BagError as problem:
+            raise IdentificationError(f'{name}: {problem}') from problem
+        levels = np.unique(np.round(readings.load / rig.limits.level_step))
+        if len(levels) < 2:
+            raise IdentificationError(
+                f'{name}: a static run with one plateau only: '
+                'identification needs readings at several loads'
+            )
+        if not np.any(np.asarray(readings.branch) < 0):
+            raise IdentificationError(
+                f'{name}: there is no unloading branch in this static run: '
+                'record the steps down to zero as well'
+            )
+        return readings
     if float(np.nanmedian(run.load[-max(1, len(run.load) // 100) :])) > 0.5 * top:
         raise IdentificationError(
             f'{name}: there is no unloading branch (the record ends at '
             f'{rig.force_words(float(run.load[-1]))}): record the test until the load is removed'
         )
     return None
-
-
-def _check_static(run: Record, rig: Rig, name: str) -> Plateaus:
-    try:
-        readings = plateaus(run, errors=False)
-    except BagError as problem:
-        raise IdentificationError(f'{name}: {problem}') from problem
-    levels = np.unique(np.round(readings.load / rig.limits.level_step))
-    if len(levels) < 2:
-        raise IdentificationError(
-            f'{name}: a static run with one plateau only: '
-            'identification needs readings at several loads'
-        )
-    if not np.any(np.asarray(readings.branch) < 0):
-        raise IdentificationError(
-            f'{name}: there is no unloading branch in this static run: '
-            'record the steps down to zero as well'
-        )
-    return readings
 
 
 def clipped_words(name: str) -> str:

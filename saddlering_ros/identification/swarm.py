@@ -86,10 +86,6 @@ class Swarm:
         better = objective < self._own_objective
         self._own_best[better] = self._position[better]
         self._own_objective[better] = objective[better]
-        self._move()
-        self.iteration += 1
-
-    def _move(self) -> None:
         settings = self._settings
         pull_own, pull_all = self._random.random((2, *self._position.shape))
         velocity = (
@@ -101,6 +97,7 @@ class Swarm:
         moved = self._position + velocity
         self._position = np.clip(moved, self._low, self._high)
         self._velocity = np.where(moved == self._position, velocity, 0.0)
+        self.iteration += 1
 
     @property
     def best_objective(self) -> float:

@@ -175,20 +175,18 @@ class BlockWatch:
             bounds[place] = bound / scale
         values[count:] = means / self._white
         bounds[count:] = (materiality + SINCE_ZERO * self._wander) / self._white
-        self._compare_noise(values[:count])
-        alarm = self.detector.step(values, bounds)
-        if alarm is None:
-            return None
-        return Alarm(alarm.block, alarm.channel % count, alarm.sign, alarm.since, alarm.evidence)
-
-    def _compare_noise(self, innovations: Array) -> None:
-        """Follow the variance of the innovations by their differences, which no level moves."""
+        # Follow the variance of the innovations by their differences, which no level moves.
+        innovations = values[:count]
         step = np.clip(innovations - self._before, -MAX_STEP, MAX_STEP)
         self._before = innovations
         self._blocks += 1
         share = 1.0 / min(self._blocks, NOISE_BLOCKS)
         known = np.isfinite(step)
         self._ratio[known] += share * (0.5 * step[known]**2 - self._ratio[known])
+        alarm = self.detector.step(values, bounds)
+        if alarm is None:
+            return None
+        return Alarm(alarm.block, alarm.channel % count, alarm.sign, alarm.since, alarm.evidence)
 
 
 def wander_limit(

@@ -81,7 +81,11 @@ class RestLearner:
         rested = self._stamps[self._rest.samples - 1] - self._stamps[0]
         if not ended and rested < MAX_REST * SECOND:
             return None
-        return self._finish(ended)
+        # The noise of the samples at rest; None, and begin anew, if they are too few.
+        found = self._read(ended)
+        if found is None:
+            self.restart(moved=True)
+        return found
 
     def _end_block(self, stamp: int) -> bool:
         """Judge the block that ends; whether the load has left its rest in it."""
@@ -90,13 +94,6 @@ class RestLearner:
             return True
         self._load, self._begin = 0.0, stamp
         return False
-
-    def _finish(self, ended: bool) -> RestNoise | None:
-        """The noise of the samples at rest; None, and begin anew, if they are too few."""
-        found = self._read(ended)
-        if found is None:
-            self.restart(moved=True)
-        return found
 
     def _read(self, ended: bool) -> RestNoise | None:
         if self._rest.samples < MIN_SAMPLES:

@@ -91,7 +91,9 @@ class AlarmStream:
             self.monitor.step(sample)
         self._residual = pick(batch, np.flatnonzero(~due))
         if found.any():
-            self._forget_loads(int(batch.stamps[found].max()))
+            until = int(batch.stamps[found].max())
+            after = int(np.searchsorted(self._stamps, until, side='right'))
+            self._stamps, self._loads = self._stamps[after:], self._loads[after:]
 
     def _materiality(self, elevation: float) -> NDArray[np.float64]:
         assert self._contact is not None
@@ -113,10 +115,6 @@ class AlarmStream:
             surplus = max(0, len(together) - MAX_WAITING)
             self.counters.overflow += surplus
             self._residual = pick(together, np.arange(surplus, len(together)))
-
-    def _forget_loads(self, until: int) -> None:
-        after = int(np.searchsorted(self._stamps, until, side='right'))
-        self._stamps, self._loads = self._stamps[after:], self._loads[after:]
 
 
 def residual_samples(batch: Displacements, loads: NDArray[np.float64]) -> Iterator[Sample]:

@@ -276,7 +276,17 @@ class Aligner:
             rows = self._drain()
         else:
             rows = self._push_apart(topics, batches)
-        self._tidy()
+        # Discard samples of the probes that neither a later row nor the gap rule can need.
+        for probe in self._probes:
+            if len(probe) <= min(KEPT, self._max_samples):
+                continue
+            if self._last_out is not None:
+                place = int(probe.stamps.searchsorted(self._last_out, 'right'))
+                probe.forget(max(place - 1 - 2 * GAP_HISTORY, 0))
+            if len(probe) > self._max_samples:
+                surplus = len(probe) // 2
+                self.counters.overflow += surplus
+                probe.forget(surplus)
         return rows
 
     def _push_apart(
@@ -460,19 +470,6 @@ class Aligner:
             return 0
         first, second, third, fourth = (probe.last for probe in self._probes)
         return min(self._loads.newest, max(min(first, third), min(second, fourth)))
-
-    def _tidy(self) -> None:
-        """Discard samples of the probes that neither a later row nor the gap rule can need."""
-        for probe in self._probes:
-            if len(probe) <= min(KEPT, self._max_samples):
-                continue
-            if self._last_out is not None:
-                place = int(probe.stamps.searchsorted(self._last_out, 'right'))
-                probe.forget(max(place - 1 - 2 * GAP_HISTORY, 0))
-            if len(probe) > self._max_samples:
-                surplus = len(probe) // 2
-                self.counters.overflow += surplus
-                probe.forget(surplus)
 
 
 def aligned_record(load: Samples, probes: Sequence[Samples]) -> tuple[Floats, Mask, Mask]:

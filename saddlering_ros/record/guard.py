@@ -195,7 +195,13 @@ class SampleGuard:
             return samples
         if len(samples) > SHORT:
             if self._is_plain(samples):
-                self._remember(samples)
+                assert self._last is not None
+                recent = np.concatenate(([self._last[0]], samples.stamps))[-GAP_HISTORY - 1:]
+                self._steps.extend(np.diff(recent).tolist())
+                new = np.flatnonzero(np.diff(samples.values, prepend=self._last[1]))
+                if len(new):
+                    self._changed = int(samples.stamps[new[-1]])
+                self._last = int(samples.stamps[-1]), float(samples.values[-1])
                 self._count_doubtful(len(samples))
                 return samples
             half = len(samples) // 2
@@ -258,15 +264,6 @@ class SampleGuard:
             return False
         leap = self.limits.noise + self.limits.rate * 1e-9 * steps
         return bool((np.abs(np.diff(values)) <= leap).all())
-
-    def _remember(self, samples: Samples) -> None:
-        assert self._last is not None
-        recent = np.concatenate(([self._last[0]], samples.stamps))[-GAP_HISTORY - 1:]
-        self._steps.extend(np.diff(recent).tolist())
-        new = np.flatnonzero(np.diff(samples.values, prepend=self._last[1]))
-        if len(new):
-            self._changed = int(samples.stamps[new[-1]])
-        self._last = int(samples.stamps[-1]), float(samples.values[-1])
 
     def _is_possible(self, stamp: int, value: float) -> bool:
         if stamp <= 0:
@@ -371,18 +368,15 @@ class SampleGuard:
                 if step > LEAP_NS:  # Another test begins.
                     self._doubtful.end(sample[0])
                 self._steps.append(step)
-                self._bridge_to(sample[0])
+                if self._refused_since is not None:
+                    self._bridges.append((self._refused_since, sample[0]))
+                    del self._bridges[:-self._remembered]
+                    self._refused_since = None
         if self._last is None or sample[0] > self._last[0] or (
                 sample[0] < self._last[0] - JITTER_NS):
             self._last = sample
         self._count_doubtful(1)
         return [sample]
-
-    def _bridge_to(self, stamp: int) -> None:
-        if self._refused_since is not None:
-            self._bridges.append((self._refused_since, stamp))
-            del self._bridges[:-self._remembered]
-            self._refused_since = None
 
     def _batch(self, sound: list[tuple[int, float]], samples: Samples) -> Samples:
         return Samples(np.array([stamp for stamp, _ in sound], np.int64),

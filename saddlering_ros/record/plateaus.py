@@ -107,7 +107,16 @@ def plateaus(run: Record, *, errors: bool = True) -> Plateaus:
     hold_start, hold_stop = np.array(holds, dtype=np.int64).T
     load = plateau_means(start, hold_stop, run.load, errors=errors)
     gaps = plateau_means(start, hold_stop, run.gaps, errors=errors)
-    level = _levels(load.mean)
+    # Number of each plateau's load level, 0 the lowest; the step is found from the loads.
+    step = float(np.median(np.abs(np.diff(load.mean))))
+    order = np.argsort(load.mean, kind='stable')
+    level = np.zeros(len(load.mean), dtype=np.int64)
+    number, members = 0, [float(load.mean[order[0]])]
+    for place in order[1:].tolist():
+        if load.mean[place] - np.mean(members) > SAME_LEVEL_SHARE * step:
+            number, members = number + 1, []
+        members.append(float(load.mean[place]))
+        level[place] = number
     branch, cycle = _branches(level)
     time = plateau_means(start, hold_stop, run.time, errors=False).mean
     return Plateaus(
@@ -186,13 +195,9 @@ def _holds(
         if stop - start >= MIN_SAMPLES and time[stop - 1] - time[start] >= shortest / 2]
     merged = _merged(stretches, time, load, 0.004 * span, noise)
     holds = [(start, stop) for start, stop in merged if time[stop - 1] - time[start] >= shortest]
-    return _extended(holds, load, _edge(period, window, span, noise), tolerance, noise)
-
-
-def _edge(period: float, window: float, span: float, noise: float) -> int:
-    """Number of samples whose mean shows the end of a hold, at most a window."""
+    # Number of samples whose mean shows the end of a hold, at most a window.
     wanted = max(EDGE / period, (NOISE_FACTOR * noise / (4.0 * STEADY_SHARE * span)) ** 2)
-    return max(1, round(min(wanted, window / period)))
+    return _extended(holds, load, max(1, round(min(wanted, window / period))), tolerance, noise)
 
 
 def _extended(
@@ -309,20 +314,6 @@ def _settled(time: NDArray[np.float64], start: int, stop: int) -> int:
 
 
 # -- sorting -----------------------------------------------------------------------------------
-
-
-def _levels(load: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Number of each plateau's load level, 0 the lowest; the step is found from the loads."""
-    step = float(np.median(np.abs(np.diff(load))))
-    order = np.argsort(load, kind='stable')
-    level = np.zeros(len(load), dtype=np.int64)
-    number, members = 0, [float(load[order[0]])]
-    for place in order[1:].tolist():
-        if load[place] - np.mean(members) > SAME_LEVEL_SHARE * step:
-            number, members = number + 1, []
-        members.append(float(load[place]))
-        level[place] = number
-    return level
 
 
 def _branches(level: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

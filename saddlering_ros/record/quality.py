@@ -144,7 +144,18 @@ def topic_quality(stamps: NDArray[np.int64], values: Floats) -> TopicQuality:
     update_rate = rate * (1.0 - repeated) if held else rate
     seen = spread(values)
     fresh = seen[np.append(True, np.diff(seen) != 0.0)] if held else seen
-    runs = _equal_runs(values)
+    # Runs of at least STALL_SAMPLES equal readings as rows (start, count).
+    found = []
+    open_at = 0
+    for part in blocks(len(values), values):
+        changed = np.flatnonzero(np.diff(values[part.start:part.stop + 1]) != 0.0)
+        edges = np.concatenate([[open_at], part.start + changed + 1])
+        open_at = int(edges[-1])
+        long = np.flatnonzero(np.diff(edges) >= STALL_SAMPLES)
+        found.append(np.stack([edges[long], np.diff(edges)[long]], axis=1))
+    if len(values) - open_at >= STALL_SAMPLES:
+        found.append(np.array([[open_at, len(values) - open_at]]))
+    runs = np.concatenate(found)
     noise = white_noise(fresh)
     # A coarse converter repeats its largest reading, too.
     is_fine = resolution <= COARSE_SHARE * noise
@@ -210,7 +221,15 @@ def spikes_of(values: Floats, step: float, noise: float) -> NDArray[np.intp]:
         away = away[:part.stop - part.start]
         far = np.flatnonzero(away > SPIKE_SIZE * scale)
         around = _usual_change(values, part.start + far)
-        moved = _moved_over(values, part.start + far)
+        # Distance between the readings after and before some indices (M,).
+        #
+        # A ring that jumps through its clearance overshoots its new position by a single reading.
+        # After a spike the readings return.
+        places = part.start + far
+        last = len(values) - 1
+        before = values[np.clip(places - 2, 0, last)] + values[np.clip(places - 3, 0, last)]
+        behind = values[np.clip(places + 2, 0, last)] + values[np.clip(places + 3, 0, last)]
+        moved = np.asarray(0.5 * np.abs(behind - before))
         is_spike = (away[far] > SPIKE_SIZE * 0.5 * around) & (moved < RETURN_SHARE * away[far])
         found.append(part.start + far[is_spike])
     return np.concatenate(found)
@@ -236,18 +255,6 @@ def _usual_change(values: Floats, places: NDArray[np.intp]) -> Floats:
                                 axis=1))
 
 
-def _moved_over(values: Floats, places: NDArray[np.intp]) -> Floats:
-    """Distance between the readings after and before some indices (M,).
-
-    A ring that jumps through its clearance overshoots its new position by a single reading.
-    After a spike the readings return.
-    """
-    last = len(values) - 1
-    before = values[np.clip(places - 2, 0, last)] + values[np.clip(places - 3, 0, last)]
-    behind = values[np.clip(places + 2, 0, last)] + values[np.clip(places + 3, 0, last)]
-    return np.asarray(0.5 * np.abs(behind - before))
-
-
 def _repeats(values: Floats) -> NDArray[np.bool_]:
     return np.asarray(values[1:] == values[:-1])
 
@@ -257,21 +264,6 @@ def _evenly_held(changes: Floats) -> bool:
     apart = np.diff(np.flatnonzero(changes != 0.0))
     usual = float(np.median(apart))
     return usual >= 2.0 and float(np.mean(np.abs(apart - usual) <= 1.0)) > 0.6
-
-
-def _equal_runs(values: Floats) -> NDArray[np.int64]:
-    """Runs of at least STALL_SAMPLES equal readings as rows (start, count)."""
-    found = []
-    open_at = 0
-    for part in blocks(len(values), values):
-        changed = np.flatnonzero(np.diff(values[part.start:part.stop + 1]) != 0.0)
-        edges = np.concatenate([[open_at], part.start + changed + 1])
-        open_at = int(edges[-1])
-        long = np.flatnonzero(np.diff(edges) >= STALL_SAMPLES)
-        found.append(np.stack([edges[long], np.diff(edges)[long]], axis=1))
-    if len(values) - open_at >= STALL_SAMPLES:
-        found.append(np.array([[open_at, len(values) - open_at]]))
-    return np.concatenate(found)
 
 
 def _limit(values: Floats, runs: NDArray[np.int64], repeated: float) -> tuple[float, int]:

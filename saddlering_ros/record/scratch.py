@@ -120,16 +120,11 @@ def blocks(count: int, *arrays: NDArray[Any], size: int = BLOCK) -> Iterator[sli
 def forget(*arrays: NDArray[Any]) -> None:
     """Release the memory of mapped arrays; their numbers stay in the file."""
     for array in arrays:
-        mapping = _mapping_of(array)
+        mapping: Any = array
+        while mapping is not None and not isinstance(mapping, mmap.mmap):
+            mapping = getattr(mapping, 'base', None)
         if mapping is not None:
             mapping.madvise(mmap.MADV_DONTNEED)
-
-
-def _mapping_of(array: NDArray[Any]) -> mmap.mmap | None:
-    base: Any = array
-    while base is not None and not isinstance(base, mmap.mmap):
-        base = getattr(base, 'base', None)
-    return base
 
 
 def stretches(count: int) -> Sequence[slice]:

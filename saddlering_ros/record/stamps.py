@@ -93,7 +93,12 @@ def _check_late(
         raise _going_back(where, stamps, index, int(log_lateness.max()))
     intervals = np.diff(stamps[order])
     period = _period(stamps, intervals)
-    if lateness.max() <= _jitter(stamps, period):
+    # Lateness [ns] too small to separate a clock set back from swapped neighbours.
+    #
+    # Little more than a period where stamps come at regular intervals, three where they do not.
+    steps = np.diff(stamps)
+    regular = np.mean(np.abs(steps - period) <= 0.45 * period) > REGULAR_SHARE
+    if lateness.max() <= ((1.2 if regular else 3.0) * period):
         return
     nearest = np.minimum(np.append(intervals, _FAR), np.append(_FAR, intervals))
     late = lateness[order] > 0
@@ -102,16 +107,6 @@ def _check_late(
     if 2 * doubled.sum() > late.sum() or apart.any():
         index = int(np.argmax(lateness > 0))
         raise _going_back(where, stamps, index, int(lateness.max()))
-
-
-def _jitter(stamps: NDArray[np.int64], period: float) -> float:
-    """Lateness [ns] too small to separate a clock set back from swapped neighbours.
-
-    Little more than a period where stamps come at regular intervals, three where they do not.
-    """
-    steps = np.diff(stamps)
-    regular = np.mean(np.abs(steps - period) <= 0.45 * period) > REGULAR_SHARE
-    return (1.2 if regular else 3.0) * period
 
 
 def _period(stamps: NDArray[np.int64], intervals: NDArray[np.int64]) -> float:

@@ -269,13 +269,6 @@ def _absent(section: _Section, where: str) -> int:
     return int(number)
 
 
-def _force_unit(section: _Section, where: str) -> str:
-    unit = section.raw('force_unit') if section.has('force_unit') else 't'
-    if not isinstance(unit, str) or unit not in FORCE_UNITS:
-        raise RigError(f'{where}: rig.force_unit is {unit!r}: give {" or ".join(FORCE_UNITS)}')
-    return unit
-
-
 def _bounds(section: _Section, where: str) -> dict[str, Pair]:
     bounds = _default_bounds()
     for name in PARAMETER_NAMES:
@@ -314,6 +307,9 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
     rig = _Section(parameters['rig'], 'rig', where)
     bounds = _Section(parameters.get('bounds', {}), 'bounds', where)
     carriage, trunnion, probes = (rig.section(name) for name in ('carriage', 'trunnion', 'probes'))
+    unit = rig.raw('force_unit') if rig.has('force_unit') else 't'
+    if not isinstance(unit, str) or unit not in FORCE_UNITS:
+        raise RigError(f'{where}: rig.force_unit is {unit!r}: give {" or ".join(FORCE_UNITS)}')
     result = Rig(
         axial_rows=_row(rig.section('axial_rows'), with_height=False),
         radial_row=_row(rig.section('middle_row'), with_height=True),
@@ -336,7 +332,7 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
         preload=rig.number('preload', 0.0, 1e9),
         full_scale_load=rig.number('full_scale_load', 1.0, 1e9, default=FULL_SCALE_LOAD),
         full_scale_time=rig.number('full_scale_time', 1e-4, 1e4, default=FULL_SCALE_TIME),
-        force_unit=_force_unit(rig, where),
+        force_unit=unit,
         instruments=(instruments_from(rig.raw('instruments'), where) if rig.has('instruments')
                      else Instruments()),
         wear_limits=_wear_limits(rig.section('wear_limits')) if rig.has('wear_limits') else {},

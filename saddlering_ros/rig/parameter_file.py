@@ -181,6 +181,13 @@ def _source(section: Any, where: str) -> ParameterSource:
         numbers = [_number(value, 'source.covariance', where) for value in covariance]
         matrix = np.array(numbers, dtype=np.float64).reshape(6, 6)
     objective = section.get('objective')
+    # Reasons by name from a list of texts 'K1: why'.
+    reasons = {}
+    for text in _texts(section, 'undetermined', where):
+        name, colon, reason = text.partition(': ')
+        if name not in PARAMETER_NAMES or not colon:
+            raise RigError(f"{where}: source.undetermined holds {text!r}: give 'K1: why'")
+        reasons[name] = reason
     return ParameterSource(
         method=str(section.get('method', 'given')),
         bags=_texts(section, 'bags', where),
@@ -188,20 +195,9 @@ def _source(section: Any, where: str) -> ParameterSource:
         covariance=matrix, note=str(section.get('note', '')),
         sha256=_texts(section, 'sha256', where),
         versions=str(section.get('versions', '')),
-        undetermined=_undetermined(section, where),
+        undetermined=reasons,
         rig_hash=str(section.get('rig_hash', '')),
     )
-
-
-def _undetermined(section: Mapping[str, Any], where: str) -> dict[str, str]:
-    """Reasons by name from a list of texts 'K1: why'."""
-    reasons = {}
-    for text in _texts(section, 'undetermined', where):
-        name, colon, reason = text.partition(': ')
-        if name not in PARAMETER_NAMES or not colon:
-            raise RigError(f"{where}: source.undetermined holds {text!r}: give 'K1: why'")
-        reasons[name] = reason
-    return reasons
 
 
 def _texts(section: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:

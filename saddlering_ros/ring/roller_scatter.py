@@ -88,7 +88,14 @@ def scatter_columns(rig: Rig, contact: Array, course: SimulatedCourse) -> Array:
     columns, moving, decay = (
         np.nan_to_num(item) for item in _columns_at(rig, contact, motion.T, per_load.T))
     table = _Table(grid, motion, columns, moving, decay)
-    radial, tilting = _equivalent_loads(rig, contact, course, table)
+    # Loads (N,) under which the ring would rest at its motion: by delta_x, and by gamma.
+    zero = static_response(rig, contact, course.elevation, np.array([course.zero_load]))[:, 0]
+    moved = probes_to_displacement(rig.probes, course.probes)
+    answers = []
+    for row, seen in ((0, moved.delta_x), (2, moved.gamma)):
+        known = np.maximum.accumulate(table.motion[row] - zero[row])
+        answers.append(np.interp(np.asarray(seen), known, table.load))
+    radial, tilting = answers[0], answers[1]
     still = np.zeros(course.time.size)
     rates = [
         still if course.static else np.gradient(load, course.time) for load in (radial, tilting)
@@ -101,19 +108,6 @@ def scatter_columns(rig: Rig, contact: Array, course: SimulatedCourse) -> Array:
     height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
     x = q[:, 0] + height * q[:, 2]
     return np.stack([x, q[:, 1] + half * q[:, 2], -x, q[:, 1] - half * q[:, 2]])
-
-
-def _equivalent_loads(
-    rig: Rig, contact: Array, course: SimulatedCourse, table: _Table
-) -> tuple[Array, Array]:
-    """Loads (N,) under which the ring would rest at its motion: by delta_x, and by gamma."""
-    zero = static_response(rig, contact, course.elevation, np.array([course.zero_load]))[:, 0]
-    moved = probes_to_displacement(rig.probes, course.probes)
-    answers = []
-    for row, seen in ((0, moved.delta_x), (2, moved.gamma)):
-        known = np.maximum.accumulate(table.motion[row] - zero[row])
-        answers.append(np.interp(np.asarray(seen), known, table.load))
-    return answers[0], answers[1]
 
 
 def _late(time: Array, q: Array, decay: Array) -> Array:

@@ -132,7 +132,29 @@ class RingSimulator:
         increments = self._moved(time, load)
         if self._offset == 0.0 and self._skew == 0.0:
             return time, increments
-        return self._on_probes_clock(time, increments)
+        # Times and increments of the samples that lie within the simulated time.
+        #
+        # The probes' clock differs from that of the load; a sample is interpolated linearly.
+        self._past = np.hstack([self._past, np.vstack([time, increments])])
+        self._asked = np.append(self._asked, time)
+        wanted = (self._asked - self._offset
+                  - self._skew * (self._asked - self._state[at.START_TIME]))
+        late = wanted > self._past[0, -1]
+        count = int(late.argmax()) if late.any() else late.size
+        due, self._asked, wanted = self._asked[:count], self._asked[count:], wanted[:count]
+        if not count:
+            return due, np.empty((4, 0))
+        seconds, past = self._past[0], self._past[1:]
+        last = seconds.size - 1
+        before = np.maximum(seconds.searchsorted(wanted, 'right') - 1, 0)
+        after = np.minimum(before + 1, last)
+        share = (wanted - seconds[before]) / np.where(after > before,
+                                                      seconds[after] - seconds[before], 1.0)
+        old, new = past[:, before], past[:, after]
+        found = np.where((wanted <= seconds[before]) | (before == last), old,
+                         old + (new - old) * share)
+        self._past = self._past[:, before[-1]:]
+        return due, found
 
     def _from_zero(self, time: Floats, load: Floats) -> tuple[Floats, Floats]:
         """Time and load of all samples from the start of the zero on; none before it is known."""
@@ -160,32 +182,6 @@ class RingSimulator:
         if self._lost:
             increments[:] = np.nan
         return np.ascontiguousarray((increments if added is None else increments + added).T)
-
-    def _on_probes_clock(self, time: Floats, increments: Floats) -> tuple[Floats, Floats]:
-        """Times and increments of the samples that lie within the simulated time.
-
-        The probes' clock differs from that of the load; a sample is interpolated linearly.
-        """
-        self._past = np.hstack([self._past, np.vstack([time, increments])])
-        self._asked = np.append(self._asked, time)
-        wanted = (self._asked - self._offset
-                  - self._skew * (self._asked - self._state[at.START_TIME]))
-        late = wanted > self._past[0, -1]
-        count = int(late.argmax()) if late.any() else late.size
-        due, self._asked, wanted = self._asked[:count], self._asked[count:], wanted[:count]
-        if not count:
-            return due, np.empty((4, 0))
-        seconds, past = self._past[0], self._past[1:]
-        last = seconds.size - 1
-        before = np.maximum(seconds.searchsorted(wanted, 'right') - 1, 0)
-        after = np.minimum(before + 1, last)
-        share = (wanted - seconds[before]) / np.where(after > before,
-                                                      seconds[after] - seconds[before], 1.0)
-        old, new = past[:, before], past[:, after]
-        found = np.where((wanted <= seconds[before]) | (before == last), old,
-                         old + (new - old) * share)
-        self._past = self._past[:, before[-1]:]
-        return due, found
 
     def run_in_blocks(self, time: Floats, load: Floats, size: int) -> Iterator[SimulatedRun]:
         """A whole record from a new start in stretches of `size` samples from the zero on.

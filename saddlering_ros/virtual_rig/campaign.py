@@ -208,19 +208,14 @@ def _draw_request(chance: np.random.Generator, effect: RigEffect,
                   settings: DrawSettings, rig: Rig) -> EffectRequest:
     form = effect.forms[int(chance.integers(len(effect.forms)))]
     main, *rest = effect.parameters_on(rig)
-    values = {main.name: _draw_size(chance, main, settings.sizes)}
+    share = float(chance.uniform(*settings.sizes))
+    size = float(main.low * (main.high / main.low) ** share)
+    values = {main.name: (-size if main.signed and chance.random() < 0.5 else size)}
     values.update({parameter.name: _draw_value(chance, parameter) for parameter in rest})
     if 'side' in values:  # a probe can only run into the limit that it moves towards
         values['side'] = 1.0 if values['probe'] in (1.0, 2.0) else -1.0
     values.update(settings.fixed.get(effect.id, {}))
     return request(effect.id, values, settings.forms.get(effect.id, form), rig)
-
-
-def _draw_size(chance: np.random.Generator, parameter: TrueSize,
-               sizes: tuple[float, float]) -> float:
-    share = float(chance.uniform(*sizes))
-    size = float(parameter.low * (parameter.high / parameter.low) ** share)
-    return -size if parameter.signed and chance.random() < 0.5 else size
 
 
 def _draw_value(chance: np.random.Generator, parameter: TrueSize) -> float:

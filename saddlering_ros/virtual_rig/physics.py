@@ -56,8 +56,18 @@ def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) ->
 
     It starts at rest under load[0]. VirtualRigError if the motion cannot be followed.
     """
-    path = _load_path(physical, load, step)
-    forces = _forces(physical.rig, path)
+    count = len(load)
+    path = LoadPath(
+        physical.rig, step / 3.0 * np.arange(count, dtype=np.float64), load, load.copy(),
+        np.full(count, physical.elevation, dtype=np.float64),
+        np.full(count, physical.rig.trunnion.y, dtype=np.float64))
+    _act(physical, 'load', path)
+    # Force and moment at C with the dead weight, (N, 3).
+    cosine, sine = np.cos(path.elevation), np.sin(path.elevation)
+    arm = path.trunnion_y * cosine + physical.rig.trunnion.x * sine
+    weight = physical.rig.carriage.weight
+    forces = np.stack([path.arriving * cosine, -path.arriving * sine - weight,
+                       path.arriving * arm + weight * physical.rig.carriage.weight_x], axis=1)
     rollers = make_rollers(physical.rig, physical.contact, physical.scatter, physical.number)
     _act(physical, 'rollers', rollers)
     elements = FrictionElements([], [])
@@ -65,7 +75,10 @@ def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) ->
     friction = np.array(elements.rows).reshape(-1, at.FRICTION_COLUMNS)
     z = _held(friction, np.array(elements.initial), forces[0])
     mass = np.array([physical.rig.carriage.mass] * 2 + [physical.rig.carriage.inertia])
-    start = _touching(physical.rig, forces[0])
+    # A position with the gaps closed on the side that the force presses on.
+    force = forces[0]
+    start = np.array([np.copysign(0.5 * physical.rig.radial_row.clearance, force[0]),
+                      np.copysign(0.5 * physical.rig.axial_rows.clearance, force[1]), 0.0])
     rest, failed_steps = at.settle(rollers.table, friction, z, mass, forces[0], start)
     if failed_steps:
         raise VirtualRigError('the ring finds no rest at the start of the test: give a preload '
@@ -90,31 +103,6 @@ def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) ->
 def _act(physical: PhysicalRig, stage: str, target: object) -> None:
     for request in physical.requests(stage):
         request.effect.act(target, request.values, request.form)
-
-
-def _load_path(physical: PhysicalRig, load: Floats, step: float) -> LoadPath:
-    count = len(load)
-    path = LoadPath(
-        physical.rig, step / 3.0 * np.arange(count, dtype=np.float64), load, load.copy(),
-        np.full(count, physical.elevation, dtype=np.float64),
-        np.full(count, physical.rig.trunnion.y, dtype=np.float64))
-    _act(physical, 'load', path)
-    return path
-
-
-def _forces(rig: Rig, path: LoadPath) -> Floats:
-    """Force and moment at C with the dead weight, (N, 3)."""
-    cosine, sine = np.cos(path.elevation), np.sin(path.elevation)
-    arm = path.trunnion_y * cosine + rig.trunnion.x * sine
-    weight = rig.carriage.weight
-    return np.stack([path.arriving * cosine, -path.arriving * sine - weight,
-                     path.arriving * arm + weight * rig.carriage.weight_x], axis=1)
-
-
-def _touching(rig: Rig, force: Floats) -> Floats:
-    """A position with the gaps closed on the side that the force presses on."""
-    return np.array([np.copysign(0.5 * rig.radial_row.clearance, force[0]),
-                     np.copysign(0.5 * rig.axial_rows.clearance, force[1]), 0.0])
 
 
 def _held(friction: Floats, initial: Floats, force: Floats) -> Floats:
