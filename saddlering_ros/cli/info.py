@@ -82,7 +82,7 @@ def _print_summary(bag: str) -> bool:
     from rich.text import Text
 
     from saddlering_ros.bags.folder import announced
-    from saddlering_ros.bags.summary import summary_of_bag
+    from saddlering_ros.bags.info import summary_of_bag
     from saddlering_ros.cli._terminal import stdout_console
 
     summary = summary_of_bag(bag)

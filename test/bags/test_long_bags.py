@@ -10,8 +10,8 @@ from pyarrow import parquet
 import pytest
 
 from saddlering_ros.bags import bag_info, read_run, scan
+from saddlering_ros.bags.info import summary_of_bag
 from saddlering_ros.bags.samples import displacement_columns, write_samples
-from saddlering_ros.bags.summary import summary_of_bag
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.doubts import refuse_repeats
