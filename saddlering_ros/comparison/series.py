@@ -29,11 +29,14 @@ from saddlering_ros.comparison.sessions import (
 )
 from saddlering_ros.diagnosis.records import PreparedRecord
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.discrepancy import Assumptions, ModelErrorPrior, Point, Problem
-from saddlering_ros.discrepancy.problem.problem import (
+from saddlering_ros.discrepancy import (
+    Assumptions,
     model_error_columns,
+    ModelErrorPrior,
     noise_metric,
     nuisance_columns,
+    Point,
+    Problem,
 )
 from saddlering_ros.effects import catalogue
 from saddlering_ros.progress import Watch

@@ -15,7 +15,13 @@ from saddlering_ros.discrepancy.next_test import Separation
 from saddlering_ros.discrepancy.noise import Noise
 from saddlering_ros.discrepancy.problem.fits import tangent
 from saddlering_ros.discrepancy.problem.model import Channel, Model, Run
-from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
+from saddlering_ros.discrepancy.problem.problem import (
+    Assumptions,
+    model_error_columns,
+    noise_metric,
+    nuisance_columns,
+    Problem,
+)
 from saddlering_ros.discrepancy.problem.system import (
     DiscrepancyError,
     Effect,
@@ -104,6 +110,9 @@ __all__ = [
     'gain_words',
     'influence_words',
     'limit_lines',
+    'model_error_columns',
+    'noise_metric',
+    'nuisance_columns',
     'observed',
     'prepare',
     'probabilities_of',
