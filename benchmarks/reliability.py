@@ -47,27 +47,31 @@ def report(rows: Sequence[Row], picture: Path | None = None) -> None:
     """Print the scores with their uncertainty, and the reliability diagram as a table."""
     pairs = [np.array(told_and_true(row)) for row in rows]
     chances, hits = np.concatenate(pairs).T
-    random = np.random.default_rng(0)
-    places = random.integers(len(pairs), size=(REPEATS, len(pairs)))
-    again = [np.concatenate([pairs[place] for place in drawn]) for drawn in places]
-    spread = np.quantile([calibration_error(*one.T) for one in again], [0.025, 0.975])
-    ideal = np.quantile([calibration_error(chances, random.random(hits.size) < chances)
-                         for _ in range(REPEATS)], [0.5, 0.975])
-    surest = np.array([one[np.argmax(one[:, 0])] for one in pairs])
-    named = np.array([pair for row in rows for pair in told_and_true(row)[:len(row['groups'])]]).T
     right = np.clip(np.where(hits > 0.0, chances, 1.0 - chances), 1e-3, 1.0)
     print(f'{len(rows)} trials, {hits.size} told probabilities: Brier '
-          f'{np.mean((chances - hits) ** 2):.4f}, log {-np.mean(np.log(right)):.4f}, calibration '
-          f'error {calibration_error(chances, hits):.4f} (95 % of resamplings {spread[0]:.4f} to '
-          f'{spread[1]:.4f}; were every probability exact: median {ideal[0]:.4f}, 97.5 % '
-          f'{ideal[1]:.4f}); of the surest answer of each trial '
-          f'{calibration_error(*surest.T):.4f}, of {named.shape[1]} causes alone '
-          f'{calibration_error(*named):.4f}')
+          f'{np.mean((chances - hits) ** 2):.4f}, log {-np.mean(np.log(right)):.4f}')
+    uncertain('all', pairs)
+    uncertain('the surest of each trial', [one[[np.argmax(one[:, 0])]] for one in pairs])
+    uncertain('causes', [one[: len(row['groups'])] for one, row in zip(pairs, rows, strict=True)])
     bins = diagram(chances, hits)
     for told, true, low, high, count in bins:
         print(f'told {told:.3f}, true {true:.3f} ({low:.3f} to {high:.3f}), {count:.0f}')
     if picture:
         draw(bins, picture)
+
+
+def uncertain(kind: str, pairs: Sequence[Array]) -> None:
+    """Print the calibration error with what resampled trials and exact probabilities give."""
+    random = np.random.default_rng(0)
+    chances, hits = np.concatenate(pairs).T
+    places = random.integers(len(pairs), size=(REPEATS, len(pairs)))
+    again = [np.concatenate([pairs[place] for place in drawn]) for drawn in places]
+    low, high = np.quantile([calibration_error(*one.T) for one in again], [0.025, 0.975])
+    ideal = np.quantile([calibration_error(chances, random.random(hits.size) < chances)
+                         for _ in range(REPEATS)], [0.5, 0.975])
+    print(f'{kind}: calibration error {calibration_error(chances, hits):.4f} of {hits.size} '
+          f'(resampled {low:.4f} to {high:.4f}; were every probability exact: median '
+          f'{ideal[0]:.4f}, 97.5 % {ideal[1]:.4f})')
 
 
 def diagram(chances: Array, hits: Array) -> Array:
