@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 import heapq
 from pathlib import Path
@@ -18,6 +18,7 @@ from saddlering_ros.live.alarms import AlarmOfTest
 from saddlering_ros.live.traces import TestCurves
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.topics import TOPICS
+from saddlering_ros.ros.messages import to_stamp
 
 MAX_BYTES = 256 * 2**20
 """Messages of the rig kept for saving: three quarters of an hour at 1 kHz."""
@@ -64,10 +65,13 @@ class Session:
                 self.current.alarm.hear(self._alarm)
         self.current.name = name or self.current.name
 
-    def hear(self, message: RingAlarm) -> None:
-        """Take a state of the alarm."""
+    def hear(self, message: RingAlarm, tests: Iterable[TestCurves]) -> None:
+        """Take a state of the alarm: of the newest of `tests` that its stamp is in, or of now."""
         self._alarm = message
-        self.current.alarm.hear(message)
+        stamp = to_stamp(message.header.stamp)
+        numbers = [curves.number for curves in tests
+                   if curves.origin <= stamp <= curves.newest + SECOND]
+        self._tests[numbers[-1] if numbers else self.number].alarm.hear(message)
 
     def keep(self, topic: str, messages: list[bytes]) -> None:
         """Keep messages of the rig; the oldest tests give way to them."""

@@ -80,6 +80,9 @@ SCALES = {'measured': 1e6, 'simulated': 1e6, 'residual': 1e6}
 POLL = 0.05
 """Streams are drained this often [s]: the queues of `RawSubscription` hold 100 times that."""
 
+CALLBACKS = 4
+"""More callbacks between two polls, so that a state of the alarm waits for no other message."""
+
 REVIEW = 1.0
 """How often it is looked whether the publishers are reliable or best effort [s]."""
 
@@ -278,6 +281,8 @@ class Watcher:
         while not self._stop.is_set() and self.context.ok():
             try:
                 self._executor.spin_once(timeout_sec=POLL / 2)
+                for _ in range(CALLBACKS):
+                    self._executor.spin_once(timeout_sec=0.0)
             except Exception as problem:  # one bad message must not end the page
                 self.node.get_logger().error(f'not understood: {problem}',
                                              throttle_duration_sec=5.0)
@@ -422,7 +427,7 @@ class Watcher:
         shown = alarm_as_page(message)
         with self.lock:
             self._alarm = shown
-            self.session.hear(message)
+            self.session.hear(message, filter(None, (*self.traces.past, self.traces.current)))
 
     def _set_job(self, action: str, change: Change) -> None:
         """Change the state of an action's goal."""

@@ -2,6 +2,8 @@
 
 from saddlering_interfaces.msg import RingAlarm
 from saddlering_ros.live.alarms import alarm_as_page, AlarmOfTest, with_link
+from saddlering_ros.live.session import Session
+from saddlering_ros.live.traces import TestCurves
 from saddlering_ros.ros.messages import to_time
 
 
@@ -78,3 +80,13 @@ def test_a_first_guess_that_later_samples_speak_against_is_taken_back():
         seen.hear(told(RingAlarm.ALARM, seconds, raised=to_time(15 * 10**9), follows=follows,
                        first_guess=guess))
     assert seen.taken_back == [('drift', 10.0)]
+
+
+def test_a_state_of_the_alarm_that_comes_late_counts_for_the_test_of_its_stamp():
+    session = Session()
+    earlier = TestCurves(1, 10 * 10**9, 20 * 10**9, 10**7, {}, {})
+    session.hear(told(RingAlarm.WATCHING, 12.0), [earlier])
+    session.follow(2, '')
+    session.hear(told(RingAlarm.ALARM, 19.0, channel='gamma', size=3e-6,
+                      raised=to_time(14 * 10**9)), [earlier])
+    assert session.as_page(earlier, {})['verdict']['level'] == 'error'
