@@ -37,7 +37,7 @@ FAINT_TEXTS = """(() => {
   while (walker.nextNode()) {
     const element = walker.currentNode.parentElement;
     const text = walker.currentNode.textContent.trim();
-    if (!text || element.closest('script, style, :disabled')) continue;
+    if (!text || element.closest('script, style, :disabled, .hoverlayer')) continue;
     if (!element.checkVisibility()) continue;
     const style = getComputedStyle(element);
     const ink = parts(element instanceof SVGElement ? style.fill : style.color);
@@ -48,7 +48,10 @@ FAINT_TEXTS = """(() => {
     if (ratio < (isLarge ? 3 : 4.5)) found.push(`${text.slice(0, 40)}: ${ratio.toFixed(2)}`);
   }
   return found; })()"""
-CONTROLS = 'a[href], button:not(:disabled), select, summary, [tabindex="0"]'
+CONTROLS = 'a[href], button:not(:disabled), select, summary, .modebar-btn, [tabindex="0"]'
+WIDTHS = (390, 900, 1400, 2560)
+"""Screens of a telephone, a tablet, a desk and a wall [px]."""
+
 
 
 def chromium():
@@ -134,13 +137,15 @@ class Page:
     def beyond_the_keyboard(self):
         """Controls that the tabulator key does not reach."""
         self.run('document.activeElement.blur(), scrollTo(0, 0)')
-        number = self.run(f'document.querySelectorAll({json.dumps(CONTROLS)}).length')
-        for _ in range(number + 2):
+        unreached = (f'[...document.querySelectorAll({json.dumps(CONTROLS)})].filter((it) => '
+                     'it.checkVisibility() && it.dataset.reached === undefined)'
+                     '.map((it) => it.outerHTML.slice(0, 80))')
+        left, presses = self.run(unreached), 0
+        while left and presses < 300:  # figures that come into view bring controls of their own
             self.press('Tab', 9)
             self.run('document.activeElement.dataset.reached = ""')
-        return self.run(f'[...document.querySelectorAll({json.dumps(CONTROLS)})].filter((it) => '
-                        'it.checkVisibility() && it.dataset.reached === undefined)'
-                        '.map((it) => it.outerHTML.slice(0, 80))')
+            left, presses = self.run(unreached), presses + 1
+        return left
 
     def show_at(self, width, dark=False):
         """Lay the page out for a screen of this width [px], in the light or dark of the system."""
@@ -148,6 +153,18 @@ class Page:
                   deviceScaleFactor=1, mobile=False)
         self.send('Emulation.setEmulatedMedia', features=[
             {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}])
+
+    def unfit_for_people(self):
+        """Widths at which the page is cut, texts too faint, controls beyond the keyboard."""
+        cut = []
+        for width in WIDTHS:
+            self.show_at(width)
+            with contextlib.suppress(AssertionError):  # figures follow the width a little later
+                self.wait(f'document.documentElement.scrollWidth <= {width}', 10.0)
+            shown = self.run('document.documentElement.scrollWidth')
+            cut += [f'{shown} px on a screen of {width} px'] if shown > width else []
+        self.send('Emulation.clearDeviceMetricsOverride')
+        return cut + self.faint_texts() + self.beyond_the_keyboard()
 
     def picture(self, path, height=900, width=1280, top=0):
         clip = {'x': 0, 'y': top, 'width': width, 'height': height, 'scale': 1}

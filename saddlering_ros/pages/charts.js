@@ -8,7 +8,7 @@
     return new Response(stream).text();
   };
   const settings = {
-    responsive: true, displaylogo: false,
+    responsive: true, displaylogo: false, showTips: false,
     modeBarButtonsToRemove: ['select2d', 'lasso2d', 'autoScale2d'],
   };
   const draw = async (block) => {
@@ -26,6 +26,11 @@
       if (/^[xy]axis/.test(key)) chart.layout[key].automargin = true;
     }
     await Plotly.newPlot(place, chart.data, chart.layout, settings);
+    for (const button of place.querySelectorAll('.modebar-btn')) {
+      button.tabIndex = 0;
+      button.setAttribute('role', 'button');
+      button.setAttribute('aria-label', button.dataset.title);
+    }
     figure.classList.add('drawn');
   };
   const library = document.createElement('script');
@@ -41,6 +46,9 @@
   document.querySelectorAll('figure:has(script[data-chart])').forEach((it) => watch.observe(it));
   document.documentElement.dataset.charts = 'ready';
 })();
+addEventListener('keydown', (event) => {
+  if (event.key === 'Enter' && event.target.matches('.modebar-btn')) event.target.click();
+});
 addEventListener('beforeprint', () => {
   document.querySelectorAll('details:not([open])').forEach((it) => {
     it.open = true;

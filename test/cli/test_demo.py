@@ -4,6 +4,7 @@ The interrupted demo is a program that starts programs. The whole story runs in 
 forked nodes.
 """
 
+from contextlib import suppress
 import json
 import os
 from pathlib import Path
@@ -13,6 +14,7 @@ import sys
 import time
 from unittest import mock
 
+from browser import browser_page
 import pytest
 
 from saddlering_ros.cli.main import main
@@ -102,3 +104,7 @@ def test_the_demo_finds_a_cause_live_and_halves_the_misfit_of_the_runs_kept_back
             'parameters_extended.yaml', 'comparison_static.png'} <= names
     page = (tmp_path / 'out' / 'report.html').read_text(encoding='utf-8')
     assert f'saddlering demo --bags {bags} --out {tmp_path / "out"}' in page
+    with suppress(pytest.skip.Exception), browser_page() as tab:  # where there is a Chromium
+        tab.open((tmp_path / 'out' / 'report.html').as_uri())
+        tab.wait('document.documentElement.dataset.charts === "ready"')
+        assert tab.unfit_for_people() == []

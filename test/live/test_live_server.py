@@ -12,6 +12,7 @@ import urllib.request
 
 from aiohttp import CookieJar
 from aiohttp.test_utils import TestClient, TestServer
+from colour_vision import APART, smallest_difference
 import pytest
 
 from saddlering_ros.cli.main import main
@@ -65,6 +66,20 @@ def test_text_of_the_page_meets_the_contrast_of_wcag_aa_in_both_themes(theme):
         for ground in ('card', 'back', 'hover'):
             dark, bright = sorted(map(luminance, (colours[text], colours[ground])))
             assert (bright + 0.05) / (dark + 0.05) >= 4.5, (text, ground)
+
+
+@pytest.mark.parametrize('theme', [0, 1], ids=['light', 'dark'])
+def test_the_colour_blind_tell_the_curves_and_bands_apart(theme):
+    root = re.findall(r':root {(.*?)}', (PAGE / 'live.css').read_text(), re.DOTALL)[theme]
+    colours = dict(re.findall(r'--(\w+): (#\w+);', root))
+    card = '#ffffff' if colours['card'] == '#fff' else colours['card']
+    broad, band = (  # they are drawn half transparent
+        '#' + bytes(sum(pair) // 2 for pair in zip(
+            bytes.fromhex(colours[name][1:]), bytes.fromhex(card[1:]), strict=True)).hex()
+        for name in ('measured', 'noise'))
+    allowed, simulated = colours['allowed'], colours['simulated']
+    for pair in ((broad, simulated), (band, simulated), (allowed, simulated), (band, allowed)):
+        assert smallest_difference(*pair) >= APART, pair
 
 
 @pytest.mark.parametrize('host', [

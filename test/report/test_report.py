@@ -5,6 +5,7 @@ from dataclasses import replace
 import re
 from unittest import mock
 
+from colour_vision import APART, smallest_difference
 from documents import document, run_curves
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from shared_pictures import DRAWN, shared_drawn
 from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.diagnosis.wording import document_text, gain_sentence, headline, tried
 from saddlering_ros.discrepancy.verdict.wording import remaining_words
-from saddlering_ros.pages import html
+from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import pictures_of
@@ -346,3 +347,10 @@ def test_a_long_row_of_a_table_stands_as_a_list_on_a_phone():
 def test_a_logarithmic_axis_has_a_number_at_each_of_its_ticks():
     axis = chart_of(figures.misfit(document()['runs']))['layout']['xaxis']
     assert [float(words) for words in axis['ticktext']] == list(axis['tickvals'])
+
+
+@pytest.mark.parametrize('pair', [
+    (charts.MEASURED, charts.BEFORE), (charts.MEASURED, charts.AFTER),
+    (charts.BEFORE, charts.AFTER), (charts.NOISE, charts.BEFORE), (charts.UP, charts.DOWN)])
+def test_the_colour_blind_tell_the_curves_of_a_report_apart(pair):
+    assert smallest_difference(*pair) >= APART

@@ -79,6 +79,10 @@ def test_dragging_over_a_figure_zooms_into_it_and_pictures_give_way(page):
     assert after[1] < before[1]
 
 
+def test_it_fits_any_screen_can_be_read_and_is_reached_by_the_keyboard(page):
+    assert page.unfit_for_people() == []
+
+
 def test_a_table_copies_as_a_table(page):
     copied = page.run("""(() => {
         const all = document.createRange();

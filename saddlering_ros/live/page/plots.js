@@ -8,7 +8,7 @@ const LOAD_PLOT = 6;
 const isTimed = (plot) => plot >= CHANNELS.length;
 const isResidual = (plot) => isTimed(plot) && plot !== LOAD_PLOT;
 const suffixOf = (plot) => (plot ? plot + 1 : '');
-const SETTINGS = { responsive: true, displaylogo: false, displayModeBar: true,
+const SETTINGS = { responsive: true, displaylogo: false, displayModeBar: true, showTips: false,
   modeBarButtonsToRemove: ['select2d', 'lasso2d', 'autoScale2d', 'toImage'] };
 const DARK = matchMedia('(prefers-color-scheme: dark)');
 const REDRAW = [400, 2000]; // A slow machine draws for a quarter of its time, but within 2 s.
