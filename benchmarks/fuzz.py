@@ -3,9 +3,8 @@
 python benchmarks/fuzz.py [--seconds 60] [--cuts 1000] [--draws 3] [--quick] [--json FILE]
 
 - cut: a bag cut at every chunk boundary and at random bytes gives its readable part, and says so;
-- bytes: changed bytes for `--seconds`, guided by coverage where atheris is installed (pip install
-  -r benchmarks/fuzz-requirements.txt), otherwise by what the reader answers (an input whose
-  answer is new is changed further);
+- bytes: changed bytes for `--seconds`, guided by what the reader answers (an input whose answer is
+  new is changed further);
 - suspicion: virtual rigs with one hidden effect each; none may be taken for a probe wired wrongly
   (what clips may be said to stand still), and each wiring fault put in on top must be named; of
   two probes swapped that move the same way (1 and 2, 3 and 4) it is counted how many are.
@@ -17,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-import importlib.util
 import io
 import itertools
 import json
@@ -25,7 +23,6 @@ from pathlib import Path
 import random
 import re
 import resource
-import subprocess
 import sys
 import tempfile
 import time
@@ -44,10 +41,7 @@ from saddlering_ros.rig import default_rig, TONNE
 
 RIG = default_rig()
 SLOWEST = 10.0
-"""An input that takes longer than this [s] is a fault, ..."""
-
-MAX_MEMORY = 2048
-"""... and so is one that takes the process beyond this [MB]."""
+"""An input that takes longer than this [s] is a fault."""
 
 MOVE_ALIKE = ('1 and 2 swapped', '3 and 4 swapped')
 
@@ -192,7 +186,7 @@ def changed(data: bytes, chance: random.Random) -> bytes:
 
 
 def by_answers(folder: Path, seconds: float) -> dict[str, Any]:
-    """Changed bytes without atheris: an input whose answer is new is changed further."""
+    """Changed bytes: an input whose answer is new is changed further."""
     chance = random.Random(7)
     corpus = [path.read_bytes() for path in seeds(folder / 'seeds')]
     answers: set[str] = set()
@@ -217,57 +211,9 @@ def by_answers(folder: Path, seconds: float) -> dict[str, Any]:
             corpus.append(data)
     if slowest > SLOWEST:
         faults.append(f'one input took {slowest:.1f} s')
-    return {'guided by': 'answers', 'inputs': count, 'different answers': len(answers),
+    return {'inputs': count, 'different answers': len(answers),
             'slowest [s]': slowest, 'peak memory [MB]': resource.getrusage(
                 resource.RUSAGE_SELF).ru_maxrss / 1024, 'faults': faults}
-
-
-def by_coverage(folder: Path, seconds: float) -> dict[str, Any]:
-    """Changed bytes by atheris (libFuzzer) in a process of its own."""
-    seeds(folder / 'corpus')
-    command = [sys.executable, __file__, '--role', 'atheris', str(folder / 'corpus'),
-               f'-max_total_time={round(seconds)}', '-max_len=30000', f'-timeout={round(SLOWEST)}',
-               f'-rss_limit_mb={MAX_MEMORY}', f'-artifact_prefix={folder}/', '-seed=1',
-               '-print_final_stats=1']
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    said = done.stderr + done.stdout
-    stats = dict(re.findall(r'stat::(\w+):\s+(\d+)', said))
-    covered = re.findall(r'cov: (\d+)', said)
-    faults = [line for line in said.splitlines()
-              if re.search(r'ERROR: libFuzzer|Uncaught Python exception|^\w*Error', line)]
-    for kept in folder.glob('*-*'):
-        target = Path(tempfile.gettempdir()) / f'saddlering-fuzz-{kept.name}'
-        kept.replace(target)
-        faults.append(f'input kept: {target}')
-    if done.returncode and not faults:
-        faults.append(said[-500:])
-    return {'guided by': 'coverage (atheris)', 'inputs': int(stats.get(
-        'number_of_executed_units', 0)), 'edges covered': int(covered[-1]) if covered else 0,
-        'slowest [s]': float(stats.get('slowest_unit_time_sec', 0.0)),
-        'peak memory [MB]': float(stats.get('peak_rss_mb', 0.0)), 'faults': faults}
-
-
-def atheris_role(arguments: list[str]) -> None:
-    """libFuzzer on the reader; it leaves the process itself."""
-    import atheris
-    for name in [name for name in sys.modules if name.startswith('saddlering_ros.bags')]:
-        del sys.modules[name]
-    with atheris.instrument_imports(include=['saddlering_ros.bags']):
-        from saddlering_ros.bags import bag_info, read_run
-        from saddlering_ros.errors import BagError
-    path = Path(tempfile.mkdtemp(dir='/dev/shm')) / 'input.mcap'
-
-    def one(data: bytes) -> None:
-        path.write_bytes(data)
-        try:
-            read_run(path, rig=RIG)
-        except BagError as problem:
-            if '\n' in str(problem):
-                raise AssertionError('more than one line') from problem
-        bag_info(path)
-
-    atheris.Setup([sys.argv[0], *arguments], one)
-    atheris.Fuzz()
 
 
 # --- suspicion ---
@@ -340,12 +286,10 @@ def main() -> int:
     args = parser.parse_args()
     if args.quick:
         args.seconds, args.cuts, args.draws = 10.0, 100, 0
-    guided = importlib.util.find_spec('atheris') is not None
     figures = {}
     with tempfile.TemporaryDirectory() as name:
-        fuzz = by_coverage if guided else by_answers
         for title, measure in [('cut', lambda: cuts(args.cuts)),
-                               ('bytes', lambda: fuzz(Path(name), args.seconds)),
+                               ('bytes', lambda: by_answers(Path(name), args.seconds)),
                                ('suspicion', lambda: suspicion(args.draws))]:
             figures[title] = measure()
             print(f'\n{title}')
@@ -361,6 +305,4 @@ def main() -> int:
 
 
 if __name__ == '__main__':
-    if sys.argv[1:3] == ['--role', 'atheris']:
-        atheris_role(sys.argv[3:])
     sys.exit(main())
