@@ -165,7 +165,25 @@ def nodes_page() -> str:
         own = ((AUTOSTART, HARDWARE_ID, *kind.PARAMETERS) if issubclass(kind, StreamingNode)
                else kind.PARAMETERS)
         parts += [f'## {node.name}', '', table(own), '']
-    return '\n'.join(parts)
+    return '\n'.join([*parts, *_launch_lines()])
+
+
+def _launch_lines() -> list[str]:
+    """The arguments of the launch file, from its source: launch is not published as a wheel."""
+    found: dict[str, tuple[object, ...]] = {}
+    for item in ast.parse((ROOT / 'launch' / 'rig.launch.py').read_text('utf-8')).body:
+        if isinstance(item, ast.Assign) and ast.unparse(item.targets) in ('ARGUMENTS', 'CHOICES'):
+            found |= ast.literal_eval(item.value)
+    rows = [f'| `{name}` | {f"`{default}`" if default else "empty"} | {words} |'
+            for name, (default, *_, words) in found.items()]
+    topics = ', '.join(f'`{topic.relative.rpartition("/")[2]}_topic`' for topic in RIG.values())
+    return ['## rig.launch.py', '',
+            '`ros2 launch saddlering_ros rig.launch.py NAME:=VALUE`. Without a bag the replay '
+            'nodes are not started.', '',
+            '| argument | default | meaning |', '|---|---|---|',
+            '| `rig` | the rig file that the environment names, else the shipped one | rig '
+            'description |', *rows,
+            '', f'Arguments that rename a topic: {topics}.', '']
 
 
 THRESHOLDS = {
