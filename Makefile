@@ -5,7 +5,7 @@ export PYTHON
 
 RUN := tools/run.sh
 
-.PHONY: help setup setup-docs setup-test demo test coverage bench bench-blind lint docs workspace lock clean
+.PHONY: help setup setup-docs setup-test demo test coverage bench bench-blind lint docs workspace colcon lock clean
 
 help:
 	@echo 'make setup        .venv with ROS 2 Jazzy, our messages and this package'
@@ -17,6 +17,7 @@ help:
 	@echo 'make lint         ruff and mypy'
 	@echo 'make docs         the documentation as a site in docs/_build, warnings as errors'
 	@echo 'make workspace WS=FOLDER   both packages side by side for rosdep and colcon'
+	@echo 'make colcon       both packages built by colcon in a workspace of their own'
 	@echo 'make lock         requirements/lock/ anew from requirements/*.in'
 	@echo 'make clean        remove .venv, out/ and what builds leave'
 
@@ -56,6 +57,9 @@ docs: setup-docs
 
 workspace:
 	@tools/workspace.sh "$(WS)"
+
+colcon: setup
+	@tools/colcon_build.sh
 
 lock:
 	@python3 tools/lock.py
