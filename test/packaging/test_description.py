@@ -117,7 +117,7 @@ def test_what_the_package_imports_is_declared(arguments):
     declared = {name.lower() for name in arguments['install_requires']}
     declared |= set(arguments['extras_require']['cluster'])
     modules = {'yaml': 'pyyaml', 'llvmlite': 'numba', 'PIL': 'pillow'}
-    optional = {'exudyn', 'ament_index_python', 'pandas'}
+    optional = {'exudyn', 'ament_index_python', 'pandas', 'polars'}
     from_ros = {depend.text for depend in manifest().iter('exec_depend')}
     imported = {name for path in (ROOT / 'saddlering_ros').rglob('*.py')
                 for name in top_level_imports(path)}
