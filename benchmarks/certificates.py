@@ -31,7 +31,7 @@ from scipy.stats.qmc import LatinHypercube
 
 from saddlering_ros import compare
 from saddlering_ros.estimation.identifiability import WIDTH_95
-from saddlering_ros.identification import IdentificationSettings, identify
+from saddlering_ros.identification import Identification, IdentificationSettings, identify
 from saddlering_ros.record import Record
 from saddlering_ros.rig import (
     ContactParameters,
@@ -136,7 +136,7 @@ def budget(draws: int) -> None:
     contact, sound = TRUE_TO_SCALE, dict.fromkeys(SOURCES, 0.0)
     tests = (('static', 50.0), ('static', 70.0))
 
-    def fit(errors: dict[str, float]) -> object:
+    def fit(errors: dict[str, float]) -> Identification:
         return identify([recorded(test, degrees, contact, errors, 1, 1e-8)
                          for test, degrees in tests], CERTIFIED)
 

@@ -177,7 +177,8 @@ def main() -> None:
         table(rows)
         report(rows, args.picture)
     elif args.draws:
-        append_draws(args.machines or [*RICH, *EXACT], *args.draws, args.out)
+        first, count = args.draws
+        append_draws(args.machines or [*RICH, *EXACT], first, count, args.out)
     else:
         rows = []
         for name in args.machines or RICH:
