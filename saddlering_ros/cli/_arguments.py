@@ -187,7 +187,9 @@ def _effects_of_environment() -> Iterator[tuple[Path, str]]:
 def _named(args: argparse.Namespace, action: argparse.Action) -> Iterator[_Named]:
     """Each path of an argument; '-' and devices are no files to lose."""
     value = getattr(args, action.dest, None)
-    for text in value if isinstance(value, list) else [value]:
+    given = value if isinstance(value, list) else [value]
+    # An option that may be given several times has a list of each time.
+    for text in (one for item in given for one in (item if isinstance(item, list) else [item])):
         if text is None or str(text) == '-':
             continue
         path = Path(text)
