@@ -33,13 +33,7 @@ from saddlering_ros import compare
 from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.identification import Identification, IdentificationSettings, identify
 from saddlering_ros.record import Record
-from saddlering_ros.rig import (
-    ContactParameters,
-    Instruments,
-    PARAMETER_NAMES,
-    Rig,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.rig import ContactParameters, Instruments, PARAMETER_NAMES, Rig, TRUE_TO_SCALE
 from saddlering_ros.ring.roller_scatter import GAP_SCATTER, STIFFNESS_SCATTER
 from saddlering_ros.virtual_rig import Scatter
 

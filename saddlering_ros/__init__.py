@@ -10,11 +10,7 @@ if TYPE_CHECKING:
     from saddlering_ros.api.curves import Curves, displacement, residual, simulate
     from saddlering_ros.api.functions import diagnose, identify, validate
     from saddlering_ros.api.inputs import Bag, read_bag
-    from saddlering_ros.api.results import (
-        DiagnosisResult,
-        IdentificationResult,
-        ValidationResult,
-    )
+    from saddlering_ros.api.results import DiagnosisResult, IdentificationResult, ValidationResult
     from saddlering_ros.errors import Cancelled, SaddleringError
     from saddlering_ros.identification import IdentificationSettings, SwarmSettings
     from saddlering_ros.progress import Progress, show_progress

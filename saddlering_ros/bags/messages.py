@@ -9,12 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.wire import decode_list, DISPLACEMENT_TYPE, encode_list, SECOND
-from saddlering_ros.record.samples import (
-    Displacements,
-    no_displacements,
-    no_samples,
-    Samples,
-)
+from saddlering_ros.record.samples import Displacements, no_displacements, no_samples, Samples
 from saddlering_ros.record.topics import RigTopic
 from saddlering_ros.rig import CHANNELS
 

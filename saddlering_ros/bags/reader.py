@@ -14,21 +14,13 @@ from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
 from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.reading import absent_topic, mirrored_topic, run_of_record
-from saddlering_ros.doubts.readings import (
-    MIN_SAMPLES,
-)
+from saddlering_ros.doubts.readings import MIN_SAMPLES
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
-from saddlering_ros.record.scratch import (
-    scratch_copy,
-)
+from saddlering_ros.record.scratch import scratch_copy
 from saddlering_ros.record.stamps import put_in_order
-from saddlering_ros.record.topics import (
-    ELEVATION,
-    PROBE_TOPICS,
-    TOPICS,
-)
+from saddlering_ros.record.topics import ELEVATION, PROBE_TOPICS, TOPICS
 from saddlering_ros.rig import OPPOSITE, Rig
 
 RADIAL_TOPICS = tuple(PROBE_TOPICS[number - 1] for number in OPPOSITE)

@@ -17,12 +17,7 @@ from saddlering_ros.comparison.judgement import (
     noise_power,
     with_main_cause,
 )
-from saddlering_ros.comparison.maker import (
-    common_loads,
-    judged_wear,
-    maker_figures,
-    MakerFigures,
-)
+from saddlering_ros.comparison.maker import common_loads, judged_wear, maker_figures, MakerFigures
 from saddlering_ros.comparison.series import ChangeSeries, series_of
 from saddlering_ros.comparison.sessions import (
     CONTACT_CHANGE,

@@ -6,13 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from saddlering_ros.effects.base import Outcomes, RingEffect, UNCLEAR, Variant
-from saddlering_ros.effects.common_shapes import (
-    arc_parameters,
-    KIND,
-    KINDS,
-    STARTS,
-    worn_arc,
-)
+from saddlering_ros.effects.common_shapes import arc_parameters, KIND, KINDS, STARTS, worn_arc
 from saddlering_ros.effects.extension import RingExtension
 
 

@@ -12,16 +12,7 @@ from saddlering_ros.fleet.drifts import Drift, words_of
 from saddlering_ros.fleet.judgement import Fleet, RingJudgement
 from saddlering_ros.fleet.observations import Array, COORDINATES
 from saddlering_ros.pages import html
-from saddlering_ros.pages.charts import (
-    AFTER,
-    Chart,
-    line,
-    markers,
-    MEASURED,
-    NOISE,
-    Panel,
-    Series,
-)
+from saddlering_ros.pages.charts import AFTER, Chart, line, markers, MEASURED, NOISE, Panel, Series
 
 MAX_DRAWN = 12
 """Rings whose histories are drawn, those of most concern first."""

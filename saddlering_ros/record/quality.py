@@ -13,13 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.record.scratch import (
-    blocks,
-    count_where,
-    extremes,
-    spread,
-    spread_changes,
-)
+from saddlering_ros.record.scratch import blocks, count_where, extremes, spread, spread_changes
 
 Floats = NDArray[np.float64]
 

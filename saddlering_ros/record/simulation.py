@@ -24,13 +24,7 @@ from saddlering_ros.record.samples import (
     SECOND,
 )
 from saddlering_ros.record.scratch import BLOCK, forget
-from saddlering_ros.rig import (
-    CHANNELS,
-    ParameterSet,
-    probes_to_displacement,
-    Rig,
-    ZeroReading,
-)
+from saddlering_ros.rig import CHANNELS, ParameterSet, probes_to_displacement, Rig, ZeroReading
 from saddlering_ros.ring import RingSimulator, SimulationError
 from saddlering_ros.ring.simulator import simulate_in_blocks, SimulatedRun
 

@@ -21,12 +21,7 @@ from saddlering_interfaces.msg import (
 from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.monitoring import Monitor
 from saddlering_ros.monitoring.expected import Expected
-from saddlering_ros.rig import (
-    ContactParameters,
-    PARAMETER_NAMES,
-    ParameterSet,
-    ParameterSource,
-)
+from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, ParameterSet, ParameterSource
 from saddlering_ros.rig.parameter_file import Effects
 from saddlering_ros.ros.names import LIVE_PAGE, NodeError
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription

@@ -12,13 +12,7 @@ import numpy as np
 
 from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.rig import ContactParameters, default_rig, Rig, size_factor, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig.effects import (
-    EffectRequest,
-    EFFECTS,
-    request,
-    RigEffect,
-    TrueSize,
-)
+from saddlering_ros.virtual_rig.effects import EffectRequest, EFFECTS, request, RigEffect, TrueSize
 from saddlering_ros.virtual_rig.integrator import Scatter
 from saddlering_ros.virtual_rig.physics import PhysicalRig
 from saddlering_ros.virtual_rig.recording import (

@@ -17,12 +17,7 @@ from campaign_stubs import marks, tasks, write_bag
 import pyarrow.parquet
 import pytest
 
-from saddlering_ros.campaign import (
-    CampaignError,
-    CampaignInterruptedError,
-    run_campaign,
-    Store,
-)
+from saddlering_ros.campaign import CampaignError, CampaignInterruptedError, run_campaign, Store
 from saddlering_ros.campaign.running import local_workers, Workers
 from saddlering_ros.campaign.tables import write_tables
 

@@ -6,13 +6,7 @@ from bench import LOAD, recorded, System
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import (
-    diagnose_system,
-    Diagnosis,
-    Effect,
-    Parameter,
-    Point,
-)
+from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Effect, Parameter, Point
 from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.selection import _pair_gains
 

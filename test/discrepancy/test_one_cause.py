@@ -6,12 +6,7 @@ from bench import LOAD, recorded, System
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import (
-    diagnose_system,
-    Effect,
-    Parameter,
-    Point,
-)
+from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.comparison import SearchLog

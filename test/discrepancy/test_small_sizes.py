@@ -6,13 +6,7 @@ from bench import LOAD, recorded, System
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import (
-    Cause,
-    diagnose_system,
-    Effect,
-    Parameter,
-    Point,
-)
+from saddlering_ros.discrepancy import Cause, diagnose_system, Effect, Parameter, Point
 
 NOISE = 1e-4
 

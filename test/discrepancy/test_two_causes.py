@@ -9,13 +9,7 @@ from bench import LOAD, recorded, System, TIME
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import (
-    diagnose_system,
-    Diagnosis,
-    Effect,
-    Parameter,
-    Point,
-)
+from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Effect, Parameter, Point
 
 PHASE = np.clip((TIME - 4.0) / 16.0, 0.0, 1.0)
 LATE = np.sin(2.0 * np.pi * PHASE)

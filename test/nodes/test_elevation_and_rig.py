@@ -8,16 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rosnet import (
-    ACTIVATE,
-    ANEW,
-    Client,
-    client,
-    DEACTIVATE,
-    lead,
-    set_parameter,
-    wait_until,
-)
+from rosnet import ACTIVATE, ANEW, Client, client, DEACTIVATE, lead, set_parameter, wait_until
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingParameters

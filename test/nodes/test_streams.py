@@ -11,13 +11,7 @@ from saddlering_ros.record.displacement import displacement_of_run, Displacement
 from saddlering_ros.record.residual import ResidualStream
 from saddlering_ros.record.samples import Displacements, join, pick, Samples
 from saddlering_ros.record.simulation import SimulationStream
-from saddlering_ros.rig import (
-    CHANNELS,
-    default_rig,
-    FULL_SCALE_LOAD,
-    ParameterSet,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.rig import CHANNELS, default_rig, FULL_SCALE_LOAD, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 
 RIG = default_rig()

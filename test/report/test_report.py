@@ -24,13 +24,7 @@ from saddlering_ros.quantities import shares_in_words
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.scatter import white_noise
 from saddlering_ros.report import figures, parameters
-from saddlering_ros.report.background import (
-    date_of,
-    head,
-    head_line,
-    HeadLine,
-    misfit_reductions,
-)
+from saddlering_ros.report.background import date_of, head, head_line, HeadLine, misfit_reductions
 from saddlering_ros.report.chapters import proposal
 from saddlering_ros.report.curves import branches, curves_path, spectrum, welch, write_curves
 from saddlering_ros.report.reports import diagnosis_page

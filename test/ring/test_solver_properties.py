@@ -27,12 +27,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
     Trunnion,
 )
-from saddlering_ros.ring import (
-    dynamic_batch,
-    RingSimulator,
-    simulate,
-    static_batch,
-)
+from saddlering_ros.ring import dynamic_batch, RingSimulator, simulate, static_batch
 from saddlering_ros.ring.kernels import integration, layout
 
 BASE = default_rig()

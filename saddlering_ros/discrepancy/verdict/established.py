@@ -20,12 +20,7 @@ from saddlering_ros.discrepancy.search.comparison import Comparison, crowded
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import AT_BOUND, ModelSpace
 from saddlering_ros.discrepancy.verdict.judgement import allowed_sizes, shapes_at_bounds
-from saddlering_ros.discrepancy.verdict.results import (
-    Cause,
-    Remainder,
-    Residual,
-    Verdict,
-)
+from saddlering_ros.discrepancy.verdict.results import Cause, Remainder, Residual, Verdict
 from saddlering_ros.discrepancy.verdict.stability import STRETCHES
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.quantities import percent, quantity

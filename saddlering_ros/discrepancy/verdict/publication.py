@@ -13,11 +13,7 @@ from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter
 from saddlering_ros.discrepancy.search.comparison import Comparison
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
-from saddlering_ros.discrepancy.verdict.established import (
-    Prediction,
-    Shares,
-    sizes_at_bounds,
-)
+from saddlering_ros.discrepancy.verdict.established import Prediction, Shares, sizes_at_bounds
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
     Estimate,
