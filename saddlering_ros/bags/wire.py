@@ -3,7 +3,7 @@
 Every such message begins with a std_msgs/Header and continues with numbers only, so that all
 messages with the same frame id have one size. NumPy views of the bytes of all messages give stamps
 and numbers without message objects, about a hundred times as fast as rosbags decodes them
-(benchmarks/bag_reading.py). Source of the layout: OMG DDS-XTypes 1.3, 7.4 (plain CDR, versions 1
+(benchmarks/reading.py). Source of the layout: OMG DDS-XTypes 1.3, 7.4 (plain CDR, versions 1
 and 2, both byte orders).
 """
 
