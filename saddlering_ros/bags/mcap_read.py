@@ -79,8 +79,6 @@ class McapFile:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     compressions: set[str] = field(default_factory=set)
     message_count: int = 0
-    log_start: int | None = None
-    log_stop: int | None = None
     share: float = 0.0
     """Share of the file's bytes that `blocks` has passed, 0 to 1."""
     _schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
@@ -190,13 +188,7 @@ class McapFile:
             raise self._cut_off(size)
 
     def _counted(self, block: McapBlock) -> McapBlock:
-        for messages in block.messages.values():
-            self.message_count += len(messages)
-            if not len(messages):
-                continue
-            first, last = int(messages.log_times.min()), int(messages.log_times.max())
-            self.log_start = first if self.log_start is None else min(first, self.log_start)
-            self.log_stop = last if self.log_stop is None else max(last, self.log_stop)
+        self.message_count += sum(map(len, block.messages.values()))
         return block
 
     # -- a chunk -------------------------------------------------------------------------------

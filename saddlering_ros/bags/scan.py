@@ -189,8 +189,6 @@ class Scan:
     message_count: int = 0
     size: int = 0
     contradictions: list[str] = field(default_factory=list)
-    log_start: int | None = None
-    log_stop: int | None = None
 
     @property
     def path(self) -> Path:
@@ -305,9 +303,6 @@ def _scan_file(
                 topic.types.add(channel.type)
                 if channel.topic in RIG_TOPICS:
                     result.schema_encodings.add(channel.schema_encoding)
-            starts = [time for time in (result.log_start, file.log_start) if time is not None]
-            stops = [time for time in (result.log_stop, file.log_stop) if time is not None]
-            result.log_start, result.log_stop = min(starts, default=None), max(stops, default=None)
 
 
 def _take_facts(

@@ -5,14 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import (
-    add_fact_options,
-    add_json_option,
-    add_rig_option,
-    bag_read,
-    in_options,
-    radians,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import tell_json
 from saddlering_ros.errors import printable
 
@@ -33,11 +26,11 @@ def add_parser(subparsers: Any) -> None:
         'info', help='show the content of a bag and its faults',
         description='Print the test, the topics with their rates and ranges, and every fault '
                     'of each bag. Status 2 if a bag cannot be used.')
-    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG',
+    parser.add_argument('bags', type=arguments.bag_read, nargs='+', metavar='BAG',
                         help='rosbag2 directory or .mcap file')
-    add_fact_options(parser)
-    add_rig_option(parser)
-    add_json_option(parser, 'write all figures as JSON; - for stdout')
+    arguments.add_fact_options(parser)
+    arguments.add_rig_option(parser)
+    arguments.add_json_option(parser, 'write all figures as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -54,10 +47,9 @@ def run(args: argparse.Namespace) -> int:
     documents = []
     for bag in args.bags:
         try:
-            is_counted = args.json != '-' and _print_summary(bag)
             with Bar() as bar:
-                info = bag_info(bag, test=args.test, elevation=radians(args.elevation), rig=rig,
-                                on_progress=bar.reading(bag))
+                info = bag_info(bag, test=args.test, elevation=arguments.radians(args.elevation),
+                                rig=rig, on_progress=bar.reading(bag))
         except BagError as problem:
             problems.append(str(problem))
             documents.append({'path': bag, 'usable': False, 'problems': [str(problem)]})
@@ -65,36 +57,18 @@ def run(args: argparse.Namespace) -> int:
         problems += info.problems[:1]
         documents.append(info.as_dict())
         if args.json != '-':
-            _print_info(info, rig, is_counted)
+            _print_info(bag, info, rig)
     tell_json(args, documents)
     if not problems:
         return 0
     sys.stdout.flush()
     more = f' (and {len(problems) - 1} more unusable bags)' if len(problems) > 1 else ''
-    print(f'saddlering info: {printable(in_options(problems[0]))}{more}', file=sys.stderr)
+    problem = printable(arguments.in_options(problems[0]))
+    print(f'saddlering info: {problem}{more}', file=sys.stderr)
     return 2
 
 
-def _print_summary(bag: str) -> bool:
-    """Print the metadata that need no message; whether the number of messages is among them."""
-    import sys
-
-    from rich.text import Text
-
-    from saddlering_ros.bags.folder import announced
-    from saddlering_ros.bags.info import summary_of_bag
-    from saddlering_ros.cli._terminal import stdout_console
-
-    summary = summary_of_bag(bag)
-    known = announced(bag) if summary is None else f'{summary} (from the summary of the file)'
-    console = stdout_console()
-    console.print(Text(bag, style='bold'))
-    console.print(Text(f'  {printable(known)}', style='dim'))
-    sys.stdout.flush()
-    return summary is not None
-
-
-def _print_info(info: BagInfo, rig: Rig, is_counted: bool) -> None:
+def _print_info(bag: str, info: BagInfo, rig: Rig) -> None:
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -102,8 +76,9 @@ def _print_info(info: BagInfo, rig: Rig, is_counted: bool) -> None:
     from saddlering_ros.cli._terminal import stdout_console
 
     console = stdout_console()
+    console.print(Text(bag, style='bold'))
     facts = Table(box=None, show_header=False, padding=(0, 2))
-    for name, value in _facts(info, rig, is_counted):
+    for name, value in _facts(info, rig):
         facts.add_row(name, value)
     console.print(facts)
     topics = Table(box=box.SIMPLE_HEAD)
@@ -115,7 +90,7 @@ def _print_info(info: BagInfo, rig: Rig, is_counted: bool) -> None:
         topics.add_row(*_topic_row(topic, rig))
     console.print(topics)
     for problem in info.problems:
-        console.print(Text(f'  wrong: {printable(in_options(problem))}', style='red'))
+        console.print(Text(f'  wrong: {printable(arguments.in_options(problem))}', style='red'))
     for note in info.notes:
         console.print(Text(f'  note: {printable(note)}', style='yellow'))
     if not info.problems:
@@ -124,7 +99,7 @@ def _print_info(info: BagInfo, rig: Rig, is_counted: bool) -> None:
     console.print()
 
 
-def _facts(info: BagInfo, rig: Rig, is_counted: bool) -> list[tuple[str, str]]:
+def _facts(info: BagInfo, rig: Rig) -> list[tuple[str, str]]:
     import math
 
     found = info.facts
@@ -135,9 +110,8 @@ def _facts(info: BagInfo, rig: Rig, is_counted: bool) -> list[tuple[str, str]]:
         ('rig', found.rig), ('rig hash', found.details.get('rig_hash', '')[:12]),
         ('run', found.run)) if value]
     files = '1 file' if info.files == 1 else f'{info.files} files'
-    counted = '' if is_counted else f'{info.message_count} messages, '
-    rows.append(('storage', f'{files}, {info.size / 1e6:.2f} MB, {counted}'
-                 f'compression {printable(", ".join(info.compressions)) or "unknown"}'))
+    rows.append(('storage', f'{files}, {info.size / 1e6:.2f} MB, {info.message_count} '
+                 f'messages, compression {printable(", ".join(info.compressions)) or "unknown"}'))
     if not math.isnan(info.duration):
         rows.append(('duration', f'{info.duration:.3f} s'))
     if not math.isnan(high):

@@ -10,7 +10,6 @@ from pyarrow import parquet
 import pytest
 
 from saddlering_ros.bags import bag_info, read_run, scan
-from saddlering_ros.bags.info import summary_of_bag
 from saddlering_ros.bags.samples import displacement_columns, write_samples
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.diagnosis.records import build_record
@@ -193,16 +192,6 @@ def test_the_samples_of_a_fit_are_bounded_and_short_records_are_kept_whole(tmp_p
     limit = fit_limit([run, run, half], 2 * count)
     assert limit == (2 * count - len(half.stamps)) // 2
     assert fit_limit([run] * 10 * count, count) == 1
-
-
-def test_the_end_of_the_files_says_how_much_there_is(tmp_path, recording):
-    bag = recording.write(tmp_path / 'bag')
-    summary = summary_of_bag(bag)
-    assert (summary.messages, summary.topics) == (5000, 5)
-    assert summary.seconds == pytest.approx(2.0, abs=0.01)
-    file = next(bag.glob('*.mcap'))
-    file.write_bytes(file.read_bytes()[:-40])
-    assert summary_of_bag(bag) is None
 
 
 def test_scratch_files_leave_nothing_and_a_full_disk_is_one_line(tmp_path, monkeypatch):
