@@ -86,7 +86,8 @@ def commands_page() -> str:
              'place and '
              'the remedy; 130 interrupted. `--json -` prints only JSON to standard output. '
              'Colours and progress appear in terminals only, and not if `NO_COLOR` is set. After '
-             '`eval "$(saddlering completion bash)"` the tab key completes commands.', '']
+             '`eval "$(register-python-argcomplete saddlering)"` the tab key completes '
+             'commands.', '']
     for name in sorted(modules):
         found = action.choices[name]
         parts += [f'## {name}', '', f'{_sentence(found.description or words[name])}', '',

@@ -316,18 +316,15 @@ class ValidationResult(Result):
         static = [item for item in curves if item.test == 'static']
         return Plot(draw(figures.comparison((static or curves)[:3])), self._spare_inputs)
 
-    def write_report(
-        self, path: Path | str, *, command: str = '',
-        identification: Mapping[str, Any] | None = None,
-    ) -> tuple[Path, ...]:
-        """Write the report on these parameters; identification: JSON of the identification."""
+    def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
+        """Write the report on these parameters."""
         from saddlering_ros.report import write_validation_report
         from saddlering_ros.report.curves import curves_path
 
         check_path('path', path)
         self._spare_inputs(path, curves_path(path))
         return write_validation_report(path, self.found, runs_of(self.bags), self.rig,
-                                       identification, command)
+                                       command=command)
 
     @property
     def criteria(self) -> tuple[Criterion, ...]:

@@ -5,17 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from saddlering_ros.cli._arguments import (
-    add_fact_options,
-    add_json_option,
-    add_parameter_options,
-    add_rig_option,
-    add_trust_option,
-    bag_read,
-    folder_filled,
-    page_written,
-    take_effects,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import finish
 
 EXAMPLES = (
@@ -31,16 +21,13 @@ def add_parser(subparsers: Any) -> None:
         'validate', help='check how well parameters predict bags',
         description='Simulate tests with given parameters, and compare the prediction with '
                     'the measurement by figures of merit for each channel.')
-    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG', help='runs to predict')
-    add_parameter_options(parser)
-    add_rig_option(parser)
-    add_json_option(parser, 'write all figures as JSON; - for stdout')
-    parser.add_argument('--plots', type=folder_filled, metavar='DIR',
+    arguments.add_bags_options(parser, 'runs to predict')
+    arguments.add_parameter_options(parser)
+    arguments.add_json_option(parser, 'write all figures as JSON; - for stdout')
+    parser.add_argument('--plots', type=arguments.folder_filled, metavar='DIR',
                         help='write figures of simulated and measured over load and time, one '
                              'per run')
-    parser.add_argument('--report', type=page_written, metavar='FILE.html', help='write a report')
-    add_fact_options(parser)
-    add_trust_option(parser)
+    arguments.add_report_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -49,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.cli._samples import bags_of
     from saddlering_ros.cli._terminal import Bar
 
-    take_effects(args)
+    arguments.take_effects(args)
     read_parameters(args.params)  # a fault there is reported before any bag is read
     bags = bags_of(args, args.bags, load_rig(args.rig))
     with Bar() as bar:

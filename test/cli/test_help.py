@@ -30,11 +30,10 @@ def test_the_help_of_every_command_ends_with_examples_that_can_be_parsed(name, c
     assert 'examples:\n' in shown
     for line, words in MODULES[name].EXAMPLES:
         assert f'  # {words}\n  {line}\n' in shown
-        if name != 'completion':
-            assert PARSER.parse_args(shlex.split(line)[1:]).command == name
+        assert PARSER.parse_args(shlex.split(line)[1:]).command == name
 
 
-@pytest.mark.parametrize('name', sorted(set(COMMANDS) - {'completion'}))
+@pytest.mark.parametrize('name', COMMANDS)
 def test_every_command_that_finds_something_can_say_it_in_json_on_stdout(name, capsys):
     shown = ' '.join(help_of(name, capsys).split())
     assert '--json FILE' in shown
@@ -48,7 +47,6 @@ def test_every_command_that_finds_something_can_say_it_in_json_on_stdout(name, c
     (['generate', 'out', '--test', 'static', '--elevation', '50', '--effect',
       'radial_fricton=5000'], 'did you mean radial_friction?'),
     (['generate', '--effect', 'radial_fricton=5000'], 'did you mean radial_friction?'),
-    (['completion', 'zhs'], 'did you mean zsh?'),
 ])
 def test_what_is_mistyped_is_refused_in_one_line_with_what_was_meant(words, hint, capsys):
     try:
@@ -85,11 +83,6 @@ def completed(line):
 ])
 def test_the_tab_key_completes_commands_options_and_effects(line, offered):
     assert offered <= set(completed(line))
-
-
-def test_the_shell_is_told_how_to_ask(capsys):
-    assert command.main(['completion', 'bash']) == 0
-    assert 'complete' in capsys.readouterr().out
 
 
 def on_terminal(**extra):

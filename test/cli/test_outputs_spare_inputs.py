@@ -170,7 +170,7 @@ def test_a_calibration_table_of_a_map_is_no_output(
     assert Path('table.png').read_text().startswith('V,mm')
 
 
-@pytest.mark.parametrize('option', ['--identification', '--params', '--rig'])
+@pytest.mark.parametrize('option', ['--params', '--rig'])
 def test_a_pipe_given_as_a_file_is_refused_and_not_waited_for(
         option: str, bag: Path, tmp_path: Path, capsys) -> None:
     os.mkfifo(tmp_path / 'pipe')
@@ -179,12 +179,3 @@ def test_a_pipe_given_as_a_file_is_refused_and_not_waited_for(
     options = [str(word) for pair in given.items() for word in pair]
     assert main(['report', str(bag), *options, '--out', str(tmp_path / 'r.html')]) == 2
     assert 'give the path of a regular file' in capsys.readouterr().err
-
-
-def test_an_identification_nested_without_end_is_refused_in_one_line(
-        bag: Path, tmp_path: Path, capsys) -> None:
-    (tmp_path / 'deep.json').write_text('[' * 100_000)
-    write_parameters(tmp_path / 'p.yaml', ParameterSet(TRUE_TO_SCALE))
-    assert main(['report', str(bag), '--params', str(tmp_path / 'p.yaml'), '--identification',
-                 str(tmp_path / 'deep.json'), '--out', str(tmp_path / 'r.html')]) == 2
-    assert 'is not JSON' in capsys.readouterr().err
