@@ -243,9 +243,20 @@ def add_json_option(
 
 
 def add_bag_options(parser: argparse.ArgumentParser) -> None:
-    """Options for reading the bag."""
+    """One bag, and the options for reading it."""
     parser.add_argument('bag', type=bag_read, metavar='BAG',
                         help='rosbag2 directory or .mcap file')
+    add_reading_options(parser)
+
+
+def add_bags_options(parser: argparse.ArgumentParser, words: str) -> None:
+    """Several bags, and the options for reading them; words: what the command does with them."""
+    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG', help=words)
+    add_reading_options(parser)
+
+
+def add_reading_options(parser: argparse.ArgumentParser) -> None:
+    """The rig of the bags, and their metadata."""
     add_rig_option(parser)
     add_trust_option(parser)
     add_fact_options(parser)
@@ -257,6 +268,11 @@ def add_fact_options(parser: argparse.ArgumentParser) -> None:
                         help='kind of test, in place of that of the bag')
     parser.add_argument('--elevation', type=float, metavar='DEG',
                         help='elevation, in place of that of the bag')
+
+
+def add_report_option(parser: argparse.ArgumentParser) -> None:
+    """The place of a report."""
+    parser.add_argument('--report', type=page_written, metavar='FILE.html', help='write a report')
 
 
 def add_trust_option(parser: argparse.ArgumentParser) -> None:

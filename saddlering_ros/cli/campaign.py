@@ -6,13 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import (
-    add_json_option,
-    add_rig_option,
-    bags_below,
-    file_read,
-    folder_filled,
-)
+from saddlering_ros.cli import _arguments as arguments
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,18 +34,18 @@ def add_parser(subparsers: Any) -> None:
         'campaign', help='diagnose all bags of a folder and compare the rings',
         description='Group the bags of a folder into sessions, diagnose each session, and compare '
         'the rings. `saddlering campaign status STORE` shows how far a campaign is.')
-    parser.add_argument('folder', type=bags_below, metavar='FOLDER',
+    parser.add_argument('folder', type=arguments.bags_below, metavar='FOLDER',
                         help='folder of the bags, or the word status')
-    parser.add_argument('store', nargs='?', type=file_read, metavar='STORE',
+    parser.add_argument('store', nargs='?', type=arguments.file_read, metavar='STORE',
                         help='after the word status: folder of the campaign')
-    parser.add_argument('--out', type=folder_filled, metavar='STORE',
+    parser.add_argument('--out', type=arguments.folder_filled, metavar='STORE',
                         help='folder for the results; a second run computes the missing ones')
     parser.add_argument('--scheduler', metavar='ADDRESS',
                         help='a Dask scheduler (default: processes of this machine)')
     parser.add_argument('--jobs', type=int, metavar='N',
                         help='sessions at a time on this machine (default: its processors)')
-    add_rig_option(parser)
-    parser.add_argument('--manifest', type=file_read, metavar='FILE.csv',
+    arguments.add_rig_option(parser)
+    parser.add_argument('--manifest', type=arguments.file_read, metavar='FILE.csv',
                         help='table that groups the bags into sessions (an edited manifest.csv)')
     parser.add_argument('--gap', type=float, default=24.0, metavar='HOURS',
                         help='a longer time without a test begins a new session (default 24)')
@@ -65,7 +59,7 @@ def add_parser(subparsers: Any) -> None:
                         help='largest memory of one session (default 6)')
     parser.add_argument('--reports', choices=('flagged', 'none'), default='flagged',
                         help='a report for every session with a finding (default), or for none')
-    add_json_option(parser, 'write the content of fleet.json as JSON; - for stdout')
+    arguments.add_json_option(parser, 'write the content of fleet.json as JSON; - for stdout')
     parser.add_argument('--limit', action='append', default=[], metavar='NAME=VALUE',
                         help='a limit of K or D, as K1=6e7 (SI): gives remaining life')
 

@@ -5,12 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import (
-    add_json_option,
-    add_network_options,
-    add_rig_option,
-    domain_of,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
@@ -35,13 +30,13 @@ def add_parser(subparsers: Any) -> None:
         'fault and for each property that could not be checked. Status 2 if a fault is found.')
     parser.add_argument('--seconds', type=float, default=5.0, metavar='S',
                         help='how long to listen (default 5)')
-    add_rig_option(parser)
+    arguments.add_rig_option(parser)
     parser.add_argument('--elevation', type=float, default=50.0, metavar='DEG',
                         help='elevation of the barrel, from which the direction of each probe '
                              'follows (default 50)')
     parser.add_argument('--rate', type=float, metavar='HZ', help='required rate of every topic')
-    add_network_options(parser)
-    add_json_option(parser, 'write the findings as JSON; - for stdout')
+    arguments.add_network_options(parser)
+    arguments.add_json_option(parser, 'write the findings as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -62,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         raise BagError(f'--rate {args.rate:g}: give hertz above 0')
     rig, namespace = load_rig(args.rig), namespace_of(args.namespace)
     prepare_transport()
-    heard = listen(domain_of(args), namespace, args.seconds)
+    heard = listen(arguments.domain_of(args), namespace, args.seconds)
     found = check_driver(rig, heard, math.radians(args.elevation), args.rate)
     count = faults(found)
     document = {

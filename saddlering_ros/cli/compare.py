@@ -5,14 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from saddlering_ros.cli._arguments import (
-    add_fact_options,
-    add_json_option,
-    add_rig_option,
-    add_trust_option,
-    bag_read,
-    page_written,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import finish
 
 EXAMPLES = (
@@ -30,17 +23,16 @@ def add_parser(subparsers: Any) -> None:
         'compare', help='name what changed in one ring between two sessions',
         description='Name what changed in one ring between two sessions. What both sessions have '
                     'cancels, so that smaller causes show than in one session.')
-    parser.add_argument('--before', type=bag_read, nargs='+', required=True, metavar='BAG',
-                        help='bags of the earlier session, such as the base measurement')
-    parser.add_argument('--after', type=bag_read, nargs='+', required=True, metavar='BAG',
-                        action='append', help='bags of the later session; given several times, '
-                        'in order of time: a series of sessions')
-    add_rig_option(parser)
-    add_json_option(parser, 'write the verdict on the change as JSON; - for stdout')
-    parser.add_argument('--report', type=page_written, metavar='FILE.html', help='write a report')
+    parser.add_argument('--before', type=arguments.bag_read, nargs='+', required=True,
+                        metavar='BAG', help='bags of the earlier session, such as the base '
+                        'measurement')
+    parser.add_argument('--after', type=arguments.bag_read, nargs='+', required=True,
+                        metavar='BAG', action='append', help='bags of the later session; given '
+                        'several times, in order of time: a series of sessions')
+    arguments.add_reading_options(parser)
+    arguments.add_json_option(parser, 'write the verdict on the change as JSON; - for stdout')
+    arguments.add_report_option(parser)
     parser.add_argument('--seed', type=int, default=0, help='seed of the base fit (default 0)')
-    add_fact_options(parser)
-    add_trust_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:

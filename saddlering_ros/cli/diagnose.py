@@ -6,19 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.cli._arguments import (
-    add_effects_option,
-    add_fact_options,
-    add_json_option,
-    add_rig_option,
-    add_trust_option,
-    bag_read,
-    file_read,
-    file_written,
-    folder_filled,
-    page_written,
-    take_effects,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import finish
 
 EXAMPLES = (
@@ -35,26 +23,20 @@ def add_parser(subparsers: Any) -> None:
         description='Fit the model to the bags, and search the catalogue of effects for the '
                     'cause of what is left. The verdict names a cause, states that several '
                     'explain the misfit, or that none is known.')
-    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG', help='runs to diagnose')
-    parser.add_argument(
-        '--hold-out', type=bag_read,
-        nargs='+',
-        default=[],
-        metavar='BAG',
-        help='held-out runs, on which the misfit reduction is measured',
-    )
-    add_rig_option(parser)
-    parser.add_argument('--params', type=file_read, help='parameter file to start from')
-    add_json_option(parser, 'write the verdict as JSON; - for stdout')
-    parser.add_argument('--report', type=page_written, metavar='FILE.html', help='write a report')
-    parser.add_argument('--out', type=file_written, help='write the extended parameter file here')
+    arguments.add_bags_options(parser, 'runs to diagnose')
+    parser.add_argument('--hold-out', type=arguments.bag_read, nargs='+', default=[],
+                        metavar='BAG', help='held-out runs, on which the misfit reduction is '
+                        'measured')
+    parser.add_argument('--params', type=arguments.file_read, help='parameter file to start from')
+    arguments.add_json_option(parser, 'write the verdict as JSON; - for stdout')
+    arguments.add_report_option(parser)
+    parser.add_argument('--out', type=arguments.file_written,
+                        help='write the extended parameter file here')
     parser.add_argument('--seed', type=int, default=0, help='seed of the base fit (default 0)')
-    parser.add_argument('--propose', type=folder_filled, metavar='DIR',
+    parser.add_argument('--propose', type=arguments.folder_filled, metavar='DIR',
                         help='folder for the effect file of a proposed law (default with --json '
                              'FILE: FILE without its suffix, followed by _effects)')
-    add_effects_option(parser)
-    add_fact_options(parser)
-    add_trust_option(parser)
+    arguments.add_effects_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -63,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.cli._samples import bags_of
     from saddlering_ros.cli._terminal import Bar
 
-    take_effects(args)
+    arguments.take_effects(args)
     rig = load_rig(args.rig)
     fitted, held_out = bags_of(args, args.bags, rig), bags_of(args, args.hold_out, rig)
     with Bar() as bar:

@@ -5,15 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from saddlering_ros.cli._arguments import (
-    add_fact_options,
-    add_json_option,
-    add_rig_option,
-    add_trust_option,
-    bag_read,
-    file_written,
-    page_written,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import finish
 
 EXAMPLES = (
@@ -31,14 +23,12 @@ def add_parser(subparsers: Any) -> None:
         description='Fit the six contact parameters to static and dynamic tests, and print '
                     'them with their uncertainty. The parameter file is read by simulator, '
                     'nodes and diagnosis.')
-    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG',
-                        help='runs to fit, static and dynamic')
-    add_rig_option(parser)
+    arguments.add_bags_options(parser, 'runs to fit, static and dynamic')
     parser.add_argument('--method', default='default', choices=('default', 'paper'),
                         help="'paper': two swarm steps as published; 'default': joint fit of all")
-    parser.add_argument('--out', type=file_written, help='write the parameter file here')
-    add_json_option(parser, 'write all figures as JSON; - for stdout')
-    parser.add_argument('--report', type=page_written, metavar='FILE.html', help='write a report')
+    parser.add_argument('--out', type=arguments.file_written, help='write the parameter file here')
+    arguments.add_json_option(parser, 'write all figures as JSON; - for stdout')
+    arguments.add_report_option(parser)
     parser.add_argument('--seed', type=int, default=0, help='seed of the swarm (default 0)')
     parser.add_argument('--bounds', nargs='+', default=[], metavar='NAME=LOW:HIGH',
                         help='bounds of a parameter in SI units, e.g. K1=2e7:1e9')
@@ -55,8 +45,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--use-delta-y', action='store_true',
                         help="use delta_y in the paper's method too")
     parser.add_argument('--profiles', action='store_true', help='also compute profile likelihoods')
-    add_fact_options(parser)
-    add_trust_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -6,13 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import (
-    add_json_option,
-    add_rig_option,
-    file_read,
-    file_written,
-    in_options,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import tell_json
 from saddlering_ros.errors import printable
 
@@ -39,18 +33,20 @@ def add_parser(subparsers: Any) -> None:
         'import', help='convert files of a data logger to a bag',
         description='Write measured files as a bag, by a map of columns to channels (MAP.yaml). '
                     'Units are stated in the map, never guessed.')
-    parser.add_argument('files', nargs='+', type=file_read, metavar='FILE', help='measured files')
-    parser.add_argument('--map', type=file_read, metavar='MAP.yaml',
+    parser.add_argument('files', nargs='+', type=arguments.file_read, metavar='FILE',
+                        help='measured files')
+    parser.add_argument('--map', type=arguments.file_read, metavar='MAP.yaml',
                         help='the map: column and unit of each channel')
-    parser.add_argument('--out', type=file_written, metavar='BAG',
+    parser.add_argument('--out', type=arguments.file_written, metavar='BAG',
                         help='the bag to write; a folder of bags if the map splits runs')
     parser.add_argument('--draft', action='store_true',
                         help='print the content of the files and a draft of the map, which --map '
                              'receives')
-    add_rig_option(parser, 'rig file: its hash goes into the bag, its probes give the range')
-    parser.add_argument('--preview', type=file_written, metavar='FILE.png',
+    arguments.add_rig_option(
+        parser, 'rig file: its hash goes into the bag, its probes give the range')
+    parser.add_argument('--preview', type=arguments.file_written, metavar='FILE.png',
                         help='write a figure of load and gaps over time')
-    add_json_option(parser)
+    arguments.add_json_option(parser)
     parser.add_argument('--overwrite', action='store_true', help='replace a bag at --out')
 
 
@@ -118,7 +114,7 @@ def _doubts(args: argparse.Namespace, result: ImportResult, rig: Rig) -> list[st
     lines = []
     for run in result.runs:
         info = bag_info(run.path, rig=rig)
-        found = [in_options(line) for line in (*info.problems, *info.notes)]
+        found = [arguments.in_options(line) for line in (*info.problems, *info.notes)]
         if args.rig is not None and not info.problems:
             found += contradictions(run.path, rig)
         found += _still_probes(run, rig)

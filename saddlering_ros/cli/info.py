@@ -63,8 +63,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     sys.stdout.flush()
     more = f' (and {len(problems) - 1} more unusable bags)' if len(problems) > 1 else ''
-    problem = printable(arguments.in_options(problems[0]))
-    print(f'saddlering info: {problem}{more}', file=sys.stderr)
+    first = printable(arguments.in_options(problems[0]))
+    print(f'saddlering info: {first}{more}', file=sys.stderr)
     return 2
 
 

@@ -5,12 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from saddlering_ros.cli._arguments import (
-    add_json_option,
-    add_network_options,
-    add_rig_option,
-    domain_of,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import tell_json
 
 EXAMPLES = (
@@ -37,12 +32,12 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--token', default='',
                         help='token that a browser must give (default for other machines: a '
                              'random one)')
-    add_network_options(parser)
-    add_rig_option(parser, 'rig file of the drawing, and of the unit of loads (default: that '
-                             'of SADDLERING_RIG, or the shipped rig)')
+    arguments.add_network_options(parser)
+    arguments.add_rig_option(parser, 'rig file of the drawing, and of the unit of loads (default: '
+                                     'that of SADDLERING_RIG, or the shipped rig)')
     parser.add_argument('--window', type=float, default=600.0, metavar='S',
                         help='longest time shown, in seconds (default 600)')
-    add_json_option(parser, 'write the address as JSON; - for stdout')
+    arguments.add_json_option(parser, 'write the address as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -58,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
         raise LiveError(f'--port {args.port}: give 0 to 65535')
     if not 1.0 <= args.window <= 86400.0:
         raise LiveError(f'--window {args.window:g}: give 1 to 86400 seconds')
-    domain = domain_of(args)
+    domain = arguments.domain_of(args)
     rig = load_rig(args.rig)
     prepare_transport()
     with Watcher(domain, args.window, namespace_of(args.namespace), rig) as watcher:

@@ -18,13 +18,7 @@ from types import FrameType, ModuleType
 from typing import Any
 
 from saddlering_ros import __version__, cli
-from saddlering_ros.cli._arguments import (
-    check_files,
-    examples_text,
-    in_options,
-    OneLineParser,
-    UNUSABLE,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.errors import printable, SaddleringError
 
 DONE = 0
@@ -73,12 +67,12 @@ def subcommand_modules() -> list[ModuleType]:
     return [module for module in modules if hasattr(module, 'add_parser')]
 
 
-def build_parser() -> tuple[OneLineParser, dict[str, ModuleType]]:
+def build_parser() -> tuple[arguments.OneLineParser, dict[str, ModuleType]]:
     """Return the parser, and the module of each subcommand."""
-    parser = OneLineParser(
+    parser = arguments.OneLineParser(
         prog='saddlering',
         description='Test rig, simulator and diagnosis of a saddle ring.',
-        epilog=examples_text(EXAMPLES),
+        epilog=arguments.examples_text(EXAMPLES),
     )
     parser.add_argument('--version', action=_Version, help='show the version and exit')
     _add_traceback(parser, default=False)
@@ -90,7 +84,7 @@ def build_parser() -> tuple[OneLineParser, dict[str, ModuleType]]:
         for name in set(subparsers.choices) - before:
             modules[name] = module
             subparser = subparsers.choices[name]
-            subparser.epilog = examples_text(getattr(module, 'EXAMPLES', ()))
+            subparser.epilog = arguments.examples_text(getattr(module, 'EXAMPLES', ()))
             subparser.set_defaults(path_arguments=subparser.path_arguments())
             _add_traceback(subparser, default=argparse.SUPPRESS)
     return parser, modules
@@ -100,12 +94,12 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
     """Run one subcommand; print an error as one line; return the exit status."""
     try:
         _take_rig_of_project(args)
-        check_files(args, getattr(args, 'path_arguments', ()))
+        arguments.check_files(args, getattr(args, 'path_arguments', ()))
         status = run(args)
         sys.stdout.flush()
         return status
     except SaddleringError as error:
-        return _complain(str(error), UNUSABLE, args)
+        return _complain(str(error), arguments.UNUSABLE, args)
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
@@ -118,7 +112,7 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
             'requirements', OUR_FAILURE, args)
     except OSError as error:
         if error.filename is not None and error.errno in UNUSABLE_FILE:
-            return _complain(f'{error.filename}: {error.strerror}', UNUSABLE, args)
+            return _complain(f'{error.filename}: {error.strerror}', arguments.UNUSABLE, args)
         return _complain_of_ourselves(error, args)
     except Exception as error:
         return _complain_of_ourselves(error, args)
@@ -237,7 +231,8 @@ def _complain(message: str, status: int, args: argparse.Namespace) -> int:
     if args.traceback:
         import traceback
         traceback.print_exc()
-    print(f'saddlering {args.command}: {_one_line(in_options(message))}', file=sys.stderr)
+    line = _one_line(arguments.in_options(message))
+    print(f'saddlering {args.command}: {line}', file=sys.stderr)
     return status
 
 

@@ -5,12 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import (
-    add_json_option,
-    add_rig_option,
-    add_trust_option,
-    file_read,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
@@ -35,13 +30,13 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--test', action='append', default=[], metavar='KIND:ELEVATION',
                         help='a test, such as static:50; kinds: static, dynamic, fast, slow, '
                              'cycles; may be given several times')
-    add_rig_option(parser)
-    add_trust_option(parser)
-    parser.add_argument('--params', type=file_read,
+    arguments.add_rig_option(parser)
+    arguments.add_trust_option(parser)
+    parser.add_argument('--params', type=arguments.file_read,
                         help='parameter file of the ring (default: the true-to-scale values)')
     parser.add_argument('--noise', type=float, default=0.3, metavar='UM',
                         help='standard deviation of a reading of a probe [um] (default 0.3)')
-    add_json_option(parser, 'write the plan as JSON; - for stdout')
+    arguments.add_json_option(parser, 'write the plan as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -5,13 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from saddlering_ros.cli._arguments import (
-    add_json_option,
-    add_network_options,
-    add_rig_option,
-    domain_of,
-    file_written,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import tell_json
 
 EXAMPLES = (
@@ -30,18 +24,18 @@ def add_parser(subparsers: Any) -> None:
                     'and diagnostics as a rosbag2 bag (MCAP with its message definitions inside, '
                     'so that PlotJuggler, Foxglove and ros2 bag read it without this package), '
                     'until Ctrl-C or for --duration.')
-    parser.add_argument('out', type=file_written, metavar='OUT', help='bag to write')
+    parser.add_argument('out', type=arguments.file_written, metavar='OUT', help='bag to write')
     parser.add_argument('--test', choices=('static', 'dynamic'),
                         help='kind of test, kept in the bag (with --elevation, the bag can be '
                              'identified and diagnosed)')
     parser.add_argument('--elevation', type=float, metavar='DEG',
                         help='elevation of the barrel in degrees, kept in the bag')
-    add_rig_option(parser, 'rig file, whose hash the bag then states (default: that of '
+    arguments.add_rig_option(parser, 'rig file, whose hash the bag then states (default: that of '
                            'SADDLERING_RIG, or the rig of the nodes that run meanwhile)')
     parser.add_argument('--duration', type=float, metavar='S', help='end after this time [s]')
-    add_network_options(parser)
+    arguments.add_network_options(parser)
     parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
-    add_json_option(parser)
+    arguments.add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -60,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     facts = facts_of(args)
     if args.duration is not None and not 0.0 < args.duration < 1e6:
         raise BagError(f'--duration {args.duration:g}: give seconds above 0')
-    domain = domain_of(args)
+    domain = arguments.domain_of(args)
     prepare_transport()
     told_to_end = threading.Event()
     for name in ('SIGINT', 'SIGTERM', 'SIGHUP'):  # heard, too, while the bag is being closed

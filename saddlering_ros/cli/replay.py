@@ -6,17 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.cli._arguments import (
-    add_json_option,
-    add_network_options,
-    add_rig_option,
-    add_trust_option,
-    bag_read,
-    domain_of,
-    file_read,
-    file_written,
-    folder_filled,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import tell_json
 
 RECORDER = 'saddlering_recorder'
@@ -45,24 +35,25 @@ def add_parser(subparsers: Any) -> None:
         'replay', help='replay a bag through the live nodes',
         description='Start the replay, displacement, simulator and residual nodes for a bag, and '
         'end them with the bag. Other programs of the same ROS domain receive all topics.')
-    parser.add_argument('bag', type=bag_read, metavar='BAG', help='the bag to replay')
-    parser.add_argument('--params', type=file_read, help='contact parameters to simulate with')
-    add_rig_option(parser)
-    add_trust_option(parser)
+    parser.add_argument('bag', type=arguments.bag_read, metavar='BAG', help='the bag to replay')
+    parser.add_argument('--params', type=arguments.file_read,
+                        help='contact parameters to simulate with')
+    arguments.add_rig_option(parser)
+    arguments.add_trust_option(parser)
     parser.add_argument('--elevation', type=float, metavar='DEG',
                         help='elevation of the test (default: that of the bag)')
     parser.add_argument('--rate', type=float, default=1.0,
                         help='speed; 1 is real time, 0 as fast as the nodes follow (default 1)')
-    add_network_options(parser)
-    parser.add_argument('--record', type=file_written, metavar='OUT',
+    arguments.add_network_options(parser)
+    parser.add_argument('--record', type=arguments.file_written, metavar='OUT',
                         help='record all topics and results into this bag (lossless: the replay '
                              'waits for the recorder)')
     parser.add_argument('--overwrite', action='store_true',
                         help='replace an existing bag with --record')
     parser.add_argument('--alarm', action='store_true',
                         help='start ring_alarm too, which watches the residual')
-    add_json_option(parser)
-    parser.add_argument('--log', type=folder_filled, metavar='FOLDER',
+    arguments.add_json_option(parser)
+    parser.add_argument('--log', type=arguments.folder_filled, metavar='FOLDER',
                         help='folder for the logs of the nodes')
 
 
@@ -93,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         simulator['elevation_deg'] = args.elevation
     if not 0.0 <= args.rate <= 100.0:
         raise NodeError(f'--rate {args.rate:g}: give 0 (as fast as possible) to 100')
-    domain = domain_of(args)
+    domain = arguments.domain_of(args)
     length = (record.stop - record.start) / 1e9
     patience = 120.0 + 10.0 * length / min(args.rate or 1.0, 1.0)
     clock: dict[str, Any] = dict(trusted)

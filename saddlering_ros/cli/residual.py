@@ -5,11 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from saddlering_ros.cli._arguments import (
-    add_bag_options,
-    add_output_options,
-    add_parameter_options,
-)
+from saddlering_ros.cli import _arguments as arguments
 
 EXAMPLES = (
     ('saddlering residual bags/static_70 --params params.yaml --out residual.parquet',
@@ -23,9 +19,9 @@ def add_parser(subparsers: Any) -> None:
         'residual', help='compute measured minus simulated motion for a bag',
         description='Subtract the simulated motion of the ring from the measured one where '
                     'both have a sample, as the node ring_residual does live.')
-    add_bag_options(parser)
-    add_parameter_options(parser)
-    add_output_options(parser)
+    arguments.add_bag_options(parser)
+    arguments.add_parameter_options(parser)
+    arguments.add_output_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:

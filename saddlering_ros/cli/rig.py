@@ -6,14 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import (
-    add_fact_options,
-    add_json_option,
-    add_rig_option,
-    bag_read,
-    file_written,
-    radians,
-)
+from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
@@ -33,20 +26,20 @@ def add_parser(subparsers: Any) -> None:
         'rig', help='write, draw or check a rig file',
         description='Write a commented rig file and a drawing of its ring, draw an existing rig '
                     'file, or compare bags with a rig file.')
-    add_rig_option(parser)
-    parser.add_argument('--draft', type=file_written, nargs='?', const=Path('rig.yaml'),
+    arguments.add_rig_option(parser)
+    parser.add_argument('--draft', type=arguments.file_written, nargs='?', const=Path('rig.yaml'),
                         metavar='FILE.yaml',
                         help='write a commented rig file (default rig.yaml) and, beside it, its '
                              'drawing as SVG')
     parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',
                         help='an entry of the draft in SI units, like axial_rows.rollers=48 (may '
                              'be repeated)')
-    parser.add_argument('--drawing', type=file_written, metavar='FILE',
+    parser.add_argument('--drawing', type=arguments.file_written, metavar='FILE',
                         help='write the drawing here (.svg, .png or .pdf)')
-    parser.add_argument('--check', type=bag_read, nargs='+', default=[], metavar='BAG',
+    parser.add_argument('--check', type=arguments.bag_read, nargs='+', default=[], metavar='BAG',
                         help='print the contradictions between these bags and the rig file')
-    add_fact_options(parser)
-    add_json_option(parser, 'write the rig and the findings as JSON; - for stdout')
+    arguments.add_fact_options(parser)
+    arguments.add_json_option(parser, 'write the rig and the findings as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
 
         save_drawing(args.drawing, rig, 50.0 if args.elevation is None else args.elevation)
         written.append(args.drawing)
-    found = {bag: contradictions(bag, rig, args.test, radians(args.elevation))
+    found = {bag: contradictions(bag, rig, args.test, arguments.radians(args.elevation))
              for bag in args.check}
     doubts = sum(len(lines) for lines in found.values())
     if not tell_json(args, {'rig_hash': rig.digest, 'written': [str(path) for path in written],

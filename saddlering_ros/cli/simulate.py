@@ -5,11 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from saddlering_ros.cli._arguments import (
-    add_bag_options,
-    add_output_options,
-    add_parameter_options,
-)
+from saddlering_ros.cli import _arguments as arguments
 
 EXAMPLES = (
     ('saddlering simulate bags/static_70 --params params.yaml --out simulated.csv',
@@ -23,9 +19,9 @@ def add_parser(subparsers: Any) -> None:
         'simulate', help='simulate the ring under the load of a bag',
         description='Integrate the model of the ring under the load of a bag, as the node '
                     'ring_simulator does live.')
-    add_bag_options(parser)
-    add_parameter_options(parser)
-    add_output_options(parser)
+    arguments.add_bag_options(parser)
+    arguments.add_parameter_options(parser)
+    arguments.add_output_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -5,15 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import (
-    add_fact_options,
-    add_json_option,
-    add_parameter_options,
-    add_rig_option,
-    add_trust_option,
-    bag_read,
-    take_effects,
-)
+from saddlering_ros.cli import _arguments as arguments
 
 if TYPE_CHECKING:
 
@@ -37,19 +29,16 @@ def add_parser(subparsers: Any) -> None:
         description='Replay the residual of each bag through the detector of the node '
                     'ring_alarm, and print whether, when and in which channel it raises an '
                     'alarm.')
-    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG',
-                        help='rosbag2 directories or .mcap files; each bag is watched separately')
-    add_rig_option(parser)
-    add_trust_option(parser)
-    add_fact_options(parser)
-    add_parameter_options(parser)
+    arguments.add_bags_options(
+        parser, 'rosbag2 directories or .mcap files; each bag is watched separately')
+    arguments.add_parameter_options(parser)
     parser.add_argument('--materiality', type=float, default=MATERIALITY_PERCENT,
                         metavar='PERCENT', help='residual that is allowed without an alarm, in '
                         'percent of the range from preload to full scale (default '
                         f'{MATERIALITY_PERCENT:g})')
     parser.add_argument('--false-alarm-hours', type=float, default=1000.0, metavar='H',
                         help='mean time between false alarms, in hours of testing (default 1000)')
-    add_json_option(parser, 'write the result as JSON; - for stdout')
+    arguments.add_json_option(parser, 'write the result as JSON; - for stdout')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.cli._samples import read_model
     from saddlering_ros.cli._terminal import tell_json
 
-    take_effects(args)
+    arguments.take_effects(args)
     rig, parameters = read_model(args)
     runs = [_watch_bag(args, bag, rig, parameters) for bag in args.bags]
     document = {'false_alarm_hours': args.false_alarm_hours, 'runs': [
