@@ -172,7 +172,7 @@ def best_gain(verdict: Verdict, names: Sequence[str]) -> float | None:
         starts = effect_starts(effect)
         fits = run_refits(metric, [
             refit(metric, less.candidate.plus(effect, variant),
-                  np.concatenate([less.theta_unit, start]), full_jacobian=True)
+                  np.concatenate([less.theta_unit, start]))
             for variant in range(len(effect.variants))
             for start in starts[:: max(1, len(starts) // 3)]
         ])

@@ -91,6 +91,7 @@ def problem_of(
                 blocks.append(system.blocks(run, held_out=held_out))
             else:
                 raise DiscrepancyError('diagnose: a System takes runs of the class RunBlocks')
+    refuse_repeats(blocks)
     assumptions, usual = Assumptions(), Settings()
     if isinstance(system, ModelSystem):
         assumptions, usual = system.assumptions(), MODEL_SETTINGS
@@ -219,7 +220,6 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
     problem = problem_of(model, runs)
     system = problem.system
     assert isinstance(system, ModelSystem)
-    refuse_repeats(problem.all_runs)
     fit = fit_base(noise_metric(problem).with_offsets())
     metric = noise_metric(problem, fit.prediction).with_offsets()
     each = _seconds_each(problem, fit)

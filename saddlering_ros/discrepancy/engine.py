@@ -17,34 +17,12 @@ from saddlering_ros.discrepancy.next_test import (
     separate_open_models,
     Separation,
 )
-from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
-from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    Proposal,
-    refuse_repeats,
-    RunBlocks,
-    Settings,
-    System,
-)
-from saddlering_ros.discrepancy.search.comparison import SearchLog
+from saddlering_ros.discrepancy.problem.system import Array, Proposal, RunBlocks, Settings, System
 from saddlering_ros.discrepancy.search.limits import observed
-from saddlering_ros.discrepancy.search.model_error import best_again, space_beside_error
-from saddlering_ros.discrepancy.search.selection import (
-    Alternatives,
-    check_alternatives,
-    forward,
-    prune,
-    select,
-    with_inputs,
-)
-from saddlering_ros.discrepancy.search.space import (
-    better_base,
-    ModelSpace,
-    moved_to,
-    prepare,
-    space_about,
-)
+from saddlering_ros.discrepancy.search.model_error import learnt_again, search_beside_error
+from saddlering_ros.discrepancy.search.selection import check_alternatives, Search, search_about
+from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict.established import (
     as_seen_in,
     doubts_of,
@@ -81,28 +59,6 @@ PARTIAL_SUBJECT = 0.5
 less than half explained, the causes describe the misfit worse than the law might."""
 
 
-MAX_LEARNT = 3
-"""Number of times that model error is learnt from the model that it led to."""
-
-MAX_BASES = 3
-"""Number of times that the search begins again about a better fit of the base. Chosen for cost:
-each time is a whole search."""
-
-
-@dataclass(frozen=True)
-class Search:
-    """The model at the end of a search, its alternatives, and two spaces.
-
-    begun: the space about the base fit; space: the one in which the model is judged.
-    """
-
-    begun: ModelSpace
-    space: ModelSpace
-    fit: Fit
-    alternatives: Alternatives
-    log: SearchLog
-
-
 def diagnose_system(
     system: System,
     runs: Sequence[RunBlocks],
@@ -124,9 +80,8 @@ def diagnose_system(
 def diagnose_problem(problem: Problem) -> Diagnosis:
     """Differences between the system and the runs of a problem, and their causes."""
     began, watch = clock.monotonic(), problem.watch
-    refuse_repeats(problem.all_runs)
     start, slow_lines = _without_slow_lines(prepare(problem))
-    search = _searched(start)
+    search = search_about(start)
     observability = observed(search.begun)
     watch.progress('misfit reduction', 0.8)
     answer = _answer(search)
@@ -244,7 +199,7 @@ def _beside_error(strict: Answer) -> Answer:
     A secondary cause that takes too little of what remains without it is left out, and what it
     took becomes model error.
     """
-    search, process = _search_beside_error(strict.search)
+    search, process = search_beside_error(strict.search)
     noise_alone = strict.search.space
     while search.fit.candidate.effects:
         space, fit, alternatives = search.space, search.fit, search.alternatives
@@ -252,7 +207,7 @@ def _beside_error(strict: Answer) -> Answer:
         published = publish(space, fit, alternatives, before, after, process)
         weak = _weakest(published)
         if weak is not None:
-            search, process = _learnt_again(search, space.without(fit, weak))
+            search, process = learnt_again(search, space.without(fit, weak))
             continue
         seen = as_seen_in(noise_alone, published.fits.after)
         left = residual_of(noise_alone, seen)
@@ -282,61 +237,9 @@ REST_WARNING = ('what remains is more than noise and fits no cause: every interv
                 'of causes counts it as error of the model')
 
 
-def _search_beside_error(search: Search) -> tuple[Search, Array]:
-    """The causes that stand out against model error as large as what they leave."""
-    space, fit, log = search.space, search.fit, SearchLog()
-    has_forms = space.problem.assumptions.form_error > 0.0
-    for _ in range(MAX_LEARNT):
-        learnt_from = fit.candidate.key
-        space, fit, process = space_beside_error(space, fit)
-        fit = best_again(space, search.space, fit) if has_forms else select(space, log)
-        fit = prune(space, fit, log)
-        if fit.candidate.key == learnt_from:
-            break
-    alternatives: Alternatives = {}
-    if fit.candidate.effects:
-        fit, alternatives = check_alternatives(space, fit, log)
-    return Search(search.begun, space, fit, alternatives, log), process
-
-
-def _learnt_again(search: Search, fit: Fit) -> tuple[Search, Array]:
-    """The search with another model, whose residual is the model error."""
-    space, fit, process = space_beside_error(search.space, fit)
-    alternatives: Alternatives = {}
-    if fit.candidate.effects:
-        fit, alternatives = check_alternatives(space, fit, search.log)
-    return replace(search, space=space, fit=fit, alternatives=alternatives), process
-
-
 def _without_slow_lines(space: ModelSpace) -> tuple[ModelSpace, tuple[Cause, ...]]:
     """The space about runs without their slow steady lines, and these lines."""
     swings = find_swings(space.metric, space.base, space.trials)
     if swings is None:
         return space, ()
     return prepare(space.problem.with_runs(swings.runs)), swings.causes
-
-
-def _searched(start: ModelSpace) -> Search:
-    """The search, begun again while the model that it found leads to a better base."""
-    search = _search(start)
-    for _ in range(MAX_BASES):
-        deeper = better_base(search.space, search.fit)
-        if deeper is None:
-            break
-        search = _search(space_about(start.problem, deeper))
-    return search
-
-
-def _search(begun: ModelSpace) -> Search:
-    """Select effects, adapt the nuisance parameters to them, check the alternatives."""
-    space, log = with_inputs(begun), SearchLog()
-    fit = select(space, log)
-    alternatives: Alternatives = {}
-    space.watch.progress('check of alternatives', 0.75)
-    if fit.candidate.effects:
-        space, fit = moved_to(space, fit)
-        if space.problem.assumptions.relearns:  # With less noise, more effects may show.
-            fit = forward(space, fit, log)
-        fit = prune(space, fit, log)
-        fit, alternatives = check_alternatives(space, fit, log)
-    return Search(begun, space, fit, alternatives, log)

@@ -13,8 +13,7 @@ from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import diagnose_system, Point, RunBlocks
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.search.selection import refitted
-from saddlering_ros.discrepancy.search.space import prepare
+from saddlering_ros.discrepancy.search.space import prepare, refitted
 from saddlering_ros.rig import default_rig
 
 pytestmark = pytest.mark.slow

@@ -7,7 +7,8 @@ import numpy as np
 from saddlering_ros.discrepancy import Effect, Parameter
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit
 from saddlering_ros.discrepancy.problem.system import Point
-from saddlering_ros.discrepancy.search.signatures import rank, Signature, with_amplitude_dependence
+from saddlering_ros.discrepancy.search.ranking import rank
+from saddlering_ros.discrepancy.search.signatures import Signature, with_amplitude_dependence
 
 TIME = np.linspace(0.0, 1.0, 200)
 SWING = Effect('swing', {'period': Parameter(0.0, 1.0)})

@@ -8,7 +8,7 @@ import pytest
 
 from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Effect, Parameter, Point
 from saddlering_ros.discrepancy.search import selection
-from saddlering_ros.discrepancy.search.selection import _pair_gains
+from saddlering_ros.discrepancy.search.ranking import _pair_gains
 
 NOISE = 3e-3
 PUSH, PULL = LOAD**2, LOAD**2.5

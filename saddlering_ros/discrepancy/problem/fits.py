@@ -151,28 +151,26 @@ def refit(
     base_columns: Array | None = None,
     *,
     rounds: int = 8,
-    full_jacobian: bool = False,
     fresh_base: bool = False,
     known_start: Fit | None = None,
 ) -> Asking:
     """Levenberg-Marquardt from `start`; yields requests and receives residuals and sensitivities.
 
-    `full_jacobian`: every column is differenced at every step. Otherwise the columns of the
-    base begin with `base_columns` and are improved during the fit (`fresh_base`: they begin
-    with differences at `start`, where an effect changes them). known_start: the fit in this
-    metric that ended at `start`, with sensitivities to all differenced parameters.
+    Without `base_columns` every column is differenced at every step. With them the columns of
+    the base begin there and are improved during the fit (`fresh_base`: they begin with
+    differences at `start`, where an effect changes them). known_start: the fit in this metric
+    that ended at `start`, with sensitivities to all differenced parameters.
     """
     base = metric.problem.system.base_parameters
     parameters = candidate.parameters(base)
     every = range(start.size)
-    known = None if full_jacobian else base_columns
-    differenced = every if known is None else range(len(base), start.size)
+    differenced = every if base_columns is None else range(len(base), start.size)
     periodic = np.array([parameter.periodic for parameter in parameters])
     rule = Rule(periodic, PRIOR, rounds, QUIET_GAIN, QUIET_SHARE, negligible=NEGLIGIBLE_GAIN)
     first = None if known_start is None else Told(
         known_start.whitened, known_start.jacobian[:, list(differenced)], known_start.prediction)
     descent: Generator[Array, Told, Descent[Told]] = descend(
-        start, rule, differenced, known, every if fresh_base else None, first)
+        start, rule, differenced, base_columns, every if fresh_base else None, first)
     aside: Sequence[int] = every if fresh_base else differenced
     told: Told | None = None
     while True:
@@ -311,7 +309,7 @@ def fit_base(metric: Whitening) -> Fit:
         coarse = run_refits(
             metric,
             [
-                refit(metric, empty, asked[int(number)], rounds=COARSE_BASE, full_jacobian=True)
+                refit(metric, empty, asked[int(number)], rounds=COARSE_BASE)
                 for number in order[:MAX_BASE_STARTS]
             ],
         )
@@ -320,7 +318,7 @@ def fit_base(metric: Whitening) -> Fit:
     fits = run_refits(
         metric,
         [
-            refit(metric, empty, theta_start, rounds=25, full_jacobian=True, known_start=fit)
+            refit(metric, empty, theta_start, rounds=25, known_start=fit)
             for theta_start, fit in zip(thetas, starts, strict=True)
         ],
     )
@@ -380,7 +378,7 @@ def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
         if not fit.candidate.effects:
             starts.append(declared_start(base))
         wanted = [
-            refit(metric, fit.candidate, start, rounds=rounds, full_jacobian=True)
+            refit(metric, fit.candidate, start, rounds=rounds)
             for start in starts
         ]
         answers.append(min(run_refits(metric, wanted), key=lambda refitted: refitted.misfit))

@@ -21,7 +21,7 @@ from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.lack_of_fit import SlowResidual
 from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace
-from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
+from saddlering_ros.estimation.statistics import fisher_limit
 
 MAX_IN_ONE_VIEW = 2
 """Largest number of effects in one channel. More effects can fit any misfit."""
@@ -95,8 +95,7 @@ class Comparison:
         return self._likelihood_ratio_test(self.gain)
 
     def _likelihood_ratio_test(self, gain: float) -> float:
-        return likelihood_ratio_test(
-            gain, self._extra, self.space.pairs, self.space.trials)
+        return self.space.likelihood_ratio_test(gain, self._extra)
 
     @property
     def _extra(self) -> int:
@@ -192,7 +191,7 @@ class Comparison:
     @property
     def is_separate_cause(self) -> bool:
         """Whether the cause differs from those in `less`, for any form of their laws."""
-        return self.exceeds_form_error or self.exceeds_forms
+        return self.exceeds_form_error or self.exceeds_forms or self.closes_misfit
 
     @property
     def adds_new_channel(self) -> bool:
@@ -265,14 +264,6 @@ def _misfit_with_inflated_nuisances(space: ModelSpace, fit: Fit) -> float:
         return float(white @ white - inner @ np.linalg.solve(gram, inner))
 
     return space.once('inflated', fit, misfit)
-
-
-def likelihood_ratio_test(gain: float, extra: int, pairs: int, trials: int) -> float:
-    """p-value of a fall `gain` of the misfit by `extra` parameters, as one of `trials` shapes.
-
-    The noise is known from `pairs` independent differences.
-    """
-    return min(1.0, trials * float(fisher_chance(max(gain, 0.0) / extra, extra, pairs)))
 
 
 def views_beyond_form_error(added: Sizes, explained: Sizes, settings: Settings) -> list[str]:

@@ -327,7 +327,7 @@ def _refitted(
         return None
     other = _with_readings(problem, target)
     moved = replace(metric, problem=other)
-    start = refit(moved, Candidate(), base.theta_unit, rounds=ROUNDS, full_jacobian=True)
+    start = refit(moved, Candidate(), base.theta_unit, rounds=ROUNDS)
     fit = run_refits(moved, [start])[0]
     problem.simulations += other.simulations
     left = fit.prediction - target

@@ -8,13 +8,22 @@ not do, so that the evidence for a cause is as sure as the machine is reproducib
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import Fit, tangent
+from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Metric, nuisance_columns
 from saddlering_ros.discrepancy.problem.system import Array
-from saddlering_ros.discrepancy.search.signatures import whitened_by
-from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
+from saddlering_ros.discrepancy.search.comparison import SearchLog
+from saddlering_ros.discrepancy.search.selection import (
+    Alternatives,
+    check_alternatives,
+    prune,
+    Search,
+    select,
+)
+from saddlering_ros.discrepancy.search.space import in_metric, ModelSpace, refit_full_jacobian
 
 ERROR_WAVES = 60
 """Half waves of the process in a run; what is faster is learnt as noise."""
@@ -28,8 +37,37 @@ SMOOTHED_SHARE, MIN_SMOOTHED = 0.3, 3
 MAX_SINGLES = 6
 """Number of single effects that are refitted in the metric with model error."""
 
+MAX_LEARNT = 3
+"""Number of times that model error is learnt from the model that it led to."""
+
 MIN_DEGREES = 4
 """Smallest number of degrees of freedom of the level of the process."""
+
+
+def search_beside_error(search: Search) -> tuple[Search, Array]:
+    """The causes that stand out against model error as large as what they leave."""
+    space, fit, log = search.space, search.fit, SearchLog()
+    has_forms = space.problem.assumptions.form_error > 0.0
+    for _ in range(MAX_LEARNT):
+        learnt_from = fit.candidate.key
+        space, fit, process = space_beside_error(space, fit)
+        fit = best_again(space, search.space, fit) if has_forms else select(space, log)
+        fit = prune(space, fit, log)
+        if fit.candidate.key == learnt_from:
+            break
+    alternatives: Alternatives = {}
+    if fit.candidate.effects:
+        fit, alternatives = check_alternatives(space, fit, log)
+    return Search(search.begun, space, fit, alternatives, log), process
+
+
+def learnt_again(search: Search, fit: Fit) -> tuple[Search, Array]:
+    """The search with another model, whose residual is the model error."""
+    space, fit, process = space_beside_error(search.space, fit)
+    alternatives: Alternatives = {}
+    if fit.candidate.effects:
+        fit, alternatives = check_alternatives(space, fit, search.log)
+    return replace(search, space=space, fit=fit, alternatives=alternatives), process
 
 
 def space_beside_error(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit, Array]:
@@ -38,16 +76,10 @@ def space_beside_error(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit, Ar
     process, degrees = error_process(space.metric, fit)
     nuisances = nuisance_columns(problem, fit.point, fit.prediction)
     metric = space.metric.marginalise(np.hstack([nuisances, process]))
-    base, fit = refit_full_jacobian(
-        metric, [space.base, fit], space.settings.max_rounds)
-    sensitivities = tangent(metric, base)
-    beside = ModelSpace(
-        metric=metric, base=base, base_tangent=sensitivities,
-        signatures=whitened_by(metric, space.signatures, sensitivities), scale=space.scale,
-        trials=space.trials, inputs=whitened_by(metric, space.inputs, sensitivities))
+    beside, fit = in_metric(space, metric, fit)
     beside.pairs = min(space.pairs, degrees)
     beside.max_pairs = min(space.max_pairs, degrees)
-    return beside, beside.keep(fit), process
+    return beside, fit, process
 
 
 def error_process(metric: Metric, fit: Fit) -> tuple[Array, int]:

@@ -1,9 +1,10 @@
-"""Selection of the causes: one effect after another, pruned, checked against alternatives.
+"""The search: effects selected one after another, pruned, checked against alternatives.
 
-`forward` adds effects while the next one is real, material and larger than form errors. `prune`
-removes members that explain too little. `simpler` searches one effect that explains the part of
-several. `masked_pair` and `fit_silent` search effects that the search of one effect after another
-cannot find. `check_alternatives` compares every member with the other effects.
+`search_about` is the whole procedure. `forward` adds effects while the next one is real, material
+and larger than form errors. `prune` removes members that explain too little. `simpler` searches
+one effect that explains the part of several. `masked_pair` and `_fit_from_all_over` search effects
+that the search of one effect after another cannot find. `check_alternatives` compares every member
+with the other effects.
 
 Two effects can mask each other. A lower row that is softer and a probe that reads too much move
 the same channel in opposite directions. Each effect alone leaves almost the whole misfit. All
@@ -33,35 +34,26 @@ from saddlering_ros.discrepancy.problem.fits import (
     run_refits,
     spread_starts,
 )
-from saddlering_ros.discrepancy.problem.system import Array, Effect, SystemWithInputs
+from saddlering_ros.discrepancy.problem.system import Array, Effect
+from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.comparison import (
     alternative_floor,
     Comparison,
     explained_share,
     indistinguishable,
-    likelihood_ratio_test,
     SearchLog,
 )
-from saddlering_ros.discrepancy.search.signatures import (
-    best_of_each,
-    effect_starts,
-    measure_signatures,
-    MIN_LENGTH,
-    reach_of,
-    shapes_tried,
-    shortlist,
-    Signature,
-)
-from saddlering_ros.discrepancy.search.space import CLOSE_SHARE, fit_each, fit_race, ModelSpace
+from saddlering_ros.discrepancy.search.ranking import best_of_each, best_pairs, shortlist
+from saddlering_ros.discrepancy.search.signatures import effect_starts, MIN_LENGTH, Signature
+from saddlering_ros.discrepancy.search.space import ModelSpace
+
+MAX_BASES = 3
+"""Number of times that the search begins again about a better fit of the base. Chosen for cost:
+each time is a whole search."""
 
 MAX_SILENT = 2
 """Largest number of immaterial effects in the model while others are searched. Each takes part of
 the misfit of a later cause."""
-
-MIN_GAIN, MIN_GAIN_SHARE = 4.0, 1.0 / 3.0
-"""First-order gain below which an effect is not refitted, and the same as a share of the gain at
-which an effect with one parameter is real. With this share and SCREENED_SHARE the refits of the
-shipped bags need 400 evaluations instead of 512."""
 
 MAX_CHECKS = 3
 """Largest number of rounds of alternatives; a round follows each replaced member, and a model has
@@ -71,23 +63,44 @@ Alternatives = Mapping[str, tuple[Fit, ...]]
 """Models that these data cannot tell from the best, by the member that they replace."""
 
 
-def with_inputs(space: ModelSpace) -> ModelSpace:
-    """The space with errors of the simulator's inputs, if the base alone leaves misfit.
+@dataclass(frozen=True)
+class Search:
+    """The model at the end of a search, its alternatives, and two spaces.
 
-    Where nothing is wrong to first order, no input is accused.
+    begun: the space about the base fit; space: the one in which the model is judged.
     """
-    system = space.problem.system
-    if not isinstance(system, SystemWithInputs):
-        return space
-    gains = [score.gain for score in space.scores(space.base)]
-    if max(gains, default=0.0) < space.real_gain and not space.leaves_misfit(space.base):
-        return space
-    tangents = space.tangent_of(space.base)
-    inputs = measure_signatures(space.metric, space.base, tangents, space.scale, system.inputs)
-    return ModelSpace(
-        metric=space.metric, base=space.base, base_tangent=tangents,
-        signatures=space.signatures, scale=space.scale,
-        trials=space.trials + shapes_tried(inputs), inputs=inputs)
+
+    begun: ModelSpace
+    space: ModelSpace
+    fit: Fit
+    alternatives: Alternatives
+    log: SearchLog
+
+
+def search_about(start: ModelSpace) -> Search:
+    """The search, begun again while the model that it found leads to a better base."""
+    search = _search(start)
+    for _ in range(MAX_BASES):
+        deeper = spaces.better_base(search.space, search.fit)
+        if deeper is None:
+            break
+        search = _search(spaces.space_about(start.problem, deeper))
+    return search
+
+
+def _search(begun: ModelSpace) -> Search:
+    """Select effects, adapt the nuisance parameters to them, check the alternatives."""
+    space, log = spaces.with_inputs(begun), SearchLog()
+    fit = select(space, log)
+    alternatives: Alternatives = {}
+    space.watch.progress('check of alternatives', 0.75)
+    if fit.candidate.effects:
+        space, fit = spaces.moved_to(space, fit)
+        if space.problem.assumptions.relearns:  # With less noise, more effects may show.
+            fit = forward(space, fit, log)
+        fit = prune(space, fit, log)
+        fit, alternatives = check_alternatives(space, fit, log)
+    return Search(begun, space, fit, alternatives, log)
 
 
 def select(space: ModelSpace, log: SearchLog) -> Fit:
@@ -108,24 +121,22 @@ def select(space: ModelSpace, log: SearchLog) -> Fit:
 def _concealed(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     """An effect that the base fit conceals and that fits better than a `fit` with misfit.
 
-    Silent effects are tried. All effects are tried if `fit` leaves most of the misfit and the
-    base may have several minima.
+    Silent effects are tried. If the base may have several minima and `fit` leaves more of the
+    misfit than a member of a model may leave, all effects are tried: the base alone can be in a
+    minimum from which no path leads to the true one.
     """
     if not space.leaves_misfit(fit):
         return fit
-    singles = fit_silent(space)
+    singles = _fit_from_all_over(space, silent_effects(space.signatures), MAX_STARTS)
     best = min([fit, *singles], key=space.penalised)
-    if space.problem.assumptions.many_valleys and _is_mostly_left(space, best):
-        singles += fit_in_other_valleys(space)
+    if space.problem.assumptions.many_valleys:
+        share = explained_share(
+            space.slow_residual(space.base), space.slow_residual(best), space.settings)
+        if share < space.settings.min_partial:
+            effects = {one.key: (one.effect, one.variant) for one in space.signatures}
+            singles += _fit_from_all_over(space, list(effects.values()), starts=1)
     log.candidates += [Comparison(space, space.base, single).evidence(1) for single in singles]
     return min([fit, *singles], key=space.penalised)
-
-
-def _is_mostly_left(space: ModelSpace, fit: Fit) -> bool:
-    """Whether a fit leaves more of the base's misfit than a member of a model may leave."""
-    share = explained_share(
-        space.slow_residual(space.base), space.slow_residual(fit), space.settings)
-    return share < space.settings.min_partial
 
 
 def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
@@ -140,7 +151,7 @@ def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
     for step in range(steps):
         space.watch.check()
         space.watch.progress('selection of causes', 0.35 + 0.4 * step / steps)
-        tried = [Comparison(space, current, fit) for fit in refitted(space, current)]
+        tried = [Comparison(space, current, fit) for fit in spaces.refitted(space, current)]
         log.candidates += [comparison.evidence(step + 1) for comparison in tried]
         real = [comparison for comparison in tried if comparison.is_real]
         named = len(current.candidate.effects) - len(silent)
@@ -158,25 +169,6 @@ def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
     for name in silent:
         current = space.without(current, name)
     return current
-
-
-def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
-    """The model of `current` plus every effect that the residual could show, the best first.
-
-    Effects with the largest first-order gains are refitted first. If one of them is real, or
-    the residual exceeds the noise, every variant of every other effect is refitted too. An
-    effect at its detection limit is then found, and no cause is named before all others were
-    tried.
-    """
-    scores = space.scores(current)
-    least = max(MIN_GAIN, MIN_GAIN_SHARE * space.real_gain)
-    listed = shortlist(scores, least, space.settings.refits)
-    first = fit_each(space, current, listed)
-    if not (space.conceals_effects(current)
-            or any(Comparison(space, current, tried).is_real for tried in first)):
-        return first
-    others = [score for score in scores if all(score is not tried for tried in listed)]
-    return fit_race(space, current, first, others)
 
 
 def prune(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
@@ -209,7 +201,7 @@ def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     untried = [
         score
         for score in best_of_each(space.scores(space.base))
-        if not space.is_fitted(Candidate().plus(score.effect, score.variant))
+        if Candidate().plus(score.effect, score.variant).key not in space.fits
     ]
     singles = space.fit_best(space.base, untried)
     log.candidates += [Comparison(space, space.base, single).evidence(1) for single in singles]
@@ -243,25 +235,17 @@ def _alternatives_to(
     taken = less.misfit - fit.misfit
     scores = space.scores(less, [name])
     listed = shortlist(scores, 0.1 * taken, space.settings.refits)
-    names = _competitors(less, log) - {score.effect.id for score in listed}
-    listed += [score for score in best_of_each(scores) if score.effect.id in names]
-    listed = [score for score in listed if name not in score.effect.contains]
-    answers = []
-    for other in fit_each(space, less, listed, [fit]):
-        if name in other.candidate.ids:
-            continue
-        comparison = Comparison(space, less, other)
-        if comparison.is_separate_cause or comparison.closes_misfit:
-            answers.append(other)
-    return answers
-
-
-def _competitors(less: Fit, log: SearchLog) -> set[str]:
-    """Effects that were almost as good as the best one beside those of `less`."""
+    # Effects that were almost as good as the best one beside those of `less` are tried too.
     members = set(less.candidate.ids)
     tried = [candidate for candidate in log.candidates if set(candidate.effects[:-1]) == members]
-    least = CLOSE_SHARE * max((candidate.delta_bic for candidate in tried), default=0.0)
-    return {candidate.effects[-1] for candidate in tried if candidate.delta_bic > least}
+    least = spaces.CLOSE_SHARE * max((candidate.delta_bic for candidate in tried), default=0.0)
+    names = {candidate.effects[-1] for candidate in tried if candidate.delta_bic > least}
+    names -= {score.effect.id for score in listed}
+    listed += [score for score in best_of_each(scores) if score.effect.id in names]
+    listed = [score for score in listed if name not in score.effect.contains]
+    return [
+        other for other in spaces.fit_each(space, less, listed, [fit])
+        if name not in other.candidate.ids and Comparison(space, less, other).is_separate_cause]
 
 
 def _is_indistinguishable(space: ModelSpace, other: Fit, best: Fit, less: Fit) -> bool:
@@ -276,127 +260,26 @@ def _is_indistinguishable(space: ModelSpace, other: Fit, best: Fit, less: Fit) -
     )
 
 
-MAX_PAIRS = 4
-"""Largest number of pairs that are refitted. Chosen for cost."""
-
-
-@dataclass(frozen=True)
-class _Pair:
-    """Two signatures, their factors, and the fall of the misfit to first order."""
-
-    signatures: tuple[Signature, Signature]
-    factors: tuple[float, float]
-    gain: float
-
-
 def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     """Two effects that explain surely more than a `fit` of at most one effect; else `fit`."""
-    if len(fit.candidate.effects) > 1:
+    count = len(fit.candidate.effects)
+    if count > 1:
         return fit
-    least = space.base.misfit - fit.misfit + space.real_gain * (2 - len(fit.candidate.effects))
-    pairs = [pair for pair in _best_pairs(space) if pair.gain > least]
+    least = space.base.misfit - fit.misfit + space.real_gain * (2 - count)
+    pairs = [pair for pair in best_pairs(space.base, space.usable) if pair.gain > least]
     if not pairs:
         return fit
-    refits = run_refits(
-        space.metric,
-        [
-            refit(space.metric, candidate, start, rounds=space.settings.rounds,
-                  full_jacobian=True)
-            for candidate, start in (_start(space.base, pair) for pair in pairs)
-        ],
-    )
+    refits = run_refits(space.metric, [
+        refit(space.metric, pair.candidate, pair.start, rounds=space.settings.rounds)
+        for pair in pairs
+    ])
     log.candidates += [Comparison(space, space.base, pair_fit).evidence(1) for pair_fit in refits]
     best = min(refits, key=space.penalised)
-    return space.keep(best) if _is_better(space, fit, best) else fit
-
-
-def _is_better(space: ModelSpace, fit: Fit, pair: Fit) -> bool:
-    """Whether a pair is real beside a `fit` of at most one effect, with all pairs counted."""
-    extra = max(1, pair.theta_unit.size - fit.theta_unit.size)
-    trials = space.trials if fit.candidate.effects else space.trials**2 // 2
-    p_value = likelihood_ratio_test(
-        fit.misfit - pair.misfit, extra, space.pairs, trials)
-    return p_value < space.settings.error_rate and space.penalised(pair) < space.penalised(fit)
-
-
-def _start(base: Fit, pair: _Pair) -> tuple[Candidate, Array]:
-    """The model of a pair, and the parameters at which its refit begins."""
-    candidate, parts = Candidate(), [base.theta_unit]
-    for signature, factor in zip(pair.signatures, pair.factors, strict=True):
-        candidate = candidate.plus(signature.effect, signature.variant)
-        size = signature.effect.size.to_unit(signature.effect.neutral + factor * signature.size)
-        parts.append(np.array([np.clip(size, 1e-3, 1.0 - 1e-3), *signature.theta_unit[1:]]))
-    return candidate, np.concatenate(parts)
-
-
-def _best_pairs(space: ModelSpace) -> list[_Pair]:
-    """The best pair of shapes of each pair of effects, those with the largest gain."""
-    signatures = _one_of_each_shape(space.usable)
-    if not signatures:
-        return []
-    reaches = np.array([reach_of(signature) for signature in signatures])
-    stack = np.column_stack([signature.white for signature in signatures])
-    gains, first, second = _pair_gains(
-        stack, -(stack.T @ space.base.whitened), reaches)
-    names = np.array([signature.effect.id for signature in signatures])
-    gains[names[:, None] == names] = -np.inf
-    pairs: dict[frozenset[str], _Pair] = {}
-    for flat in np.argsort(-gains, axis=None):
-        row, column = divmod(int(flat), len(signatures))
-        if len(pairs) == MAX_PAIRS or not np.isfinite(gains[row, column]):
-            break
-        pair = _Pair(
-            (signatures[row], signatures[column]),
-            (float(first[row, column]), float(second[row, column])),
-            float(gains[row, column]),
-        )
-        pairs.setdefault(frozenset((names[row], names[column])), pair)
-    return list(pairs.values())
-
-
-def _one_of_each_shape(signatures: Sequence[Signature]) -> list[Signature]:
-    """Signatures with one size of every straight effect, and all sizes of the others."""
-    kept: dict[tuple[object, ...], Signature] = {}
-    for signature in signatures:
-        if signature.length > 1e-9 and signature.size != 0.0:
-            key = signature.shape
-            if signature.amplitude_dependent:
-                key = (*key, signature.size)
-            kept.setdefault(key, signature)
-    return list(kept.values())
-
-
-def _pair_gains(stack: Array, products: Array, reach: Array) -> tuple[Array, Array, Array]:
-    """Fall of the misfit by every pair of columns (K, K), and the factors of both columns.
-
-    products (K,): columns times the residual; reach (K, 2): bounds of the factor of a column. The
-    best factors are free, or one of them is at a bound and the other is the best beside it.
-    """
-    gram = stack.T @ stack
-    own = np.maximum(np.diag(gram), 1e-300)[:, None]
-    aim = products[:, None]
-    low, high = (np.broadcast_to(bound[:, None], gram.shape) for bound in reach.T)
-
-    def best_beside(factor: Array) -> Array:
-        """The best factor of the column of a row, beside factors of the other column."""
-        return np.asarray(np.clip((aim - gram * factor) / own, low, high))
-
-    determinant = np.maximum(own * own.T - gram**2, 1e-9 * own * own.T)
-    free = np.clip((aim * own.T - gram * aim.T) / determinant, low, high)
-    firsts = [free, low, high, best_beside(low.T), best_beside(high.T)]
-    pairs = [(first, best_beside(first.T).T) for first in firsts]
-    gains = np.stack([
-        2.0 * first * aim - first**2 * own + 2.0 * second * aim.T - second**2 * own.T
-        - 2.0 * first * second * gram
-        for first, second in pairs
-    ])
-    best = gains.argmax(axis=0)[None]
-    first, second = (np.stack(factors) for factors in zip(*pairs, strict=True))
-    return (
-        np.take_along_axis(gains, best, 0)[0],
-        np.take_along_axis(first, best, 0)[0],
-        np.take_along_axis(second, best, 0)[0],
-    )
+    p_value = space.likelihood_ratio_test(
+        fit.misfit - best.misfit, best.theta_unit.size - fit.theta_unit.size,
+        trials=space.trials if count else space.trials**2 // 2)
+    is_real = p_value < space.settings.error_rate
+    return space.keep(best) if is_real and space.penalised(best) < space.penalised(fit) else fit
 
 
 MAX_STARTS = 3
@@ -413,20 +296,6 @@ def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
         change = signature.length / signature.share if signature.share > 0.0 else 0.0
         loudest[signature.key] = max(loudest.get(signature.key, 0.0), change)
     return [(effects[key], key[1]) for key, change in loudest.items() if change < MIN_LENGTH]
-
-
-def fit_silent(space: ModelSpace) -> list[Fit]:
-    """The base and each silent effect alone, from starts with influence; the best first."""
-    return _fit_from_all_over(space, silent_effects(space.signatures), MAX_STARTS)
-
-
-def fit_in_other_valleys(space: ModelSpace) -> list[Fit]:
-    """The base and each effect alone, fitted from starts over the whole range of the base.
-
-    Without its effect the base can be in a minimum from which no path leads to the true one.
-    """
-    effects = {one.key: (one.effect, one.variant) for one in space.signatures}
-    return _fit_from_all_over(space, list(effects.values()), starts=1)
 
 
 def _fit_from_all_over(
@@ -465,7 +334,7 @@ def _coarse(space: ModelSpace, candidate: Candidate, effect: Effect, count: int)
     return run_refits(
         metric,
         [
-            refit(metric, candidate, theta_unit, rounds=COARSE_BASE, full_jacobian=True)
+            refit(metric, candidate, theta_unit, rounds=COARSE_BASE)
             for _, theta_unit in trials[:MAX_BASE_STARTS]
         ],
     )

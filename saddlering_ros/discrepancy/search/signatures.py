@@ -1,4 +1,4 @@
-"""Signatures of effects, and the ranking of effects by their first-order gain.
+"""Signatures of effects: what each of them changes beyond the base parameters.
 
 A signature is the change by an effect without the part that base parameters imitate. The angle
 between two signatures tells two causes apart. The length over the noise gives the detection
@@ -7,7 +7,6 @@ limit. The share beside the base parameters shows whether an effect can be seen.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
@@ -357,142 +356,3 @@ def angle_matrix(signatures: Sequence[Signature]) -> tuple[list[str], Array]:
         for one in kept
     ]
     return labels, np.abs(stack.T @ stack)
-
-
-OTHER_SHARE = 0.3
-"""A start of another shape is tried if its first-order gain is at least this share of the best,
-because a first-order gain is a poor guide to a refit."""
-
-MAX_OTHERS = 2
-"""Largest number of further starts of one effect, which limits the cost of a step."""
-
-MIN_APART = 0.05
-"""Shapes that differ by less than this share of their range count as one: a refit covers such a
-distance by itself."""
-
-STRAIGHT_REACH, AMPLITUDE_DEPENDENT_REACH = (-5.0, 5.0), (0.7, 1.4)
-"""Factors by which a start is scaled at most: of straight effects, and of amplitude-dependent
-ones, whose signature holds near its own size only."""
-
-SEEN_ENOUGH = 0.5
-"""An amplitude-dependent effect starts at the size that was simulated if that size takes this
-share of the misfit that its shape could take."""
-
-ALIKE = 1e-4
-"""Variants of one effect with first-order gains this close are equal in these data."""
-
-MAX_VARIANTS, VARIANT_SHARE = 2, 0.6
-"""Number of variants of an effect that are refitted, and the share of the best gain that a second
-one needs. The other variants follow in the race of all candidates."""
-
-
-@dataclass(frozen=True)
-class Score:
-    """First-order gain of one candidate, and its start.
-
-    `others`: starts of another shape with a first-order gain above OTHER_SHARE of this one;
-    amplitude_dependent: as in its signature.
-    """
-
-    effect: Effect
-    variant: int
-    gain: float
-    start: Array
-    others: tuple[Array, ...] = ()
-    amplitude_dependent: bool = False
-
-
-def rank(
-    fit: Fit, white_columns: Array, signatures: Sequence[Signature], skip: Sequence[str] = ()
-) -> list[Score]:
-    """Candidates by the first-order gain of their signatures, each with its best start."""
-    orthogonal = orthonormal(white_columns)
-    starts: dict[tuple[str, int], list[tuple[float, Signature, Array]]] = {}
-    usable = [one for one in signatures if one.effect.id not in skip and one.length > 1e-9]
-    if not usable:
-        return []
-    stack = np.column_stack([signature.white for signature in usable])
-    stack = stack - orthogonal @ (orthogonal.T @ stack)
-    lengths = (stack**2).sum(axis=0)
-    inner = -(stack.T @ fit.whitened)
-    for signature, squared, along in zip(usable, lengths, inner, strict=True):
-        if squared <= 1e-12 * signature.length**2 or signature.size == 0.0:
-            continue
-        neutral, (low, high) = signature.effect.neutral, reach_of(signature)
-        factor = float(np.clip(along / squared, low, high))
-        gain = float(2.0 * factor * along - factor**2 * squared)
-        if signature.amplitude_dependent:
-            # Another size has another, unknown shape. The gain that this shape could reach at
-            # its best height counts, or an effect seen too large would never be tried.
-            gain = float(max(along, 0.0) ** 2 / squared)
-            if 2.0 * along - squared > SEEN_ENOUGH * gain:
-                factor = 1.0
-        start = signature.theta_unit.copy()
-        start[0] = np.clip(
-            signature.effect.size.to_unit(neutral + signature.size * factor), 1e-3, 1.0 - 1e-3)
-        starts.setdefault(signature.key, []).append((gain, signature, start))
-    scores = []
-    for members in starts.values():
-        gain, best, start = max(members, key=lambda member: member[0])
-        others = _starts_of_other_shape(members, start, OTHER_SHARE * gain)
-        scores.append(
-            Score(best.effect, best.variant, gain, start, others, best.amplitude_dependent))
-    return sorted(scores, key=lambda score: -score.gain)
-
-
-def reach_of(signature: Signature) -> tuple[float, float]:
-    """Factors of the size of a signature between which its shape and its bounds hold."""
-    neutral, size = signature.effect.neutral, signature.effect.size
-    if neutral != 0.0:
-        return 1.0, 1.0
-    bounds = size.low - neutral, size.high - neutral
-    low, high = sorted(bound / signature.size for bound in bounds)
-    reach = AMPLITUDE_DEPENDENT_REACH if signature.amplitude_dependent else STRAIGHT_REACH
-    lowest, highest = reach
-    return max(low, lowest), min(high, highest)
-
-
-def best_of_each(scores: Sequence[Score]) -> list[Score]:
-    """The first score of each effect, in their order."""
-    best: dict[str, Score] = {}
-    for score in scores:
-        best.setdefault(score.effect.id, score)
-    return list(best.values())
-
-
-def _starts_of_other_shape(
-    members: Sequence[tuple[float, Signature, Array]], start: Array, least: float
-) -> tuple[Array, ...]:
-    """Starts that differ in shape from `start` and from each other, largest gain first.
-
-    The size of an amplitude-dependent effect is part of its shape.
-    """
-    kept = [start]
-    first = 0 if members[0][1].amplitude_dependent else 1
-    for gain, _, other in sorted(members, key=lambda member: -member[0]):
-        is_new = all(
-            np.abs(other[first:] - chosen[first:]).max(initial=0.0) > MIN_APART for chosen in kept)
-        if gain > least and is_new and len(kept) <= MAX_OTHERS:
-            kept.append(other)
-    return tuple(kept[1:])
-
-
-def shortlist(scores: Sequence[Score], least: float, count: int) -> list[Score]:
-    """The best `count` effects with a gain of `least` or more, at most two variants of each."""
-    chosen: list[Score] = []
-    used: Counter[str] = Counter()
-    last: dict[str, float] = {}
-    for score in scores:
-        name = score.effect.id
-        if score.gain < least or (len(used) >= count and name not in used):
-            continue
-        if used[name] >= MAX_VARIANTS:
-            continue
-        if used[name] and score.gain < VARIANT_SHARE * scores[0].gain:
-            continue
-        if used[name] and score.gain > (1.0 - ALIKE) * last[name]:
-            continue
-        last[name] = score.gain
-        used[name] += 1
-        chosen.append(score)
-    return chosen

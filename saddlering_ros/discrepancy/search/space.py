@@ -23,23 +23,22 @@ from saddlering_ros.discrepancy.problem.fits import (
     tangent,
 )
 from saddlering_ros.discrepancy.problem.problem import Metric, noise_metric, Problem
-from saddlering_ros.discrepancy.problem.system import Array
+from saddlering_ros.discrepancy.problem.system import Array, SystemWithInputs
 from saddlering_ros.discrepancy.search.lack_of_fit import (
     FastResidual,
     LackOfFitTests,
     SlowResidual,
 )
+from saddlering_ros.discrepancy.search.ranking import rank, Score, shortlist, starts_of_each, Trial
 from saddlering_ros.discrepancy.search.signatures import (
     ChangeScale,
     measure_signatures,
-    rank,
-    Score,
     shapes_tried,
     Signature,
     testable,
     whitened_by,
 )
-from saddlering_ros.estimation.statistics import fisher_limit
+from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
 
 COARSE_ROUNDS = 4
 """Rounds of a refit from each of several starts, before the best one is refined: half of the
@@ -71,10 +70,13 @@ likelihood ratio of ten cannot come from an unfinished refit. In a wrong minimum
 effect of no size was named with p = 1e-173."""
 
 
-Result = TypeVar('Result')
+MIN_GAIN, MIN_GAIN_SHARE = 4.0, 1.0 / 3.0
+"""First-order gain below which an effect is not refitted, and the same as a share of the gain at
+which an effect with one parameter is real. With this share and SCREENED_SHARE the refits of the
+shipped bags need 400 evaluations instead of 512."""
 
-Trial = tuple[Score, Sequence[Array]]
-"""A candidate and its starts."""
+
+Result = TypeVar('Result')
 
 
 class ModelSpace:
@@ -82,7 +84,7 @@ class ModelSpace:
 
     inputs: signatures of errors of the simulator's inputs, which are no effects of the catalogue.
     pairs, max_pairs: numbers of independent differences from which the noise of the poorest and
-    of the richest run is known.
+    of the richest run is known. fits: the fits so far, by the key of their candidate.
     """
 
     def __init__(
@@ -106,26 +108,18 @@ class ModelSpace:
         self.usable = testable([*signatures, *inputs])
         self.tests = LackOfFitTests(metric, self.max_pairs)
         self.log_size = float(np.log(metric.free_count))
-        self._fits: dict[Key, Fit] = {}
+        self.fits: dict[Key, Fit] = {}
         self._results: dict[tuple[str, Key], tuple[Fit, Any]] = {}
         self.once('tangent', base, lambda: base_tangent)
 
     def keep(self, fit: Fit) -> Fit:
         """Store a fit under its candidate."""
-        self._fits[fit.candidate.key] = fit
+        self.fits[fit.candidate.key] = fit
         return fit
-
-    def is_fitted(self, candidate: Candidate) -> bool:
-        """Whether the candidate has a fit already."""
-        return candidate.key in self._fits
-
-    def fit_of(self, candidate: Candidate) -> Fit:
-        """The fit of a candidate that is fitted."""
-        return self._fits[candidate.key]
 
     def single_effect_fits(self) -> list[Fit]:
         """Fits of one effect beside the base."""
-        return [fit for fit in self._fits.values() if len(fit.candidate.effects) == 1]
+        return [fit for fit in self.fits.values() if len(fit.candidate.effects) == 1]
 
     def once(self, kind: str, fit: Fit, compute: Callable[[], Result]) -> Result:
         """A result of a fit, computed at the first call and stored under its kind."""
@@ -168,20 +162,29 @@ class ModelSpace:
         rate = self.settings.error_rate / max(self.trials, 1)
         return float(fisher_limit(rate, 1, self.pairs))
 
+    def likelihood_ratio_test(self, gain: float, extra: int, trials: int | None = None) -> float:
+        """p-value of a fall `gain` of the misfit by `extra` parameters.
+
+        It counts the trials of the space, or the given number of `trials`.
+        """
+        count, extra = self.trials if trials is None else trials, max(1, extra)
+        return min(1.0, count * float(fisher_chance(max(gain, 0.0) / extra, extra, self.pairs)))
+
     def penalised(self, fit: Fit) -> float:
         """Misfit plus the penalty of its parameters (BIC)."""
         return fit.misfit + fit.theta_unit.size * self.log_size
 
     def fit_best(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
         """The model of `fit` plus each scored candidate by coarse fits; the best is refined."""
-        coarse = sorted(self.coarse_fit(fit, starts_of_each(scores)), key=self.penalised)
+        begun = self.started(fit, starts_of_each(scores), COARSE_ROUNDS)
+        coarse = sorted(best_fit_of_each(begun), key=self.penalised)
         refined = self.refine(coarse[: self.settings.refits])
         return sorted((self.keep(one) for one in refined), key=self.penalised)
 
     def continued(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
         """The same fits after further rounds."""
         count = len(self.problem.system.base_parameters)
-        return self._run([
+        return run_refits(self.metric, [
             refit(self.metric, fit.candidate, fit.theta_unit, fit.jacobian[:, :count],
                   rounds=rounds, known_start=fit)
             for fit in fits
@@ -192,10 +195,6 @@ class ModelSpace:
         slope = fit.jacobian.T @ fit.whitened
         gram = fit.jacobian.T @ fit.jacobian + np.eye(slope.size)
         return self.penalised(fit) - float(slope @ np.linalg.solve(gram, slope))
-
-    def coarse_fit(self, fit: Fit, trials: Sequence[Trial]) -> list[Fit]:
-        """The model of `fit` plus each candidate after a few rounds from its best start."""
-        return best_fit_of_each(self.started(fit, trials, COARSE_ROUNDS))
 
     def started(self, fit: Fit, trials: Sequence[Trial], rounds: int) -> list[Fit]:
         """The model of `fit` plus each candidate after so many rounds, from each of its starts."""
@@ -208,28 +207,16 @@ class ModelSpace:
         for score, starts in trials:
             candidate = fit.candidate.plus(score.effect, score.variant)
             wanted += [
-                refit(
-                    self.metric,
-                    candidate,
-                    np.concatenate([fit.theta_unit, start]),
-                    columns,
-                    rounds=rounds,
-                    fresh_base=score.amplitude_dependent,
-                )
+                refit(self.metric, candidate, np.concatenate([fit.theta_unit, start]), columns,
+                      rounds=rounds, fresh_base=score.amplitude_dependent)
                 for start in starts
             ]
             if stopped.any():
                 wanted += [
-                    refit(
-                        self.metric,
-                        candidate,
-                        np.concatenate([freed, start]),
-                        rounds=rounds,
-                        full_jacobian=True,
-                    )
+                    refit(self.metric, candidate, np.concatenate([freed, start]), rounds=rounds)
                     for start in starts
                 ]
-        return [begun for begun in self._run(wanted) if np.isfinite(begun.misfit)]
+        return [begun for begun in run_refits(self.metric, wanted) if np.isfinite(begun.misfit)]
 
     def stopped_base(self, fit: Fit) -> Array:
         """Mask (B,) of base parameters at a bound, which may imitate an effect.
@@ -244,21 +231,18 @@ class ModelSpace:
         refined = self.continued(fits, self.settings.rounds)
         order = sorted(range(len(refined)), key=lambda index: self.penalised(refined[index]))
         best = order[:FULL_JACOBIANS]
-        refitted_fully = self.refit_full_jacobian([refined[index] for index in best])
+        refitted_fully = refit_full_jacobian(
+            self.metric, [refined[index] for index in best], self.settings.rounds)
         for number, fit in zip(best, refitted_fully, strict=True):
             refined[number] = fit
         return refined
-
-    def refit_full_jacobian(self, fits: Sequence[Fit]) -> list[Fit]:
-        """The same fits continued, with every sensitivity differenced at every step."""
-        return refit_full_jacobian(self.metric, fits, self.settings.rounds)
 
     def without(self, fit: Fit, effect_id: str) -> Fit:
         """The model without one effect, refitted."""
         candidate = fit.candidate.without(effect_id)
         if not candidate.effects:
             return self.base
-        if not self.is_fitted(candidate):
+        if candidate.key not in self.fits:
             count = len(self.problem.system.base_parameters)
             kept = [fit.theta_unit[:count]]
             kept += [
@@ -266,23 +250,16 @@ class ModelSpace:
                 for effect, _, part in fit.candidate.slices(count)
                 if effect.id != effect_id
             ]
-            columns = self.tangent_of(self.base).white
-            start = np.concatenate(kept)
-            self.keep(
-                self._run(
-                    [refit(self.metric, candidate, start, columns, rounds=self.settings.rounds)]
-                )[0]
-            )
-        return self._fits[candidate.key]
-
-    def _run(self, refits: Sequence[Asking]) -> list[Fit]:
-        return run_refits(self.metric, refits)
+            begun = refit(self.metric, candidate, np.concatenate(kept),
+                          self.tangent_of(self.base).white, rounds=self.settings.rounds)
+            self.keep(run_refits(self.metric, [begun])[0])
+        return self.fits[candidate.key]
 
 
 def refit_full_jacobian(metric: Metric, fits: Sequence[Fit], rounds: int) -> list[Fit]:
     """Fits continued in a metric, with every sensitivity differenced at every step."""
     wanted = [
-        refit(metric, fit.candidate, fit.theta_unit, rounds=rounds, full_jacobian=True)
+        refit(metric, fit.candidate, fit.theta_unit, rounds=rounds)
         for fit in fits
     ]
     return run_refits(metric, wanted)
@@ -296,24 +273,6 @@ def best_fit_of_each(fits: Sequence[Fit]) -> list[Fit]:
         if key not in best or fit.misfit < best[key].misfit:
             best[key] = fit
     return list(best.values())
-
-
-def starts_of_each(scores: Sequence[Score]) -> list[Trial]:
-    """All starts of each candidate; of the first two a smaller size too."""
-    return [
-        (score, _starts_of(score, tries_smaller=number < 2)) for number, score in enumerate(scores)
-    ]
-
-
-def _starts_of(score: Score, tries_smaller: bool) -> list[Array]:
-    """Starts of a candidate: those of other shapes, or a smaller size of the same shape."""
-    starts = [score.start, *score.others]
-    if tries_smaller and not score.others:
-        size = score.effect.size
-        second = score.start.copy()
-        second[0] = size.to_unit(0.4 * size.from_unit(float(second[0])))
-        starts.append(second)
-    return starts
 
 
 RACE_ROUNDS = 2
@@ -341,13 +300,17 @@ def fit_each(
     wanted = [
         score
         for candidate, score in zip(candidates, scores, strict=True)
-        if not space.is_fitted(candidate)
+        if candidate.key not in space.fits
     ]
-    close, behind = _heats(space, fit, starts_of_each(wanted), beside)
-    for refitted_one in [*space.refine(close), *behind]:
-        space.keep(refitted_one)
-    different = {candidate.key: candidate for candidate in candidates}.values()
-    fits = [space.fit_of(candidate) for candidate in different if space.is_fitted(candidate)]
+    raced = _raced(space, fit, starts_of_each(wanted), beside)
+    going, behind = _split(space, fit, raced, beside, CLOSE_SHARE)
+    going = best_fit_of_each(space.continued(going, COARSE_ROUNDS - RACE_ROUNDS))
+    followed = {one.candidate.key for one in going}
+    stopped = [one for one in best_fit_of_each(behind) if one.candidate.key not in followed]
+    for one in [*space.refine(going), *stopped]:
+        space.keep(one)
+    keys = dict.fromkeys(candidate.key for candidate in candidates)
+    fits = [space.fits[key] for key in keys if key in space.fits]
     return sorted(fits, key=space.penalised)
 
 
@@ -364,7 +327,7 @@ def fit_race(
     others = [
         score
         for score in others
-        if not space.is_fitted(fit.candidate.plus(score.effect, score.variant))
+        if fit.candidate.plus(score.effect, score.variant).key not in space.fits
     ]
     if not others:
         return list(first)
@@ -394,18 +357,6 @@ def _raced(
     return [*resting, *space.continued(going, RACE_ROUNDS)]
 
 
-def _heats(
-    space: ModelSpace, fit: Fit, trials: Sequence[Trial], beside: Sequence[Fit]
-) -> tuple[list[Fit], list[Fit]]:
-    """Each candidate from its best start: the candidates close to the best one, and the others."""
-    going, behind = _split(space, fit, _raced(space, fit, trials, beside), beside, CLOSE_SHARE)
-    going = best_fit_of_each(space.continued(going, COARSE_ROUNDS - RACE_ROUNDS))
-    followed = {fit.candidate.key for fit in going}
-    behind = [other for other in best_fit_of_each(behind)
-              if other.candidate.key not in followed]
-    return going, behind
-
-
 def _split(
     space: ModelSpace, fit: Fit, fits: Sequence[Fit], beside: Sequence[Fit], share: float
 ) -> tuple[list[Fit], list[Fit]]:
@@ -421,6 +372,29 @@ def _split(
     return going, resting
 
 
+def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
+    """The model of `current` plus every effect that the residual could show, the best first.
+
+    Effects with the largest first-order gains are refitted first. If one of them is real, or
+    the residual exceeds the noise, every variant of every other effect is refitted too. An
+    effect at its detection limit is then found, and no cause is named before all others were
+    tried.
+    """
+    scores = space.scores(current)
+    least = max(MIN_GAIN, MIN_GAIN_SHARE * space.real_gain)
+    listed = shortlist(scores, least, space.settings.refits)
+    first = fit_each(space, current, listed)
+    is_found = any(
+        space.likelihood_ratio_test(
+            current.misfit - tried.misfit, tried.theta_unit.size - current.theta_unit.size)
+        < space.settings.error_rate
+        for tried in first)
+    if not (is_found or space.conceals_effects(current)):
+        return first
+    others = [score for score in scores if all(score is not tried for tried in listed)]
+    return fit_race(space, current, first, others)
+
+
 def prepare(problem: Problem) -> ModelSpace:
     """Learn the noise, marginalise nuisance parameters, fit the base, compute signatures."""
     problem.watch.progress('noise of the channels', 0.0)
@@ -433,7 +407,10 @@ def space_about(problem: Problem, rough: Fit) -> ModelSpace:
     """Learn the noise from the residual of a rough fit, fit the base, compute signatures."""
     metric = noise_metric(problem, rough.prediction)
     metric = metric.with_nuisances(rough.point, rough.prediction)
-    base = _fit_base_again(metric, rough)
+    # A large misfit has several minima.
+    starts = [rough.theta_unit, declared_start(problem.system.base_parameters)]
+    wanted = [refit(metric, Candidate(), start, rounds=BASE_ROUNDS) for start in starts]
+    base = min(run_refits(metric, wanted), key=lambda fit: fit.misfit)
     problem.watch.progress('sensitivity to each effect', 0.25)
     problem.watch.check()
     sensitivities = tangent(metric, base)
@@ -446,6 +423,25 @@ def space_about(problem: Problem, rough: Fit) -> ModelSpace:
         trials=max(1, trials))
 
 
+def with_inputs(space: ModelSpace) -> ModelSpace:
+    """The space with errors of the simulator's inputs, if the base alone leaves misfit.
+
+    Where nothing is wrong to first order, no input is accused.
+    """
+    system = space.problem.system
+    if not isinstance(system, SystemWithInputs):
+        return space
+    gains = [score.gain for score in space.scores(space.base)]
+    if max(gains, default=0.0) < space.real_gain and not space.leaves_misfit(space.base):
+        return space
+    tangents = space.tangent_of(space.base)
+    inputs = measure_signatures(space.metric, space.base, tangents, space.scale, system.inputs)
+    return ModelSpace(
+        metric=space.metric, base=space.base, base_tangent=tangents,
+        signatures=space.signatures, scale=space.scale,
+        trials=space.trials + shapes_tried(inputs), inputs=inputs)
+
+
 def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
     """The base refitted from its parameters in the model with effects, if that minimum is deeper.
 
@@ -455,9 +451,8 @@ def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
     if not fit.candidate.effects:
         return None
     count = space.base.theta_unit.size
-    wanted = [refit(space.metric, Candidate(), fit.theta_unit[:count],
-                    rounds=space.settings.rounds, full_jacobian=True)]
-    other_base = run_refits(space.metric, wanted)[0]
+    begun = refit(space.metric, Candidate(), fit.theta_unit[:count], rounds=space.settings.rounds)
+    other_base = run_refits(space.metric, [begun])[0]
     gain = space.base.misfit - other_base.misfit
     return other_base if gain > max(MIN_DEEPER, MIN_DEEPER_SHARE * other_base.misfit) else None
 
@@ -472,25 +467,15 @@ def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:
     metric, problem = space.metric, space.problem
     if problem.assumptions.relearns:
         metric = noise_metric(problem, fit.prediction)
-    metric = metric.with_nuisances(fit.point, fit.prediction)
+    return in_metric(space, metric.with_nuisances(fit.point, fit.prediction), fit)
+
+
+def in_metric(space: ModelSpace, metric: Metric, fit: Fit) -> tuple[ModelSpace, Fit]:
+    """The space in another metric, with its base and a fit refitted there."""
     base, fit = refit_full_jacobian(metric, [space.base, fit], space.settings.max_rounds)
     sensitivities = tangent(metric, base)
-    signatures = whitened_by(metric, space.signatures, sensitivities)
     moved = ModelSpace(
-        metric=metric, base=base, base_tangent=sensitivities, signatures=signatures,
-        scale=space.scale, trials=space.trials,
-        inputs=whitened_by(metric, space.inputs, sensitivities))
+        metric=metric, base=base, base_tangent=sensitivities,
+        signatures=whitened_by(metric, space.signatures, sensitivities), scale=space.scale,
+        trials=space.trials, inputs=whitened_by(metric, space.inputs, sensitivities))
     return moved, moved.keep(fit)
-
-
-def _fit_base_again(metric: Metric, rough: Fit) -> Fit:
-    """The base refitted in a new metric, from the rough fit and from the declared start.
-
-    A large misfit has several minima.
-    """
-    starts = [rough.theta_unit, declared_start(metric.problem.system.base_parameters)]
-    wanted = [
-        refit(metric, Candidate(), start, rounds=BASE_ROUNDS, full_jacobian=True)
-        for start in starts
-    ]
-    return min(run_refits(metric, wanted), key=lambda fit: fit.misfit)
