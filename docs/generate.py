@@ -201,7 +201,6 @@ THRESHOLDS = {
                             'discrepancy.search.space'),
     'Detection limits and lack of fit': ('discrepancy.search.limits',
                                          'discrepancy.search.lack_of_fit',
-                                         'discrepancy.search.fast_bands',
                                          'discrepancy.verdict.lines'),
 }
 """The modules whose documented constants a reader of results may want to know."""

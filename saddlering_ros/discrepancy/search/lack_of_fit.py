@@ -7,23 +7,29 @@ the model. The noise comes from stretches at rest, so that the tested structure 
 A column of these tests belongs to one channel of one run, or to the same few channels of every
 run. Full arrays of such columns would hold channels times runs times samples numbers. Only the
 blocks that are not zero are stored, and only small products are formed.
+
+What is faster than the slow structure is tested by octaves of half waves in whitened samples. A
+narrow octave has an orthonormal basis. A wide octave is read from the cosine transform of the
+whitened samples in N log N operations. Whitened waves are almost waves, because the noise changes
+little over an octave.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct, idct
 
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Metric
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
-from saddlering_ros.discrepancy.search.fast_bands import fast_bands
 from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.estimation.statistics import fisher_chance
+from saddlering_ros.estimation.whitening import Whitener
 
 Index = NDArray[np.intp]
 
@@ -96,6 +102,20 @@ the slow structure so that a small drift is significant."""
 MAX_CHANCE = 0.01
 """Largest probability under noise alone at which a band counts: the default error rate."""
 
+WAVE_SAMPLES = 4
+"""Samples per half wave at the fastest structure. A faster wave has too few samples to be told
+from scatter."""
+
+MAX_BASIS = 512
+"""Largest number of half waves in a basis. Wider octaves are read from a cosine transform, whose
+cost does not grow with the square."""
+
+MAX_BASIS_NUMBERS = 2_000_000
+"""Largest number of values in a basis, which limits its memory to 16 MB."""
+
+NOISE_DRAWS = 8
+"""Number of draws that give the plain size of the noise of a wide octave, to a few percent."""
+
 
 @dataclass(frozen=True)
 class ShapeTest:
@@ -110,22 +130,12 @@ class ShapeTest:
 
 
 @dataclass(frozen=True)
-class SlowResidual:
-    """All slow structure of a residual: whitened excess over noise, and size.
-
-    powers: mean square beyond noise by view, in the worst run, as shares of range; sizes (R,):
-    its root by view and run; chances: by channel and run, the chance of as much from noise
-    alone, with the number of channels and runs included.
-    """
+class Structure:
+    """Structure of a residual: whitened excess over noise, p-value, and share of range."""
 
     excess: float
-    dimensions: int
     p_value: float
     visible: float
-    where: str
-    powers: Mapping[str, float]
-    sizes: Mapping[str, Array]
-    chances: Mapping[tuple[str, str], float]
 
     def is_real_and_material(self, settings: Settings) -> bool:
         """Whether the structure is more than noise, and large enough to matter."""
@@ -133,22 +143,31 @@ class SlowResidual:
 
 
 @dataclass(frozen=True)
-class FastResidual:
+class SlowResidual(Structure):
+    """All slow structure of a residual.
+
+    powers: mean square beyond noise by view, in the worst run, as shares of range; sizes (R,):
+    its root by view and run; chances: by channel and run, the chance of as much from noise
+    alone, with the number of channels and runs included.
+    """
+
+    dimensions: int
+    where: str
+    powers: Mapping[str, float]
+    sizes: Mapping[str, Array]
+    chances: Mapping[tuple[str, str], float]
+
+
+@dataclass(frozen=True)
+class FastResidual(Structure):
     """Structure too fast for `SlowResidual`: excess in all bands, and the largest real one.
 
     The largest one has a view, a run and an approximate frequency [Hz].
     """
 
-    excess: float
-    p_value: float
-    visible: float
     view: str
     run: str
     frequency: float
-
-    def is_real_and_material(self, settings: Settings) -> bool:
-        """Whether the structure is more than noise, and large enough to matter."""
-        return self.p_value < settings.error_rate and self.visible >= settings.materiality
 
 
 class LackOfFitTests:
@@ -169,13 +188,12 @@ class LackOfFitTests:
             view: _view_variance(metric, self._structure, self._root, view)
             for view in metric.problem.system.views
         }
-        self._bands = fast_bands(metric, WAVES_PER_RUN + 1)
+        self._bands = list(_fast_bands(metric))
 
     def fast(self, fit: Fit) -> FastResidual:
-        """Structure faster than `structure`: the most significant band, with its view and run.
+        """Structure too fast for `slow`: the largest real band, with its view and run.
 
-        The p-value counts the number of bands. Only the part of a band beyond noise
-        counts.
+        The p-value counts the number of bands. Only the part of a band beyond noise counts.
         """
         metric = self._metric
         left = metric.without_nuisances(fit.prediction - metric.problem.measured)
@@ -188,16 +206,15 @@ class LackOfFitTests:
             p_value = float(fisher_chance(statistic / free, free, self._pairs)) * len(self._bands)
             excess += max(statistic - free, 0.0)
             seen = band.seen(parts)
-            width = metric.problem.runs[band.run].width
             for view, weights in metric.problem.system.views.items():
-                power = float(np.average((weights @ seen) ** 2, weights=width))
+                power = float(np.average((weights @ seen) ** 2, weights=band.run.width))
                 power -= float(weights**2 @ band.noise)
                 size = max(power, 0.0) ** 0.5 / self._ranges[view]
                 if p_value < MAX_CHANCE and size > strongest_band.visible:
                     strongest = int(np.argmax(np.sum([part**2 for part in parts], axis=0)))
                     frequency = 0.5 * (band.first + strongest) / band.duration
-                    name = metric.problem.runs[band.run].name
-                    strongest_band = FastResidual(0.0, p_value, size, view, name, frequency)
+                    strongest_band = FastResidual(
+                        0.0, p_value, size, view, band.run.name, frequency)
         return replace(strongest_band, excess=excess)
 
     def slow(self, fit: Fit) -> SlowResidual:
@@ -225,10 +242,9 @@ class LackOfFitTests:
                 if size > visible:
                     visible, where = size, f'{view} in {run.name}'
             sizes[view] = np.array(own)
-        chances = self._chances(slopes)
         return SlowResidual(
             excess=statistic - free, dimensions=free, p_value=p_value, visible=visible,
-            where=where, powers=powers, sizes=sizes, chances=chances)
+            where=where, powers=powers, sizes=sizes, chances=self._chances(slopes))
 
     def _whole(self, fit: Fit, view: str) -> list[float]:
         """Mean square of the residual in each run, which no structure in it exceeds.
@@ -297,9 +313,7 @@ class LackOfFitTests:
             for run, part, whole in zip(
                 metric.problem.runs, seen, self._whole(fit, view), strict=True)
         ]
-        p_value = 1.0
-        if count:
-            p_value = float(fisher_chance(statistic / count, count, self._pairs))
+        p_value = float(fisher_chance(statistic / count, count, self._pairs)) if count else 1.0
         return ShapeTest(view, coordinate, p_value, statistic, max(count, 1), max(sizes))
 
 
@@ -309,11 +323,11 @@ def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str
     weights = problem.system.views[view]
     variances = []
     for number, run in enumerate(problem.runs):
-        blocks = [block for block in columns.blocks if problem.slices[block.slot][0] == number]
         seen, rows = [], []
-        for block in blocks:
-            weight = weights[problem.slices[block.slot][1]]
-            if weight:
+        for block in columns.blocks:
+            index, channel, _ = problem.slices[block.slot]
+            weight = weights[channel]
+            if weight and index == number:
                 seen.append(weight * block.plain)
                 rows.append(root[block.index])
         joined = problem.freed(np.hstack(seen), run, view)
@@ -327,7 +341,8 @@ def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str
 def _structure_columns(metric: Metric) -> BlockColumns:
     """Cosines of time in every run and channel, with a constant if a constant is a misfit."""
     problem = metric.problem
-    cosines = [_waves(run.time, min(WAVES_PER_RUN, run.time.size // 4)) for run in problem.runs]
+    times = [run.time for run in problem.runs]
+    cosines = [half_waves(time, min(WAVES_PER_RUN, time.size // 4)) for time in times]
     blocks, start = [], 0
     for slot, (number, channel, _) in enumerate(problem.slices):
         first = 1 if problem.assumptions.frees_constant(channel) else 0
@@ -337,7 +352,7 @@ def _structure_columns(metric: Metric) -> BlockColumns:
     return BlockColumns(metric, blocks, start)
 
 
-def _waves(values: Array, count: int) -> Array:
+def half_waves(values: Array, count: int) -> Array:
     """Cosines (N, 1 + count) of 0 to `count` half waves along `values`, the first constant."""
     share = (values - values[0]) / max(float(np.ptp(values)), 1e-300)
     return np.asarray(np.cos(np.pi * share[:, None] * np.arange(count + 1)))
@@ -356,6 +371,8 @@ def _families(runs: tuple[RunBlocks, ...], assumptions: Assumptions) -> dict[str
     first, others = assumptions.coordinate_waves
     seen = [run.coordinates for run in runs]
     names = [name for name in seen[0] if all(name in other for other in seen)]
+    groups = sorted({run.group for run in runs})
+    places = [groups.index(run.group) for run in runs]
     directions = [run.direction for run in runs if run.direction is not None]
     families: dict[str, Family] = {}
     for number, name in enumerate(names):
@@ -364,38 +381,25 @@ def _families(runs: tuple[RunBlocks, ...], assumptions: Assumptions) -> dict[str
         shares = [(values[name] - low)[:, None] / max(high - low, 1e-300) * np.pi
                   for values in seen]
         waves = np.arange(1, (first if number == 0 else others) + 1)
-        families[name] = _by_group(runs, [np.cos(share * waves) for share in shares])
+        families[name] = _family([np.cos(share * waves) for share in shares], places)
         if number == 0 and len(directions) == len(runs):
-            families['direction'] = _by_group(
-                runs,
-                [
-                    direction[:, None]
-                    * np.hstack([np.ones_like(share), np.sin(share * np.arange(1, 3))])
-                    for direction, share in zip(directions, shares, strict=True)
-                ],
-            )
-    waves_of_time = [_waves(run.time, TIME_WAVES)[:, 1:] for run in runs]
-    families['time'] = Family(
-        tuple(
-            (TIME_WAVES * number + np.arange(TIME_WAVES), part)
-            for number, part in enumerate(waves_of_time)
-        ),
-        TIME_WAVES * len(runs),
-    )
+            turned = [
+                direction[:, None]
+                * np.hstack([np.ones_like(share), np.sin(share * np.arange(1, 3))])
+                for direction, share in zip(directions, shares, strict=True)
+            ]
+            families['direction'] = _family(turned, places)
+    families['time'] = _family(
+        [half_waves(run.time, TIME_WAVES)[:, 1:] for run in runs], range(len(runs)))
     return families
 
 
-def _by_group(runs: tuple[RunBlocks, ...], shapes: list[Array]) -> Family:
-    """Shapes (N, k) of each run, with the same indices in the runs of one group."""
-    groups = sorted({run.group for run in runs})
+def _family(shapes: Sequence[Array], places: Sequence[int]) -> Family:
+    """Shapes (N, k) of each run, with the same indices in the runs of one place."""
     each = shapes[0].shape[1]
-    return Family(
-        tuple(
-            (each * groups.index(run.group) + np.arange(each), part)
-            for run, part in zip(runs, shapes, strict=True)
-        ),
-        each * len(groups),
-    )
+    by_run = [(each * place + np.arange(each), part)
+              for place, part in zip(places, shapes, strict=True)]
+    return Family(tuple(by_run), each * (max(places) + 1))
 
 
 def _spread(metric: Metric, family: Family, weights: Array) -> BlockColumns:
@@ -407,3 +411,91 @@ def _spread(metric: Metric, family: Family, weights: Array) -> BlockColumns:
             index, part = family.by_run[number]
             blocks.append(Block(slot, index, pattern[channel] * part))
     return BlockColumns(metric, blocks, family.count)
+
+
+@dataclass(frozen=True)
+class _Octave:
+    """Half waves `first` to `stop` of one run, with the samples and whitener of each channel."""
+
+    run: RunBlocks
+    first: int
+    stop: int
+    parts: list[slice]
+    whiteners: list[Whitener]
+
+    @property
+    def duration(self) -> float:
+        """Duration [s] of the run."""
+        return max(float(np.ptp(self.run.time)), 1e-300)
+
+
+class BasisBand(_Octave):
+    """A narrow octave, by bases (N, k) of each channel, whitened and plain."""
+
+    @cached_property
+    def _bases(self) -> list[tuple[Array, Array]]:
+        share = (self.run.time - self.run.time[0]) / self.duration
+        waves = np.cos(np.pi * share[:, None] * np.arange(self.first, self.stop)[None, :])
+        bases = [np.linalg.qr(whitener.whiten(waves))[0] for whitener in self.whiteners]
+        return [(basis, whitener.colour(basis))
+                for basis, whitener in zip(bases, self.whiteners, strict=True)]
+
+    @cached_property
+    def noise(self) -> Array:
+        """Mean square (C,) of the noise alone in each channel of this octave."""
+        return np.array([float(np.average((plain**2).sum(axis=1), weights=self.run.width))
+                         for _, plain in self._bases])
+
+    def coefficients(self, white: Array) -> list[Array]:
+        """Part of stacked whitened samples (n,) in this octave, by channel, with unit variance."""
+        return [basis.T @ white[part]
+                for part, (basis, _) in zip(self.parts, self._bases, strict=True)]
+
+    def seen(self, coefficients: Sequence[Array]) -> Array:
+        """The same part in units of the channels (C, N)."""
+        return np.array([plain @ coefficient for (_, plain), coefficient
+                         in zip(self._bases, coefficients, strict=True)])
+
+
+class TransformBand(_Octave):
+    """A wide octave, by the cosine transform; its methods are those of `BasisBand`."""
+
+    @cached_property
+    def noise(self) -> Array:
+        random = np.random.default_rng(0)
+        drawn = random.normal(size=(self.stop - self.first, NOISE_DRAWS))
+        return np.array([
+            float(np.average((self._measured(whitener, drawn) ** 2).mean(axis=1),
+                             weights=self.run.width))
+            for whitener in self.whiteners
+        ])
+
+    def coefficients(self, white: Array) -> list[Array]:
+        return [dct(white[part], norm='ortho')[self.first : self.stop] for part in self.parts]
+
+    def seen(self, coefficients: Sequence[Array]) -> Array:
+        return np.array([
+            self._measured(whitener, coefficient[:, None])[:, 0]
+            for whitener, coefficient in zip(self.whiteners, coefficients, strict=True)])
+
+    def _measured(self, whitener: Whitener, coefficients: Array) -> Array:
+        spectrum = np.zeros((self.run.time.size, coefficients.shape[1]))
+        spectrum[self.first : self.stop] = coefficients
+        return whitener.colour(np.asarray(idct(spectrum, axis=0, norm='ortho')))
+
+
+def _fast_bands(metric: Metric) -> Iterator[BasisBand | TransformBand]:
+    """Octaves from the end of the slow structure up to the limit of the samples of a run."""
+    slices = metric.problem.slices
+    for index, run in enumerate(metric.problem.runs):
+        slots = [slot for slot, (number, _, _) in enumerate(slices) if number == index]
+        parts = [slices[slot][2] for slot in slots]
+        whiteners = [metric.whiteners[slot] for slot in slots]
+        begin, last = WAVES_PER_RUN + 1, run.time.size // WAVE_SAMPLES
+        while begin <= last:
+            stop = min(2 * begin - 1, last + 1)
+            count = stop - begin
+            is_narrow = count <= MAX_BASIS and count * run.time.size <= MAX_BASIS_NUMBERS
+            kind = BasisBand if is_narrow else TransformBand
+            yield kind(run, begin, stop, parts, whiteners)
+            begin = stop

@@ -16,6 +16,7 @@ from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Metric, nuisance_columns
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search.comparison import SearchLog
+from saddlering_ros.discrepancy.search.lack_of_fit import half_waves
 from saddlering_ros.discrepancy.search.selection import (
     Alternatives,
     check_alternatives,
@@ -92,9 +93,11 @@ def error_process(metric: Metric, fit: Fit) -> tuple[Array, int]:
     residual = metric.without_nuisances(fit.prediction - problem.measured)
     columns: list[Array] = []
     degrees = []
+    most = min(ERROR_WAVES, MAX_COLUMNS // len(problem.slices))
     for channel in range(len(problem.system.channel_names)):
         slots = [item for item in problem.slices if item[1] == channel]
-        shapes = [_waves(metric, index) for index, _, _ in slots]
+        times = [problem.runs[index].time for index, _, _ in slots]
+        shapes = [half_waves(time, min(most, time.size // 4)) for time in times]
         power = np.full((len(slots), ERROR_WAVES + 1), np.nan)
         for row, waves, (index, _, part) in zip(power, shapes, slots, strict=True):
             run = problem.runs[index]
@@ -110,14 +113,6 @@ def error_process(metric: Metric, fit: Fit) -> tuple[Array, int]:
             block[part] = waves * spread[: waves.shape[1]]
             columns.append(block)
     return np.hstack(columns), max(MIN_DEGREES, int(min(degrees)))
-
-
-def _waves(metric: Metric, run: int) -> Array:
-    """Cosines (N, 1 + K) of 0 to K half waves along the time of a run."""
-    time = metric.problem.runs[run].time
-    count = min(ERROR_WAVES, time.size // 4, MAX_COLUMNS // len(metric.problem.slices))
-    share = (time - time[0]) / max(float(np.ptp(time)), 1e-300)
-    return np.asarray(np.cos(np.pi * share[:, None] * np.arange(count + 1)))
 
 
 def _smoothed(power: Array) -> Array:
