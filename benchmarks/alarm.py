@@ -1,6 +1,7 @@
-"""The alarm of a running test: false alarms in simulated hours, delay of steps and drifts.
+"""How often does the alarm of a sound ring come, and how late that of a step or a drift?
 
-python benchmarks/alarm.py [--hours H] [--draws N] [--rings N] [--seed N]
+    python benchmarks/alarm.py [--hours 2000] [--swinging 500] [--draws 200] [--rings 12]
+                               [--records 8] [--seed 0]
 
 1. False alarms of a sound ring: blocks of white noise, and of noise with a wander where the
    residual swings through the whole of materiality; many streams run side by side.
@@ -12,16 +13,14 @@ python benchmarks/alarm.py [--hours H] [--draws N] [--rings N] [--seed N]
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
 from pathlib import Path
-import sys
 import tempfile
-import time
 
+from frame import arguments, table
 import numpy as np
+from rigs import NO_SCATTER, RIG
 from scipy.signal import lfilter
 
 from saddlering_ros.bags import read_run
@@ -41,12 +40,11 @@ from saddlering_ros.monitoring import (
 from saddlering_ros.monitoring.detector import MAX_BEYOND, SINCE_ZERO, SIZES, wander_limit
 from saddlering_ros.monitoring.stream import residual_samples
 from saddlering_ros.record.residual import residual_stretches
-from saddlering_ros.rig import default_rig, ParameterSet
+from saddlering_ros.rig import ParameterSet
 from saddlering_ros.virtual_rig import (
     dynamic_schedule,
     PhysicalRig,
     record_test,
-    Scatter,
     static_schedule,
     TestPlan,
     write_record,
@@ -111,7 +109,7 @@ def false_alarms_swinging(hours: float, seed: int) -> int:
     `BlockWatch` forms them, once they are steady, with the wander that is assumed of the rig.
     """
     memory, white, true_wander, allowed_size = math.exp(-BLOCK / 4.0), 0.045, 0.064, 1.0
-    noise = assumed_noise(BlockNoise(white**2, 0.0, 0.0), 1e6 * least_wander(default_rig())[0],
+    noise = assumed_noise(BlockNoise(white**2, 0.0, 0.0), 1e6 * least_wander(RIG)[0],
                           BLOCK)
     gain, scale, response = _steady(noise)
     wander_size = wander_limit(noise, BLOCK, ALLOWED_HOURS, CHANNELS)
@@ -145,30 +143,30 @@ def _steady(noise: BlockNoise) -> tuple[float, float, float]:
     return 1.0 - noise.white / scale**2, scale, whitener.response
 
 
-def learnt_noise(rest: float, size: float, records: int, seed: int) -> str:
-    """Whole monitors whose noise is learnt from `rest` seconds, at the bound of materiality.
+def learnt_noise(rest: float, size: float, records: int, seed: int) -> tuple[float, int]:
+    """Hours and false alarms of whole monitors whose noise is learnt from `rest` seconds.
 
     Two minutes at 1 kHz each, the probes' noise with its wander; the residual jumps between the
     ends of a materiality of `size` [m].
     """
-    rig, alarms, seconds = default_rig(), 0, 0.0
+    alarms, seconds = 0, 0.0
     for record in range(records):
         chance = np.random.default_rng([seed, record])
         time = np.arange(0.0, rest + 120.0, 1e-3)
         residual = np.stack([_probe_noise(time.size, chance) for _ in range(CHANNELS)])
-        residual[2] *= 2.0 / rig.probes.axial_span
+        residual[2] *= 2.0 / RIG.probes.axial_span
         residual -= residual[:, :500].mean(axis=1, keepdims=True)
         moving = time > rest
         residual[:, moving] += size * np.sign(np.sin(1.3 * time[moving]))
-        load = rig.preload + 1e5 * np.abs(np.sin(np.maximum(time - rest, 0.0)))
+        load = RIG.preload + 1e5 * np.abs(np.sin(np.maximum(time - rest, 0.0)))
         monitor = watch(
-            Monitor(MonitorSettings(), rig.limits.rest_band, lambda at: np.full(3, size),
-                    least_wander(rig)),
+            Monitor(MonitorSettings(), RIG.limits.rest_band, lambda at: np.full(3, size),
+                    least_wander(RIG)),
             (Sample(1 + round(1e9 * now), (x, y, gamma), force) for now, x, y, gamma, force in
              zip(time.tolist(), *residual.tolist(), load.tolist(), strict=True)))
         alarms += monitor.alarm is not None
         seconds += monitor.seconds
-    return f'{alarms} false alarms in {seconds / 3600.0:.2f} h'
+    return seconds / 3600.0, alarms
 
 
 def _probe_noise(count: int, chance: np.random.Generator) -> np.ndarray:
@@ -240,21 +238,21 @@ class Whole:
 def whole_test(seed: int, *, dynamic: bool, scale: float) -> Whole:
     """A test of a drawn ring without fault or scatter; the model's stiffnesses are `scale` off."""
     chance = np.random.default_rng([seed, 17])
-    rig, truth = default_rig(), draw_truth(seed, 'clean')
-    schedule = (dynamic_schedule(rig, duration=30.0, cycles=2) if dynamic else
-                static_schedule(rig, hold=5.0))
+    truth = draw_truth(seed, 'clean')
+    schedule = (dynamic_schedule(RIG, duration=30.0, cycles=2) if dynamic else
+                static_schedule(RIG, hold=5.0))
     elevation = math.radians(float(chance.choice([30.0, 50.0, 70.0])))
     record = record_test(TestPlan(
-        PhysicalRig(rig, truth.contact, elevation, (), Scatter(0.0, 0.0), seed), schedule,
+        PhysicalRig(RIG, truth.contact, elevation, (), NO_SCATTER, seed), schedule,
         seed=seed, instruments=truth.instruments, rate=1000.0 if dynamic else 50.0))
     with tempfile.TemporaryDirectory() as folder:
-        run = read_run(write_record(Path(folder) / 'bag', record, rig), rig=rig)
+        run = read_run(write_record(Path(folder) / 'bag', record, RIG), rig=RIG)
     contact = replace(truth.contact, K1=truth.contact.K1 * scale, K2=truth.contact.K2 * scale)
-    stretches, _ = residual_stretches(rig, run, ParameterSet(contact), [], lambda share: None)
+    stretches, _ = residual_stretches(RIG, run, ParameterSet(contact), [], lambda share: None)
     (samples,) = stretches  # the record is short
     monitor = watch(
-        Monitor(MonitorSettings(), rig.limits.rest_band,
-                lambda at: materiality(rig, contact, at), least_wander(rig)),
+        Monitor(MonitorSettings(), RIG.limits.rest_band,
+                lambda at: materiality(RIG, contact, at), least_wander(RIG)),
         residual_samples(samples, run.load[np.searchsorted(run.stamps, samples.stamps)]))
     residual = samples.channels[:3]
     count = 1000 if dynamic else 50
@@ -265,76 +263,54 @@ def whole_test(seed: int, *, dynamic: bool, scale: float) -> Whole:
     return Whole(monitor.seconds, share, monitor.alarm is not None, len(monitor.lapses))
 
 
-def whole_tests(rings: int, seed: int) -> None:
-    """Whole tests with stiffnesses that are off by at most 0.5 %, and by 10 %."""
+def whole_tests(rings: int, seed: int) -> list[tuple[object, ...]]:
+    """Rows of whole tests with stiffnesses that are off by at most 0.5 %, and by 10 %."""
+    rows: list[tuple[object, ...]] = []
     for dynamic in (False, True):
-        count = rings if not dynamic else max(1, rings // 3)
+        count = max(1, rings // 3) if dynamic else rings
         chance = np.random.default_rng([seed, dynamic])
         near = [whole_test(seed + ring, dynamic=dynamic, scale=1.0 + chance.uniform(-5e-3, 5e-3))
                 for ring in range(count)]
         far = [whole_test(seed + ring, dynamic=dynamic, scale=1.1)
                for ring in range(max(1, count // 4))]
         within = [one for one in near if one.share < 1.0]
-        print(f'{"dynamic" if dynamic else "static"} tests, stiffness off by up to 0.5 %: '
-              f'{len(within)} of {count} within materiality (largest share '
-              f'{max(one.share for one in near):.2f}), {sum(one.alarmed for one in within)} false '
-              f'alarms in {sum(one.seconds for one in within) / 3600.0:.2f} h, '
-              f'{sum(one.lapses > 0 for one in near)} with a lapse; '
-              f'{sum(one.alarmed for one in near if one.share >= 1.0)} alarms in the '
-              f'{count - len(within)} beyond', flush=True)
-        print(f'  off by 10 %: shares {min(one.share for one in far):.1f} to '
-              f'{max(one.share for one in far):.1f}, {sum(one.alarmed for one in far)} of '
-              f'{len(far)} alarm', flush=True)
+        beyond = [one for one in near if one.share >= 1.0]
+        for words, tests in (('off by up to 0.5 %, within', within),
+                             ('the same, beyond', beyond), ('off by 10 %', far)):
+            rows.append((
+                'dynamic' if dynamic else 'static', words, len(tests),
+                max((one.share for one in tests), default=math.nan),
+                sum(one.seconds for one in tests) / 3600.0, sum(one.alarmed for one in tests),
+                sum(one.lapses > 0 for one in tests)))
+    return rows
 
 
-def report_false_alarms(words: str, hours: float, count: Callable[[float, int], int],
-                        seed: int) -> None:
-    """Count and print."""
-    began = time.process_time()
-    found = count(hours, seed)
-    print(f'{words}: {found} false alarms in {hours:g} h; one in {ALLOWED_HOURS:g} h is allowed '
-          f'({time.process_time() - began:.0f} s of processor)', flush=True)
-
-
-def report_delays(draws: int) -> None:
-    """Delays of steps and drifts against theory."""
-    for size in (0.5, 1.0, 3.0):
-        for drift in (0.0, 10.0):
-            found = delays(size, draws, 1 + round(drift), drift)
-            what = f'drift over {drift:g} s' if drift else 'step'
-            print(f'{size:g} sigma, {what}: median {np.median(found):.2f} s, nine in ten '
-                  f'{np.quantile(found, 0.9):.2f} s, theory {theory(size, drift):.2f} s',
-                  flush=True)
-
-
-def main() -> int:
-    """Measure and print."""
-    assert __doc__ is not None
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--hours', type=float, default=2000.0, help='hours of a sound ring')
-    parser.add_argument('--swinging', type=float, default=500.0,
-                        help='hours within materiality, with wander')
-    parser.add_argument('--draws', type=int, default=200, help='draws of each delay')
-    parser.add_argument('--rings', type=int, default=12, help='whole tests of the virtual rig')
-    parser.add_argument('--records', type=int, default=8,
-                        help='records of two minutes with learnt noise')
-    parser.add_argument('--seed', type=int, default=0)
-    args = parser.parse_args()
+def main() -> None:
+    args = arguments(
+        __doc__, {'hours': 200.0, 'swinging': 50.0, 'draws': 20, 'rings': 2, 'records': 1},
+        hours=2000.0, swinging=500.0, draws=200, rings=12, records=8, seed=0)
     check_streams()
-    report_delays(args.draws)
-    for rest in (2.0, 10.0):
-        for size in (0.0, 0.3e-6, 1e-6):
-            print(f'noise learnt from {rest:g} s of rest, materiality {1e6 * size:g} um: '
-                  f'{learnt_noise(rest, size, args.records, args.seed)}', flush=True)
-    whole_tests(args.rings, args.seed)
-    report_false_alarms('residual that jumps from end to end of materiality, wandering noise',
-                        args.swinging, false_alarms_swinging, args.seed)
-    found = false_alarms_white(0.1 * args.hours, args.seed + 1, 1.0)
-    print(f'white noise, one in 1 h allowed: {found} false alarms in {0.1 * args.hours:g} h',
-          flush=True)
-    report_false_alarms('white noise, no materiality', args.hours, false_alarms_white, args.seed)
-    return 0
+    late = {(size, drift): delays(size, args.draws, 1 + round(drift), drift)
+            for size in (0.5, 1.0, 3.0) for drift in (0.0, 10.0)}
+    table('Delay [s] of a change by so many standard deviations of a block',
+          ('change', 'drift within [s]', 'median', 'nine in ten', 'theory'),
+          [(size, drift, np.median(found), np.quantile(found, 0.9), theory(size, drift))
+           for (size, drift), found in late.items()])
+    table('False alarms of a sound ring', ('residual', 'hours', 'false alarms', 'allowed'), [
+        ('white noise, no materiality', args.hours, false_alarms_white(args.hours, args.seed),
+         args.hours / ALLOWED_HOURS),
+        ('the same, one an hour allowed', args.hours / 10.0,
+         false_alarms_white(args.hours / 10.0, args.seed + 1, 1.0), args.hours / 10.0),
+        ('noise that wanders, jumps from end to end of materiality', args.swinging,
+         false_alarms_swinging(args.swinging, args.seed), args.swinging / ALLOWED_HOURS)])
+    table('Whole records with noise learnt from their rest',
+          ('rest [s]', 'materiality [um]', 'hours', 'false alarms'),
+          [(rest, 1e6 * size, *learnt_noise(rest, size, args.records, args.seed))
+           for rest in (2.0, 10.0) for size in (0.0, 0.3e-6, 1e-6)])
+    table('Whole tests of the virtual rig; share: largest residual over materiality',
+          ('test', 'stiffnesses', 'tests', 'share', 'hours', 'alarms', 'with a lapse'),
+          whole_tests(args.rings, args.seed))
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

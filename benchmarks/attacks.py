@@ -1,6 +1,6 @@
-"""Attacks on commands, files, campaigns and nodes: what is wrong in silence, lost, or a traceback.
+"""Do attacks on commands, files, campaigns and nodes end in silence, a loss or a traceback?
 
-python -m benchmarks.attacks [--only NAME]
+    python benchmarks/attacks.py [--only numbers_made_to_hurt two_users] [--bags 500]
 
 A try is *wrong in silence* if it succeeds with other numbers than the source holds, or takes for
 given what was not, without a line that a sound try does not print; *lost* if a file, a bag, a
@@ -10,7 +10,6 @@ refusal has more than one line. Status 1 if there is any of them.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator
 import contextlib
 from dataclasses import replace
@@ -30,15 +29,14 @@ import tempfile
 import threading
 from typing import Any
 
+from frame import arguments, ROOT, table
 import numpy as np
 
-from saddlering_ros.bags import read_raw, write_bag
-from saddlering_ros.record import LOAD_TOPIC, TestMetadata
-from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
+from saddlering_ros.bags import read_raw
+from saddlering_ros.record import LOAD_TOPIC
+from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE, write_parameters
 
-RIG = default_rig()
-
-TESTS = Path(__file__).resolve().parents[1] / 'test'
+TESTS = ROOT / 'test'
 sys.path += [str(TESTS / 'importing'), str(TESTS / 'campaign')]
 
 Tries = Iterator[tuple[str, str, str]]
@@ -142,27 +140,6 @@ def logger_files(folder: Path) -> Tries:
         yield f'{kind}: {what}, {when}', outcome, said
 
 
-def clocks_set_back(folder: Path) -> Tries:
-    """Bags whose clock steps in the middle, in one topic or in all."""
-    stamps = 1_700_000_000_000_000_000 + 2_000_000 * np.arange(4000)
-    load = RIG.preload + 2e5 * np.sin(np.linspace(0.0, np.pi, 4000)) ** 2
-    steps = (0, -10 ** 3, -10 ** 6, -10 ** 9, -10 ** 15, 10 ** 10)
-    usual: dict[str, set[str]] = {}
-    for step, topic, name in itertools.product(steps, range(6), ('info', 'displacement')):
-        times = [stamps.copy() for _ in range(5)]
-        for number in range(5) if topic == 5 else (topic,):
-            times[number][2000:] += step
-        shutil.rmtree(folder / 'bag', ignore_errors=True)
-        write_bag(folder / 'bag', TestMetadata('dynamic', 50.0), times[0], load, times[1:],
-                  [1e-3 + sign * 1e-10 * load for sign in (1, 2, -1, -2)], RIG.probes)
-        outcome, said = told(name, folder / 'bag')
-        if outcome == 'said' and notes_in(said) <= usual.setdefault(name, notes_in(said)):
-            outcome = 'done'
-        if outcome == 'done' and abs(step) > 2_000_000:  # beyond one sample to the next
-            outcome = 'wrong in silence'
-        yield f'{name}: {step} ns in topic {topic}', outcome, said
-
-
 def full_disks(folder: Path) -> Tries:
     """Each command that writes, on a disk that is full after so many bytes, over an old file."""
     bag, law = folder / 'bag', folder / 'law.yaml'
@@ -199,14 +176,14 @@ def full_disks(folder: Path) -> Tries:
         yield f'{name} on {size} bytes', outcome, said
 
 
-def killed_workers(folder: Path) -> Tries:
-    """500 small bags whose workers are killed, then of workers of another version."""
+def killed_workers(folder: Path, bags: int) -> Tries:
+    """Small bags of a campaign whose workers are killed."""
     from campaign_stubs import tasks, write_bag
 
     from saddlering_ros.campaign import run_campaign, Store
     from saddlering_ros.campaign.running import local_workers
     os.environ['PYTHONPATH'] = os.pathsep.join([str(TESTS / 'campaign'), os.getcwd()])
-    for number in range(500):
+    for number in range(bags):
         write_bag(folder / 'bags', f'SR-{number}', 'static_50', day=float(number))
     found = tasks(folder / 'bags', 'slowly')
     store, chance, ended = Store(folder / 'store'), random.Random(3), threading.Event()
@@ -232,15 +209,6 @@ def killed_workers(folder: Path) -> Tries:
         result = store.read_result(task.key) or {}
         is_right = result.get('status') == 'done' and result['task']['ring'] == task.ring
         yield task.name, 'done' if is_right else 'lost', str(result)[:200]
-    others = [replace(task, key=f'{number:032x}', program={**task.program, name: '0'})
-              for number, (task, name) in enumerate(
-                  zip(found, found[0].program, strict=False))]
-    with local_workers(1) as workers:
-        run_campaign(others, store, workers)
-    for task in others:
-        kind = (store.read_result(task.key) or {}).get('kind')
-        yield f'another version {task.key[-2:]}', (
-            'refused' if kind == 'changed' else 'wrong in silence'), str(kind)
 
 
 def running_nodes(folder: Path) -> Tries:
@@ -342,28 +310,25 @@ def odd_goals(make: Any) -> list[Any]:
         {'bags': ['static_50'], 'seed': 2 ** 32 - 1, 'particles': 10 ** 6})]
 
 
-ATTACKS = (numbers_made_to_hurt, logger_files, clocks_set_back, full_disks, killed_workers,
-           running_nodes, two_users)
-
-
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--only', default='', help='attacks whose name holds this')
-    only, faults, total = parser.parse_args().only, 0, 0
-    for one in ATTACKS:
-        if only not in one.__name__:
-            continue
+    args = arguments(__doc__, {'only': ['numbers_made_to_hurt', 'full_disks', 'two_users']},
+                     only=(), bags=500)
+    attacks: dict[str, Callable[[Path], Tries]] = {
+        one.__name__: one for one in (numbers_made_to_hurt, logger_files, full_disks,
+                                      running_nodes, two_users)}
+    attacks['killed_workers'] = lambda folder: killed_workers(folder, args.bags)
+    rows, faults = [], 0
+    for name in args.only or attacks:
         counts = dict.fromkeys(OUTCOMES, 0)
-        with tempfile.TemporaryDirectory() as name:
-            for label, outcome, said in one(Path(name)):
+        with tempfile.TemporaryDirectory() as folder:
+            for label, outcome, said in attacks[name](Path(folder)):
                 counts[outcome] += 1
                 if outcome in OUTCOMES[3:]:
                     faults += 1
-                    print(f'  FAULT {outcome}: {label}: {" ".join(said.split())[:300]}')
-        total += sum(counts.values())
-        print(one.__name__, ', '.join(f'{count} {word}' for word, count in counts.items()),
-              flush=True)
-    print(f'{total} tries, {faults} faults')
+                    print(f'  FAULT {outcome}: {label}: {" ".join(said.split())[:300]}',
+                          flush=True)
+        rows.append((name, sum(counts.values()), *counts.values()))
+    table('Attacks', ('attack', 'tries', *OUTCOMES), rows)
     return 1 if faults else 0
 
 

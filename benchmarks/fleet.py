@@ -1,10 +1,10 @@
-"""A simulated fleet with hidden truths: false discoveries, drifts, rigs, histories, life.
+"""Does the judgement of a fleet find hidden drifts, odd rings, bad rigs and the end of life?
 
-python benchmarks/fleet.py [--rings N] [--sessions N] [--fleets N] [--seed N] simulates what
-sessions report (values with covariances), not bags, and scores the judgement of the fleet:
+    python benchmarks/fleet.py [--rings 200] [--sessions 8] [--fleets 10] [--seed 0]
 
-clean rings, rings unlike their sisters, rings whose axial stiffness wears with service hours,
-rigs whose load cell drifts, and rings with a cause of the catalogue.
+What sessions report (values with covariances) is simulated, not bags: clean rings, rings unlike
+their sisters, rings whose axial stiffness wears with service hours, rigs whose load cell drifts,
+and rings with a cause of the catalogue.
 """
 
 from __future__ import annotations
@@ -13,13 +13,11 @@ import os
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 import math
-import sys
-import time as clock
 
+from frame import arguments, table
 import numpy as np
 from numpy.typing import NDArray
 
@@ -138,8 +136,8 @@ def score(sessions: Sequence[SessionFigures], truth: Truth) -> dict[str, tuple[i
     }
 
 
-def life_scores(fleets: int, seed: int) -> list[str]:
-    """Remaining life of wearing rings: coverage, alpha-lambda, prognostic horizon.
+def life_scores(fleets: int, seed: int) -> list[tuple[str, int, int]]:
+    """(name, counted, of) of the remaining life of wearing rings.
 
     Saxena and others, Int. J. Progn. Health Manag. 1 (2010): alpha-lambda is the share of
     predictions within alpha of the true remaining life at lambda of the way to the limit.
@@ -152,8 +150,8 @@ def life_scores(fleets: int, seed: int) -> list[str]:
         rate = slope * float(np.exp(0.3 * chance.standard_normal()))
         end = limit / rate
         begun = math.nan
-        for share in np.arange(0.3, 0.96, 0.1):
-            times = np.arange(0.0, share * end, 1.0)
+        for part in np.arange(0.3, 0.96, 0.1):
+            times = np.arange(0.0, part * end, 1.0)
             if times.size < 5:
                 continue
             value = rate * times + noise * chance.standard_normal(times.size)
@@ -166,44 +164,32 @@ def life_scores(fleets: int, seed: int) -> list[str]:
             near = abs(life.median - left) <= 0.2 * left
             begun = begun if near and not math.isnan(begun) else (left / end if near else math.nan)
             for stage, counts in held.items():
-                if abs(share - stage) < 0.05:
+                if abs(part - stage) < 0.05:
                     counts[0] += life.low <= left <= life.high
                     counts[1] += near
                     counts[2] += 1
         if not math.isnan(begun):
             horizons.append(begun)
-    lines = [
-        f'at {stage:.0%} of life: 90 % interval holds the truth {held_[0]}/{held_[2]}, within '
-        f'20 % of it {held_[1]}/{held_[2]}' for stage, held_ in held.items()
-    ]
-    lines.append(f'prognostic horizon (within 20 % from then on): median '
-                 f'{np.median(horizons):.0%} of life left, {len(horizons)} of {fleets} rings')
-    return lines
+    rows = [(f'{words} at {stage:.0%} of life', counts[column], counts[2])
+            for stage, counts in held.items()
+            for column, words in enumerate(('90 % interval holds the truth', 'within 20 % of it'))]
+    return [*rows, ('from a certain point on within 20 %', len(horizons), fleets),
+            ('median % of life left there', round(100.0 * float(np.median(horizons))), 100)]
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--rings', type=int, default=200)
-    parser.add_argument('--sessions', type=int, default=8)
-    parser.add_argument('--fleets', type=int, default=10)
-    parser.add_argument('--seed', type=int, default=0)
-    args = parser.parse_args()
-    total: dict[str, list[int]] = {}
-    began = clock.monotonic()
+def main() -> None:
+    args = arguments(__doc__, {'fleets': 1, 'rings': 50}, rings=200, sessions=8, fleets=10, seed=0)
+    total: dict[str, tuple[int, int]] = {}
     for number in range(args.fleets):
         sessions, truth = draw_fleet(args.rings, args.sessions, args.seed + number)
         for name, (count, of) in score(sessions, truth).items():
-            own = total.setdefault(name, [0, 0])
-            own[0] += count
-            own[1] += of
-    print(f'{args.fleets} fleets of {args.rings} rings with {args.sessions} sessions each, '
-          f'{(clock.monotonic() - began) / args.fleets:.1f} s a fleet; '
-          f'coordinates {", ".join(COORDINATES)}')
-    for name, (count, of) in total.items():
-        print(f'{name}: {count}/{of} = {100.0 * count / max(of, 1):.1f} %')
-    print('\n'.join(life_scores(100, args.seed)))
-    return 0
+            before = total.get(name, (0, 0))
+            total[name] = before[0] + count, before[1] + of
+    rows = [(name, count, of) for name, (count, of) in total.items()]
+    table(f'{args.fleets} fleets of {args.rings} rings with {args.sessions} sessions each; '
+          f'coordinates {", ".join(COORDINATES)}', ('figure', 'counted', 'of'),
+          [*rows, *life_scores(100, args.seed)])
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

@@ -1,19 +1,20 @@
-"""Intervals and predictions of identify over drawn virtual rigs.
+"""Do intervals of identify hold the truth of drawn rigs, and is another test predicted?
 
-    python benchmarks/identification.py [--rigs 200] [--scatter] [--quick]
+    python benchmarks/identification.py [--rigs 200] [--scatter]
 
 Each rig is drawn from the whole box of contact laws. It is identified from a static and a dynamic
 run at 50 deg and a static run at 70 deg, and a dynamic run at 70 deg is predicted. Counted are
 95 % intervals that hold the truth (target: 90 to 99 % for every parameter) and predictions with
-nrmse within 1.1 times the noise floor; what the true parameters reach stands beside them.
+nrmse within 1.1 times the noise floor; what the true parameters reach stands beside them. With
+--scatter the rollers differ as made ones do.
 """
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 import time
 
+from frame import arguments
 import numpy as np
 from numpy.typing import NDArray
 from rigs import drawn_contact, NO_SCATTER, RIG, virtual_run
@@ -87,13 +88,9 @@ def report(rigs: list[Rig]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--rigs', type=int, default=200)
-    parser.add_argument('--scatter', action='store_true', help='rollers differ as made ones do')
-    parser.add_argument('--quick', action='store_true', help='5 rigs')
-    args = parser.parse_args()
+    args = arguments(__doc__, {'rigs': 5}, rigs=200, scatter=False)
     scatter = Scatter() if args.scatter else NO_SCATTER
-    report([one_rig(number, scatter) for number in range(5 if args.quick else args.rigs)])
+    report([one_rig(number, scatter) for number in range(args.rigs)])
 
 
 if __name__ == '__main__':

@@ -1,10 +1,12 @@
-"""Verdicts on rings of an independent simulator, and laws proposed for faults without a name.
+"""Verdicts on rings of an independent simulator: right, and are laws proposed for nameless faults?
 
-python benchmarks/independent.py [--seed N] [--kinds clean,single,outside,axial] [--only NAME,NAME]
-[--out FILE.jsonl] draws rings of benchmarks/independent_ring.py: sound ones, every effect of the
-catalogue once, every law of independent_faults.OUTSIDE once. For a law outside the catalogue the
-proposal is compared with the truth, its file is put into the catalogue, and fresh tests of the
-same ring are diagnosed with it. --table prints the table of FILE.
+    python benchmarks/independent.py [--seed 440000] [--kinds outside clean single axial]
+                                     [--clean 5] [--only NAME 440203] [--out FILE.jsonl] [--table]
+
+Rings of benchmarks/independent_ring.py: sound ones, every effect of the catalogue once, every law
+of independent_faults.OUTSIDE once. For a law outside the catalogue the proposal is compared with
+the truth, its file is put into the catalogue, and fresh tests of the same ring are diagnosed with
+it. --only takes names and seeds; --table prints the table of FILE.
 """
 
 from __future__ import annotations
@@ -13,18 +15,17 @@ import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')
 
-import argparse
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
-import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 import sys
 import tempfile
 import time
 from typing import Any
 
-from blind import interval, size_over_limit
-from independent_faults import EFFECTS, fault_of, OUTSIDE, Outside
+from blind import size_over_limit
+from frame import arguments, keep, kept_rows, share
+from independent_faults import EFFECTS, fault_of, OUTSIDE
 from independent_ring import (
     Course,
     Fault,
@@ -37,6 +38,7 @@ from independent_ring import (
     usual_courses,
 )
 import numpy as np
+from rigs import RIG
 
 from saddlering_ros import diagnose
 from saddlering_ros.bags import write_bag
@@ -45,10 +47,8 @@ from saddlering_ros.diagnosis.proposed_law import write_effect_files
 from saddlering_ros.discrepancy.problem.fits import mean_square
 from saddlering_ros.effects import FOLDER_VARIABLE, use_folder
 from saddlering_ros.record import TestMetadata
-from saddlering_ros.rig import default_rig
 from saddlering_ros.virtual_rig.blind import score
 
-RIG = default_rig()
 BEGIN = 1_800_000_000_000_000_000
 """Stamp [ns] of the first record."""
 
@@ -64,8 +64,8 @@ MIN_REDUCTION = 0.8
 class Case:
     """One ring: what was hidden, the verdict and its score.
 
-    For laws outside the catalogue: channel, coordinate and law of the proposal, whether both are
-    right, held-out reductions by the proposal and by the truth, doubts, and the verdict on fresh
+    For laws outside the catalogue: law of the proposal, whether channel and coordinate are right,
+    held-out reductions by the proposal and by the truth, doubts, and the verdict on fresh
     data with the proposal in the catalogue.
     """
 
@@ -75,10 +75,8 @@ class Case:
     verdict: str
     groups: list[list[str]]
     score: str
-    ratio: float | None
-    seconds: float
-    channel: str = ''
-    coordinate: str = ''
+    ratio: float | None = None
+    seconds: float = 0.0
     law: str = ''
     is_right: bool = False
     reduction: float | None = None
@@ -150,21 +148,16 @@ def true_reduction(faulty: Verdict, sound: Verdict) -> float:
 
 def single(effect: str, seed: int, folder: Path) -> Case:
     """One effect of the catalogue."""
-    began = time.process_time()
     ring, noise = draw_ring(seed)
     hidden = fault_of(effect, np.random.default_rng([seed, 12]))
     verdict = verdict_on(ring, noise, hidden.fault, usual_courses(RIG), seed, folder)
     answer: dict[str, Any] = {**verdict.to_json()}
-    groups = [cause['group'] for cause in answer['causes'] if 'effect' in cause]
-    counted, _ = score('single', [effect], answer['verdict'], groups)
-    ratio = size_over_limit(hidden.to_json(), answer['detection_limits'])
-    return Case('single', seed, effect, answer['verdict'], groups, counted, ratio,
-                time.process_time() - began)
+    return judged('single', seed, effect, [effect], verdict,
+                  ratio=size_over_limit(hidden.to_json(), answer['detection_limits']))
 
 
-def axial(seed: int, folder: Path) -> Case:
+def axial(_: str, seed: int, folder: Path) -> Case:
     """Friction against axial motion alone, of twice the limit that a sound twin states."""
-    began = time.process_time()
     ring, noise = draw_ring(seed)
     sound: dict[str, Any] = {
         **verdict_on(ring, noise, Fault(), usual_courses(RIG), seed, folder / 'sound').to_json()}
@@ -174,45 +167,44 @@ def axial(seed: int, folder: Path) -> Case:
     force = TWICE * limit  # A moment at 1 m from the axis.
     fault = Fault(friction_y=Sliders(force, AXIAL_TRAVEL))
     verdict = verdict_on(ring, noise, fault, usual_courses(RIG), seed, folder / 'faulty')
-    groups = groups_of(verdict)
-    counted, _ = score('single', ['tilt_friction'], verdict.verdict, groups)
-    return Case('axial', seed, f'tilt_friction, axial, {force:.0f} N', verdict.verdict, groups,
-                counted, TWICE, time.process_time() - began)
+    return judged('axial', seed, f'tilt_friction, axial, {force:.0f} N', ['tilt_friction'],
+                  verdict, ratio=TWICE)
 
 
-def clean(seed: int, folder: Path) -> Case:
+def clean(_: str, seed: int, folder: Path) -> Case:
     """A sound ring."""
-    began = time.process_time()
     ring, noise = draw_ring(seed)
     verdict = verdict_on(ring, noise, Fault(), usual_courses(RIG), seed, folder)
     law = verdict.diagnosis.law
-    return Case('clean', seed, '', verdict.verdict, groups_of(verdict),
-                score('clean', [], verdict.verdict, [])[0], None, time.process_time() - began,
-                law='' if law is None else law.term.law)
+    return judged('clean', seed, '', [], verdict, law='' if law is None else law.term.law)
 
 
-def outside(law: Outside, seed: int, folder: Path) -> Case:
+def outside(name: str, seed: int, folder: Path) -> Case:
     """A law that the catalogue does not have: verdict, proposal, round trip."""
-    began = time.process_time()
+    law = next(law for law in OUTSIDE if law.name == name)
     ring, noise = draw_ring(seed)
     fault = law.fault(np.random.default_rng([seed, 12]))
     faulty = verdict_on(ring, noise, fault, usual_courses(RIG), seed, folder / 'faulty')
     sound = verdict_on(ring, noise, Fault(), usual_courses(RIG), seed, folder / 'sound')
     answer: dict[str, Any] = {**faulty.to_json()}
-    groups = groups_of(faulty)
-    case = {'kind': 'outside', 'seed': seed, 'hidden': law.name, 'verdict': faulty.verdict,
-            'groups': groups, 'score': score('outside', [], faulty.verdict, groups)[0],
-            'ratio': None, 'true_reduction': true_reduction(faulty, sound)}
-    proposal = answer['proposal']
+    proposal, more = answer['proposal'], {}
     if proposal:
-        case |= {'channel': proposal['channel'], 'coordinate': proposal['coordinate'],
-                 'law': ' + '.join(f'{term["channel"]}/{term["coordinate"]}/{term["law"]}'
-                                   for term in proposal['terms']),
-                 'is_right': proposal['channel'] in law.channels
-                 and proposal['coordinate'] in law.coordinates,
-                 'reduction': proposal['gain']['held_out'], 'doubts': proposal['doubts']}
-        case |= round_trip(faulty, ring, noise, fault, seed, folder)
-    return Case(**case, seconds=time.process_time() - began)
+        more = {'law': ' + '.join(f'{term["channel"]}/{term["coordinate"]}/{term["law"]}'
+                                  for term in proposal['terms']),
+                'is_right': proposal['channel'] in law.channels
+                and proposal['coordinate'] in law.coordinates,
+                'reduction': proposal['gain']['held_out'], 'doubts': proposal['doubts'],
+                **round_trip(faulty, ring, noise, fault, seed, folder)}
+    return judged('outside', seed, name, [], faulty, true_reduction=true_reduction(faulty, sound),
+                  **more)
+
+
+def judged(kind: str, seed: int, hidden: str, names: Sequence[str], verdict: Verdict,
+           **more: Any) -> Case:
+    """A case with its score."""
+    groups = groups_of(verdict)
+    counted = score('single' if names else kind, names, verdict.verdict, groups)[0]
+    return Case(kind, seed, hidden, verdict.verdict, groups, counted, **more)
 
 
 def round_trip(faulty: Verdict, ring: Ring, noise: Noise, fault: Fault, seed: int,
@@ -250,83 +242,54 @@ def line_of(case: Case) -> str:
     return f'{line} {case.seconds:.0f} s'
 
 
-def table(cases: Sequence[Case]) -> str:
-    """Every rate."""
+def report(cases: Sequence[Case]) -> None:
+    """Print every rate."""
     singles = [case for case in cases if case.kind in ('single', 'axial')]
-    over = [case for case in singles if (case.ratio or 0.0) >= 1.0]
-    plain = [case for case in singles if (case.ratio or 0.0) >= TWICE]
     sound = [case for case in cases if case.kind == 'clean']
     laws = [case for case in cases if case.kind == 'outside']
     near = [case for case in laws if case.reduction is not None and case.true_reduction]
-
-    def share(own: Iterable[bool]) -> str:
-        listed = list(own)
-        return interval(sum(listed), len(listed))
-
-    return '\n'.join([
-        f'sound rings none: {share(case.score == "right" for case in sound)}, with a proposal: '
-        f'{sum(bool(case.law) for case in sound)}',
-        f'effects over their limit right: {share(case.score == "right" for case in over)}',
-        f'effects over twice their limit right: {share(case.score == "right" for case in plain)}',
-        f'wrong names: {share(case.score == "wrong" for case in [*singles, *laws])}',
-        f'outside the catalogue unknown: {share(case.score == "right" for case in laws)}',
-        f'right channel and coordinate: {share(case.is_right for case in laws)}',
-        f'reduction at least {MIN_REDUCTION} of that of the truth: ' + share(
-            (case.reduction or 0.0) >= MIN_REDUCTION * (case.true_reduction or 0.0)
-            for case in near) + f'; of all {len(laws)} laws, none proposed: '
-        f'{sum(not case.law for case in laws)}',
-        f'named on fresh data: {share(case.is_named for case in laws if case.law)}',
-    ])
+    print('sound rings none:', share(case.score == 'right' for case in sound),
+          'with a proposal:', sum(bool(case.law) for case in sound))
+    for least, words in ((1.0, 'their limit'), (TWICE, 'twice their limit')):
+        print(f'effects over {words} right:', share(
+            case.score == 'right' for case in singles if (case.ratio or 0.0) >= least))
+    print('wrong names:', share(case.score == 'wrong' for case in [*singles, *laws]))
+    print('outside the catalogue unknown:', share(case.score == 'right' for case in laws))
+    print('right channel and coordinate:', share(case.is_right for case in laws))
+    print(f'reduction at least {MIN_REDUCTION} of that of the truth:', share(
+        (case.reduction or 0.0) >= MIN_REDUCTION * (case.true_reduction or 0.0) for case in near))
+    print('named on fresh data:', share(case.is_named for case in laws if case.law))
 
 
-def read_cases(path: Path) -> list[Case]:
-    """Cases kept so far."""
-    if not path.exists():
-        return []
-    return [Case(**json.loads(line)) for line in path.read_text().splitlines() if line]
-
-
-def plan(seed: int, kinds: Sequence[str], count: int) -> list[tuple[str, int, str]]:
+def plan(seed: int, count: int) -> list[tuple[str, int, str]]:
     """Kind, seed and name of every case."""
-    wanted = []
-    if 'outside' in kinds:
-        wanted += [('outside', seed + i, law.name) for i, law in enumerate(OUTSIDE)]
-    if 'axial' in kinds:
-        wanted += [('axial', seed + 300 + i, '') for i in range(AXIAL_DRAWS)]
-    if 'clean' in kinds:
-        wanted += [('clean', seed + 100 + i, '') for i in range(count)]
-    if 'single' in kinds:
-        wanted += [('single', seed + 200 + i, name) for i, name in enumerate(EFFECTS)]
-    return wanted
+    return [*(('outside', seed + i, law.name) for i, law in enumerate(OUTSIDE)),
+            *(('clean', seed + 100 + i, '') for i in range(count)),
+            *(('single', seed + 200 + i, name) for i, name in enumerate(EFFECTS)),
+            *(('axial', seed + 300 + i, '') for i in range(AXIAL_DRAWS))]
+
+
+KINDS = {'outside': outside, 'clean': clean, 'single': single, 'axial': axial}
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--seed', type=int, default=440_000)
-    parser.add_argument('--kinds', default='outside,clean,single')
-    parser.add_argument('--clean', type=int, default=5, help='sound rings')
-    parser.add_argument('--only', default='', help='numbers of seeds or names, by commas')
-    parser.add_argument('--out', type=Path, default=Path('out/independent.jsonl'))
-    parser.add_argument('--table', action='store_true', help='print the table of --out only')
-    args = parser.parse_args()
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    known = {(case.kind, case.seed) for case in read_cases(args.out)}
-    chosen = set(filter(None, args.only.split(',')))
-    for kind, seed, name in [] if args.table else plan(args.seed, args.kinds.split(','),
-                                                       args.clean):
-        if (kind, seed) in known or (chosen and not chosen & {str(seed), name}):
+    args = arguments(
+        __doc__, {'kinds': ['clean'], 'clean': 1, 'out': Path('out/independent_short.jsonl')},
+        seed=440_000, kinds=('outside', 'clean', 'single'), clean=5, only=(),
+        out=Path('out/independent.jsonl'), table=False)
+    known = {(row['kind'], row['seed']) for row in kept_rows(args.out)}
+    for kind, seed, name in () if args.table else plan(args.seed, args.clean):
+        if kind not in args.kinds or (kind, seed) in known or (
+                args.only and not {str(seed), name} & set(args.only)):
             continue
+        began = time.process_time()
         with tempfile.TemporaryDirectory(prefix='independent_') as folder:
-            case = (clean(seed, Path(folder)) if kind == 'clean'
-                    else axial(seed, Path(folder)) if kind == 'axial'
-                    else single(name, seed, Path(folder)) if kind == 'single'
-                    else outside(next(law for law in OUTSIDE if law.name == name), seed,
-                                 Path(folder)))
-        with args.out.open('a') as kept:
-            kept.write(json.dumps(asdict(case)) + '\n')
+            case = KINDS[kind](name, seed, Path(folder))
+        case = replace(case, seconds=time.process_time() - began)
+        keep(args.out, asdict(case))
         print(line_of(case), flush=True)
-    cases = read_cases(args.out)
-    print(table(cases))
+    cases = [Case(**row) for row in kept_rows(args.out)]
+    report(cases)
     return 1 if any(case.score in ('false', 'wrong') for case in cases) else 0
 
 

@@ -1,12 +1,14 @@
-"""Virtual rigs for the identification benchmarks: drawn parameters and runs of them."""
+"""Rigs of the benchmarks: drawn contact laws and tests, runs of the virtual rig, sound bags."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from saddlering_ros.bags import write_bag
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic, Record
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.rig import (
@@ -15,11 +17,13 @@ from saddlering_ros.rig import (
     Displacement,
     displacement_to_probes,
     FULL_SCALE_LOAD,
+    ParameterSet,
     Probes,
     Rig,
     TONNE,
+    TRUE_TO_SCALE,
 )
-from saddlering_ros.ring import static_response
+from saddlering_ros.ring import simulate, static_response
 from saddlering_ros.virtual_rig import (
     dynamic_schedule,
     Instruments,
@@ -33,7 +37,8 @@ from saddlering_ros.virtual_rig import (
 
 RIG = default_rig()
 NO_SCATTER = Scatter(gap=0.0, stiffness=0.0)
-
+BEGIN = 1_700_000_000_000_000_000
+"""Stamp [ns] of the first sample of a bag."""
 
 MAX_READING = 0.8e-3
 """Probe reading [m] that a drawn rig may reach; the probes' span ends at 1 mm."""
@@ -79,7 +84,7 @@ def drawn_contact(random: np.random.Generator, rig: Rig = RIG) -> ContactParamet
             return contact
 
 
-def _probe_readings(rig: Rig, contact: ContactParameters, elevation_deg: float):
+def _probe_readings(rig: Rig, contact: ContactParameters, elevation_deg: float) -> np.ndarray:
     loads = np.array([rig.preload, rig.full_scale_load])
     q = static_response(rig, contact.to_array(), np.radians(elevation_deg), loads)
     moved = q[:, 1] - q[:, 0]
@@ -120,3 +125,27 @@ def virtual_run(
         rig='virtual', run=str(seed), stamps=stamps, time=time, load=record.load, gaps=gaps,
         notes=[],
     )
+
+
+def course(seconds: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time (N,) [s], load (N,) [N] and gaps (4, N) [m] of a sound ring at 50 degrees.
+
+    The load rests for at most a second, rises in a straight line, falls and rests again.
+    """
+    times = np.arange(round(seconds * rate)) / rate
+    rest = min(1.0, seconds / 8.0)
+    near_an_end = np.minimum(times - rest, seconds - rest - times) / (0.5 * seconds - rest)
+    load = RIG.preload + 235e3 * np.clip(near_an_end, 0.0, 1.0)
+    moved = simulate(RIG, ParameterSet(TRUE_TO_SCALE), np.radians(50.0), times, load).probes
+    gaps = 1e-3 + np.asarray(RIG.probes.polarity)[:, None] * moved
+    return times, load, np.float64(np.float32(gaps))
+
+
+def course_bag(folder: Path, seconds: float, rate: float, **options: Any) -> Path:
+    """A bag of a course with noise on the probes; options of `write_bag`."""
+    times, load, gaps = course(seconds, rate)
+    stamps = BEGIN + np.round(times * 1e9).astype(np.int64)
+    gaps += np.random.default_rng(0).normal(0.0, 3e-7, gaps.shape)
+    return write_bag(folder / 'bag', TestMetadata('dynamic', 50.0), stamps, load,
+                     [stamps + 100_000 * probe for probe in range(4)],
+                     list(np.float64(np.float32(gaps))), RIG.probes, **options)

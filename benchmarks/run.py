@@ -12,51 +12,38 @@ from __future__ import annotations
 
 import argparse
 import ast
+from pathlib import Path
 import subprocess
 import sys
 
 from frame import ROOT
 
 SHORT: dict[str, tuple[str, ...]] = {
-    'simulator': ('--short',),
-    'reading': ('--short',),
-    'versions': ('--short',),
-    'ros_load': ('--seconds', '10'),
-    'latency_budget': ('--seconds', '5'),
-    'faults': ('--quick',),
-    'faults.interlock': ('--rate', '200'),
-    'alarm': ('--hours', '200', '--swinging', '50', '--draws', '20', '--rings', '2',
-              '--records', '1'),
-    'sound_bags': ('--count', '40'),
-    'logger_faults': ('--rounds', '1'),
-    'fuzz': ('--quick',),
-    'attacks': (),
-    'identification': ('--quick',),
-    'fleet': ('--fleets', '1', '--rings', '50'),
-    'blind': ('--quick',),
-    'independent': ('--kinds', 'clean', '--clean', '1'),
+    **dict.fromkeys(('simulator', 'reading', 'versions', 'ros_speed', 'faults',
+                     'alarm', 'sound_bags', 'logger_faults', 'fuzz', 'attacks',
+                     'identification', 'fleet', 'blind', 'independent'), ('--short',)),
     'dirty_ring': ('--seeds', '1', '--effects', 'none'),
     'changes': ('--seeds', '1', '--effects', 'none'),
     'certificates': ('coverage', '--rigs', '3'),
     'any_simulator': ('--machines', 'mask', '--seeds', '1'),
     'real_faults': ('--machines', 'oscillator', '--seeds', '1'),
 }
-USUAL = ('simulator', 'reading', 'ros_load', 'faults', 'alarm', 'sound_bags', 'logger_faults')
+"""Benchmarks, and the options of their short forms."""
+
+USUAL = ('simulator', 'reading', 'ros_speed', 'faults', 'alarm', 'sound_bags', 'logger_faults')
 """Those that need no other package and no hour of their own."""
 
 
+def file_of(name: str) -> Path:
+    """The script of a benchmark, or the main module of one in several modules."""
+    folder = ROOT / 'benchmarks' / name
+    return folder / '__main__.py' if folder.is_dir() else folder.with_suffix('.py')
+
+
 def program(name: str) -> list[str]:
-    """How Python starts a benchmark: a script, or a package with its own modules."""
-    script = ROOT / 'benchmarks' / f'{name}.py'
-    is_script = script.exists() and name != 'attacks'
-    return [str(script)] if is_script else ['-m', f'benchmarks.{name}']
-
-
-def question(name: str) -> str:
-    """The first line of a benchmark's docstring."""
-    place = ROOT / 'benchmarks' / name.replace('.', '/')
-    file = place / '__main__.py' if place.is_dir() else place.with_suffix('.py')
-    return (ast.get_docstring(ast.parse(file.read_text())) or '').splitlines()[0]
+    """How Python starts a benchmark."""
+    file = file_of(name)
+    return ['-m', f'benchmarks.{name}'] if file.stem == '__main__' else [str(file)]
 
 
 def main() -> int:
@@ -72,7 +59,8 @@ def main() -> int:
     failed = []
     for name in SHORT if args.list else args.names or USUAL:
         if args.list:
-            print(f'{name}: {question(name)}')
+            doc = ast.get_docstring(ast.parse(file_of(name).read_text())) or ''
+            print(f'{name}: {doc.splitlines()[0]}')
             continue
         options = () if args.full else SHORT[name]
         print(f'\n== {name} {" ".join(options)}'.rstrip(), flush=True)

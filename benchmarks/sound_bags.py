@@ -1,6 +1,6 @@
-"""Notes on sound records of many rigs: there should be none.
+"""Is there a note on a sound record of any rig? There should be none.
 
-    python benchmarks/sound_bags.py [--count 200] [--first SEED]
+    python benchmarks/sound_bags.py [--count 200] [--first 0]
 
 Each seed draws a rig (1 to 400 t, 24 to 400 rollers), a contact law, an elevation, a kind of test,
 sampling rates of load and probes, noise of both, and how unequal the rollers are. The record is
@@ -9,10 +9,10 @@ read as a bag's is, and every note on it is printed.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass, replace
 import math
 
+from frame import arguments
 import numpy as np
 from rigs import as_read, sized_rig
 
@@ -97,10 +97,7 @@ def notes_on(draw: Draw, seed: int) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
-    parser.add_argument('--count', type=int, default=200)
-    parser.add_argument('--first', type=int, default=0)
-    args = parser.parse_args()
+    args = arguments(__doc__, {'count': 40}, count=200, first=0)
     noted = 0
     for seed in range(args.first, args.first + args.count):
         draw = drawn(seed)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 from pathlib import Path
 import random
 import signal
@@ -13,7 +15,6 @@ import numpy as np
 from saddlering_ros.ros.launcher import RING_NODES, start_nodes
 
 from .driver import CYCLE, cycle_bag, Truth
-from .processes import resident
 from .stage import Listener, Outcome, Stage, wrong_numbers
 
 
@@ -96,6 +97,13 @@ def two_replays(chance: random.Random) -> Outcome:
     return out
 
 
+def resident(pid: int) -> int:
+    """Memory of a process [bytes]."""
+    with contextlib.suppress(OSError, IndexError):
+        return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE')
+    return 0
+
+
 def a_day(hours: float) -> Outcome:
     """`hours` of recorded time in lockstep as fast as the nodes follow: memory stays flat."""
     out = Outcome(put_in=1)
@@ -104,8 +112,9 @@ def a_day(hours: float) -> Outcome:
     cycles = round(hours * 3600.0 / cycle)
     with tempfile.TemporaryDirectory() as name:
         bag, start = cycle_bag(Path(name), truth, cycles, rate)
-        parameters = {'replay_clock': {'window': 1.0},
-                      'ring_simulator': {'max_step': 0.05, 'bag': str(bag)}}
+        parameters: dict[str, dict[str, object]] = {
+            'replay_clock': {'window': 1.0},
+            'ring_simulator': {'max_step': 0.05, 'bag': str(bag)}}
         with start_nodes(bag, parameters=parameters) as group:
             listener = Listener(group.domain_id)
             sizes: dict[str, list[int]] = {node: [] for node in group.processes}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from pathlib import Path
 import random
 import subprocess
 import time
@@ -14,8 +16,21 @@ from rclpy.executors import SingleThreadedExecutor
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_ros.ros.launcher import NodeGroup
 
-from .processes import children_of, lives
 from .stage import Outcome
+
+
+def children_of(pid: int) -> list[int]:
+    with contextlib.suppress(OSError):
+        return [int(word) for task in Path(f'/proc/{pid}/task').iterdir()
+                for word in (task / 'children').read_text().split()]
+    return []
+
+
+def lives(pid: int) -> bool:
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
+    except OSError:
+        return False
 
 
 def kill_action_servers(chance: random.Random) -> Outcome:
@@ -46,7 +61,7 @@ def kill_action_servers(chance: random.Random) -> Outcome:
     return out
 
 
-def kill_in_a_goal(process: subprocess.Popen[str], client: ActionClient,
+def kill_in_a_goal(process: subprocess.Popen[bytes], client: ActionClient,
                    executor: SingleThreadedExecutor, goal: Any, chance: random.Random,
                    ) -> list[str]:
     """Kill -9 of a server while it works on a goal; broken promises."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import contextlib
 from dataclasses import dataclass, field
+from functools import partial
 import random
 import subprocess
 import time
@@ -53,8 +54,6 @@ class Listener(ServedNode):
         self.heard: dict[str, list[Heard]] = {topic: [] for topic in OUTPUTS.values()}
         self.said: list[tuple[float, str, int, str]] = []
         self.alive: dict[str, float] = {}
-        self.progress: dict[str, ReplayProgress] = {}
-        self.words: dict[str, str] = {}
         self._flows = {topic: RawSubscription(self.node, topic, RingDisplacement)
                        for topic in OUTPUTS.values()}
         self._progress = RawSubscription(self.node, PROGRESS, ReplayProgress)
@@ -69,12 +68,10 @@ class Listener(ServedNode):
             if messages:
                 self.heard[topic].append(Heard(decode_displacements(messages), now))
         for message in self._progress.take():
-            progress = deserialize_message(message, ReplayProgress)
-            self.alive[progress.node], self.progress[progress.node] = now, progress
+            self.alive[deserialize_message(message, ReplayProgress).node] = now
         for message in self._diagnostics.take():
             for status in deserialize_message(message, DiagnosticArray).status:
                 self.said.append((now, status.name, status.level[0], status.message))
-                self.words[status.name] = f'{now:.1f} {status.message}'
 
     def last(self, topic: str) -> float:
         """When something came last on a topic [s, monotonic]; 0 for never."""
@@ -91,19 +88,6 @@ class Listener(ServedNode):
         with self.lock:
             return [f'{name}: {words}' for at, name, level, words in self.said
                     if when <= at <= until and 0 < level < 3 and name.startswith(node)]
-
-    def state(self) -> str:
-        """What every node said last, and whom it is matched with, to find a cause by."""
-        with self.lock:
-            lines = [f'{name}: {words}' for name, words in sorted(self.words.items())]
-            for name, said in sorted(self.progress.items()):
-                inputs = zip(said.inputs, said.publishers, said.received, strict=True)
-                outputs = zip(said.outputs, said.subscriptions, said.published, strict=True)
-                lines.append(f'{name} at {self.alive[name]:.1f}: has publishers, received '
-                             f'{list(inputs)}; has subscriptions, published {list(outputs)}')
-            lines += [f'here: {topic} has {flow.publishers()} publishers'
-                      for topic, flow in self._flows.items()]
-        return '\n        '.join([f'at {time.monotonic():.1f}', *lines])
 
     def call(self, name: str) -> bool:
         """Call a Trigger service."""
@@ -182,7 +166,7 @@ class Stage:
     faults: list[str] = field(default_factory=list)
     put_in: int = 0
 
-    def expect(self, condition: Callable[[], bool], seconds: float, what: str) -> float:
+    def expect(self, condition: Callable[[], object], seconds: float, what: str) -> float:
         """Wait for a condition; a broken promise if it does not come true. How long it took."""
         began = time.monotonic()
         while not condition():
@@ -190,7 +174,6 @@ class Stage:
                 now = time.monotonic()
                 words = sorted(set(self.listener.warned(now - 1.5, now)))
                 self.faults.append(f'not within {seconds:g} s: {what} (said: {words})')
-                print(f'        {what}: {self.listener.state()}', flush=True)
                 break
             time.sleep(0.005)
         return time.monotonic() - began
@@ -206,8 +189,8 @@ class Stage:
         """The named nodes publish (again)."""
         now = time.monotonic()
         for name in names or tuple(OUTPUTS):
-            self.expect(lambda topic=OUTPUTS[name]: self.listener.since(topic, now) > 0, seconds,
-                        f'{name} publishes')
+            came = partial(self.listener.since, OUTPUTS[name], now)
+            self.expect(came, seconds, f'{name} publishes')
 
     def kill(self, name: str) -> None:
         """Kill -9."""

@@ -114,7 +114,7 @@ def test_identification_refuses_cancels_and_publishes_what_it_found(
     assert goals.feedback[0].stage
     assert not goals.send(bags=['run']).accepted
     goals.cancel(long)
-    answer = goals.result(long)  # benchmarks/ros_load.py measures how soon
+    answer = goals.result(long)  # benchmarks/ros_speed.py measures how soon
     assert answer.status == GoalStatus.STATUS_CANCELED
     assert answer.result.status == IdentifyRing.Result.CANCELED
     assert not found
