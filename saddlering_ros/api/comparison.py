@@ -7,15 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.api.inputs import (
-    BagLike,
-    check_path,
-    check_seed,
-    for_fits,
-    inputs_of,
-    RigLike,
-    runs_of,
-)
+from saddlering_ros.api import inputs
+from saddlering_ros.api.inputs import BagLike, for_fits, inputs_of, RigLike
 from saddlering_ros.api.results import Plot, Result
 from saddlering_ros.comparison import Change, compare_records
 from saddlering_ros.progress import IsCancelled, OnProgress
@@ -62,7 +55,7 @@ class ComparisonResult(Result):
         """Write the comparison as one HTML page that loads nothing from elsewhere."""
         from saddlering_ros.comparison.page import write_change_page
 
-        check_path('path', path)
+        inputs.check_path('path', path)
         self._spare_inputs(path)
         write_change_page(self.change, Path(path), command)
         return (Path(path),)
@@ -85,7 +78,7 @@ def compare(
     result then has the evidence of the whole series, which may be read after every session. The
     other arguments are those of `diagnose`.
     """
-    check_seed(seed)
+    inputs.check_seed(seed)
     given = inputs_of(before, hold_out=after, rig=rig, trust_rig=trust_rig,
                       on_progress=on_progress, is_cancelled=is_cancelled,
                       names=('before', 'after'))
@@ -95,8 +88,8 @@ def compare(
                            is_cancelled=is_cancelled, names=('between', '')).bags)[0]
         for bags in between]
     change = compare_records(
-        runs_of(earlier), runs_of(later), rig=given.rig,
-        between=[runs_of(bags) for bags in others], seed=seed,
+        inputs.runs_of(earlier), inputs.runs_of(later), rig=given.rig,
+        between=[inputs.runs_of(bags) for bags in others], seed=seed,
         on_progress=on_progress, is_cancelled=is_cancelled)
     used = [*earlier, *(bag for bags in others for bag in bags), *later]
     return ComparisonResult(tuple(used), given.rig, given.files, change)

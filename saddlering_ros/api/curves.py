@@ -10,17 +10,8 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.api.inputs import (
-    as_parameters,
-    Bag,
-    BagLike,
-    dataframe,
-    Inputs,
-    inputs_of,
-    ParametersLike,
-    polars_frame,
-    RigLike,
-)
+from saddlering_ros.api import inputs
+from saddlering_ros.api.inputs import Bag, BagLike, Inputs, ParametersLike, RigLike
 from saddlering_ros.bags.samples import displacement_columns, write_samples
 from saddlering_ros.files import bag_folder, Provenance, spare_bags
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
@@ -88,11 +79,11 @@ class Curves:
 
     def to_dataframe(self) -> pandas.DataFrame:
         """The same as a pandas DataFrame, one row per sample."""
-        return dataframe(self.columns())
+        return inputs.dataframe(self.columns())
 
     def to_polars(self) -> polars.DataFrame:
         """The same as a polars DataFrame."""
-        return polars_frame(self.columns())
+        return inputs.polars_frame(self.columns())
 
     def save(self, path: Path | str) -> None:
         """Write the table; the suffix selects .csv or .parquet."""
@@ -127,8 +118,8 @@ def displacement(
 
     The arguments are those of `identify`, for one bag.
     """
-    given = inputs_of([bag], rig=rig, trust_rig=trust_rig, on_progress=on_progress,
-                      is_cancelled=is_cancelled)
+    given = inputs.inputs_of([bag], rig=rig, trust_rig=trust_rig, on_progress=on_progress,
+                             is_cancelled=is_cancelled)
     run = given.bags[0].run
     zero = zero_of_run(given.rig, run)
     notes = [] if zero.reading.near_preload else [
@@ -163,9 +154,9 @@ def _of_model(
     rig: RigLike, trust_rig: bool, on_progress: OnProgress | None,
     is_cancelled: IsCancelled | None,
 ) -> Curves:
-    law: ParameterSet = as_parameters(parameters)
-    given = inputs_of([bag], rig=rig, trust_rig=trust_rig, parameters=parameters,
-                      on_progress=on_progress, is_cancelled=is_cancelled)
+    law: ParameterSet = inputs.as_parameters(parameters)
+    given = inputs.inputs_of([bag], rig=rig, trust_rig=trust_rig, parameters=parameters,
+                             on_progress=on_progress, is_cancelled=is_cancelled)
     run, notes = given.bags[0].run, list[str]()
     stretches, _ = stretches_of(given.rig, run, law, notes,
                                 _shares('simulate', run.name, on_progress, is_cancelled))

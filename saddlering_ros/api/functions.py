@@ -5,20 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from saddlering_ros import diagnosis, identification
-from saddlering_ros.api.inputs import (
-    as_parameters,
-    BagLike,
-    check_bounds,
-    check_number,
-    check_seed,
-    check_whole,
-    for_fits,
-    inputs_of,
-    ParametersLike,
-    rig_of,
-    RigLike,
-    runs_of,
-)
+from saddlering_ros.api import inputs
+from saddlering_ros.api.inputs import BagLike, ParametersLike, RigLike, runs_of
 from saddlering_ros.api.results import DiagnosisResult, IdentificationResult, ValidationResult
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification import IdentificationSettings, SwarmSettings
@@ -49,24 +37,24 @@ def identify(
     on_progress is called with a `Progress`. If is_cancelled returns True, `Cancelled` is raised
     with the result so far as `partial`. Raises SaddleringError for input that cannot be used.
     """
-    check_seed(seed)
-    check_bounds({} if bounds is None else bounds)
+    inputs.check_seed(seed)
+    inputs.check_bounds({} if bounds is None else bounds)
     for name, value in (('particles', particles), ('iterations', iterations)):
-        check_whole(name, value)
+        inputs.check_whole(name, value)
     if stagnation is not None:
-        check_whole('stagnation', stagnation)
+        inputs.check_whole('stagnation', stagnation)
     if accuracy is not None:
-        check_number('accuracy', accuracy)
+        inputs.check_number('accuracy', accuracy)
     if settings is None:
         settings = IdentificationSettings(
             method=method, bounds=dict(bounds or {}), logarithmic_stiffness=log_stiffness,
             use_delta_y=use_delta_y, seed=seed, profiles=profiles, swarm=SwarmSettings(
                 particles=particles, iterations=iterations, accuracy=accuracy,
                 stagnation=stagnation))
-    settings.bounds_for(rig_of((), rig))  # a fault is reported before any bag is read
-    given = inputs_of(bags, rig=rig, trust_rig=trust_rig, on_progress=on_progress,
-                      is_cancelled=is_cancelled)
-    fitted, _ = for_fits(given.bags)
+    settings.bounds_for(inputs.rig_of((), rig))  # a fault is reported before any bag is read
+    given = inputs.inputs_of(bags, rig=rig, trust_rig=trust_rig, on_progress=on_progress,
+                             is_cancelled=is_cancelled)
+    fitted, _ = inputs.for_fits(given.bags)
     answer = identification.identify(
         runs_of(fitted), given.rig, settings, on_progress=on_progress, is_cancelled=is_cancelled)
     result = IdentificationResult(tuple(fitted), given.rig, given.files, answer)
@@ -85,10 +73,10 @@ def validate(
     parameters: a `ParameterSet`, a parameter file, or the result of `identify` or `diagnose`.
     The other arguments are those of `identify`.
     """
-    law = as_parameters(parameters)
-    given = inputs_of(bags, rig=rig, trust_rig=trust_rig, parameters=parameters,
-                      on_progress=on_progress, is_cancelled=is_cancelled)
-    judged, _ = for_fits(given.bags)
+    law = inputs.as_parameters(parameters)
+    given = inputs.inputs_of(bags, rig=rig, trust_rig=trust_rig, parameters=parameters,
+                             on_progress=on_progress, is_cancelled=is_cancelled)
+    judged, _ = inputs.for_fits(given.bags)
 
     def before(place: int) -> None:
         check(is_cancelled, 'validate')
@@ -111,10 +99,11 @@ def diagnose(
     parameters: the start of the fit of the contact law (None: the true-to-scale values). The other
     arguments are those of `identify`.
     """
-    check_seed(seed)
-    given = inputs_of(bags, hold_out=hold_out, rig=rig, trust_rig=trust_rig,
-                      parameters=parameters, on_progress=on_progress, is_cancelled=is_cancelled)
-    fitted, held_out = for_fits(given.bags, given.held_out)
+    inputs.check_seed(seed)
+    given = inputs.inputs_of(bags, hold_out=hold_out, rig=rig, trust_rig=trust_rig,
+                             parameters=parameters, on_progress=on_progress,
+                             is_cancelled=is_cancelled)
+    fitted, held_out = inputs.for_fits(given.bags, given.held_out)
     answer = diagnosis.diagnose(
         runs_of(fitted), runs_of(held_out), rig=given.rig, parameters=given.parameters, seed=seed,
         on_progress=on_progress, is_cancelled=is_cancelled)

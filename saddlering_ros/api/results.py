@@ -12,16 +12,8 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from saddlering_ros.api.inputs import (
-    ApiError,
-    Bag,
-    check_path,
-    columns_of,
-    dataframe,
-    polars_frame,
-    runs_of,
-    write_csv,
-)
+from saddlering_ros.api import inputs
+from saddlering_ros.api.inputs import ApiError, Bag, columns_of, runs_of
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.wording import causes_of, document_text, VerdictDocument
 from saddlering_ros.discrepancy import CauseEntry
@@ -68,7 +60,7 @@ class Plot:
 
     def save(self, path: Path | str) -> None:
         """Write a PNG, SVG or PDF, as the name ends."""
-        check_path('path', path)
+        inputs.check_path('path', path)
         suffix = Path(path).suffix.lower()
         if suffix not in PLOT_SUFFIXES:
             raise ApiError(f'{path}: cannot be saved under this name: end the name with '
@@ -144,24 +136,24 @@ class Result(ABC):
 
     def to_dataframe(self, table: str = '') -> pandas.DataFrame:
         """A table as a pandas DataFrame (pandas is not installed by itself)."""
-        return dataframe(self.table(table))
+        return inputs.dataframe(self.table(table))
 
     def to_polars(self, table: str = '') -> polars.DataFrame:
         """A table as a polars DataFrame (polars is not installed by itself)."""
-        return polars_frame(self.table(table))
+        return inputs.polars_frame(self.table(table))
 
     def save(self, path: Path | str) -> None:
         """Write the result; the suffix selects .json (all figures) or .csv (table of `columns`).
 
         .yaml writes the parameter file, where the result has parameters of its own.
         """
-        check_path('path', path)
+        inputs.check_path('path', path)
         where = Path(path)
         self._spare_inputs(where)
         if where.suffix == '.json':
             write_text(where, json.dumps(self.to_json(), indent=2) + '\n')
         elif where.suffix == '.csv':
-            write_csv(where, self.columns())
+            inputs.write_csv(where, self.columns())
         elif where.suffix in ('.yaml', '.yml') and isinstance(self, _Parametric):
             self.save_parameters(where)
         else:
@@ -203,7 +195,7 @@ class _Parametric(ABC):
 
     def save_parameters(self, path: Path | str) -> None:
         """Write the parameter file under any name."""
-        check_path('path', path)
+        inputs.check_path('path', path)
         self._spare_inputs(path)
         write_parameters(Path(path), self.parameters)
 
@@ -255,7 +247,7 @@ class IdentificationResult(Result, _Parametric):
         from saddlering_ros.report import write_validation_report
         from saddlering_ros.report.curves import curves_path
 
-        check_path('path', path)
+        inputs.check_path('path', path)
         self._spare_inputs(path, curves_path(path))
         return write_validation_report(path, self.validation.found, runs_of(self.bags), self.rig,
                                        self.found.to_json(), command)
@@ -321,7 +313,7 @@ class ValidationResult(Result):
         from saddlering_ros.report import write_validation_report
         from saddlering_ros.report.curves import curves_path
 
-        check_path('path', path)
+        inputs.check_path('path', path)
         self._spare_inputs(path, curves_path(path))
         return write_validation_report(path, self.found, runs_of(self.bags), self.rig,
                                        command=command)
@@ -420,7 +412,7 @@ class DiagnosisResult(Result, _Parametric):
         from saddlering_ros.report import write_diagnosis_report
         from saddlering_ros.report.curves import curves_path
 
-        check_path('path', path)
+        inputs.check_path('path', path)
         self._spare_inputs(path, curves_path(path))
         return write_diagnosis_report(self.found, path, command)
 

@@ -11,15 +11,10 @@ import numpy as np
 
 from saddlering_ros.bags.reader import raw_topic
 from saddlering_ros.bags.scan import OnShare, Scan, scan
+from saddlering_ros.doubts import readings
 from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.reading import absent_topic, mirrored_topic, run_of_record
-from saddlering_ros.doubts.readings import (
-    check_load_unit,
-    check_overlap,
-    check_probe_unit,
-    check_values,
-)
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import finite_json
 from saddlering_ros.record.alignment import gap_mask
@@ -147,13 +142,13 @@ def _faults_of_readings(path: Path, raw: dict[str, RawTopic], rig: Rig) -> list[
     for name, topic in raw.items():
         where = f'{path}: {name}'
         try:
-            check_values(where, topic.stamps, topic.values)
+            readings.check_values(where, topic.stamps, topic.values)
             if name == LOAD_TOPIC:
-                check_load_unit(where, topic.values, rig.limits)
+                readings.check_load_unit(where, topic.values, rig.limits)
             else:
-                check_probe_unit(where, topic.values, topic.min_range, topic.max_range)
+                readings.check_probe_unit(where, topic.values, topic.min_range, topic.max_range)
                 if LOAD_TOPIC in raw:
-                    check_overlap(str(path), raw[LOAD_TOPIC].stamps, name, topic.stamps)
+                    readings.check_overlap(str(path), raw[LOAD_TOPIC].stamps, name, topic.stamps)
         except BagError as fault:
             faults.append(str(fault))
     return faults

@@ -12,24 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 import zstandard
 
-from saddlering_ros.bags.folder import (
-    BagDirectory,
-    custom_data_of,
-    find_metadata,
-    MAX_EXPANSION,
-    MESSAGES_ALLOWED,
-    open_directory,
-    plain_file,
-)
+from saddlering_ros.bags import folder, wire
+from saddlering_ros.bags.folder import BagDirectory
 from saddlering_ros.bags.mcap_read import CutOffError, MAX_CHUNK, McapBlock, McapFile, MESSAGE_HEAD
-from saddlering_ros.bags.wire import (
-    CdrError,
-    decode,
-    McapChannel,
-    Messages,
-    other_fields,
-    Readings,
-)
+from saddlering_ros.bags.wire import CdrError, McapChannel, Messages, Readings
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.metadata import KEYS, METADATA_RECORD, same_text, TestMetadata
 from saddlering_ros.record.scratch import extremes, GrowingArray, LONG
@@ -252,7 +238,7 @@ def scan(
     only where there is no bag to read at all.
     """
     wanted = (*RIG_TOPICS, *optional_topics()) if topics is None else topics
-    directory = open_directory(path)
+    directory = folder.open_directory(path)
     result = Scan(directory)
     whole = max(1, directory.size)
     records: dict[str, str] = {}
@@ -266,7 +252,7 @@ def scan(
                 result.cuts.append(cut)
     except BagError as damage:
         result.damage = damage
-    facts = find_metadata(directory.custom_data, records, recorder)
+    facts = folder.find_metadata(directory.custom_data, records, recorder)
     result.facts = replace(facts, conflicts=(*facts.conflicts, *result.contradictions))
     return result
 
@@ -282,20 +268,21 @@ def _scan_file(
 ) -> None:
     before, own = result.size, path.stat().st_size
     result.size += own
-    with plain_file(path) as plain:
+    with folder.plain_file(path) as plain:
         file = McapFile(plain, str(path))
         try:
             for block in file.blocks():
                 _take_block(result, file, block, topics)
                 on_bytes(before + own * file.share)
-                if result.unpacked > max(MESSAGES_ALLOWED, MAX_EXPANSION * result.size):
+                most = max(folder.MESSAGES_ALLOWED, folder.MAX_EXPANSION * result.size)
+                if result.unpacked > most:
                     raise BagError(
-                        f'{path}: {result.size} bytes unpack to more than {MAX_EXPANSION} '
+                        f'{path}: {result.size} bytes unpack to more than {folder.MAX_EXPANSION} '
                         'times as many: no recorder writes such a file; use another bag')
         finally:
             _take_facts(result, records, file.metadata.get(METADATA_RECORD, {}), path)
             text = file.metadata.get('rosbag2', {}).get('serialized_metadata', '')
-            recorder.update(custom_data_of(text) if text else {})
+            recorder.update(folder.custom_data_of(text) if text else {})
             result.message_count += file.message_count
             result.compressions |= file.compressions or {'none'}
             for channel in file.channels.values():
@@ -353,7 +340,7 @@ def _take_messages(
         topic.fault = (f'its messages are encoded as {channel.encoding!r}: record with ROS 2, '
                        'which encodes as cdr')
         return
-    wrong = other_fields(channel, known)
+    wrong = wire.other_fields(channel, known)
     if wrong:
         topic.fault = f'{wrong}: record with the messages of ROS 2 Jazzy'
         return
@@ -361,7 +348,7 @@ def _take_messages(
     try:
         if directory.message_compression:
             data, messages = _decompressed(data, messages)
-        topic.add(decode(data, messages, known), messages.log_times)
+        topic.add(wire.decode(data, messages, known), messages.log_times)
     except CdrError as problem:
         topic.fault = f'{problem}: record or copy the bag again'
 

@@ -13,20 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.doubts import readings
 from saddlering_ros.doubts.finding import Finding, Kind, lines
-from saddlering_ros.doubts.readings import (
-    check_load_unit,
-    check_overlap,
-    check_probe_unit,
-    check_values,
-    clock_findings,
-    load_findings,
-    MIN_SAMPLES,
-    probe_findings,
-    quality_findings,
-    unit_outside,
-)
+from saddlering_ros.doubts.readings import MIN_SAMPLES
 from saddlering_ros.errors import BagError
+from saddlering_ros.record import scratch
 from saddlering_ros.record.aligner import aligned_record
 from saddlering_ros.record.alignment import align, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.record.displacement import a_pair_reads
@@ -42,13 +33,6 @@ from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.quality import topic_quality, TopicQuality
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
 from saddlering_ros.record.samples import Bits
-from saddlering_ros.record.scratch import (
-    blocks,
-    extremes,
-    scratch_array,
-    scratch_copy,
-    scratch_mask,
-)
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 from saddlering_ros.rig import load_rig, mirrored_gap, Rig
 
@@ -85,20 +69,20 @@ def run_of_record(
                            for name in RIG_TOPICS), strict=True)
     load, *probes = topics
     for raw in probes:
-        check_overlap(where, load.stamps, raw.topic, raw.stamps)
+        readings.check_overlap(where, load.stamps, raw.topic, raw.stamps)
     gaps, used, published = aligned_record(load.samples, [raw.samples for raw in probes])
-    for rows in blocks(len(load), gaps, used, published):
+    for rows in scratch.blocks(len(load), gaps, used, published):
         is_paired = a_pair_reads(gaps[:, rows])
         used[rows] &= is_paired
         published[rows] &= is_paired
     notes = [*record.notes, *lines(absence_findings(rig)), *load.notes,
-             *lines(load_findings(load.stamps))]
+             *lines(readings.load_findings(load.stamps))]
     for raw, aligned in zip(probes, gaps, strict=True):
         if raw.topic == absent:
             continue  # Its partner has the same faults, and a note on each.
         notes += raw.notes
-        notes += lines(probe_findings(raw.topic, raw.stamps, raw.values, raw.min_range,
-                                      raw.max_range, gap_mask(raw.stamps), aligned))
+        notes += lines(readings.probe_findings(raw.topic, raw.stamps, raw.values, raw.min_range,
+                                               raw.max_range, gap_mask(raw.stamps), aligned))
     for raw, guard in zip(topics, guards, strict=True):
         if raw.topic != absent:
             notes += lines(refusal_findings(raw.topic, guard.counters))
@@ -133,18 +117,18 @@ def guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, Sam
     """
     raw, limits = record[name], limits_of(name, rig)
     where = f'{record.path}: {raw.topic}'
-    check_values(where, raw.stamps, raw.values)
+    readings.check_values(where, raw.stamps, raw.values)
     sound, guard = sound_samples(limits, raw.samples)
     refused = len(raw) - len(sound)
     wrong = refused + guard.counters.doubtful_load
     many = wrong > MAX_REFUSED_SHARE * len(raw)
     judged = raw.values if many or not refused else sound.values
     if name == LOAD_TOPIC:
-        check_load_unit(where, judged, rig.limits)
+        readings.check_load_unit(where, judged, rig.limits)
     else:
-        check_probe_unit(where, judged, raw.min_range, raw.max_range)
+        readings.check_probe_unit(where, judged, raw.min_range, raw.max_range)
     if many:
-        unit = '' if name == LOAD_TOPIC else unit_outside(
+        unit = '' if name == LOAD_TOPIC else readings.unit_outside(
             raw.values, raw.min_range, raw.max_range)
         raise BagError(
             f'{where}: {wrong} of {len(raw)} readings cannot be those of this rig (from '
@@ -175,7 +159,7 @@ def marks_of(
     """Bits of validity that what the guards refused leaves at `stamps` (N,); None: nothing."""
     if not any(guard.bridges or guard.doubtful for guard in guards):
         return None
-    marks: Bits = scratch_array(stamps.shape, np.uint8)
+    marks: Bits = scratch.scratch_array(stamps.shape, np.uint8)
     marks[:] = 0
     for guard in guards:
         marks |= guard.marks(stamps, to_next=to_next)
@@ -187,11 +171,11 @@ def possible_record(record: RawRecord, rig: Rig) -> RawRecord:
     topics = dict(record.topics)
     for name in (LOAD_TOPIC, *PROBE_TOPICS):
         limits, raw = limits_of(name, rig), topics[name]
-        lowest, highest = extremes(raw.values)
+        lowest, highest = scratch.extremes(raw.values)
         if not limits.low <= lowest <= highest <= limits.high:
             is_possible = (raw.values >= limits.low) & (raw.values <= limits.high)
-            topics[name] = replace(raw, stamps=scratch_copy(raw.stamps[is_possible]),
-                                   values=scratch_copy(raw.values[is_possible]))
+            topics[name] = replace(raw, stamps=scratch.scratch_copy(raw.stamps[is_possible]),
+                                   values=scratch.scratch_copy(raw.values[is_possible]))
     return replace(record, topics=topics)
 
 
@@ -222,10 +206,10 @@ def record_quality_findings(
     for name, quality in found.items():
         if name == absent:
             continue
-        findings += quality_findings(name, quality, 'N' if name == LOAD_TOPIC else 'm')
+        findings += readings.quality_findings(name, quality, 'N' if name == LOAD_TOPIC else 'm')
     load = record[LOAD_TOPIC]
     seconds = float(load.stamps[-1] - load.stamps[0]) * 1e-9
-    return findings + clock_findings(
+    return findings + readings.clock_findings(
         found[LOAD_TOPIC], [found[name] for name in PROBE_TOPICS], seconds)
 
 
@@ -235,7 +219,7 @@ def _spikes(
     """Mask (5, N) of the load's samples that a spike of the load or of a probe reaches."""
     if not any(one.spikes.size for one in found.values()):
         return None
-    spikes = scratch_mask(len(RIG_TOPICS), len(load))
+    spikes = scratch.scratch_mask(len(RIG_TOPICS), len(load))
     for name, reached in zip(RIG_TOPICS, spikes, strict=True):
         # Mark the load's samples (N,) that are aligned with a spike among a topic's readings.
         for spike in found[name].spikes.tolist():
@@ -258,7 +242,7 @@ def mirrored_topic(rig: Rig, topics: Mapping[str, RawTopic]) -> RawTopic:
     """The topic that the absent radial probe would have at a rigid ring."""
     other = topics[PROBE_TOPICS[rig.probes.partner - 1]]
     return replace(other, topic=absent_topic(rig), notes=(),
-                   values=scratch_copy(mirrored_gap(rig.probes, other.values)))
+                   values=scratch.scratch_copy(mirrored_gap(rig.probes, other.values)))
 
 
 def absence_findings(rig: Rig | None) -> list[Finding]:

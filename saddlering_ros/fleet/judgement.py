@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.fleet import observations, statistics
 from saddlering_ros.fleet.drifts import (
     Drift,
     histories_of,
@@ -18,26 +19,8 @@ from saddlering_ros.fleet.drifts import (
     words_of,
 )
 from saddlering_ros.fleet.history import remaining_life, RemainingLife
-from saddlering_ros.fleet.observations import (
-    by_ring,
-    COORDINATES,
-    FleetError,
-    PARAMETERS,
-    REFERENCE_PENETRATION,
-    SessionFigures,
-)
-from saddlering_ros.fleet.statistics import (
-    benjamini_hochberg,
-    combined,
-    e_benjamini_hochberg,
-    e_value_of_sessions,
-    fit_population,
-    MIN_RINGS,
-    Population,
-    scatter_inflation,
-    unlike_sisters,
-    Unlikeness,
-)
+from saddlering_ros.fleet.observations import COORDINATES, FleetError, PARAMETERS, SessionFigures
+from saddlering_ros.fleet.statistics import combined, Population, Unlikeness
 from saddlering_ros.progress import one_blas_thread
 from saddlering_ros.quantities import finite_json
 
@@ -105,17 +88,17 @@ def judge_fleet(
     """The judgement on all sessions; `limits`: of K and D (SI) by name, for remaining life."""
     limits = limits or {}
     judged = [item for item in sessions if item.verdict != 'failed']
-    stands = benjamini_hochberg([item.p_value for item in judged], level)
-    rings = by_ring(judged)
-    inflation = scatter_inflation([_measured(own) for own in rings.values()])
+    stands = statistics.benjamini_hochberg([item.p_value for item in judged], level)
+    rings = observations.by_ring(judged)
+    inflation = statistics.scatter_inflation([_measured(own) for own in rings.values()])
     unlike, population = _compared(rings, inflation, level)
     histories = {ring: histories_of(ring, _inflated(own, inflation))
                  for ring, own in rings.items()}
     drifting, rigs = significant_drifts(list(histories.values()), level)
     of_ring = {item.owner: item for item in drifting}
-    evidence = {ring: e_value_of_sessions([item.p_value for item in own])
+    evidence = {ring: statistics.e_value_of_sessions([item.p_value for item in own])
                 for ring, own in rings.items()}
-    findings = dict(zip(evidence, e_benjamini_hochberg(list(evidence.values()), level),
+    findings = dict(zip(evidence, statistics.e_benjamini_hochberg(list(evidence.values()), level),
                         strict=True))
     answer = [
         RingJudgement(
@@ -146,14 +129,14 @@ def _compared(
 ) -> tuple[dict[str, Unlikeness], Population | None]:
     measured = {ring: _measured(sessions) for ring, sessions in rings.items()}
     measured = {ring: pair for ring, pair in measured.items() if pair[0]}
-    if len(measured) < MIN_RINGS:
+    if len(measured) < statistics.MIN_RINGS:
         return {}, None
     pairs = [combined(values, covariances, inflation) for values, covariances in measured.values()]
     means = np.array([mean for mean, _ in pairs])
     covariances = np.array([covariance for _, covariance in pairs])
-    unlike = unlike_sisters(means, covariances, level)
+    unlike = statistics.unlike_sisters(means, covariances, level)
     usual = np.array([not one.stands for one in unlike])
-    population = fit_population(means[usual], covariances[usual])
+    population = statistics.fit_population(means[usual], covariances[usual])
     return dict(zip(measured, unlike, strict=True)), population
 
 
@@ -178,7 +161,7 @@ def _as_coordinate(name: str, limit: float, sessions: Sequence[SessionFigures]) 
     if name.startswith('D'):
         return math.log(limit)
     exponent = float(np.nanmean([item.value[PARAMETERS.index(name) + 1] for item in sessions]))
-    return math.log(limit) + (exponent - 1.0) * math.log(REFERENCE_PENETRATION)
+    return math.log(limit) + (exponent - 1.0) * math.log(observations.REFERENCE_PENETRATION)
 
 
 def limits_from_text(texts: Sequence[str]) -> dict[str, float]:
@@ -212,7 +195,7 @@ def fleet_document(fleet: Fleet) -> dict[str, Any]:
         },
         'scatter_inflation': fleet.inflation,
         'coordinates': list(COORDINATES),
-        'reference_penetration': REFERENCE_PENETRATION,
+        'reference_penetration': observations.REFERENCE_PENETRATION,
         'population': None if fleet.population is None else {
             'mean': fleet.population.mean.tolist(),
             'mean_covariance': fleet.population.mean_covariance.tolist(),

@@ -15,15 +15,9 @@ from numpy.typing import NDArray
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.errors import BagError, did_you_mean, plain_number
 from saddlering_ros.files import resolved
+from saddlering_ros.importing import clock
 from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.clock import (
-    CountedTime,
-    DatedTime,
-    FileTime,
-    SECOND,
-    Stamps,
-    TimeSource,
-)
+from saddlering_ros.importing.clock import CountedTime, DatedTime, FileTime, Stamps, TimeSource
 from saddlering_ros.importing.feed import Feed, first_stamp, Floats, Part, Piece
 from saddlering_ros.importing.mapping import ChannelMap, ImportMap, instruments_text
 from saddlering_ros.importing.preview import Envelope
@@ -32,7 +26,7 @@ from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.topics import RANGE_TYPE
 from saddlering_ros.rig import Rig
 
-UNDATED = 10 * 365 * 86400 * SECOND
+UNDATED = 10 * 365 * 86400 * clock.SECOND
 """A stamp before 1980 [ns] comes of a time without a date: no rig was recorded then."""
 
 Progress = Callable[[int], None]

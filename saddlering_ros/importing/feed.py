@@ -9,17 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.importing import clock
 from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.clock import (
-    CountedTime,
-    DatedTime,
-    FileTime,
-    MISSING,
-    RegularTime,
-    SECOND,
-    Stamps,
-    TimeSource,
-)
+from saddlering_ros.importing.clock import CountedTime, DatedTime, RegularTime, SECOND, Stamps
 from saddlering_ros.importing.mapping import ChannelMap, Split
 from saddlering_ros.importing.source import MOMENT, Source, Timing
 
@@ -49,7 +41,7 @@ class Piece:
     source: Source
     columns: Mapping[str, str]
     seconds: Mapping[str, str]
-    time: TimeSource
+    time: clock.TimeSource
     split_column: str = ''
 
     def names(self) -> list[str]:
@@ -110,7 +102,7 @@ class Piece:
         if timing is None:
             raise ImportingError(f'{self.source.path}: column {name} has no time of its own: give '
                                  'time: {column: ..} or {rate: .., start: ..}')
-        given = self.time.start if isinstance(self.time, FileTime) else None
+        given = self.time.start if isinstance(self.time, clock.FileTime) else None
         start = given if given is not None else timing.start
         if start is None:
             self.source.warnings.add(f'{self.source.path}: has no date: stamps count from '
@@ -135,7 +127,7 @@ class Feed:
     split: Split | None
     _run: int = 0
     _label: str = ''
-    _last: int = MISSING
+    _last: int = clock.MISSING
 
     def parts(self) -> Iterator[Part]:
         """Its samples, run after run, in order of time."""
@@ -155,10 +147,10 @@ class Feed:
         self, piece: Piece, block: Mapping[str, NDArray[Any]], stamps: Stamps, first: int,
     ) -> Iterator[tuple[tuple[int, str], NDArray[np.int64], int]]:
         """Runs of rows, each with the rows to keep and how many of its rows are left out."""
-        good = np.flatnonzero(stamps != MISSING)
+        good = np.flatnonzero(stamps != clock.MISSING)
         bad = good[:0]
         if len(good) < len(stamps):
-            bad = np.flatnonzero((stamps == MISSING) & ~piece.empty_rows(block))
+            bad = np.flatnonzero((stamps == clock.MISSING) & ~piece.empty_rows(block))
         if len(bad):
             piece.source.warnings.count(
                 f'{piece.source.path}: rows with an unreadable time are left out', len(bad),
@@ -181,13 +173,13 @@ class Feed:
 
     def _runs_by_gap(self, stamps: Stamps, rows: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
         limit = round((self.split.seconds if self.split else 1.0) * SECOND)
-        steps = np.diff(stamps[rows], prepend=stamps[rows[0]] if self._last == MISSING
+        steps = np.diff(stamps[rows], prepend=stamps[rows[0]] if self._last == clock.MISSING
                         else self._last)
         starts = np.flatnonzero((steps > limit) | (steps < -limit))
         for index, part in enumerate(np.split(rows, starts)):
             if index:
                 self._run += 1
-                self._last = MISSING
+                self._last = clock.MISSING
             if len(part):
                 yield part
 
@@ -206,7 +198,7 @@ class Feed:
                 continue
             if label != self._label:
                 self._run += bool(self._label)
-                self._label, self._last = label, MISSING
+                self._label, self._last = label, clock.MISSING
             yield part
 
     def _going_on(
@@ -312,7 +304,7 @@ def first_stamp(piece: Piece) -> int:
     for block in piece.source.blocks(piece.names(), piece.as_text()):
         count = len(next(iter(block.values())))
         stamps = piece.stamps(block, 0, count)
-        good = stamps[stamps != MISSING]
+        good = stamps[stamps != clock.MISSING]
         if len(good):
             return int(good[0])
     raise ImportingError(f'{piece.source.path}: has no row whose time can be read: correct time: '

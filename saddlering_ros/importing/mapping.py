@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from saddlering_ros.errors import plain_number, refuse_unknown_keys
+from saddlering_ros.importing import clock
 from saddlering_ros.importing.calibration import (
     ANGLE,
     Calibration,
@@ -27,15 +28,7 @@ from saddlering_ros.importing.calibration import (
     unit_of,
     units_of,
 )
-from saddlering_ros.importing.clock import (
-    CountedTime,
-    DatedTime,
-    FileTime,
-    RegularTime,
-    start_of,
-    TimeSource,
-    zone_of,
-)
+from saddlering_ros.importing.clock import CountedTime, DatedTime, FileTime, start_of, TimeSource
 from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.record.metadata import DETAILS
 from saddlering_ros.record.topics import RANGE_TYPE, RigTopic, TOPICS
@@ -192,7 +185,7 @@ def _time(section: Any, where: str) -> TimeSource:
     section = _section(section, where)
     file, _, name = where.partition(': ')
     refuse_unknown_keys(section, TIME_KEYS, name, file, ImportingError)
-    zone = zone_of(section['zone'], f'{where}.zone') if 'zone' in section else None
+    zone = clock.zone_of(section['zone'], f'{where}.zone') if 'zone' in section else None
     start = start_of(section['start'], zone, f'{where}.start') if 'start' in section else None
     if 'from' in section:
         if section['from'] != 'file':
@@ -204,7 +197,7 @@ def _time(section: Any, where: str) -> TimeSource:
             raise ImportingError(f'{where}: a rate needs a start, like "2026-11-20T08:00:00Z"')
         if rate <= 0:
             raise ImportingError(f'{where}.rate is {rate:g}: give samples per second')
-        return RegularTime(rate, start)
+        return clock.RegularTime(rate, start)
     columns = section.get('column')
     if columns is None:
         raise ImportingError(f'{where}: give column: (with unit: or format:), rate: and start:, '

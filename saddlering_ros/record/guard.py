@@ -19,13 +19,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.record.alignment import (
-    GAP_FLOOR_NS,
-    GAP_HISTORY,
-    gap_limit,
-    JITTER_NS,
-    LEAP_NS,
-)
+from saddlering_ros.record import alignment
+from saddlering_ros.record.alignment import GAP_HISTORY
 from saddlering_ros.record.samples import Bits, BRIDGED, DOUBTFUL_LOAD, no_samples, Samples
 from saddlering_ros.record.scratch import blocks, scratch_array
 from saddlering_ros.rig import Rig
@@ -259,8 +254,9 @@ class SampleGuard:
             return False
         steps = np.diff(stamps)
         longest = int(steps.max())
-        if steps.min() <= 0 or (
-                longest > GAP_FLOOR_NS and longest > gap_limit(list(self._steps))):
+        if steps.min() <= 0:
+            return False
+        if longest > alignment.GAP_FLOOR_NS and longest > alignment.gap_limit(list(self._steps)):
             return False
         leap = self.limits.noise + self.limits.rate * 1e-9 * steps
         return bool((np.abs(np.diff(values)) <= leap).all())
@@ -327,9 +323,9 @@ class SampleGuard:
 
     def _follows(self, last: int, stamp: int) -> bool:
         step = stamp - last
-        if step <= GAP_FLOOR_NS:  # no gap, for any steps before
-            return step >= -JITTER_NS
-        return step <= gap_limit(list(self._steps))
+        if step <= alignment.GAP_FLOOR_NS:  # no gap, for any steps before
+            return step >= -alignment.JITTER_NS
+        return step <= alignment.gap_limit(list(self._steps))
 
     def _is_near(self, last: tuple[int, float], sample: tuple[int, float]) -> bool:
         elapsed = abs(sample[0] - last[0]) * 1e-9
@@ -338,7 +334,7 @@ class SampleGuard:
     def _has_overtaken(self, held: tuple[int, float], sample: tuple[int, float]) -> bool:
         """Whether the held sample was early by at most an ordinary gap."""
         return (self._goes_on(self._last, sample) and self._is_near(held, sample)
-                and 0 < held[0] - sample[0] <= gap_limit(list(self._steps)))
+                and 0 < held[0] - sample[0] <= alignment.gap_limit(list(self._steps)))
 
     def _between(self, held: tuple[int, float], sample: tuple[int, float]) -> bool:
         """Whether the held sample lies between the last sample and this one."""
@@ -359,13 +355,13 @@ class SampleGuard:
             self._changed = sample[0]
         if self._last is not None:
             step = sample[0] - self._last[0]
-            if step < -JITTER_NS:
+            if step < -alignment.JITTER_NS:
                 self._steps.clear()
                 self._bridges.clear()
                 self._doubtful = Steps()
                 self._refused_since = None
             elif step > 0:
-                if step > LEAP_NS:  # Another test begins.
+                if step > alignment.LEAP_NS:  # Another test begins.
                     self._doubtful.end(sample[0])
                 self._steps.append(step)
                 if self._refused_since is not None:
@@ -373,7 +369,7 @@ class SampleGuard:
                     del self._bridges[:-self._remembered]
                     self._refused_since = None
         if self._last is None or sample[0] > self._last[0] or (
-                sample[0] < self._last[0] - JITTER_NS):
+                sample[0] < self._last[0] - alignment.JITTER_NS):
             self._last = sample
         self._count_doubtful(1)
         return [sample]

@@ -7,17 +7,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from saddlering_ros.record import samples
 from saddlering_ros.record.alignment import JITTER_NS
 from saddlering_ros.record.displacement import measured_rows, zero_of_run
 from saddlering_ros.record.record import Record
-from saddlering_ros.record.samples import (
-    Displacements,
-    in_order,
-    join,
-    no_displacements,
-    pick,
-    SECOND,
-)
+from saddlering_ros.record.samples import Displacements, SECOND
 from saddlering_ros.record.simulation import simulated_stretches
 from saddlering_ros.rig import ParameterSet, Rig, ZeroReading
 from saddlering_ros.rig.zeroing import MIN_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
@@ -57,7 +51,7 @@ class _Side:
     """Samples of one stream that wait for their partners, each stamp once."""
 
     def __init__(self) -> None:
-        self.waiting = no_displacements()
+        self.waiting = samples.no_displacements()
         self.newest = 0
         self.given_up = 0
 
@@ -67,13 +61,13 @@ class _Side:
             return False
         jumped = self.newest - int(batch.stamps[0]) > JITTER_NS
         if jumped:
-            self.waiting = no_displacements()
+            self.waiting = samples.no_displacements()
         newest = int(batch.stamps.max())
         self.newest = newest if jumped else max(self.newest, newest)
-        together = join([self.waiting, batch]) if len(self.waiting) else batch
+        together = samples.join([self.waiting, batch]) if len(self.waiting) else batch
         if len(together) > 1 and (np.diff(together.stamps) <= 0).any():
             _, first = np.unique(together.stamps, return_index=True)
-            together = pick(together, first)
+            together = samples.pick(together, first)
         self.waiting = together
         return jumped
 
@@ -81,19 +75,19 @@ class _Side:
         """Give up the oldest of more samples than may wait."""
         surplus = len(self.waiting) - MAX_WAITING
         if surplus > 0:
-            self.waiting = pick(self.waiting, slice(surplus, None))
+            self.waiting = samples.pick(self.waiting, slice(surplus, None))
             self.given_up += surplus
 
     def forget(self, used: np.ndarray, before: int) -> int:
         """Drop rows `used` and rows stamped before `before`; how many of the latter."""
         if len(used) == len(self.waiting) and not self.given_up:
-            self.waiting = no_displacements()
+            self.waiting = samples.no_displacements()
             return 0
         keep = np.ones(len(self.waiting), dtype=bool)
         keep[used] = False
         old = keep & (self.waiting.stamps < before)
         keep &= ~old
-        self.waiting = pick(self.waiting, np.flatnonzero(keep))
+        self.waiting = samples.pick(self.waiting, np.flatnonzero(keep))
         given_up, self.given_up = self.given_up, 0
         return int(old.sum()) + given_up
 
@@ -136,7 +130,7 @@ class ResidualStream:
         """The residuals at the stamps that wait on both sides."""
         ours, theirs = self._measured.waiting, self._simulated.waiting
         if not len(ours) or not len(theirs):
-            return no_displacements()
+            return samples.no_displacements()
         if np.array_equal(ours.stamps, theirs.stamps):  # the usual case
             stamps, measured, simulated = ours.stamps, ours, theirs
             mine = other = np.arange(len(stamps))
@@ -144,8 +138,8 @@ class ResidualStream:
             stamps, mine, other = np.intersect1d(ours.stamps, theirs.stamps, assume_unique=True,
                                                  return_indices=True)
             if not len(stamps):
-                return no_displacements()
-            measured, simulated = pick(ours, mine), pick(theirs, other)
+                return samples.no_displacements()
+            measured, simulated = samples.pick(ours, mine), samples.pick(theirs, other)
         before = int(stamps[-1]) - KEEP_NS
         self.counters.measured_alone += self._measured.forget(mine, before)
         self.counters.simulated_alone += self._simulated.forget(other, before)
@@ -160,11 +154,11 @@ class ResidualStream:
             return measured, simulated
         self.counters.elevation_differs += int(differs.sum())
         rows = np.flatnonzero(~differs)
-        return pick(measured, rows), pick(simulated, rows)
+        return samples.pick(measured, rows), samples.pick(simulated, rows)
 
     def _subtract(self, measured: Displacements, simulated: Displacements) -> Displacements:
         if not len(measured):
-            return no_displacements()
+            return samples.no_displacements()
         apart = np.abs(measured.zero_stamps - simulated.zero_stamps)
         same = apart <= round(WINDOW_SECONDS * SECOND)
         same &= np.abs(measured.zero_loads - simulated.zero_loads) <= self._load_tolerance
@@ -174,11 +168,11 @@ class ResidualStream:
             return _difference(measured, simulated)
         bridged = self._bridged(measured, simulated, np.flatnonzero(~same))
         rows = np.flatnonzero(same)
-        direct = _difference(pick(measured, rows), pick(simulated, rows))
+        direct = _difference(samples.pick(measured, rows), samples.pick(simulated, rows))
         self.counters.zero_differs += len(same) - len(rows) - len(bridged)
         self.zeros_agree = bool(same[-1]) or bool(
             len(bridged) and bridged.stamps[-1] == measured.stamps[-1])
-        return in_order(join([batch for batch in (direct, bridged) if len(batch)]))
+        return samples.in_order(samples.join([batch for batch in (direct, bridged) if len(batch)]))
 
     def _bridged(self, measured: Displacements, simulated: Displacements, rows: np.ndarray,
                  ) -> Displacements:
@@ -192,8 +186,9 @@ class ResidualStream:
             newer = measured if pair[0] > pair[1] else simulated
             bridge = self._bridges.setdefault(
                 tuple(pair), _Bridge(max(pair), float(newer.zero_durations[mine[0]])))
-            found.append(bridge.across(pick(measured, mine), pick(simulated, mine)))
-        return join([batch for batch in found if len(batch)])
+            found.append(bridge.across(
+                samples.pick(measured, mine), samples.pick(simulated, mine)))
+        return samples.join([batch for batch in found if len(batch)])
 
 
 class _Bridge:
@@ -219,11 +214,11 @@ class _Bridge:
         self._count += int(inside.sum())
         after = np.flatnonzero(older.stamps > self._until)
         if self._count < MIN_SAMPLES or not len(after):
-            return no_displacements()
-        result = _difference(pick(measured, after), pick(simulated, after))
+            return samples.no_displacements()
+        result = _difference(samples.pick(measured, after), samples.pick(simulated, after))
         offset = (self._total / self._count)[:, None]
         channels = result.channels - offset if measured_is_older else result.channels + offset
-        zero = pick(newer, after)
+        zero = samples.pick(newer, after)
         return Displacements(result.stamps, channels, zero.zero_stamps, zero.zero_loads,
                              result.elevations, result.validity, zero.zero_durations)
 

@@ -5,28 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
-from saddlering_ros.diagnosis.wording import (
-    CandidateEntry,
-    causes_of,
-    certainty_lines,
-    ChannelEntry,
-    choices_of,
-    gain_sentence,
-    headline,
-    LimitEntry,
-    lowered,
-    place_of,
-    shape_words,
-    ShapeEntry,
-    shapes_of,
-    signature_words,
-    title_of,
-    tried,
-    value_words,
-    variant_words,
-    VerdictDocument,
-    why_lost,
-)
+from saddlering_ros.diagnosis import wording
+from saddlering_ros.diagnosis.wording import signature_words, value_words, VerdictDocument
 from saddlering_ros.discrepancy import CauseEntry
 from saddlering_ros.effects import catalogue
 from saddlering_ros.pages import html
@@ -54,10 +34,10 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
     verdict = document['verdict']
     parts = [
         html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
-        html.paragraph(headline(document), 'headline'),
-        html.paragraph(gain_sentence(document)),
-        *map(html.paragraph, certainty_lines(document)),
-        html.paragraph(tried(document)),
+        html.paragraph(wording.headline(document), 'headline'),
+        html.paragraph(wording.gain_sentence(document)),
+        *map(html.paragraph, wording.certainty_lines(document)),
+        html.paragraph(wording.tried(document)),
     ]
     if document.get('next_test'):
         parts.insert(2, html.paragraph(f'Next test: {document["next_test"]}', 'next'))
@@ -89,9 +69,9 @@ def proof_picture(run: RunCurves, channel: str) -> str:
 
 def causes(document: VerdictDocument) -> str:
     """Each cause with its numbers, its look-alikes and the test that would confirm the cause."""
-    parts = [_cause(cause, document) for cause in causes_of(document)]
+    parts = [_cause(cause, document) for cause in wording.causes_of(document)]
     parts.append(simulated_tests(document))
-    shapes = [shape_words(shape) for shape in shapes_of(document)]
+    shapes = [wording.shape_words(shape) for shape in wording.shapes_of(document)]
     if shapes:
         parts.insert(0, html.paragraph('The residual has this shape:') + html.bullets(shapes))
     return html.section('Causes', *parts)
@@ -119,7 +99,7 @@ def _look_alike_rows(cause: CauseEntry, document: VerdictDocument) -> list[list[
         effect = catalogue().get(effect_id)
         delta_bic = evidence.get(effect_id)
         rows.append([
-            title_of(effect_id), code(effect_id), number(compact(delta_bic, 4)),
+            wording.title_of(effect_id), code(effect_id), number(compact(delta_bic, 4)),
             '' if effect is None else effect.settled_by])
     return rows
 
@@ -131,7 +111,7 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
     evidence, gain = cause['evidence'], cause['gain']
     partial = ' – explains part of the misfit only' if cause.get('partial') else ''
     return '\n'.join([
-        f'<h3>{html.escape(title_of(effect_id))} <code>{html.escape(effect_id)}</code>'
+        f'<h3>{html.escape(wording.title_of(effect_id))} <code>{html.escape(effect_id)}</code>'
         f'{html.escape(partial)}</h3>',
         html.paragraph('' if effect is None else effect.words),
         html.table(['parameter', number('value ± standard deviation'), ''], rows),
@@ -152,7 +132,8 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
 def _confirmation(cause: CauseEntry, document: VerdictDocument) -> str:
     """The measurement that confirms a cause, unless it is the next test."""
     effect = catalogue().get(cause['effect'])
-    is_next = lowered(title_of(cause['effect'])) in (document.get('next_test') or '')
+    title = wording.lowered(wording.title_of(cause['effect']))
+    is_next = title in (document.get('next_test') or '')
     if effect is None or len(cause['group']) > 1 or is_next:
         return ''
     return f'To confirm it: {effect.settled_by}'
@@ -163,10 +144,10 @@ def _cause_parameters(cause: CauseEntry) -> list[list[str | Cell]]:
     effect_id = cause['effect']
     effect = catalogue().get(effect_id)
     words = {} if effect is None else {item.name: item.words for item in effect.parameters}
-    choices = choices_of(effect_id)
+    choices = wording.choices_of(effect_id)
     rows: list[list[str | Cell]] = []
-    if place_of(cause):
-        rows.append(['where', number(place_of(cause)), ''])
+    if wording.place_of(cause):
+        rows.append(['where', number(wording.place_of(cause)), ''])
     rows += [
         [name, number(value_words(effect_id, name, item['value'], item['unit'], item['std'])),
          words.get(name, '')]
@@ -183,7 +164,7 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
 
     counted: from where the misfits count.
     """
-    runs, is_extended = document['runs'], bool(causes_of(document))
+    runs, is_extended = document['runs'], bool(wording.causes_of(document))
     rows: list[list[str | Cell]] = []
     for run in runs:
         for name, item in run['channels'].items():
@@ -209,7 +190,7 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
     )
 
 
-def _mark(value: float | None, item: ChannelEntry) -> str:
+def _mark(value: float | None, item: wording.ChannelEntry) -> str:
     floor = item['noise_floor']
     if value is None or floor is None:
         return ''
@@ -287,7 +268,7 @@ def shape_tests(document: VerdictDocument) -> str:
     )
 
 
-def _shape_cell(before: ShapeEntry | None, after: ShapeEntry | None) -> Cell:
+def _shape_cell(before: wording.ShapeEntry | None, after: wording.ShapeEntry | None) -> Cell:
     if before is None or after is None:
         return number('–')
     shares = ' → '.join(percent(item['share_of_range']) for item in (before, after))
@@ -300,8 +281,8 @@ def _shape_cell(before: ShapeEntry | None, after: ShapeEntry | None) -> Cell:
 def candidates(document: VerdictDocument) -> str:
     """Every fitted candidate with its evidence, and real effects that are too small."""
     found = document.get('candidates') or []
-    chosen = {cause['effect'] for cause in causes_of(document)}
-    alike = {name for cause in causes_of(document) for name in cause['group']} - chosen
+    chosen = {cause['effect'] for cause in wording.causes_of(document)}
+    alike = {name for cause in wording.causes_of(document) for name in cause['group']} - chosen
     parts = []
     for step in sorted({item['step'] for item in found}):
         members = sorted((item for item in found if item['step'] == step),
@@ -310,7 +291,7 @@ def candidates(document: VerdictDocument) -> str:
         parts.append(html.table(
             ['model', 'fitted', number('evidence (ΔBIC)'), number('p'), number('share of range'),
              'outcome'],
-            [[*_candidate(item), why_lost(item, members[0], chosen, alike)]
+            [[*_candidate(item), wording.why_lost(item, members[0], chosen, alike)]
              for item in members[:CANDIDATES_SHOWN]]))
         left = len(members) - CANDIDATES_SHOWN
         parts.append(html.paragraph(
@@ -328,7 +309,7 @@ def candidates(document: VerdictDocument) -> str:
     return html.section('Evidence', *parts)
 
 
-def _candidate(item: CandidateEntry) -> list[str | Cell]:
+def _candidate(item: wording.CandidateEntry) -> list[str | Cell]:
     last = item['effects'][-1]
     values = item['parameters'].get(last, {})
     return [
@@ -343,12 +324,12 @@ def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
     effect = catalogue().get(effect_id)
     units = {} if effect is None else {item.name: item.unit for item in effect.parameters}
     choices = {name: value for name, value in values.items() if name not in units}
-    parts = [variant_words(effect_id, choices)] if choices else []
+    parts = [wording.variant_words(effect_id, choices)] if choices else []
     return ', '.join(parts + [f'{name} {value_words(effect_id, name, value, units[name])}'
                               for name, value in values.items() if name in units])
 
 
-def _found_from(limits: LimitEntry) -> str:
+def _found_from(limits: wording.LimitEntry) -> str:
     """The size found nine times in ten, and the number of configurations that never show."""
     if not limits['testable']:
         return 'cannot be seen'
@@ -357,7 +338,9 @@ def _found_from(limits: LimitEntry) -> str:
     return f'{found}; never in {dark} of {len(limits["places"])} configurations' if dark else found
 
 
-def _limit(limits: LimitEntry, key: Literal['limit', 'best_limit', 'material_limit']) -> str:
+def _limit(
+    limits: wording.LimitEntry, key: Literal['limit', 'best_limit', 'material_limit'],
+) -> str:
     """A size of an effect's first parameter as people read it."""
     effect = catalogue().get(limits['effect'])
     size = limits[key]
@@ -371,7 +354,7 @@ def detection_limits(document: VerdictDocument) -> str:
     rows: list[list[str | Cell]] = []
     for item in document.get('detection_limits') or []:
         rows.append([
-            title_of(item['effect']), code(item['effect']),
+            wording.title_of(item['effect']), code(item['effect']),
             number(_found_from(item), '' if item['testable'] else 'bad'),
             number(_limit(item, 'best_limit') if item['testable'] else ''),
             number(_limit(item, 'material_limit')),

@@ -9,23 +9,8 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.diagnosis.records import smooth_rate
-from saddlering_ros.pages.charts import (
-    AFTER,
-    BEFORE,
-    Chart,
-    DOWN,
-    HeatMap,
-    line,
-    markers,
-    MEASURED,
-    NOISE,
-    Panel,
-    Series,
-    ShadedBand,
-    Ticks,
-    UP,
-    without_inner_labels,
-)
+from saddlering_ros.pages import charts
+from saddlering_ros.pages.charts import Chart, HeatMap, markers, Panel, Series, ShadedBand, Ticks
 from saddlering_ros.report.curves import Array, branches, RunCurves, spectrum
 from saddlering_ros.rig import CHANNELS, force_decimals, FORCE_UNITS, force_words, MICRO_UNITS
 
@@ -62,7 +47,7 @@ def comparison(runs: Sequence[RunCurves], channels: Sequence[str] = SHOWN) -> Ch
         for place, channel in enumerate(channels):
             panels += _compared(run, channel, 2 * place, column, with_title=place == 0)
     return Chart(
-        tuple(without_inner_labels(panels, 2 * len(channels))),
+        tuple(charts.without_inner_labels(panels, 2 * len(channels))),
         width=min(11.4, 1.0 + 5.2 * len(runs)), height=1.0 + 3.0 * len(channels),
         heights=(MAIN, STRIP) * len(channels), columns=len(runs), shares_x=True)
 
@@ -70,7 +55,7 @@ def comparison(runs: Sequence[RunCurves], channels: Sequence[str] = SHOWN) -> Ch
 def proof(run: RunCurves, channel: str) -> Chart:
     """One channel of one run, measured and simulated, with its residual below."""
     panels = _compared(run, channel, 0, 0, with_title=False)
-    return Chart(tuple(without_inner_labels(panels, 2)), width=9.4, height=4.4,
+    return Chart(tuple(charts.without_inner_labels(panels, 2)), width=9.4, height=4.4,
                  heights=(MAIN, STRIP), shares_x=True)
 
 
@@ -90,25 +75,25 @@ def _compared(
     measured, before, after = (MICRO * item[place] for item in (
         run.measured, run.before, run.after))
     up = run.direction > 0.0
-    branches_of = ((up, '^', UP, 'rising'), (~up, 'v', DOWN, 'falling'))
+    branches_of = ((up, '^', charts.UP, 'rising'), (~up, 'v', charts.DOWN, 'falling'))
     seen = [
         markers(over[here], measured[here], mark, colour, f'measured, load {words}', is_open=True)
         if is_static else
-        line(over, np.where(here, measured, np.nan), colour, f'measured, load {words}',
-             width=4.5, opacity=0.45)
+        charts.line(over, np.where(here, measured, np.nan), colour, f'measured, load {words}',
+                    width=4.5, opacity=0.45)
         for here, mark, colour, words in branches_of]
     alone = 'simulated, contact law alone' if run.is_extended else 'simulated'
-    versions = [(before, BEFORE, '-', alone)]
+    versions = [(before, charts.BEFORE, '-', alone)]
     if run.is_extended:
-        versions.append((after, AFTER, '--', 'simulated, extended model'))
+        versions.append((after, charts.AFTER, '--', 'simulated, extended model'))
     role = 'held out' if run.held_out else 'fitted'
     return [
         Panel(row, column, across, axis_label(channel),
-              (*seen, *(line(over, values, colour, name, dash, width=1.0)
+              (*seen, *(charts.line(over, values, colour, name, dash, width=1.0)
                         for values, colour, dash, name in versions)),
               title=f'{run.name}: {run.elevation_deg:g}°, {role}' if with_title else ''),
         Panel(row + 1, column, across, f'misfit\n{MICRO_UNITS[channel]}',
-              (*(line(over, measured - values, colour, width=0.9)
+              (*(charts.line(over, measured - values, colour, width=0.9)
                  for values, colour, _, _ in versions),
                *(markers(over[here], (measured - values)[here], mark, colour, size=4.0,
                          is_open=True)
@@ -137,17 +122,17 @@ def of_run(run: RunCurves, channels: Sequence[str] = SHOWN) -> Chart:
         panels += [over_load, over_time, replace(residual, row=row, column=2)]
     title = f'{run.name}: {run.test}, {run.elevation_deg:g}°'
     panels[0] = replace(panels[0], title=title)
-    return Chart(tuple(without_inner_labels(panels, len(channels))), width=12.0, height=9.0,
+    return Chart(tuple(charts.without_inner_labels(panels, len(channels))), width=12.0, height=9.0,
                  heights=(1.0,) * len(channels), columns=3, shares_x=True)
 
 
 def over_time(time: Array, channels: Mapping[str, Array], title: str) -> Chart:
     """Channels (N,) [m, rad] over time [s], a panel each."""
     panels = [Panel(row, 0, 'time / s', axis_label(name),
-                    (line(time, MICRO * values, MEASURED, width=0.9),), levels=(0.0,),
-                    title='' if row else title)
+                    (charts.line(time, MICRO * values, charts.MEASURED, width=0.9),),
+                    levels=(0.0,), title='' if row else title)
               for row, (name, values) in enumerate(channels.items())]
-    return Chart(tuple(without_inner_labels(panels, len(panels))), width=9.4,
+    return Chart(tuple(charts.without_inner_labels(panels, len(panels))), width=9.4,
                  height=1.0 + 1.8 * len(panels), heights=(1.0,) * len(panels), shares_x=True)
 
 
@@ -179,10 +164,10 @@ def _misfit_row(height: float, item: Mapping[str, float]) -> list[Series]:
     before, after, floor = (100.0 * max(item[key] or 0.0, 1e-6) for key in
                             ('nrmse_before', 'nrmse_after', 'noise_floor'))
     at = [height]
-    return [line([before, after], [height, height], '#cbd2d9', width=2.0),
-            markers([floor], at, '|', NOISE, 'noise floor', size=12.0),
-            markers([before], at, 'o', BEFORE, 'contact law alone', size=6.5),
-            markers([after], at, 'D', AFTER, 'extended model', size=4.5)]
+    return [charts.line([before, after], [height, height], '#cbd2d9', width=2.0),
+            markers([floor], at, '|', charts.NOISE, 'noise floor', size=12.0),
+            markers([before], at, 'o', charts.BEFORE, 'contact law alone', size=6.5),
+            markers([after], at, 'D', charts.AFTER, 'extended model', size=4.5)]
 
 
 def _short(run: Mapping[str, Any]) -> str:
@@ -201,15 +186,15 @@ def residuals(run: RunCurves) -> Chart:
         views.insert(3, _over_rate)
     panels = [view(run, channel, row, column)
               for row, channel in enumerate(channels) for column, view in enumerate(views)]
-    return Chart(tuple(without_inner_labels(panels, len(channels))), width=11.4, height=8.0,
+    return Chart(tuple(charts.without_inner_labels(panels, len(channels))), width=11.4, height=8.0,
                  heights=(1.0,) * len(channels), columns=len(views), shares_x=True,
                  legend_columns=3)
 
 
 def _versions(run: RunCurves) -> list[tuple[bool, str, str]]:
     if not run.is_extended:
-        return [(False, BEFORE, 'measured minus simulated')]
-    return [(False, BEFORE, 'contact law alone'), (True, AFTER, 'extended model')]
+        return [(False, charts.BEFORE, 'measured minus simulated')]
+    return [(False, charts.BEFORE, 'contact law alone'), (True, charts.AFTER, 'extended model')]
 
 
 def _misfits(run: RunCurves, channel: str) -> list[tuple[Array, str, str]]:
@@ -243,14 +228,14 @@ def _both_branches(run: RunCurves, channel: str, row: int, column: int) -> Panel
     for values, colour, _ in _misfits(run, channel):
         found = branches(run.load, run.direction, values)
         load = found.load / FORCE_UNITS[run.force_unit]
-        series += [line(load, found.mean, colour),
-                   line(load, found.half_difference, colour, dash=':', width=1.8)]
+        series += [charts.line(load, found.mean, colour),
+                   charts.line(load, found.half_difference, colour, dash=':', width=1.8)]
     return _view(run, channel, row, column, f'load / {run.force_unit}',
                  '— mean, ··· half-difference', series)
 
 
 def _over_time(run: RunCurves, channel: str, row: int, column: int) -> Panel:
-    series = [line(run.time, values, colour, name, width=0.8)
+    series = [charts.line(run.time, values, colour, name, width=0.8)
               for values, colour, name in _misfits(run, channel)]
     return _view(run, channel, row, column, 'time / s', 'over time', series)
 
@@ -267,7 +252,7 @@ def _over_frequency(run: RunCurves, channel: str, row: int, column: int) -> Pane
     series = []
     for values, colour, _ in _misfits(run, channel):
         frequency, density = spectrum(run.time, values)
-        series.append(line(frequency, np.maximum(density, 1e-9), colour, width=1.0))
+        series.append(charts.line(frequency, np.maximum(density, 1e-9), colour, width=1.0))
     return Panel(row, column, 'frequency / Hz', f'{axis_label(channel)} / √Hz', tuple(series),
                  title='spectrum, µm or µrad / √Hz' if row == 0 else '', shows_y_label=False,
                  x_is_log=True, y_is_log=True)
@@ -371,8 +356,8 @@ def proposed_law(term: Mapping[str, Any], force_unit: str) -> Chart:
     values, spread = (scale * np.array(curve[key], float) for key in ('values', 'std'))
     shown = force_unit if is_load else MICRO_UNITS.get(term['channel'], 'µm')
     across = term['coordinate'] + (f' / {unit}' if unit else '')
-    series = (line(at, values, AFTER, 'proposed law'),
-              line(at, values - 2.0 * spread, AFTER, dash=':'),
-              line(at, values + 2.0 * spread, AFTER, dash=':'))
+    series = (charts.line(at, values, charts.AFTER, 'proposed law'),
+              charts.line(at, values - 2.0 * spread, charts.AFTER, dash=':'),
+              charts.line(at, values + 2.0 * spread, charts.AFTER, dash=':'))
     panel = Panel(0, 0, across, f'{term["channel"]} / {shown}', series, levels=(0.0,))
     return Chart((panel,), width=7.0, height=3.2)

@@ -14,18 +14,11 @@ from typing import Any
 
 from saddlering_ros.errors import did_you_mean, refuse_unknown_keys
 from saddlering_ros.quantities import compact
+from saddlering_ros.rig import units
 from saddlering_ros.rig.instruments import Instruments, instruments_from
 from saddlering_ros.rig.parameter_file import EXPONENTS, PARAMETER_NAMES
 from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters, RigError
-from saddlering_ros.rig.units import (
-    force_decimals,
-    force_range,
-    FORCE_UNITS,
-    force_words,
-    FULL_SCALE_LOAD,
-    FULL_SCALE_TIME,
-    LoadLimits,
-)
+from saddlering_ros.rig.units import FORCE_UNITS, LoadLimits
 
 
 @dataclass(frozen=True)
@@ -125,8 +118,8 @@ class Rig:
     probes: Probes
     preload: float
     bounds: dict[str, Pair] = field(default_factory=_default_bounds)
-    full_scale_load: float = FULL_SCALE_LOAD
-    full_scale_time: float = FULL_SCALE_TIME
+    full_scale_load: float = units.FULL_SCALE_LOAD
+    full_scale_time: float = units.FULL_SCALE_TIME
     force_unit: str = 't'
     instruments: Instruments = field(default_factory=Instruments)
     wear_limits: Mapping[str, float] = field(default_factory=dict)
@@ -144,14 +137,14 @@ class Rig:
 
     def force_words(self, force: float, decimals: int = 1) -> str:
         """A load [N] in the unit that the rig file chooses; a small rig gets more decimals."""
-        return force_words(force, self.force_unit, self._decimals(decimals))
+        return units.force_words(force, self.force_unit, self._decimals(decimals))
 
     def force_range(self, low: float, high: float, decimals: int = 1) -> str:
         """Two forces [N] in that unit."""
-        return force_range(low, high, self.force_unit, self._decimals(decimals))
+        return units.force_range(low, high, self.force_unit, self._decimals(decimals))
 
     def _decimals(self, decimals: int) -> int:
-        return force_decimals(self.full_scale_load, self.force_unit, decimals)
+        return units.force_decimals(self.full_scale_load, self.force_unit, decimals)
 
     @property
     def digest(self) -> str:
@@ -330,8 +323,8 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
             absent=_absent(probes, where),
         ),
         preload=rig.number('preload', 0.0, 1e9),
-        full_scale_load=rig.number('full_scale_load', 1.0, 1e9, default=FULL_SCALE_LOAD),
-        full_scale_time=rig.number('full_scale_time', 1e-4, 1e4, default=FULL_SCALE_TIME),
+        full_scale_load=rig.number('full_scale_load', 1.0, 1e9, default=units.FULL_SCALE_LOAD),
+        full_scale_time=rig.number('full_scale_time', 1e-4, 1e4, default=units.FULL_SCALE_TIME),
         force_unit=unit,
         instruments=(instruments_from(rig.raw('instruments'), where) if rig.has('instruments')
                      else Instruments()),

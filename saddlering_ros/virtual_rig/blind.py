@@ -24,19 +24,8 @@ from scipy.stats import binom
 from saddlering_ros.errors import SaddleringError, VirtualRigError
 from saddlering_ros.files import write_text
 from saddlering_ros.rig import load_rig
-from saddlering_ros.virtual_rig.campaign import (
-    CLEAN,
-    draw_truth,
-    DrawSettings,
-    KINDS,
-    OUTSIDE,
-    PAIR,
-    RecordSettings,
-    RUNS,
-    SINGLE,
-    Truth,
-    write_campaign,
-)
+from saddlering_ros.virtual_rig import campaign
+from saddlering_ros.virtual_rig.campaign import DrawSettings, OUTSIDE, RecordSettings, Truth
 from saddlering_ros.virtual_rig.effects import find_effect
 
 SEALED = 'truth.sealed'
@@ -70,11 +59,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(argv)
     try:
         rig = load_rig(args.rig)
-        truth = draw_truth(args.seed, args.kind, _settings(args), rig)
+        truth = campaign.draw_truth(args.seed, args.kind, _settings(args), rig)
         record = RecordSettings(args.hold, args.static_rate, args.duration, args.dynamic_rate)
-        runs = args.runs.split(',') if args.runs else tuple(RUNS)
-        bags = write_campaign(truth, args.out, runs, record, rig,
-                              overwrite=args.overwrite)
+        runs = args.runs.split(',') if args.runs else tuple(campaign.RUNS)
+        bags = campaign.write_campaign(truth, args.out, runs, record, rig,
+                                       overwrite=args.overwrite)
         digest = seal(args.out / SEALED, truth)
     except SaddleringError as problem:
         print(f'blind: {problem}', file=sys.stderr)
@@ -105,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
         prog='python -m saddlering_ros.virtual_rig.blind', description=__doc__)
     parser.add_argument('--seed', type=int, required=True)
     parser.add_argument('--out', type=Path, required=True, metavar='DIR')
-    parser.add_argument('--kind', choices=KINDS, default=SINGLE)
+    parser.add_argument('--kind', choices=campaign.KINDS, default=campaign.SINGLE)
     parser.add_argument('--effect', action='append', default=[], metavar='NAME',
                         help='draw from these only (may be repeated)')
     parser.add_argument('--exclude', action='append', default=[], metavar='NAME',
@@ -115,7 +104,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--sizes', type=float, nargs=2, default=(0.3, 1.0),
                         metavar=('LOW', 'HIGH'), help='part of the plausible sizes, 0 to 1')
     parser.add_argument('--noise', type=float, metavar='UM', help='rms noise of the probes')
-    parser.add_argument('--runs', metavar='NAME,NAME', help=f'some of {",".join(RUNS)}')
+    parser.add_argument('--runs', metavar='NAME,NAME', help=f'some of {",".join(campaign.RUNS)}')
     parser.add_argument('--hold', type=float, default=record.hold, metavar='S')
     parser.add_argument('--static-rate', type=float, default=record.static_rate, metavar='HZ')
     parser.add_argument('--duration', type=float, default=record.duration, metavar='S')
@@ -144,7 +133,7 @@ def score(
     of the catalogue; vague: groups too large or that miss.
     """
     found = sum(any(name in group for group in groups) for name in hidden)
-    if kind == CLEAN:
+    if kind == campaign.CLEAN:
         return ('right' if verdict == 'none' else 'false'), 0
     if verdict == 'none':
         return 'missed', 0
@@ -170,9 +159,10 @@ class Promise:
 
 
 PROMISES = (
-    Promise('sound rigs with a cause', (CLEAN,), 'false', 0.02, False),
-    Promise('faults with a wrong name', (SINGLE, PAIR, OUTSIDE), 'wrong', 0.02, False),
-    Promise('single effects found', (SINGLE,), 'right', 0.8, True),
+    Promise('sound rigs with a cause', (campaign.CLEAN,), 'false', 0.02, False),
+    Promise('faults with a wrong name', (campaign.SINGLE, campaign.PAIR, OUTSIDE), 'wrong', 0.02,
+            False),
+    Promise('single effects found', (campaign.SINGLE,), 'right', 0.8, True),
     Promise('effects outside the catalogue called unknown', (OUTSIDE,), 'right', 0.85, True),
 )
 CHANCE = 1e-3
