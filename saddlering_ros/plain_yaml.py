@@ -172,17 +172,14 @@ class _Strictness(_Safety):
         is_key = bool(self._open) and self._open[-1].next_is_key()
         if isinstance(event, yaml.ScalarEvent):
             if is_key:
-                self._check_key(event)
+                keys = self._open[-1].keys
+                if event.value in keys:
+                    raise _refused(event, f'the key {event.value!r} is given twice in one section '
+                                          f'(first in line {keys[event.value]}): remove one')
+                keys[event.value] = _line(event)
             self._check_number(event)
         if isinstance(event, yaml.CollectionStartEvent):
             self._open.append(_Collection(isinstance(event, yaml.MappingStartEvent)))
-
-    def _check_key(self, event: yaml.ScalarEvent) -> None:
-        keys = self._open[-1].keys
-        if event.value in keys:
-            raise _refused(event, f'the key {event.value!r} is given twice in one section '
-                                  f'(first in line {keys[event.value]}): remove one')
-        keys[event.value] = _line(event)
 
     def _check_number(self, event: yaml.ScalarEvent) -> None:
         if event.implicit[0] and _UNCLEAR_NUMBER.fullmatch(event.value):

@@ -124,7 +124,13 @@ def group_sessions(bags: Sequence[FoundBag], grouping: Grouping | None = None) -
     for (ring, bench), members in sorted(groups.items()):
         for part in _parts_by_time(members, grouping.gap):
             sessions.append(_session(ring, bench, part, grouping))
-    return _named_apart(sessions)
+    count: dict[str, int] = {}
+    answer = []
+    for session in sessions:
+        number = count[session.name] = count.get(session.name, 0) + 1
+        name = session.name if number == 1 else f'{session.name} ({number})'
+        answer.append(replace(session, name=name))
+    return answer
 
 
 def _parts_by_time(members: Sequence[Member], gap: float) -> list[list[Member]]:
@@ -167,16 +173,6 @@ def _is_elevation(text: str, wanted: float | None) -> bool:
         return wanted is not None and math.isclose(plain_number(text), wanted, abs_tol=1e-6)
     except ValueError:
         return False
-
-
-def _named_apart(sessions: Sequence[Session]) -> list[Session]:
-    count: dict[str, int] = {}
-    answer = []
-    for session in sessions:
-        number = count[session.name] = count.get(session.name, 0) + 1
-        name = session.name if number == 1 else f'{session.name} ({number})'
-        answer.append(replace(session, name=name))
-    return answer
 
 
 @dataclass(frozen=True)

@@ -176,7 +176,10 @@ def _answer(task: SessionTask) -> dict[str, Any]:
     """The verdict on a session, or the reason why there is none."""
     try:
         compute = _load(task.compute)
-        _limit_memory(task.limits.memory)
+        # Allow `size` bytes of address space beyond those mapped already.
+        mapped = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        resource.setrlimit(resource.RLIMIT_AS, (mapped + task.limits.memory, hard))
         return {'status': 'done', **compute(task)}
     except SaddleringError as problem:
         return failure('refused', ' '.join(str(problem).split()))
@@ -197,13 +200,6 @@ def _load(name: str) -> Callable[[SessionTask], dict[str, Any]]:
     found: Callable[[SessionTask], dict[str, Any]] = getattr(
         importlib.import_module(module), function)
     return found
-
-
-def _limit_memory(size: int) -> None:
-    """Allow `size` bytes of address space beyond those mapped already."""
-    mapped = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (mapped + size, hard))
 
 
 def session_verdict(task: SessionTask) -> dict[str, Any]:

@@ -86,7 +86,14 @@ def _import(args: argparse.Namespace) -> int:
         raise ImportingError('--map and --out are both needed: give --map MAP.yaml --out BAG, or '
                              'start with --draft --map MAP.yaml')
     mapping = read_map(args.map)
-    _spare_tables(args, mapping.tables)
+    # Refuse an output that is a calibration table of the map.
+    from saddlering_ros.files import spare_files
+
+    named = [(table, f'table {table}') for table in mapping.tables]
+    for option in ('out', 'json', 'preview'):
+        given = getattr(args, option)
+        if given is not None and str(given) != '-':
+            spare_files(Path(given), f'--{option} {given}', named)
     rig = load_rig(args.rig) if args.rig is not None else None
     shown = rig or load_rig()
     result = import_files(args.files, mapping, args.out, rig=rig, overwrite=args.overwrite,
@@ -132,17 +139,6 @@ def _still_probes(run: ImportedRun, rig: Rig) -> list[str]:
         return []
     return [f'no gap changes by more than {gaps * 1e6:.2g} µm under a load of '
             f'{rig.force_words(spans["hydraulic_load"])}: check unit and scale of the probes']
-
-
-def _spare_tables(args: argparse.Namespace, tables: list[Path]) -> None:
-    """Refuse an output that is a calibration table of the map."""
-    from saddlering_ros.files import spare_files
-
-    named = [(table, f'table {table}') for table in tables]
-    for option in ('out', 'json', 'preview'):
-        given = getattr(args, option)
-        if given is not None and str(given) != '-':
-            spare_files(Path(given), f'--{option} {given}', named)
 
 
 def _counter() -> Any:

@@ -67,7 +67,10 @@ class CountedTime:
         if cells.dtype.kind == 'f':
             return self._of_numbers(cells)
         if cells.dtype.kind == 'i':
-            return self._of_whole_numbers(cells)
+            scale = self.unit.factor * SECOND
+            if scale.denominator == 1 and np.abs(cells).max(initial=0) < MAX_STAMP / scale:
+                return np.asarray(cells * int(scale) + self.start, dtype=np.int64)
+            return self._of_numbers(cells.astype(np.float64))
         texts = [str(cell).strip().replace(',', '.') for cell in cells]
         numbers = np.array([_float(text) for text in texts])
         seconds = np.abs(numbers) * float(self.unit.factor)
@@ -84,12 +87,6 @@ class CountedTime:
         result = np.full(len(numbers), MISSING, dtype=np.int64)
         result[good] = nanoseconds[good].astype(np.int64) + self.start
         return result
-
-    def _of_whole_numbers(self, numbers: NDArray[np.int64]) -> Stamps:
-        scale = self.unit.factor * SECOND
-        if scale.denominator == 1 and np.abs(numbers).max(initial=0) < MAX_STAMP / scale:
-            return np.asarray(numbers * int(scale) + self.start, dtype=np.int64)
-        return self._of_numbers(numbers.astype(np.float64))
 
     def _of_text(self, text: str) -> int:
         try:

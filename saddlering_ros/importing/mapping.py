@@ -230,7 +230,19 @@ def _channel(name: str, section: Any, file: str, folder: Path) -> ChannelMap:
     topic = CHANNELS[name]
     unit = unit_of(section['unit'], f'{where}.unit')
     calibration = _calibration(section, unit, where, folder)
-    areas = _areas(section, calibration.unit, where)
+    piston = _number(section.get('piston_area', 0.0), f'{where}.piston_area')
+    rod = _number(section.get('rod_area', 0.0), f'{where}.rod_area')
+    if ('rod_area' in section) != ('rod_pressure' in section):
+        raise ImportingError(f'{where}: rod_pressure and rod_area belong together: give both')
+    for key, area in (('piston_area', piston), ('rod_area', rod)):
+        if key in section and not 0.0 < area < 10.0:
+            raise ImportingError(f'{where}.{key} is {area:g}: give an area in m2')
+    if 'rod_area' in section and not piston:
+        raise ImportingError(f'{where}: rod_area needs piston_area: give both, in m2')
+    if piston and calibration.unit.quantity != PRESSURE:
+        raise ImportingError(f'{where}: piston_area is for a pressure, and the column is in '
+                             f'{calibration.unit.name}: correct one')
+    areas = piston, rod
     wanted = PRESSURE if areas[0] else QUANTITIES[topic.unit]
     if calibration.unit.quantity != wanted:
         raise ImportingError(
@@ -314,22 +326,6 @@ def _calibration(section: Mapping[str, Any], unit: Unit, where: str, folder: Pat
         if 'scale_unit' in section else unit
     return Linear(result, _number(section.get('scale', 1.0), f'{where}.scale'),
                   _number(section.get('offset', 0.0), f'{where}.offset'))
-
-
-def _areas(section: Mapping[str, Any], unit: Unit, where: str) -> tuple[float, float]:
-    piston = _number(section.get('piston_area', 0.0), f'{where}.piston_area')
-    rod = _number(section.get('rod_area', 0.0), f'{where}.rod_area')
-    if ('rod_area' in section) != ('rod_pressure' in section):
-        raise ImportingError(f'{where}: rod_pressure and rod_area belong together: give both')
-    for key, area in (('piston_area', piston), ('rod_area', rod)):
-        if key in section and not 0.0 < area < 10.0:
-            raise ImportingError(f'{where}.{key} is {area:g}: give an area in m2')
-    if 'rod_area' in section and not piston:
-        raise ImportingError(f'{where}: rod_area needs piston_area: give both, in m2')
-    if piston and unit.quantity != PRESSURE:
-        raise ImportingError(f'{where}: piston_area is for a pressure, and the column is in '
-                             f'{unit.name}: correct one')
-    return piston, rod
 
 
 def _range(value: Any, topic: RigTopic, where: str) -> tuple[float, ...]:

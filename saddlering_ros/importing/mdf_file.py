@@ -281,22 +281,19 @@ class MdfSource(Source):
                 continue
             self._groups.append(_Group(block.links[2], prefix + content + invalid, prefix,
                                        content, rows))
-            self._read_channels(group)
-
-    def _read_channels(self, group: MdfBlock) -> None:
-        number, timing = len(self._groups) - 1, None
-        channels = list(self._blocks.chain(group.links[1], '##CN'))
-        for channel in channels:
-            kind, sync = channel.data[0], channel.data[1]
-            name = f'{number}/{self._blocks.text(channel.links[2])}'
-            if kind == _VIRTUAL_MASTER and sync == _TIME:
-                how, values = self._conversion(channel.links[4])
-                first, period = (values[0], values[1]) if how == 1 else (0.0, 1.0)
-                timing = Timing(self._start, first, period)
-            elif kind == _MASTER and sync == _TIME:
-                timing = Timing(self._start, column=name)
-        for channel in channels:
-            self._read_channel(channel, number, timing)
+            number, timing = len(self._groups) - 1, None
+            channels = list(self._blocks.chain(group.links[1], '##CN'))
+            for channel in channels:
+                kind, sync = channel.data[0], channel.data[1]
+                name = f'{number}/{self._blocks.text(channel.links[2])}'
+                if kind == _VIRTUAL_MASTER and sync == _TIME:
+                    how, values = self._conversion(channel.links[4])
+                    first, period = (values[0], values[1]) if how == 1 else (0.0, 1.0)
+                    timing = Timing(self._start, first, period)
+                elif kind == _MASTER and sync == _TIME:
+                    timing = Timing(self._start, column=name)
+            for channel in channels:
+                self._read_channel(channel, number, timing)
 
     def _read_channel(self, block: MdfBlock, number: int, timing: Timing | None) -> None:
         kind, _, form, bit, offset, bits, flags, invalid = struct.unpack_from(

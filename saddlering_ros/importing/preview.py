@@ -34,7 +34,21 @@ def save_preview(path: Path, runs: Sequence[ImportedRun], rig: Rig) -> None:
     figure = Figure(figsize=(max(7.5, 4.0 * len(shown)), 5.0), layout='constrained')
     axes = figure.subplots(2, len(shown), squeeze=False, sharex='col')
     for run, (load, gaps) in zip(shown, axes.T, strict=True):
-        _draw_run(run, load, gaps, FORCE_UNITS[rig.force_unit])
+        # Draw one run into its two plots; force_unit [N]: of the plot of the load.
+        force_unit = FORCE_UNITS[rig.force_unit]
+        start = min(first for first, _ in run.spans.values())
+        for name, envelope in run.envelopes.items():
+            time = (np.array(envelope.stamps) - start) / SECOND
+            band = np.array([envelope.lowest, envelope.highest])
+            if name.startswith(_GAP):
+                number = int(name.removeprefix(_GAP))
+                _draw_band(gaps, time, band / _MILLIMETRE, _COLOURS[number - 1], f'probe {number}')
+            elif name == 'hydraulic_load':
+                _draw_band(load, time, band / force_unit, '#333333', None)
+        facts = run.metadata
+        load.set_title(f'{run.path.name}: {facts.test}, {facts.elevation_deg:g} deg\n'
+                       f'from {words_of(start)}', fontsize=9)
+        gaps.set_xlabel('time [s]')
     axes[0, 0].set_ylabel(f'load [{rig.force_unit}]')
     axes[1, 0].set_ylabel('gap [mm]')
     axes[1, 0].legend(fontsize=8, loc='best')
@@ -47,23 +61,6 @@ def save_preview(path: Path, runs: Sequence[ImportedRun], rig: Rig) -> None:
         except ValueError as problem:
             raise ImportingError(f'{path}: this kind of figure is not supported: give a name '
                                  'that ends in .png, .svg or .pdf') from problem
-
-
-def _draw_run(run: ImportedRun, load: Any, gaps: Any, force_unit: float) -> None:
-    """Draw one run into its two plots; force_unit [N]: of the plot of the load."""
-    start = min(first for first, _ in run.spans.values())
-    for name, envelope in run.envelopes.items():
-        time = (np.array(envelope.stamps) - start) / SECOND
-        band = np.array([envelope.lowest, envelope.highest])
-        if name.startswith(_GAP):
-            number = int(name.removeprefix(_GAP))
-            _draw_band(gaps, time, band / _MILLIMETRE, _COLOURS[number - 1], f'probe {number}')
-        elif name == 'hydraulic_load':
-            _draw_band(load, time, band / force_unit, '#333333', None)
-    facts = run.metadata
-    load.set_title(f'{run.path.name}: {facts.test}, {facts.elevation_deg:g} deg\n'
-                   f'from {words_of(start)}', fontsize=9)
-    gaps.set_xlabel('time [s]')
 
 
 def _draw_band(plot: Any, time: Any, band: Any, colour: str, label: str | None) -> None:
@@ -90,10 +87,7 @@ class Envelope:
         self.lowest += np.minimum.reduceat(values, starts).tolist()
         self.highest += np.maximum.reduceat(values, starts).tolist()
         if len(self.stamps) > MAX_POINTS:
-            self._halve()
-
-    def _halve(self) -> None:
-        even = len(self.stamps) // 2 * 2
-        self.stamps = self.stamps[:even:2]
-        self.lowest = np.minimum(self.lowest[:even:2], self.lowest[1:even:2]).tolist()
-        self.highest = np.maximum(self.highest[:even:2], self.highest[1:even:2]).tolist()
+            even = len(self.stamps) // 2 * 2
+            self.stamps = self.stamps[:even:2]
+            self.lowest = np.minimum(self.lowest[:even:2], self.lowest[1:even:2]).tolist()
+            self.highest = np.maximum(self.highest[:even:2], self.highest[1:even:2]).tolist()

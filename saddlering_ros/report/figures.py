@@ -146,7 +146,14 @@ def misfit(
         for name in channels:
             if name not in run['channels']:
                 continue
-            drawn = _misfit_row(height, run['channels'][name])
+            item = run['channels'][name]
+            before, after, floor = (100.0 * max(item[key] or 0.0, 1e-6) for key in
+                                    ('nrmse_before', 'nrmse_after', 'noise_floor'))
+            at = [height]
+            drawn = [charts.line([before, after], [height, height], '#cbd2d9', width=2.0),
+                     markers([floor], at, '|', charts.NOISE, 'noise floor', size=12.0),
+                     markers([before], at, 'o', charts.BEFORE, 'contact law alone', size=6.5),
+                     markers([after], at, 'D', charts.AFTER, 'extended model', size=4.5)]
             series += drawn if is_extended else drawn[1:3]
             heights.append(height)
             words.append(f'{_short(run)}   {SYMBOLS[name]}')
@@ -158,16 +165,6 @@ def misfit(
         y_range=(height - 0.9, -0.8), shows_y_label=False, has_y_grid=False)
     return Chart((panel,), width=8.6, height=1.2 + 0.235 * len(words) + 0.12 * len(runs),
                  legend_columns=3)
-
-
-def _misfit_row(height: float, item: Mapping[str, float]) -> list[Series]:
-    before, after, floor = (100.0 * max(item[key] or 0.0, 1e-6) for key in
-                            ('nrmse_before', 'nrmse_after', 'noise_floor'))
-    at = [height]
-    return [charts.line([before, after], [height, height], '#cbd2d9', width=2.0),
-            markers([floor], at, '|', charts.NOISE, 'noise floor', size=12.0),
-            markers([before], at, 'o', charts.BEFORE, 'contact law alone', size=6.5),
-            markers([after], at, 'D', charts.AFTER, 'extended model', size=4.5)]
 
 
 def _short(run: Mapping[str, Any]) -> str:
