@@ -123,9 +123,14 @@ class RingNeighbourhood:
 
 @dataclass(frozen=True)
 class RingSystem:
-    """The engine's `System` for one rig."""
+    """The engine's `System` for one rig.
+
+    bounds_rig: the rig of the file, whose bounds the effects have also where a dimension of `rig`
+    differs from the file.
+    """
 
     rig: Rig
+    bounds_rig: Rig | None = None
     _kept: dict[tuple[object, ...], _ReadPoint] = field(
         default_factory=dict, repr=False, compare=False)
 
@@ -212,7 +217,8 @@ class RingSystem:
     def _by_rig(self, groups: Sequence[Sequence[Point]]) -> NeighbourhoodsByRig:
         """The groups, with the points of each rig together."""
         return NeighbourhoodsByRig.of(
-            self.rig, groups, lambda rig, own: replace(self, rig=rig).neighbourhood(own))
+            self.rig, groups,
+            lambda rig, own: replace(self, rig=rig, bounds_rig=self.rig).neighbourhood(own))
 
     def _with_laws(self, run: RunBlocks, point: Point, laws: Sequence[Law], plain: Array) -> Array:
         """Channels (C, N) with the user's own laws, from those without."""
@@ -373,7 +379,7 @@ class RingSystem:
             if len(self._kept) >= KEPT_POINTS:
                 self._kept.clear()
             point_read = self._kept[key] = _ReadPoint(
-                catalogue_of_effects.extension_of(plain.effects, self.rig),
+                catalogue_of_effects.extension_of(plain.effects, self.bounds_rig or self.rig),
                 catalogue_of_effects.laws_of(plain.effects))
         return point_read
 

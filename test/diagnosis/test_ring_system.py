@@ -183,6 +183,17 @@ def test_a_dimension_of_the_rig_file_is_a_cause_like_any_other(campaign):
     np.testing.assert_allclose(near[2:], system.predict_many(run, [stiffer]), atol=1e-12)
 
 
+def test_a_dimension_does_not_move_the_bounds_of_an_effect(campaign):
+    rig = default_rig()
+    bag = next(bag for bag in campaign() if bag.name == 'static_50')
+    run = build_record(rig, read_run(bag), held_out=False).run
+    effect = catalogue()['bolt_opening']
+    highest = {item.name: item.high for item in effect.parameters_on(rig)}
+    smaller = Point(TRUE_TO_SCALE.to_array(), {
+        'bolt_opening': highest, 'rig_axial_radius': {'change': -0.05}})
+    assert np.isfinite(RingSystem(rig).predict_many(run, [smaller])).all()
+
+
 def test_a_wrong_span_in_the_rig_file_is_named_by_its_entry(campaign):
     rig = default_rig()
     narrow = replace(rig, probes=replace(rig.probes, axial_span=1.1))
