@@ -320,9 +320,15 @@ class BlockFit:
         return min(1.0, trials * float(each))
 
 
-def fit_block(misfit: Misfit, target: str, block: ShapeFamily, wanted: Array) -> BlockFit:
-    """`block` on `target`, fitted to a whitened residual `wanted` (n,)."""
-    white = misfit.columns(target, block.shapes)
+def refitted(misfit: Misfit, fit: BlockFit, wanted: Array) -> BlockFit:
+    """The same family on the same target, fitted to another residual (n,)."""
+    return fit_block(misfit, fit.target, fit.block, fit.white, wanted)
+
+
+def fit_block(
+    misfit: Misfit, target: str, block: ShapeFamily, white: Array, wanted: Array
+) -> BlockFit:
+    """`block` on `target`, its whitened columns (n, k) fitted to a whitened residual (n,)."""
     folds = _folds(misfit)
     gram, slope = white.T @ white, white.T @ wanted
     unit = float(np.trace(gram)) / max(float(np.trace(block.penalty)), 1e-300)
@@ -350,11 +356,10 @@ def fit_block(misfit: Misfit, target: str, block: ShapeFamily, wanted: Array) ->
         strength=chosen, white=white)
 
 
-def rank_blocks(
-    misfit: Misfit, blocks: Sequence[ShapeFamily], targets: Sequence[str], wanted: Array
-) -> list[BlockFit]:
+def ranked_fits(misfit: Misfit, blocks: Sequence[ShapeFamily], wanted: Array) -> list[BlockFit]:
     """Every family on every target, the one that predicts most first."""
-    fits = [fit_block(misfit, target, block, wanted) for block in blocks for target in targets]
+    fits = [fit_block(misfit, target, block, misfit.columns(target, block.shapes), wanted)
+            for block in blocks for target in misfit.runs[0].targets]
     return sorted(fits, key=lambda fit: -fit.predicted)
 
 

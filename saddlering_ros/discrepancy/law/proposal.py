@@ -19,14 +19,14 @@ from saddlering_ros.discrepancy.law.families import (
     blocks_of,
     DIRECTION,
     direction_of,
-    fit_block,
     HYSTERESIS,
     LOAD,
     Misfit,
     ObservedRun,
     own_curves,
-    rank_blocks,
+    ranked_fits,
     RATE,
+    refitted,
     span_of,
     stacked,
     TIME,
@@ -149,17 +149,13 @@ def propose_law(
     error_rate: float = 0.01,
 ) -> LawProposal | None:
     """The best law of at most two families, or None if none passes the test."""
-    blocks = blocks_of(misfit.runs)
-    targets = list(misfit.runs[0].targets)
     wanted = misfit.residual
     total = float(wanted @ wanted)
-    ranked = rank_blocks(misfit, blocks, targets, wanted)
+    families = ranked_fits(misfit, blocks_of(misfit.runs), wanted)
+    ranked = families
     if ranked[0].predicted < OWN_CURVES * total:
-        own = own_curves(misfit.runs)
-        ranked = sorted(
-            [*ranked, *rank_blocks(misfit, [own], targets, wanted)],
-            key=lambda fit: -fit.predicted,
-        )
+        own = ranked_fits(misfit, [own_curves(misfit.runs)], wanted)
+        ranked = sorted([*families, *own], key=lambda fit: -fit.predicted)
     trials = len(ranked)
     first = ranked[0]
     p_value = first.p_value(misfit.degrees, trials)
@@ -167,7 +163,8 @@ def propose_law(
         return None
     chosen = [first]
     left = _left(wanted, chosen)
-    second = rank_blocks(misfit, blocks, targets, left)[0]
+    second = max((refitted(misfit, fit, left) for fit in families),
+                 key=lambda fit: fit.predicted)
     enough = second.predicted >= MIN_SECOND_SHARE * float(left @ left)
     if enough and second.p_value(misfit.degrees, trials * trials) < error_rate:
         chosen = _backfitted(misfit, [first, second], wanted)
@@ -207,7 +204,7 @@ def _backfitted(misfit: Misfit, fits: list[BlockFit], wanted: Array) -> list[Blo
     for _ in range(BACKFITS):
         for number, fit in enumerate(fits):
             rest = [other for place, other in enumerate(fits) if place != number]
-            fits[number] = fit_block(misfit, fit.target, fit.block, _left(wanted, rest))
+            fits[number] = refitted(misfit, fit, _left(wanted, rest))
     return sorted(fits, key=lambda fit: -fit.taken)
 
 

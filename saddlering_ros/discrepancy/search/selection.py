@@ -151,13 +151,15 @@ def forward(space: ModelSpace, current: Fit, log: SearchLog) -> Fit:
     for step in range(steps):
         space.watch.check()
         space.watch.progress('selection of causes', 0.35 + 0.4 * step / steps)
+        named = len(current.candidate.effects) - len(silent)
+        if named == settings.max_causes:
+            break
         tried = [Comparison(space, current, fit) for fit in spaces.refitted(space, current)]
         log.candidates += [comparison.evidence(step + 1) for comparison in tried]
         real = [comparison for comparison in tried if comparison.is_real]
-        named = len(current.candidate.effects) - len(silent)
         wanted = not named or space.slow_residual(current).is_real_and_material(settings)
         best = next((one for one in real if one.is_another_cause(wanted)), None)
-        if best is None or named == settings.max_causes:
+        if best is None:
             log.immaterial += [comparison.evidence(step + 1) for comparison in real[:3]]
             break
         if not best.is_material:
