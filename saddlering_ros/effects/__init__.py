@@ -58,10 +58,8 @@ def _shipped() -> dict[str, RingEffect]:
     for module_info in pkgutil.iter_modules(__path__):
         module = importlib.import_module(f'{__name__}.{module_info.name}')
         for _, cls in inspect.getmembers(module, inspect.isclass):
-            is_here = cls.__module__ == module.__name__
-            if not (is_here and issubclass(cls, RingEffect)) or inspect.isabstract(cls):
-                continue
-            if cls is not LawEffect:
+            is_here = cls.__module__ == module.__name__ and cls not in (RingEffect, LawEffect)
+            if is_here and issubclass(cls, RingEffect):
                 found[cls.id] = cls()
     return found
 

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.extension import RingExtension
 
 
 class AxialCompliance(RingEffect):
@@ -31,10 +27,6 @@ class AxialCompliance(RingEffect):
     parameters = (
         EffectParameter(
             'compliance', 'm/N', 0.0, 3e-10, 5e-11, 5e-11,
-            'motion per unit of force', amplitude=True, one_sided=True),
+            'motion per unit of force', amplitude=True, one_sided=True,
+            adds_to='axial_compliance'),
     )
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the axial compliance."""
-        return replace(
-            extension, axial_compliance=extension.axial_compliance + values['compliance'])

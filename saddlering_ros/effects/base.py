@@ -5,12 +5,11 @@ The `outcomes` of an effect hold the result of each of these tests if that effec
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from saddlering_ros.effects.extension import OwnParameter, RingExtension, STAGES
+from saddlering_ros.effects.extension import OwnParameter, RingExtension, STAGES, with_probe
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.quantities import compact
 from saddlering_ros.rig import Rig, size_factor
@@ -94,6 +93,7 @@ class EffectParameter:
     one_sided: physics fixes the sign. amplitude: the effect vanishes if this parameter is
     `neutral`; the other parameters only shape it. The first parameter of an effect is an
     amplitude. logarithmic: searched on a log scale (low > 0), for instance time constants.
+    adds_to: the extension parameter to which it is added, if that is all that it does.
     """
 
     name: str
@@ -107,6 +107,7 @@ class EffectParameter:
     one_sided: bool = False
     neutral: float = 0.0
     logarithmic: bool = False
+    adds_to: str = ''
 
     def sized_for(self, rig: Rig) -> EffectParameter:
         """The same with bounds, typical size and start of a rig."""
@@ -143,12 +144,13 @@ class Choice:
     words: str
 
 
-class RingEffect(ABC):
+class RingEffect:
     """One cause of a difference between measurement and simulation; one subclass, one file.
 
-    A subclass states the class attributes and `extend`; a walk of the folder finds it. starts:
-    first guesses for effects that need several (searched places, times); a missing name takes
-    the start of its parameter. The first variant is the default.
+    A subclass states the class attributes; a walk of the folder finds it. What it does is stated
+    by its parameters (`adds_to`), or by its own `extend`. starts: first guesses for effects that
+    need several (searched places, times); a missing name takes the start of its parameter. The
+    first variant is the default.
     """
 
     id: ClassVar[str]
@@ -167,9 +169,18 @@ class RingEffect(ABC):
     own_parameters: ClassVar[tuple[OwnParameter, ...]] = ()  # extension parameters of its own
     form: ClassVar[float] = 0.0               # share of the size that its idealised law may err
 
-    @abstractmethod
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """The extension with this effect added; `values` holds every parameter and choice."""
+        """The extension with this effect added; `values` holds every parameter and choice.
+
+        What belongs to one of the four probes is added at the probe chosen.
+        """
+        changed: dict[str, Any] = {}
+        for item in self.parameters:
+            if item.adds_to:
+                before, value = getattr(extension, item.adds_to), values[item.name]
+                changed[item.adds_to] = (with_probe(before, round(values['probe']), value)
+                                         if isinstance(before, tuple) else before + value)
+        return replace(extension, **changed)
 
     def parameters_on(self, rig: Rig | None) -> tuple[EffectParameter, ...]:
         """All parameters with the bounds of a rig; None: the rig of the catalogue."""

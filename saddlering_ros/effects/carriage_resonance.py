@@ -31,9 +31,7 @@ class CarriageResonance(RingEffect):
     settled_by = (
         'A second loading rate (x4): the oscillation grows with the rate and keeps its frequency.'
     )
-    outcomes = Outcomes(
-        second_rate='an oscillation that becomes smaller and keeps its frequency',
-    )
+    outcomes = Outcomes(second_rate='an oscillation that becomes smaller and keeps its frequency')
     stage = 'ring'
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.extension import RingExtension
 
 
 class ClockOffset(RingEffect):
@@ -23,22 +19,16 @@ class ClockOffset(RingEffect):
         'A second loading rate (x4): the shift stays the same in seconds; or record one signal '
         'with both recorders.'
     )
-    outcomes = Outcomes(
-        second_rate='a shift of the same time with sharp corners',
-    )
+    outcomes = Outcomes(second_rate='a shift of the same time with sharp corners')
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(
             'offset', 's', -0.5, 0.5, 0.02, 0.0,
-            'stamp of the probes minus true time; positive: probes late', amplitude=True),
+            'stamp of the probes minus true time; positive: probes late', amplitude=True,
+            adds_to='clock_offset'),
         EffectParameter(
             'skew', '1', -0.001, 1e-3, 1e-4, 0.0,
-            'further offset per second of the run', amplitude=True),
+            'further offset per second of the run', amplitude=True, adds_to='clock_skew'),
     )
     dynamic_only = True
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the offset and skew of the probes' clock."""
-        return replace(extension, clock_offset=extension.clock_offset + values['offset'],
-                       clock_skew=extension.clock_skew + values['skew'])

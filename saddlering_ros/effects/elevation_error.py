@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.extension import RingExtension
 
 
 class ElevationError(RingEffect):
@@ -30,9 +26,5 @@ class ElevationError(RingEffect):
     parameters = (
         EffectParameter(
             'angle', 'rad', -0.1, 0.1, 0.0175, 0.0,
-            'true elevation minus recorded elevation', amplitude=True),
+            'true elevation minus recorded elevation', amplitude=True, adds_to='elevation_error'),
     )
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the elevation error."""
-        return replace(extension, elevation_error=extension.elevation_error + values['angle'])

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.extension import RingExtension
 
 
 class LoadGain(RingEffect):
@@ -31,9 +27,5 @@ class LoadGain(RingEffect):
     parameters = (
         EffectParameter(
             'gain', '1', -0.3, 0.3, 0.03, 0.0,
-            'share by which the measured load is too large', amplitude=True),
+            'share by which the measured load is too large', amplitude=True, adds_to='load_gain'),
     )
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the load gain."""
-        return replace(extension, load_gain=extension.load_gain + values['gain'])

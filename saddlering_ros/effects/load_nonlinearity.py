@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.extension import RingExtension
 
 
 class LoadNonlinearity(RingEffect):
@@ -21,18 +17,12 @@ class LoadNonlinearity(RingEffect):
         'channels, up and down alike.'
     )
     settled_by = 'A reference load in several steps up to full scale.'
-    outcomes = Outcomes(
-        reference_load='a difference that is largest at half load',
-    )
+    outcomes = Outcomes(reference_load='a difference that is largest at half load')
     stage = 'load path'
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(
             'curvature', '1', -0.1, 0.1, 0.01, 0.0,
-            'largest error, at half load, as a share of full scale', amplitude=True),
+            'largest error, at half load, as a share of full scale', amplitude=True,
+            adds_to='load_nonlinearity'),
     )
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the load curvature."""
-        return replace(
-            extension, load_nonlinearity=extension.load_nonlinearity + values['curvature'])

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect, UNCLEAR
-from saddlering_ros.effects.extension import RingExtension
 
 
 class LoadOffset(RingEffect):
@@ -28,9 +24,5 @@ class LoadOffset(RingEffect):
     parameters = (
         EffectParameter(
             'offset', 'N', -15000.0, 8000.0, 2000.0, 0.0,
-            'reading of the load measurement at no load', amplitude=True),
+            'reading of the load measurement at no load', amplitude=True, adds_to='load_offset'),
     )
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the load offset."""
-        return replace(extension, load_offset=extension.load_offset + values['offset'])

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.extension import RingExtension
 
 
 class MomentArm(RingEffect):
@@ -32,9 +28,6 @@ class MomentArm(RingEffect):
     parameters = (
         EffectParameter(
             'offset', 'm', -0.3, 0.3, 0.03, 0.0,
-            'true height of the trunnion minus the height in the rig file', amplitude=True),
+            'true height of the trunnion minus the height in the rig file', amplitude=True,
+            adds_to='moment_arm'),
     )
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the height of the trunnion."""
-        return replace(extension, moment_arm=extension.moment_arm + values['offset'])

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_of, probe_variants
-from saddlering_ros.effects.extension import RingExtension, with_probe
+from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_variants
 
 
 class ProbeBracket(RingEffect):
@@ -23,20 +19,13 @@ class ProbeBracket(RingEffect):
         'Swapped probes: the error stays with the bracket; the ring slewed by 90 deg does not '
         'change the error.'
     )
-    outcomes = Outcomes(
-        other_elevation='a misfit of one probe in the same proportion to the load',
-    )
+    outcomes = Outcomes(other_elevation='a misfit of one probe in the same proportion to the load')
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (
         EffectParameter(
             'compliance', 'm/N', -2e-10, 2e-10, 2e-11, 0.0,
-            'motion of the bracket per unit of load', amplitude=True),
+            'motion of the bracket per unit of load', amplitude=True, adds_to='probe_bracket'),
     )
     variants = probe_variants()
     choices = (ONE_PROBE,)
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the probe chosen."""
-        changed = with_probe(extension.probe_bracket, probe_of(values), values['compliance'])
-        return replace(extension, probe_bracket=changed)

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_of, probe_variants
-from saddlering_ros.effects.extension import RingExtension, with_probe
+from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_variants
 
 
 class ProbeDrift(RingEffect):
@@ -31,12 +27,7 @@ class ProbeDrift(RingEffect):
     parameters = (
         EffectParameter(
             'rate', 'm/s', -5e-7, 5e-7, 2e-8, 0.0,
-            'drift per second', amplitude=True),
+            'drift per second', amplitude=True, adds_to='probe_drift'),
     )
     variants = probe_variants()
     choices = (ONE_PROBE,)
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the probe chosen."""
-        changed = with_probe(extension.probe_drift, probe_of(values), values['rate'])
-        return replace(extension, probe_drift=changed)

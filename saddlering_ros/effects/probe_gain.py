@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_of, probe_variants
-from saddlering_ros.effects.extension import RingExtension, with_probe
+from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_variants
 
 
 class ProbeGain(RingEffect):
@@ -21,20 +17,13 @@ class ProbeGain(RingEffect):
         'in the ratio of axial motion to tilt.'
     )
     settled_by = 'Swapped probes: the error moves with the probe.'
-    outcomes = Outcomes(
-        swapped_probes='a misfit that moves with the probe',
-    )
+    outcomes = Outcomes(swapped_probes='a misfit that moves with the probe')
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (
         EffectParameter(
             'gain', '1', -0.3, 0.3, 0.03, 0.0,
-            'share by which the probe reads too much', amplitude=True),
+            'share by which the probe reads too much', amplitude=True, adds_to='probe_gain'),
     )
     variants = probe_variants()
     choices = (ONE_PROBE,)
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the probe chosen."""
-        changed = with_probe(extension.probe_gain, probe_of(values), values['gain'])
-        return replace(extension, probe_gain=changed)

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.extension import RingExtension
 
 
 class ProbeHeight(RingEffect):
@@ -32,9 +28,6 @@ class ProbeHeight(RingEffect):
     parameters = (
         EffectParameter(
             'height', 'm', -0.2, 0.2, 0.02, 0.0,
-            'true height minus the height in the rig file', amplitude=True),
+            'true height minus the height in the rig file', amplitude=True,
+            adds_to='probe_height'),
     )
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the height of the radial probes."""
-        return replace(extension, probe_height=extension.probe_height + values['height'])

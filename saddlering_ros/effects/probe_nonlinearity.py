@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_of, probe_variants
-from saddlering_ros.effects.extension import RingExtension, with_probe
+from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_variants
 
 
 class ProbeNonlinearity(RingEffect):
@@ -32,12 +28,8 @@ class ProbeNonlinearity(RingEffect):
     parameters = (
         EffectParameter(
             'curvature', '1/m', -3000.0, 3000.0, 100.0, 0.0,
-            'curvature; 100 per metre is 1 % at 100 micrometres', amplitude=True),
+            'curvature; 100 per metre is 1 % at 100 micrometres', amplitude=True,
+            adds_to='probe_nonlinearity'),
     )
     variants = probe_variants()
     choices = (ONE_PROBE,)
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the probe chosen."""
-        changed = with_probe(extension.probe_nonlinearity, probe_of(values), values['curvature'])
-        return replace(extension, probe_nonlinearity=changed)

@@ -22,9 +22,7 @@ class RadialClearance(RingEffect):
     settled_by = (
         'Pull-push through zero load: the jump between the two directions is the clearance.'
     )
-    outcomes = Outcomes(
-        pull_push='a radial jump other than the clearance in the rig file',
-    )
+    outcomes = Outcomes(pull_push='a radial jump other than the clearance in the rig file')
     stage = 'ring'
     form = 0.1  # rollers differ by a pattern of their own
     channels = ('delta_x',)

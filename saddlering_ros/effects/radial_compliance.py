@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.extension import RingExtension
 
 
 class RadialCompliance(RingEffect):
@@ -20,18 +16,12 @@ class RadialCompliance(RingEffect):
         'that the radial stiffness imitates nearly all of it.'
     )
     settled_by = 'A second loading rate (x4): the compliance has no damping, the rollers have.'
-    outcomes = Outcomes(
-        other_elevation='a radial misfit in proportion to the radial force',
-    )
+    outcomes = Outcomes(other_elevation='a radial misfit in proportion to the radial force')
     stage = 'ring'
     channels = ('delta_x',)
     parameters = (
         EffectParameter(
             'compliance', 'm/N', 0.0, 4e-10, 6e-11, 6e-11,
-            'motion per unit of force', amplitude=True, one_sided=True),
+            'motion per unit of force', amplitude=True, one_sided=True,
+            adds_to='radial_compliance'),
     )
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the radial compliance."""
-        return replace(
-            extension, radial_compliance=extension.radial_compliance + values['compliance'])

@@ -25,9 +25,7 @@ class RingOvalisation(RingEffect):
         'Swapped probes 1 and 3: ovalisation stays in the parity, a gain error of one probe '
         'changes its sign.'
     )
-    outcomes = Outcomes(
-        other_elevation='a parity in proportion to the radial force',
-    )
+    outcomes = Outcomes(other_elevation='a parity in proportion to the radial force')
     stage = 'ring'
     channels = ('parity',)
     own_parameters = (OVALISATION,)

@@ -24,9 +24,7 @@ class TiltCompliance(RingEffect):
         'each in proportion to its own force.'
     )
     settled_by = 'A second loading rate (x4), or an inclinometer on the upper ring itself.'
-    outcomes = Outcomes(
-        other_elevation='a misfit of the tilt in proportion to the tilting moment',
-    )
+    outcomes = Outcomes(other_elevation='a misfit of the tilt in proportion to the tilting moment')
     stage = 'ring'
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (

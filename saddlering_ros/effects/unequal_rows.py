@@ -23,9 +23,7 @@ class UnequalRows(RingEffect):
         'Pull-push through zero load, which exchanges the parts of the two rows; swapped '
         'probes 2 and 4 rule out the instruments.'
     )
-    outcomes = Outcomes(
-        pull_push='a misfit that changes its sign with the load',
-    )
+    outcomes = Outcomes(pull_push='a misfit that changes its sign with the load')
     stage = 'ring'
     channels = ('delta_y', 'gamma')
     parameters = (

@@ -228,14 +228,13 @@ class LackOfFitTests:
         visible, where = 0.0, ''
         powers: dict[str, float] = {}
         sizes: dict[str, Array] = {}
-        metric = self._metric
-        for view in metric.problem.system.views:
-            seen = metric.problem.view_residuals(shape, view)
-            expected = self._variances[view]
+        problem = self._metric.problem
+        for view in problem.system.views:
             own = []
             for run, part, variance, whole in zip(
-                    metric.problem.runs, seen, expected, self._whole(fit, view), strict=True):
-                power = min(metric.problem.mean_square(part, run, view), whole) - variance
+                    problem.runs, problem.view_residuals(shape, view), self._variances[view],
+                    self._whole(fit, view), strict=True):
+                power = min(problem.mean_square(part, run, view), whole) - variance
                 size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
                 own.append(size)
                 powers[view] = max(powers.get(view, 0.0), size**2)
