@@ -183,22 +183,6 @@ SETTLING_STEP = 0.1
 """Step [s] of the simulation of a static run with settling."""
 
 
-def observe(
-    runs: Sequence[Record], rig: Rig, *, fit_rate: float | None,
-    contact: ContactParameters | None = None,
-) -> list[Observation]:
-    """Observations of runs; IdentificationError if a run cannot be used.
-
-    The noise is estimated from all runs of one sampling rate together. contact: a first
-    result, by which a damped ring follows the load cell's noise; without it the ring follows
-    at once, in proportion.
-    """
-    prepared = prepare_all(runs, rig, fit_rate)
-    if contact is None:
-        return observe_prepared(prepared, fit_rate)
-    return observe_with_cell(prepared, rig, fit_rate, contact)
-
-
 def prepare_all(
     runs: Sequence[Record], rig: Rig, fit_rate: float | None
 ) -> list[PreparedRun]:
@@ -211,7 +195,10 @@ def prepare_all(
 def observe_prepared(
     prepared: Sequence[PreparedRun], fit_rate: float | None
 ) -> list[Observation]:
-    """Observations without the noise of the load cell."""
+    """Observations without the noise of the load cell: a damped ring follows it at once.
+
+    The noise is estimated from all runs of one sampling rate together.
+    """
     noise = noise_of(prepared)
     return [
         _observe_dynamic(one, noise[number], fit_rate)

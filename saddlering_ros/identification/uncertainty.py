@@ -105,7 +105,7 @@ def assess(
     at_noise = covariance(best.jacobian)
     by_noise = at_noise * widening + np.outer(late, late)
     inverse = np.asarray(np.linalg.pinv(best.jacobian, rcond=1e-9), dtype=np.float64)
-    moved = roller_shifts(objective, best.contact, inverse)
+    moved = objective.combined(inverse, roller_effects(objective, best.contact))
     by_rollers = moved @ moved.T
     of_instruments = {name: shift[space.free] for name, shift in certified.items()}
     inner = by_noise + by_rollers + sum(
@@ -320,21 +320,11 @@ BEFORE = 1.0
 """Length [s] of the rest before the first reading that is the zero, if it is not in the record."""
 
 
-def roller_effects(objective: WeightedObjective, contact: Array) -> Array:
-    """Whitened residuals (R, M) by one standard deviation of each roller's scatter at a law (6,).
+def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
+    """Increments (M, 3, N) of each run by one standard deviation of each roller's scatter.
 
-    All runs share a column, because the same rollers are unequal in each of them.
+    Runs share the M rollers, because the same rollers are unequal in each of them.
     """
-    return np.concatenate(objective.whiten(_of_each_run(objective, contact)), axis=1).T
-
-
-def roller_shifts(objective: WeightedObjective, contact: Array, inverse: Array) -> Array:
-    """`inverse` (F, R) times the effects: shifts (F, M) of the parameters by each roller."""
-    return objective.combined(inverse, _of_each_run(objective, contact))
-
-
-def _of_each_run(objective: WeightedObjective, contact: Array) -> list[Array]:
-    """Increments (M, 3, N) of each run."""
     usual = objective.increments(contact[None, :])
     return [_increments(objective.rig, contact, one, found[0])
             for one, found in zip(objective.observations, usual, strict=True)]

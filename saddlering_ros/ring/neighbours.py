@@ -75,18 +75,6 @@ def has_tangent(centre: Candidate, neighbour: Candidate) -> bool:
             or other.damping_penetration_saturation == 0.0)
 
 
-def probe_sensitivities(rig: Rig, groups: Sequence[tuple[Candidate, Sequence[Candidate]]],
-                        elevation: float, time: ArrayLike, load: ArrayLike,
-                        zero_load: float | None = None,
-                        max_step: float = 1e-3) -> list[Responses]:
-    """Readings of each candidate, and first-order readings of its neighbours.
-
-    A group is a candidate (contact law, extension) and its neighbours. Arguments and readings are
-    those of `simulator.probe_batch`.
-    """
-    return Neighbourhoods(rig, groups).along(elevation, time, load, zero_load, max_step)
-
-
 @dataclass(frozen=True)
 class _Neighbourhood:
     """A candidate and its P neighbours, common to every run.
@@ -139,7 +127,10 @@ class _Record:
 
 
 class Neighbourhoods:
-    """Candidates with their neighbours, prepared for any number of runs of one rig."""
+    """Candidates with their neighbours, prepared for any number of runs of one rig.
+
+    A group is a candidate (contact law, extension) and its neighbours.
+    """
 
     def __init__(self, rig: Rig,
                  groups: Sequence[tuple[Candidate, Sequence[Candidate]]]) -> None:
@@ -157,7 +148,10 @@ class Neighbourhoods:
     def along(self, elevation: float, time: ArrayLike, load: ArrayLike,
               zero_load: float | None = None, max_step: float = 1e-3,
               blocks: tuple[Places, Places] | None = None) -> list[Responses]:
-        """Responses of every group in one run; as means over blocks [start, stop) if given."""
+        """Responses of every group in one run; as means over blocks [start, stop) if given.
+
+        The other arguments and the readings are those of `simulator.probe_batch`.
+        """
         seconds, force = check_simulation(time, load, elevation, max_step)
         zero = float(force[0]) if zero_load is None else zero_load
         if blocks is None:

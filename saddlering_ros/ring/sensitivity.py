@@ -68,22 +68,6 @@ def followed_motion(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayL
     return FollowedMotion(model, rows, path)
 
 
-def motion_sensitivities(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike,
-                         load: ArrayLike, max_step: float = 1e-3) -> tuple[Floats, Floats]:
-    """Motion (3, N) of a contact law (6,) from rest at load[0], and its derivatives (6, 3, N)."""
-    followed = followed_motion(rig, contact, elevation, time, load, max_step)
-    return followed.motion, followed.sensitivities()
-
-
-def steps_taken(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike, load: ArrayLike,
-                max_step: float = 1e-3) -> tuple[Floats, Floats, Floats]:
-    """Time (M,) [s], load (M,) [N], motion (3, M) at every step of a run from rest at load[0]."""
-    seconds, force = check_simulation(time, load, elevation, max_step)
-    model = with_contact(model_of(rig, elevation), contact)
-    path = simulate_path(model, rows_of(rig), seconds, force, float(force[0]), max_step)
-    return path.time, path.load, np.ascontiguousarray(path.motion.T)
-
-
 def static_sensitivities(rig: Rig, contact: ArrayLike, elevation: float,
                          equilibria: Floats) -> Floats:
     """Derivatives (6, 3, N) of equilibria (3, N) by the contact law (6,), in SI."""

@@ -13,12 +13,8 @@ import numpy as np
 from saddlering_ros.effects.extension import NO_EXTENSION
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring.kernels.layout import kernel
-from saddlering_ros.ring.neighbours import probe_sensitivities
-from saddlering_ros.ring.sensitivity import (
-    load_sensitivity,
-    motion_sensitivities,
-    static_sensitivities,
-)
+from saddlering_ros.ring.neighbours import Neighbourhoods
+from saddlering_ros.ring.sensitivity import followed_motion, load_sensitivity, static_sensitivities
 from saddlering_ros.ring.simulator import dynamic_batch, simulate, static_response
 
 
@@ -32,9 +28,9 @@ def warm() -> float:
     still = static_response(rig, contact, elevation, load[:2])
     static_sensitivities(rig, contact, elevation, still)
     dynamic_batch(rig, contact[None], elevation, seconds, load)
-    motion_sensitivities(rig, contact, elevation, seconds, load)
+    followed_motion(rig, contact, elevation, seconds, load).sensitivities()
     plain, creeping = (contact, NO_EXTENSION), (contact, replace(NO_EXTENSION, creep_axial=0.1))
-    probe_sensitivities(rig, [(plain, [plain, creeping])], elevation, seconds, load)
+    Neighbourhoods(rig, [(plain, [plain, creeping])]).along(elevation, seconds, load)
     load_sensitivity(rig, TRUE_TO_SCALE, elevation, seconds, load, 6)
     simulate(rig, ParameterSet(TRUE_TO_SCALE), elevation, seconds, load)
     return time.perf_counter() - began

@@ -6,6 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from saddlering_ros.identification.observation import (
+    observe_prepared,
+    observe_with_cell,
+    prepare_all,
+)
 from saddlering_ros.record import Record
 from saddlering_ros.rig import (
     ContactParameters,
@@ -96,3 +101,11 @@ def drawn_contact(random, rig=RIG):
         even = low + share * (high - low)
         values[name] = even if name[0] == 'n' else low * (high / low) ** share
     return ContactParameters(**values)
+
+
+def observe(runs, rig, *, fit_rate, contact=None):
+    """Observations of runs, with the noise of the load cell if a contact law is given."""
+    prepared = prepare_all(runs, rig, fit_rate)
+    if contact is None:
+        return observe_prepared(prepared, fit_rate)
+    return observe_with_cell(prepared, rig, fit_rate, contact)

@@ -2,14 +2,13 @@
 
 from dataclasses import replace
 
-from identification_records import DEGREES, dynamic_run, RIG, static_run
+from identification_records import DEGREES, dynamic_run, observe, RIG, static_run
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from saddlering_ros.estimation.record_noise import common_noise
 from saddlering_ros.identification.objective import WeightedObjective
-from saddlering_ros.identification.observation import observe
 from saddlering_ros.rig import ContactParameters
 
 RINGING = ContactParameters(9e7, 1.15, 3e4, 8e8, 1.05, 1e5)

@@ -8,6 +8,7 @@ from identification_records import (
     DEGREES,
     drawn_contact,
     dynamic_run,
+    observe,
     record,
     RIG,
     staircase,
@@ -31,7 +32,6 @@ from saddlering_ros.identification.objective import (
     predict,
     WeightedObjective,
 )
-from saddlering_ros.identification.observation import observe
 from saddlering_ros.identification.result import identification_text
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE

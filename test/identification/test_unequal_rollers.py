@@ -1,5 +1,6 @@
 """Claims about the intervals on rings of unequal rollers, as every real ring is."""
 
+from identification_records import observe
 import numpy as np
 import pytest
 
@@ -7,7 +8,6 @@ from saddlering_ros.bags import read_run
 from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.identification import IdentificationSettings, identify, SwarmSettings
 from saddlering_ros.identification.objective import WeightedObjective
-from saddlering_ros.identification.observation import observe
 from saddlering_ros.identification.uncertainty import roller_effects
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES
 from saddlering_ros.virtual_rig.campaign import draw_truth
@@ -49,12 +49,17 @@ def test_the_covariance_of_the_parameter_file_counts_noise_alone(found):
     assert np.diag(found.covariance) == pytest.approx(found.std**2)
 
 
+def whitened_effects(objective, contact):
+    """Whitened residuals (R, M) by the scatter of each roller."""
+    return np.concatenate(objective.whiten(roller_effects(objective, contact)), axis=1).T
+
+
 def test_the_effect_of_rollers_is_shared_by_all_runs(runs, found):
     observations = observe(runs, RIG, fit_rate=50.0)
     contact = found.parameters.contact.to_array()
     objective = WeightedObjective(RIG, observations, (0, 1, 2))
-    together = roller_effects(objective, contact)
-    alone = [roller_effects(WeightedObjective(RIG, [one], (0, 1, 2)), contact)
+    together = whitened_effects(objective, contact)
+    alone = [whitened_effects(WeightedObjective(RIG, [one], (0, 1, 2)), contact)
              for one in observations]
     assert np.allclose(together, np.concatenate(alone))
     # Mirror twins share a column: of 97 rollers 49 are on one side, of 110 rollers 56.

@@ -16,8 +16,8 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
 )
 from saddlering_ros.ring import probe_batch, static_batch
-from saddlering_ros.ring.neighbours import Neighbourhoods, probe_sensitivities
-from saddlering_ros.ring.sensitivity import motion_sensitivities, static_sensitivities
+from saddlering_ros.ring.neighbours import Neighbourhoods
+from saddlering_ros.ring.sensitivity import followed_motion, static_sensitivities
 
 RIG, ELEVATION = default_rig(), 0.9
 LAW = TRUE_TO_SCALE.to_array()
@@ -46,7 +46,7 @@ def aside(index: int, share: float) -> list[ContactParameters]:
 @EACH
 def test_a_motion_changes_with_the_contact_law_as_the_reference_does(index: int) -> None:
     load = swell(TIME, 0.05)
-    _, slopes = motion_sensitivities(RIG, LAW, ELEVATION, TIME, load, STEP)
+    slopes = followed_motion(RIG, LAW, ELEVATION, TIME, load, STEP).sensitivities()
     more, less = (reference.simulate_dynamic(RIG, law, ELEVATION, TIME, load)
                   for law in aside(index, 3e-5))
     expected = (more - less) / (6e-5 * LAW[index])
@@ -88,8 +88,8 @@ def test_readings_change_with_every_parameter_of_an_effect_as_differences_say(
             pair = [(LAW, extension_of({one.id: {**values, item.name: values[item.name] + by}}))
                     for by in (step, -step)]
             more, less = probe_batch(RIG, pair, ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)
-            found = probe_sensitivities(RIG, [((LAW, centre), pair)], ELEVATION, SLOW, SLOW_LOAD,
-                                        max_step=STEP)[0].neighbours
+            found = Neighbourhoods(RIG, [((LAW, centre), pair)]).along(
+                ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)[0].neighbours
             largest = np.abs(more - less).max()
             assert found[0] - found[1] == pytest.approx(
                 more - less, abs=5e-3 * largest + 1e-14), (variant, item.name)
@@ -100,7 +100,7 @@ def test_the_response_itself_is_that_of_a_simulation_in_the_same_steps() -> None
     load = np.append(2.0 * LOAD[0], LOAD[1:])
     arguments = ELEVATION, TIME, load, RIG.preload, 0.3 * STEP
     plain = probe_batch(RIG, [(LAW, extension)], *arguments)[0]
-    found = probe_sensitivities(RIG, [((LAW, extension), [(LAW, extension)])], *arguments)[0]
+    found = Neighbourhoods(RIG, [((LAW, extension), [(LAW, extension)])]).along(*arguments)[0]
     assert found.centre == pytest.approx(plain, abs=1e-13)
     assert found.neighbours[0] == pytest.approx(plain, abs=1e-13)
 
@@ -113,8 +113,8 @@ def test_an_effect_that_is_not_there_yet_has_a_slope() -> None:
         plain = LAW, NO_EXTENSION
         without, with_it = probe_batch(RIG, [plain, there], ELEVATION, SLOW, SLOW_LOAD,
                                        max_step=STEP)
-        found = probe_sensitivities(RIG, [(plain, [there])], ELEVATION, SLOW, SLOW_LOAD,
-                                    max_step=STEP)[0]
+        found = Neighbourhoods(RIG, [(plain, [there])]).along(
+            ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)[0]
         expected = with_it - without
         assert found.neighbours[0] - found.centre == pytest.approx(
             expected, abs=2e-2 * np.abs(expected).max()), effects
