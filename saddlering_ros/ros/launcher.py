@@ -7,7 +7,7 @@ The middleware looks for nodes on this machine, and sends by UDP.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import contextlib
 from dataclasses import dataclass, field
 import fcntl
@@ -205,12 +205,12 @@ class NodeGroup:
         log = self.log_folder / f'{name}.log'
         command = [sys.executable, '-m', f'saddlering_ros.nodes.{name}',
                    *ros_arguments(parameters, files, renamed)]
-        with log.open('wb') as stream:
+        with log.open('wb') as stream, signals_held():  # or nobody would know of the process
             process = Popen(
                 command, stdin=DEVNULL, stdout=stream, stderr=STDOUT,
                 env={**self.environment, LIFELINE: str(self._read_end)},
                 pass_fds=(self._read_end,), start_new_session=True)
-        self.processes[name] = NodeProcess(name, process, log)
+            self.processes[name] = NodeProcess(name, process, log)
         return self.processes[name]
 
     def wait(self, name: str, timeout: float) -> int:
@@ -319,6 +319,24 @@ def follow_lifeline() -> None:
 
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextlib.contextmanager
+def signals_held() -> Iterator[None]:
+    """A signal that this program handles acts when the block is done, not within it."""
+    came: list[signal.Signals] = []
+    handlers = {number: signal.getsignal(number) for number in SIGNALS
+                if threading.current_thread() is threading.main_thread()}
+    held = {number: handler for number, handler in handlers.items() if callable(handler)}
+    for number in held:
+        signal.signal(number, lambda number, _: came.append(signal.Signals(number)))
+    try:
+        yield
+    finally:
+        for number, handler in held.items():
+            signal.signal(number, handler)
+        for number in came:
+            signal.raise_signal(number)
 
 
 def is_node_program() -> bool:

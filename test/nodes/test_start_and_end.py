@@ -60,6 +60,36 @@ def test_a_middleware_that_does_not_leave_the_network_is_abandoned(fault: str) -
     assert (node.returncode, node.stderr) == (0, '')
 
 
+class Told(BaseException):
+    """What a signal's handler raises."""
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_the_middle_of_a_nodes_start_leaves_no_process(
+        number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+
+    def started_and_told(*_: object, **__: object) -> subprocess.Popen[bytes]:
+        started.append(subprocess.Popen(['sleep', '60'], start_new_session=True))
+        signal.raise_signal(number)
+        return started[0]
+
+    def tell(*_: object) -> None:
+        raise Told
+
+    monkeypatch.setattr('saddlering_ros.ros.launcher.Popen', started_and_told)
+    before = signal.signal(number, tell)
+    try:
+        with pytest.raises(Told), NodeGroup(domain_id=1, log_folder=tmp_path) as group:
+            group.start('ring_displacement')
+        assert started[0].poll() is not None
+        assert signal.getsignal(number) is tell
+    finally:
+        signal.signal(number, before)
+        started[0].kill()
+        started[0].wait()
+
+
 @pytest.mark.ros
 def test_two_rigs_of_nodes_that_replay_take_the_rig_file_and_end_with_status_0(
         heard: Client, ros_domain: int, tmp_path: Path) -> None:
