@@ -103,9 +103,7 @@ def _refuse_irregular(path: Path, mode: int, error: type[SaddleringError]) -> No
         raise error(f'{path}: cannot be read ({kind}): give the path of a regular file')
 
 
-def read_regular_text(
-    path: Path, error: type[SaddleringError], limit: int = MAX_BYTES,
-) -> str:
+def read_regular_text(path: Path, error: type[SaddleringError], limit: int = MAX_BYTES) -> str:
     """The text of a regular file of at most `limit` bytes; `error` with one line otherwise."""
     try:
         data = _read_at_once(path, error, limit)

@@ -173,8 +173,7 @@ class Result(ABC):
         from saddlering_ros.pages import html
 
         columns = self.columns()
-        rows = [[_cell(value) for value in row]
-                for row in zip(*columns.values(), strict=True)]
+        rows = [[_cell(value) for value in row] for row in zip(*columns.values(), strict=True)]
         return html.paragraph(self._headline()) + html.table(list(columns), rows)
 
     def _headline(self) -> str:
@@ -331,8 +330,7 @@ class ValidationResult(Result):
         return save_plots(self.found, runs_of(self.bags), Path(folder), self.rig.force_unit)
 
     def _document(self) -> dict[str, Any]:
-        return {**self.found.to_json(),
-                'criteria': [asdict(item) for item in self.criteria]}
+        return {**self.found.to_json(), 'criteria': [asdict(item) for item in self.criteria]}
 
     def _headline(self) -> str:
         met = sum(item.is_met for item in self.criteria)

@@ -92,8 +92,7 @@ def open_directory(path: Path | str) -> BagDirectory:
         if not path.exists():
             raise BagError(f'{path}: there is no such bag: check the path')
     except OSError as problem:
-        raise BagError(
-            f'{path}: cannot be read ({problem.strerror}): check the path') from problem
+        raise BagError(f'{path}: cannot be read ({problem.strerror}): check the path') from problem
     if not path.is_file() or not path.name.endswith(SUFFIXES):
         raise BagError(f'{path}: is not a bag: give a rosbag2 directory or an .mcap file, or make '
                        f'one of measured files by: saddlering import {path} --draft')

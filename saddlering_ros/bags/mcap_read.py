@@ -149,9 +149,7 @@ class McapFile:
             raise self._damaged(position, 'a record')
         return opcode, start, start + length
 
-    def _declaration(
-        self, opcode: int, buffer: bytes | mmap.mmap, start: int, stop: int,
-    ) -> None:
+    def _declaration(self, opcode: int, buffer: bytes | mmap.mmap, start: int, stop: int) -> None:
         """Read a schema, channel or metadata record; skip any other."""
         fields = _Fields(buffer, start, stop)
         if opcode == SCHEMA:
@@ -296,8 +294,7 @@ class McapFile:
             channel, of_entries = struct.unpack_from('<HI', buffer, start)
             if of_entries != length - 6 or of_entries % _INDEX_ENTRY.itemsize or channel in index:
                 return {}
-            index[channel] = np.frombuffer(
-                buffer[start + 6:start + length], dtype=_INDEX_ENTRY)
+            index[channel] = np.frombuffer(buffer[start + 6:start + length], dtype=_INDEX_ENTRY)
             position = start + length
         return index
 

@@ -217,8 +217,7 @@ def _interleave(
 ) -> tuple[bytes, list[NDArray[np.int64]]]:
     """The message records of all blocks by log time, and the start of each block's records."""
     times = np.concatenate([block.log_times for block in blocks])
-    sizes = np.concatenate([
-        np.full(len(block), block.record_size) for block in blocks])
+    sizes = np.concatenate([np.full(len(block), block.record_size) for block in blocks])
     order = np.argsort(times, kind='stable')
     ends = np.cumsum(sizes[order])
     starts = np.empty(len(times), dtype=np.int64)

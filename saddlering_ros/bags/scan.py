@@ -292,9 +292,7 @@ def _scan_file(
                     result.schema_encodings.add(channel.schema_encoding)
 
 
-def _take_facts(
-    result: Scan, records: dict[str, str], own: Mapping[str, str], path: Path,
-) -> None:
+def _take_facts(result: Scan, records: dict[str, str], own: Mapping[str, str], path: Path) -> None:
     """Facts of one more file of the bag; those that contradict an earlier file's are noted."""
     for key, value in own.items():
         if key in KEYS and same_text(key, records.setdefault(key, value), value):

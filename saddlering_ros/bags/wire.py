@@ -234,8 +234,7 @@ def decode_records(
     first = data[starts[0]:starts[0] + sizes[0]].tobytes()
     kind, length = _head_of(first)
     records = _read(data, starts, sizes, _layout(message_type, kind, length, names))
-    if records is None or (records['kind'] != kind).any() or (
-            records['length'] != length).any():
+    if records is None or (records['kind'] != kind).any() or (records['length'] != length).any():
         return _decode_mixed(data, starts, sizes, message_type, names)
     return _checked(records, names, _frame_id(first, length))
 

@@ -293,8 +293,7 @@ class BagWriter:
         if self._recorded:
             return Path(tempfile.mkdtemp(prefix=f'.{self.path.name}.recording.',
                                          dir=self.path.parent))
-        return self._stack.enter_context(
-            temporary_folder(self.path.parent, f'.{self.path.name}.'))
+        return self._stack.enter_context(temporary_folder(self.path.parent, f'.{self.path.name}.'))
 
     @contextmanager
     def _or_refused(self) -> Iterator[None]:

@@ -14,19 +14,7 @@ from saddlering_ros.campaign.store import CampaignError, CampaignInterruptedErro
 from saddlering_ros.campaign.task import SessionLimits, SessionTask, tasks_of
 
 __all__ = [
-    'CampaignError',
-    'CampaignInterruptedError',
-    'FoundBag',
-    'Grouping',
-    'Session',
-    'SessionLimits',
-    'SessionTask',
-    'Store',
-    'Summary',
-    'find_bags',
-    'group_sessions',
-    'read_manifest',
-    'run_campaign',
-    'tasks_of',
-    'write_manifest',
+    'CampaignError', 'CampaignInterruptedError', 'FoundBag', 'Grouping', 'Session',
+    'SessionLimits', 'SessionTask', 'Store', 'Summary', 'find_bags', 'group_sessions',
+    'read_manifest', 'run_campaign', 'tasks_of', 'write_manifest',
 ]

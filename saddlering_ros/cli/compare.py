@@ -42,8 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.cli._terminal import Bar
 
     rig = load_rig(args.rig)
-    before, *between, after = (
-        bags_of(args, bags, rig) for bags in (args.before, *args.after))
+    before, *between, after = (bags_of(args, bags, rig) for bags in (args.before, *args.after))
     with Bar() as bar:
         result = compare(before, after, between=between, rig=args.rig, seed=args.seed,
                          trust_rig=args.trust_rig, on_progress=bar.tell)

@@ -40,8 +40,7 @@ def run(args: argparse.Namespace) -> int:
         notes.append('the record has no steady start near the preload; its zero is at another '
                      'load')
     with Bar() as bar:
-        stretches = measured_blocks(
-            rig, test_run, zero, lambda share: bar.show('compute', share))
+        stretches = measured_blocks(rig, test_run, zero, lambda share: bar.show('compute', share))
         deliver(args, test_run, (displacement_columns(test_run, batch) for batch in stretches),
                 zero.reading, 'measured', notes)
     return 0

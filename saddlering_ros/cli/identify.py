@@ -32,8 +32,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--seed', type=int, default=0, help='seed of the swarm (default 0)')
     parser.add_argument('--bounds', nargs='+', default=[], metavar='NAME=LOW:HIGH',
                         help='bounds of a parameter in SI units, e.g. K1=2e7:1e9')
-    parser.add_argument('--particles', type=int, default=20,
-                        help='size of the swarm (default 20)')
+    parser.add_argument('--particles', type=int, default=20, help='size of the swarm (default 20)')
     parser.add_argument('--iterations', type=int, default=50,
                         help='most steps of the swarm (default 50)')
     parser.add_argument('--accuracy', type=float, metavar='J',

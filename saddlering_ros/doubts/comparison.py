@@ -102,8 +102,7 @@ def _places(load: Floats, head: Floats) -> list[int]:
     found: list[int] = []
     for part in blocks(len(load) - len(head) + 1, load):
         rows = part.start + np.flatnonzero(load[part] == head[0])
-        found += [row for row in rows.tolist()
-                  if np.array_equal(load[row:row + len(head)], head)]
+        found += [row for row in rows.tolist() if np.array_equal(load[row:row + len(head)], head)]
     return found
 
 

@@ -235,9 +235,7 @@ def _in_other_unit(found: _Findings, rig: Rig, topic: RigTopic, values: Floats) 
     return False
 
 
-def _range(
-    found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic, values: Floats,
-) -> None:
+def _range(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic, values: Floats) -> None:
     low, high = rig.probes.min_range, rig.probes.max_range
     span = high - low
     if not one.high > one.low:
@@ -260,9 +258,7 @@ def _range(
                    'the probe to the middle')
 
 
-def _skew(
-    found: _Findings, heard: Mapping[str, HeardTopic], probes: Sequence[str],
-) -> None:
+def _skew(found: _Findings, heard: Mapping[str, HeardTopic], probes: Sequence[str]) -> None:
     load = heard[LOAD_TOPIC].delay
     for name in probes:
         skew = heard[name].delay - load

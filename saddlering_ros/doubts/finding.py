@@ -38,8 +38,7 @@ class Kind:
 
     def at(self, where: str = '', /, **figures: object) -> Finding:
         """The finding of this kind with its figures."""
-        return Finding(
-            self.id, self.words.format(**figures), where, self.threshold, self.severity)
+        return Finding(self.id, self.words.format(**figures), where, self.threshold, self.severity)
 
     @property
     def limit(self) -> float:

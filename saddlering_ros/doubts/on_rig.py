@@ -185,8 +185,7 @@ def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
         return [LOAD_UNIT.at(start=start, peak=peak, units=' or '.join(looks),
                              preload=rig.preload, factor=FORCE_UNITS[looks[0]])]
     if peak > OVERLOAD.limit * rig.full_scale_load:
-        return [OVERLOAD.at(peak=rig.force_words(peak),
-                            full=rig.force_words(rig.full_scale_load))]
+        return [OVERLOAD.at(peak=rig.force_words(peak), full=rig.force_words(rig.full_scale_load))]
     if not zero.near_preload:
         return [START_OFF_PRELOAD.at(start=rig.force_words(start),
                                      preload=rig.force_words(rig.preload))]
@@ -202,8 +201,7 @@ def _unit_of_probes(rig: Rig, spans: list[tuple[float, float]]) -> list[Finding]
         looks = [name for name, factor in LENGTH_UNITS.items()
                  if abs(high * factor / wanted - 1.0) < UNIT_TOLERANCE]
         if looks:
-            findings.append(
-                SPAN_UNIT.at(probe=number, high=high, wanted=wanted, unit=looks[0]))
+            findings.append(SPAN_UNIT.at(probe=number, high=high, wanted=wanted, unit=looks[0]))
     return findings
 
 

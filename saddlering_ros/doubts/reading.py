@@ -59,9 +59,7 @@ MAX_GAP_SHARE = 0.5
 """Share of a probe's record in gaps above which its stamps come by blocks."""
 
 
-def run_of_record(
-    record: RawRecord, facts: TestMetadata, rig: Rig | None = None,
-) -> Record:
+def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None) -> Record:
     """Check the readings and put the probes on the load's stamps."""
     where = str(record.path)
     absent = absent_topic(rig)

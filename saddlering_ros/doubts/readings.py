@@ -170,9 +170,7 @@ def probe_findings(
     return findings
 
 
-def _gaps(
-    topic: str, stamps: NDArray[np.int64], is_gap: NDArray[np.bool_],
-) -> list[Finding]:
+def _gaps(topic: str, stamps: NDArray[np.int64], is_gap: NDArray[np.bool_]) -> list[Finding]:
     count = int(is_gap.sum())
     if not count:
         return []
@@ -212,8 +210,7 @@ def quality_findings(topic: str, quality: TopicQuality, unit: str) -> list[Findi
         findings.append(COARSE.at(topic, step=quantity(quality.resolution, unit),
                                   noise=quantity(quality.noise, unit)))
     if quality.spikes.size:
-        findings.append(
-            SPIKES.at(topic, count=quality.spikes.size, first=int(quality.spikes[0])))
+        findings.append(SPIKES.at(topic, count=quality.spikes.size, first=int(quality.spikes[0])))
     start, count = quality.stall
     if count:
         findings.append(STALL.at(topic, count=count, seconds=start / quality.rate))

@@ -77,9 +77,7 @@ class _Response:
     span: float
 
 
-def wiring_findings(
-    rig: Rig, elevation: float, load: Floats, gaps: Floats,
-) -> list[Finding]:
+def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> list[Finding]:
     """Probable faults in gaps (4, N) [m] over load (N,) [N] at `elevation` [rad]."""
     load, gaps = complete_rows(load, gaps)
     if len(load) < STUCK_SAMPLES or float(np.ptp(load)) < MIN_LOAD_SPAN * rig.full_scale_load:
@@ -191,9 +189,7 @@ MATCH = 0.1
 """Largest difference from the earlier reading of the other probe, as a share of the change."""
 
 
-def exchange_findings(
-    rig: Rig, time: Floats, load: Floats, gaps: Floats,
-) -> list[Finding]:
+def exchange_findings(rig: Rig, time: Floats, load: Floats, gaps: Floats) -> list[Finding]:
     """A finding for each pair of probes (of gaps (4, N)) that exchange their readings at rest."""
     exchanges: dict[tuple[int, int], float] = {}
     usual = [_usual_change(row) for row in gaps]

@@ -29,23 +29,9 @@ from saddlering_ros.effects.law import Law, LawEffect, read_law_effect
 from saddlering_ros.rig import Rig
 
 __all__ = [
-    'NO_EXTENSION',
-    'STAGES',
-    'Choice',
-    'EffectError',
-    'EffectParameter',
-    'LawEffect',
-    'OwnParameter',
-    'RingEffect',
-    'RingExtension',
-    'Variant',
-    'catalogue',
-    'effect',
-    'extension_of',
-    'laws_of',
-    'own_files',
-    'own_parameters',
-    'use_folder',
+    'NO_EXTENSION', 'STAGES', 'Choice', 'EffectError', 'EffectParameter', 'LawEffect',
+    'OwnParameter', 'RingEffect', 'RingExtension', 'Variant', 'catalogue', 'effect',
+    'extension_of', 'laws_of', 'own_files', 'own_parameters', 'use_folder',
 ]
 
 FOLDER_VARIABLE = 'SADDLERING_EFFECTS'

@@ -91,9 +91,7 @@ def combined(values: Sequence[Array], covariances: Sequence[Array], inflation: f
     return np.asarray(spread @ pull), np.asarray(spread)
 
 
-def scatter_inflation(
-    rings: Sequence[tuple[Sequence[Array], Sequence[Array]]]
-) -> float:
+def scatter_inflation(rings: Sequence[tuple[Sequence[Array], Sequence[Array]]]) -> float:
     """By how much sessions of one ring scatter more than their covariances, in variance, >= 1.
 
     By the median over pairs of neighbours in time, which neither a drift nor a repair moves much.
@@ -152,8 +150,7 @@ def _weighted(
     inverse = np.linalg.inv(total)
     mean_covariance = np.linalg.inv(inverse.sum(axis=0))
     mean = mean_covariance @ np.einsum('rij,rj->i', inverse, means)
-    return (np.asarray(mean), np.asarray(mean_covariance), np.asarray(total),
-            np.asarray(inverse))
+    return (np.asarray(mean), np.asarray(mean_covariance), np.asarray(total), np.asarray(inverse))
 
 
 def unlike_sisters(means: Array, covariances: Array, level: float) -> list[Unlikeness]:

@@ -154,8 +154,7 @@ def _check_unpacked_size(path: Path) -> None:
 
 def _others(name: str) -> tuple[str, ...]:
     """/path with a leading slash, path with dots as MATLAB writes it, and the last part."""
-    return tuple(dict.fromkeys(
-        (f'/{name}', name.replace('/', '.'), name.rpartition('/')[2])))
+    return tuple(dict.fromkeys((f'/{name}', name.replace('/', '.'), name.rpartition('/')[2])))
 
 
 def _unit_of(item: Any) -> str:

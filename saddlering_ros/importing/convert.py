@@ -120,8 +120,7 @@ def _feeds(sources: Sequence[Source], mapping: ImportMap) -> list[Feed]:
     channels = {channel.name: channel for channel in mapping.channels}
     pieces: dict[object, Piece] = {}
     for channel in mapping.channels:
-        held = [source for source in sources
-                if fnmatch.fnmatch(source.path.name, channel.file)]
+        held = [source for source in sources if fnmatch.fnmatch(source.path.name, channel.file)]
         if not held:
             raise ImportingError(f'channels.{channel.name}: there is no file named '
                                  f'{channel.file!r}')
@@ -247,8 +246,7 @@ class _Stream:
     def __init__(self, feed: Feed) -> None:
         self._parts = feed.parts()
         self._next: Part | None = None
-        self.names = tuple(dict.fromkeys(
-            name for piece in feed.pieces for name in piece.columns))
+        self.names = tuple(dict.fromkeys(name for piece in feed.pieces for name in piece.columns))
 
     def peek(self) -> Part | None:
         """The next part, None at the end."""

@@ -34,8 +34,7 @@ from saddlering_ros.record.metadata import DETAILS
 from saddlering_ros.record.topics import RANGE_TYPE, RigTopic, TOPICS
 from saddlering_ros.rig import OPPOSITE
 
-CHANNELS: dict[str, RigTopic] = {
-    name.rpartition('/')[2]: topic for name, topic in TOPICS.items()}
+CHANNELS: dict[str, RigTopic] = {name.rpartition('/')[2]: topic for name, topic in TOPICS.items()}
 """The rig's topics by the names that a map has for them."""
 
 REQUIRED = tuple(name for name, topic in CHANNELS.items() if topic.required)

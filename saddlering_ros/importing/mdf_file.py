@@ -253,8 +253,7 @@ class MdfSource(Source):
             count = len(left) // group.record
             self.warnings.add(f'{self.path}: a group ends {rows - count} records early: the file '
                               'was not closed properly')
-            yield np.frombuffer(left, np.uint8, count * group.record).reshape(
-                count, group.record)
+            yield np.frombuffer(left, np.uint8, count * group.record).reshape(count, group.record)
 
     # -- the description -----------------------------------------------------------------------
 
@@ -325,8 +324,7 @@ class MdfSource(Source):
         group = self._groups[channel.group]
         first = next(iter(self._blocks.pieces(group.data)), b'')
         count = min(3, len(first) // group.record)
-        records = np.frombuffer(first, np.uint8, count * group.record).reshape(
-            count, group.record)
+        records = np.frombuffer(first, np.uint8, count * group.record).reshape(count, group.record)
         return tuple(map(str, channel.values(records, group)))
 
     def _conversion(self, place: int) -> tuple[int, tuple[float, ...]]:

@@ -10,8 +10,7 @@ from saddlering_ros.record.record import RawRecord, RawTopic, Record
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 
 __all__ = [
-    'LOAD_TOPIC', 'PROBE_TOPICS', 'RIG_TOPICS', 'Aligner',
-    'MeasuredRun', 'PlateauMeans', 'Plateaus', 'RawRecord', 'RawTopic', 'Record',
-    'TestMetadata', 'align', 'condensed', 'displacement_of_run', 'fit_limit',
-    'plateau_means', 'plateaus', 'seconds_array',
+    'LOAD_TOPIC', 'PROBE_TOPICS', 'RIG_TOPICS', 'Aligner', 'MeasuredRun', 'PlateauMeans',
+    'Plateaus', 'RawRecord', 'RawTopic', 'Record', 'TestMetadata', 'align', 'condensed',
+    'displacement_of_run', 'fit_limit', 'plateau_means', 'plateaus', 'seconds_array',
 ]

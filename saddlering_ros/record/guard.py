@@ -200,8 +200,7 @@ class SampleGuard:
                 self._count_doubtful(len(samples))
                 return samples
             half = len(samples) // 2
-            parts = [self.push(samples.pick(part))
-                     for part in (slice(0, half), slice(half, None))]
+            parts = [self.push(samples.pick(part)) for part in (slice(0, half), slice(half, None))]
             return Samples(np.concatenate([part.stamps for part in parts]),
                            np.concatenate([part.values for part in parts]), samples.low,
                            samples.high)

@@ -368,9 +368,7 @@ def _autocovariance_sums(deviation: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.fft.irfft(np.abs(spectrum) ** 2, 2 * size)[:size])
 
 
-def _corrected_for_mean(
-    covariance: NDArray[np.float64], size: int,
-) -> NDArray[np.float64]:
+def _corrected_for_mean(covariance: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     """Add the variance of the mean, which was subtracted from the same samples."""
     corrected, before = covariance, 0.0
     for _ in range(20):
@@ -442,8 +440,7 @@ def _after_mean(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     total = np.cumsum(covariance)
     with_mean = (total + total[::-1] - covariance[0]) / size
     heads = np.cumsum(with_mean)[::-1]
-    return np.asarray(
-        covariance + with_mean.mean() - 2.0 * heads / np.arange(size, 0, -1))
+    return np.asarray(covariance + with_mean.mean() - 2.0 * heads / np.arange(size, 0, -1))
 
 
 def _window(correlation: NDArray[np.float64], size: int) -> int | None:

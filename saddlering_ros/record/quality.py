@@ -232,8 +232,7 @@ def spikes_of(values: Floats, step: float, noise: float) -> NDArray[np.intp]:
 def _away_from_neighbours(values: Floats) -> Floats:
     """Distance of each reading (N,) from the median of the five around it; ends are repeated."""
     padded = np.pad(values, 2, mode='edge')
-    first, second, third, fourth, fifth = (
-        padded[place:place + len(values)] for place in range(5))
+    first, second, third, fourth, fifth = (padded[place:place + len(values)] for place in range(5))
     # The median of three: the fifth, and two that bound the median of the other four.
     low = np.maximum(np.minimum(first, second), np.minimum(fourth, fifth))
     high = np.minimum(np.maximum(first, second), np.maximum(fourth, fifth))

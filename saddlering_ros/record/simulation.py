@@ -224,8 +224,7 @@ def _stretches(
     on_progress: Callable[[float], None],
 ) -> Iterator[tuple[ZeroReading, Displacements]]:
     failed, found, zero = 0, False, None
-    for simulated in simulate_in_blocks(
-            rig, parameters, run.elevation, run.time, run.load, BLOCK):
+    for simulated in simulate_in_blocks(rig, parameters, run.elevation, run.time, run.load, BLOCK):
         batch = _converged(run, simulated)
         failed, zero = simulated.failed_steps, simulated.zero
         found = found or bool(len(batch))

@@ -101,8 +101,7 @@ def dimensions(rig: Rig) -> list[tuple[str, str]]:
         ('trunnion, x and y', f'{1e3 * rig.trunnion.x:g} mm, {1e3 * rig.trunnion.y:g} mm'),
         ('probes 2 and 4, distance', f'{1e3 * rig.probes.axial_span:g} mm'),
         ('probes 1 and 3, height', f'{1e3 * rig.probes.radial_height:g} mm'),
-        ('probes, polarity of 1 to 4',
-         ', '.join(f'{sign:+g}' for sign in rig.probes.polarity)),
+        ('probes, polarity of 1 to 4', ', '.join(f'{sign:+g}' for sign in rig.probes.polarity)),
         *([('probe that is absent', f'{rig.probes.absent}')] if rig.probes.absent else []),
         ('probes, span', f'{1e3 * rig.probes.min_range:g} to {1e3 * rig.probes.max_range:g} mm'),
         ('carriage, mass', f'{rig.carriage.mass:g} kg'),
@@ -244,9 +243,7 @@ def _reduction_words(item: Mapping[str, float | None] | None) -> str:
     return f'({words})' if before <= allowed_misfit(floor) else words
 
 
-def reproduction(
-    document: Mapping[str, Any], command: str = '', curves_file: str = '',
-) -> str:
+def reproduction(document: Mapping[str, Any], command: str = '', curves_file: str = '') -> str:
     """Chapter: the command, the versions and the hashes that lead to the same numbers again."""
     made = document.get('provenance') or {}
     rows: list[list[str | Cell]] = []

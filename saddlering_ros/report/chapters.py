@@ -256,8 +256,7 @@ def shape_tests(document: VerdictDocument) -> str:
     for channel in CHANNELS:
         if not any(channel_of_test == channel for channel_of_test, _ in before):
             continue  # The parity, if a probe is absent.
-        pairs = [(before.get((channel, name)), after.get((channel, name)))
-                 for name in coordinates]
+        pairs = [(before.get((channel, name)), after.get((channel, name))) for name in coordinates]
         rows.append([code(channel), *(_shape_cell(*pair) for pair in pairs)])
     return html.section(
         'Dependence of the misfit on load, direction, rate and time',

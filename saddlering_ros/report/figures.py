@@ -117,8 +117,7 @@ def of_run(run: RunCurves, channels: Sequence[str] = SHOWN) -> Chart:
     panels = []
     for row, channel in enumerate(channels):
         over_load, _ = _compared(run, channel, row, 0, with_title=False, is_over_load=True)
-        over_time, residual = _compared(run, channel, row, 1, with_title=False,
-                                        is_over_load=False)
+        over_time, residual = _compared(run, channel, row, 1, with_title=False, is_over_load=False)
         panels += [over_load, over_time, replace(residual, row=row, column=2)]
     title = f'{run.name}: {run.test}, {run.elevation_deg:g}°'
     panels[0] = replace(panels[0], title=title)

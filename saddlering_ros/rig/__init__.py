@@ -66,9 +66,8 @@ __all__ = [
     'ResolvedLoad', 'Rig', 'RigError', 'RollerRow', 'Trunnion', 'ZeroReading', 'ZeroWindow',
     'check_bounds', 'default_rig', 'displacement_to_probes', 'force_decimals', 'force_range',
     'force_words', 'gap_increment', 'line_contact_stiffness', 'load_rig', 'measured_displacement',
-    'mirrored_gap', 'parameters_from_mapping', 'parameters_to_mapping',
-    'probes_to_displacement', 'read_parameters', 'resolve_load', 'rig_digest',
-    'rig_file_of_project', 'rig_from_parameters', 'shipped_rig_file', 'short_digest',
-    'size_factor', 'stiffness_per_metre', 'stiffness_per_millimetre', 'with_absent',
-    'write_parameters', 'zero_of_record',
+    'mirrored_gap', 'parameters_from_mapping', 'parameters_to_mapping', 'probes_to_displacement',
+    'read_parameters', 'resolve_load', 'rig_digest', 'rig_file_of_project', 'rig_from_parameters',
+    'shipped_rig_file', 'short_digest', 'size_factor', 'stiffness_per_metre',
+    'stiffness_per_millimetre', 'with_absent', 'write_parameters', 'zero_of_record',
 ]

@@ -39,9 +39,7 @@ class ContactParameters:
         for name in PARAMETER_NAMES:
             value = getattr(self, name)
             if not np.isfinite(value) or value < 0.0 or (value == 0.0 and name[0] != 'D'):
-                raise RigError(
-                    f'contact.{name} is {value!r}: give a finite number above zero'
-                )
+                raise RigError(f'contact.{name} is {value!r}: give a finite number above zero')
             low, high = EXPONENTS
             if name[0] == 'n' and not low <= value <= high:
                 raise RigError(f'contact.{name} is {value!r}: give {low:g} to {high:g} '

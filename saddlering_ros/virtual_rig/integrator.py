@@ -121,8 +121,7 @@ def _add_friction(friction: Floats, z: Floats, moved: Floats, v: Floats, seconds
         row = friction[element]
         travel = row[0] * moved[0] + row[1] * moved[1] + row[2] * moved[2]
         law = int(row[F_LAW])
-        state, slope = follow(law, z[element], travel, row[F_PRESLIDING], seconds,
-                              row[F_STRIBECK])
+        state, slope = follow(law, z[element], travel, row[F_PRESLIDING], seconds, row[F_STRIBECK])
         limit = row[F_LIMIT]
         viscous = row[F_VISCOUS] if law == LUGRE else 0.0
         speed = row[0] * v[0] + row[1] * v[1] + row[2] * v[2]
