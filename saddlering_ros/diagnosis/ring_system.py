@@ -261,18 +261,21 @@ class RingSystem:
         load at the ring then shifts the place of that motion, so that the noise of the
         load shows as much as that of the probes.
         """
+        return self.nuisances_at(runs, [point] * len(runs))
+
+    def nuisances_at(self, runs: Sequence[RunBlocks], points: Sequence[Point]) -> list[Array]:
+        """The same, each run at a point of its own."""
         parts, known = [], []
-        base, extension = point.base, self.extension(point)
-        touching = extension.only(MOTION)
-        for run in runs:
+        for run, point in zip(runs, points, strict=True):
             usual = self.predict_many(run, [point])[0]  # A law of the user is in it.
-            contacts = self._four_probes(run, [(base, touching)])[0]
+            touching = self.extension(point).only(MOTION)
+            contacts = self._four_probes(run, [(point.base, touching)])[0]
             grid: LoadGrid = run.payload
             static = run.rate is None or not np.any(run.rate)
             load = next(iter(run.inputs.values()))
             course = SimulatedCourse(
                 grid.elevation, grid.zero_load, load, run.time, contacts, static)
-            parts.append(scatter_columns(self.rig, base, course)[self.seen])
+            parts.append(scatter_columns(self.rig, point.base, course)[self.seen])
             sides = [
                 [replace(self, rig=rig).predict_many(run, [point])[0] for rig in pair]
                 for pair in known_rigs(self.rig)
@@ -281,12 +284,12 @@ class RingSystem:
                 np.stack(
                     [0.5 * (above - below) for above, below in sides]
                     + [CURVATURE * (0.5 * (above + below) - usual) for above, below in sides]
-                    + self.instrument_errors(run, base),
+                    + self.instrument_errors(run, point.base),
                     axis=-1,
                 )
             )
         joined = compressed(np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
-        noisy = self._load_noise(runs, point)
+        noisy = self._load_noise(runs, points)
         answer, start = [], 0
         for run, own, load in zip(runs, known, noisy, strict=True):
             block = joined[start : start + run.channels.size]
@@ -309,14 +312,14 @@ class RingSystem:
             changes.append(np.outer(0.5 * span * np.sign(weights), weights @ predicted[0]))
         return changes
 
-    def _load_noise(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
+    def _load_noise(self, runs: Sequence[RunBlocks], points: Sequence[Point]) -> list[Array]:
         """Changes (C, N, k) by noise of the load where a little load moves the ring far.
 
         There is one column per block; k counts over all runs, each with its own blocks.
         """
         wander = LOAD_WANDER * self.rig.full_scale_load
         changes, places = [], []
-        for run in runs:
+        for run, point in zip(runs, points, strict=True):
             grid: LoadGrid = run.payload
             per_newton = _beside(self._per_newton(run, point))
             white = 0.0 if grid.load_noise is None else grid.load_noise

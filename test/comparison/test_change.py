@@ -15,6 +15,7 @@ from saddlering_ros.comparison.maker import common_loads, judged_wear, maker_fig
 from saddlering_ros.comparison.page import change_text, write_change_page
 from saddlering_ros.comparison.series import ChangeSeries, Evidence
 from saddlering_ros.comparison.sessions import (
+    beside,
     CONTACT_CHANGE,
     EARLIER,
     LATER,
@@ -153,6 +154,32 @@ def test_a_cause_acts_in_its_own_session_only():
     assert list(earlier.base) == list(point.base)
     assert later.effects == {'load_gain': {'gain': 0.01}}
     assert later.base[3] == pytest.approx(2.7)
+
+
+def test_an_error_of_both_sessions_counts_beside_the_cause_of_the_later_one(grown):
+    """Ring 2 of benchmarks/changes.py had an elevation error of -7 stated deviations."""
+    runs = [grown.before[0].run, grown.after[0].run]
+    system = TwoSessions(RingSystem(RIG), frozenset([runs[0].name]))
+    number = next(number for number, error in enumerate(system.persistent)
+                  if 'moment_arm' in error) - len(system.persistent)
+    turned = {'elevation_error': {'angle': 0.02}}
+    base = TRUE_TO_SCALE.to_array()
+    columns = system.nuisances(runs, Point(base, {
+        'elevation_error': {**turned['elevation_error'], SESSION: LATER}}))
+    for run, column, cause in zip(runs, columns, ({}, turned), strict=True):
+        with_error, without = system.ring.predict_many(
+            run, [Point(base, {**cause, **system.persistent[number]}), Point(base, cause)])
+        assert np.allclose(column[:, :, number], with_error - without, rtol=0.0, atol=1e-12)
+
+
+def test_an_error_of_the_kind_of_a_cause_adds_to_its_size():
+    point = Point(TRUE_TO_SCALE.to_array(), {'probe_gain': {'gain': 0.02, 'probe': 2.0}})
+    same, larger = beside(point, {'probe_gain': {'gain': 0.01, 'probe': 2.0}})
+    assert same is point
+    assert larger.effects['probe_gain'] == {'gain': pytest.approx(0.03), 'probe': 2.0}
+    without, other = beside(point, {'probe_gain': {'gain': 0.01, 'probe': 1.0}})
+    assert without.effects == {}
+    assert other.effects['probe_gain']['probe'] == 1.0
 
 
 def test_sessions_that_are_no_pair_are_refused_in_one_line(before):
