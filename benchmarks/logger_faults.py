@@ -20,6 +20,7 @@ import numpy as np
 from rigs import as_read, NO_SCATTER, RIG
 from scipy.signal import lfilter
 
+from saddlering_ros.bags.reader import put_in_order
 from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.reading import run_of_record
@@ -34,7 +35,6 @@ from saddlering_ros.record import (
 )
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.record import Record
-from saddlering_ros.record.stamps import put_in_order
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig import (
     dynamic_schedule,

@@ -186,11 +186,18 @@ def common_step(values: Floats) -> float:
     return smallest if is_regular and levels.size < 0.9 * min(values.size, LOOKED_AT) else 0.0
 
 
-def white_noise(values: Floats) -> float:
-    """Standard deviation of white noise on readings of something smooth, by second differences."""
-    if values.size < 3:
+def white_noise(values: Floats, lag: int = 1) -> float:
+    """Standard deviation of the noise on samples (N,) of something smooth; NaN ones do not count.
+
+    From second differences over `lag` samples, which a straight line has none of and whose
+    variance is six times that of the samples; by their median, which steps do not move. Noise that
+    changes more slowly than over `lag` samples does not count.
+    """
+    seen = values[np.isfinite(values)]
+    if seen.size < 2 * lag + 1:
         return math.nan
-    second = np.diff(values, 2)
+    changes = seen[lag:] - seen[:-lag]
+    second = changes[lag:] - changes[:-lag]
     robust = 1.4826 * float(np.median(np.abs(second - np.median(second)))) / math.sqrt(6.0)
     if robust > 0.0:
         return robust

@@ -14,7 +14,7 @@ from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, number
 from saddlering_ros.quantities import allowed_misfit, percent, quantity
 from saddlering_ros.record import displacement_of_run, Record
-from saddlering_ros.record.scatter import white_noise
+from saddlering_ros.record.quality import white_noise
 from saddlering_ros.report.figures import SYMBOLS
 from saddlering_ros.rig import (
     CHANNELS,

@@ -53,7 +53,6 @@ from saddlering_ros.rig.units import (
     line_contact_stiffness,
     LoadLimits,
     MICRO_UNITS,
-    stiffness_per_metre,
     stiffness_per_millimetre,
     TONNE,
 )
@@ -68,6 +67,6 @@ __all__ = [
     'force_words', 'gap_increment', 'line_contact_stiffness', 'load_rig', 'measured_displacement',
     'mirrored_gap', 'parameters_from_mapping', 'parameters_to_mapping', 'probes_to_displacement',
     'read_parameters', 'resolve_load', 'rig_digest', 'rig_file_of_project', 'rig_from_parameters',
-    'shipped_rig_file', 'short_digest', 'size_factor', 'stiffness_per_metre',
+    'shipped_rig_file', 'short_digest', 'size_factor',
     'stiffness_per_millimetre', 'with_absent', 'write_parameters', 'zero_of_record',
 ]

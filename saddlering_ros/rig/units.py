@@ -53,11 +53,6 @@ def stiffness_per_millimetre(stiffness: float, exponent: float) -> float:
     return float(stiffness * MILLIMETRE**exponent)
 
 
-def stiffness_per_metre(stiffness: float, exponent: float) -> float:
-    """Contact stiffness in N/m^n from N/mm^n."""
-    return float(stiffness / MILLIMETRE**exponent)
-
-
 def line_contact_stiffness(length: float = 20.0) -> float:
     """Palmgren's stiffness of one roller between two raceways [N/mm^(10/9)].
 

@@ -23,7 +23,6 @@ from scipy.stats import binom
 
 from saddlering_ros.errors import SaddleringError, VirtualRigError
 from saddlering_ros.files import write_text
-from saddlering_ros.rig import load_rig
 from saddlering_ros.virtual_rig import campaign
 from saddlering_ros.virtual_rig.campaign import DrawSettings, OUTSIDE, RecordSettings, Truth
 from saddlering_ros.virtual_rig.effects import find_effect
@@ -58,12 +57,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Draw, write, seal, print."""
     args = _parser().parse_args(argv)
     try:
-        rig = load_rig(args.rig)
-        truth = campaign.draw_truth(args.seed, args.kind, _settings(args), rig)
+        truth = campaign.draw_truth(args.seed, args.kind, _settings(args))
         record = RecordSettings(args.hold, args.static_rate, args.duration, args.dynamic_rate)
         runs = args.runs.split(',') if args.runs else tuple(campaign.RUNS)
-        bags = campaign.write_campaign(truth, args.out, runs, record, rig,
-                                       overwrite=args.overwrite)
+        bags = campaign.write_campaign(truth, args.out, runs, record)
         digest = seal(args.out / SEALED, truth)
     except SaddleringError as problem:
         print(f'blind: {problem}', file=sys.stderr)
@@ -74,18 +71,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _settings(args: argparse.Namespace) -> DrawSettings:
     effects = tuple(find_effect(name).id for name in args.effect)
-    if args.size is not None and len(effects) != 1:
-        raise VirtualRigError('--size is the size of one effect: give exactly one --effect')
-    fixed = {}
-    if args.size is not None:
-        fixed = {effects[0]: {find_effect(effects[0]).parameters[0].name: args.size}}
-    forms = {effects[0]: args.form} if args.form and len(effects) == 1 else {}
-    noise = None if args.noise is None else args.noise * 1e-6
     low, high = args.sizes
     if not -2.0 <= low <= high <= 2.0:
         raise VirtualRigError(f'--sizes are {low:g} {high:g}: give two numbers '
                               'from 0 to 1, low first')
-    return DrawSettings(effects, tuple(args.exclude), (low, high), noise, fixed, forms)
+    return DrawSettings(effects, (low, high))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -97,20 +87,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--kind', choices=campaign.KINDS, default=campaign.SINGLE)
     parser.add_argument('--effect', action='append', default=[], metavar='NAME',
                         help='draw from these only (may be repeated)')
-    parser.add_argument('--exclude', action='append', default=[], metavar='NAME',
-                        help='never draw this one (may be repeated)')
-    parser.add_argument('--size', type=float, help='size of the one --effect, SI units')
-    parser.add_argument('--form', help='form of the one --effect')
     parser.add_argument('--sizes', type=float, nargs=2, default=(0.3, 1.0),
                         metavar=('LOW', 'HIGH'), help='part of the plausible sizes, 0 to 1')
-    parser.add_argument('--noise', type=float, metavar='UM', help='rms noise of the probes')
     parser.add_argument('--runs', metavar='NAME,NAME', help=f'some of {",".join(campaign.RUNS)}')
     parser.add_argument('--hold', type=float, default=record.hold, metavar='S')
     parser.add_argument('--static-rate', type=float, default=record.static_rate, metavar='HZ')
     parser.add_argument('--duration', type=float, default=record.duration, metavar='S')
     parser.add_argument('--dynamic-rate', type=float, default=record.dynamic_rate, metavar='HZ')
-    parser.add_argument('--rig', type=Path)
-    parser.add_argument('--overwrite', action='store_true')
     return parser
 
 

@@ -94,15 +94,13 @@ class DrawSettings:
     """Range of a draw: effects (none: all of the kind), part of their sizes, noise [m].
 
     sizes: low and high end on a logarithmic scale from 0, smallest plausible size, to 1, largest.
-    fixed: parameters not left to chance, per effect; forms likewise.
+    fixed: parameters not left to chance, per effect.
     """
 
     effects: tuple[str, ...] = ()
-    exclude: tuple[str, ...] = ()
     sizes: tuple[float, float] = (0.3, 1.0)
     noise: float | None = None
     fixed: dict[str, dict[str, float]] = field(default_factory=dict)
-    forms: dict[str, str] = field(default_factory=dict)
 
 
 def draw_truth(seed: int, kind: str, settings: DrawSettings | None = None,
@@ -119,8 +117,8 @@ def draw_truth(seed: int, kind: str, settings: DrawSettings | None = None,
     chance = np.random.default_rng([seed, KINDS.index(kind)])
     noise = math.exp(chance.uniform(math.log(0.2e-6), math.log(0.45e-6)))
     contact, scatter = _draw_contact(chance), Scatter(float(chance.uniform(0.5e-6, 1e-6)), 0.02)
-    instruments = Instruments(noise=noise if settings.noise is None else settings.noise,
-                              load_noise=size_factor('N', rig) * float(chance.uniform(20.0, 90.0)))
+    load_noise = size_factor('N', rig) * float(chance.uniform(20.0, 90.0))
+    instruments = Instruments(noise=settings.noise or noise, load_noise=load_noise)
     drawn = _draw_effects(chance, kind, settings)
     requests = tuple(_draw_request(chance, effect, settings, rig) for effect in drawn)
     return Truth(seed, kind, contact, requests, scatter, instruments)
@@ -179,7 +177,7 @@ def _draw_effects(chance: np.random.Generator, kind: str,
         raise VirtualRigError(f'effect {named[0]!r} does not exist: there are '
                               f'{", ".join(sorted(EFFECTS))}')
     pool = [effect for name, effect in sorted(EFFECTS.items())
-            if effect.in_catalogue == (kind != OUTSIDE) and name not in settings.exclude
+            if effect.in_catalogue == (kind != OUTSIDE)
             and (not settings.effects or name in settings.effects)]
     if len(pool) < (2 if kind == PAIR else 1):
         raise VirtualRigError(f'too few effects are left to draw a {kind} from: name others')
@@ -204,7 +202,7 @@ def _draw_request(chance: np.random.Generator, effect: RigEffect,
     if 'side' in values:  # a probe can only run into the limit that it moves towards
         values['side'] = 1.0 if values['probe'] in (1.0, 2.0) else -1.0
     values.update(settings.fixed.get(effect.id, {}))
-    return request(effect.id, values, settings.forms.get(effect.id, form), rig)
+    return request(effect.id, values, form, rig)
 
 
 def _draw_value(chance: np.random.Generator, parameter: TrueSize) -> float:

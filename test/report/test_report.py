@@ -22,7 +22,7 @@ from saddlering_ros.pages.html import pictures_of
 from saddlering_ros.pages.interactive import chart_of
 from saddlering_ros.quantities import shares_in_words
 from saddlering_ros.record import TestMetadata
-from saddlering_ros.record.scatter import white_noise
+from saddlering_ros.record.quality import white_noise
 from saddlering_ros.report import figures, parameters
 from saddlering_ros.report.background import date_of, head, head_line, HeadLine, misfit_reductions
 from saddlering_ros.report.chapters import proposal
