@@ -18,7 +18,7 @@ from troubleshooting_page import troubleshooting_page
 import saddlering_ros
 from saddlering_ros.cli.main import build_parser
 from saddlering_ros.record.topics import TOPICS as RIG
-from saddlering_ros.ros.names import names
+from saddlering_ros.ros import names as ros_names
 
 ROOT = Path(__file__).resolve().parent.parent
 INTERFACES = ROOT / 'saddlering_interfaces'
@@ -38,8 +38,26 @@ TOPICS = {
                            'interlock',
     '/replay/state': 'position and state of a replay; kept for late joiners',
     '/diagnostics': 'health of every node, once a second',
-    '/replay/progress': 'progress of each node in a replay in lockstep',
 }
+"""What the recorder takes, in words."""
+
+UNRECORDED = {
+    '/rig/inclinometer': ('saddlering_interfaces/msg/Elevation',
+                          'elevation of the load from an inclinometer, in place of '
+                          '`/rig/elevation`'),
+    '/ring/expected': ('saddlering_interfaces/msg/RingExpected',
+                       'motion that the model expects for the load now, for feed-forward'),
+    '/ring/zero_request': ('saddlering_interfaces/msg/ZeroRequest',
+                           'a node takes a new zero, in place of `/ring/zero`'),
+    '/ring/rig': ('diagnostic_msgs/msg/DiagnosticStatus',
+                  'hash of the rig of a node, the former way; kept for late joiners'),
+    '/ring/rig_identity': ('saddlering_interfaces/msg/RigIdentity',
+                           'the rig that a node works with; kept for late joiners'),
+    '/replay/progress': ('saddlering_interfaces/msg/ReplayProgress',
+                         'progress of each node in a replay in lockstep'),
+    '/clock': ('rosgraph_msgs/msg/Clock', 'time of a replay'),
+}
+"""The other topics of the nodes: type and words."""
 
 
 def topics_page() -> str:
@@ -47,15 +65,17 @@ def topics_page() -> str:
     from saddlering_ros.live.recorder import KEPT, OTHERS, streams, type_name
 
     known = {topic: type_name(kind) for topic, kind in {**streams(), **KEPT, **OTHERS}.items()}
-    known['/replay/progress'] = 'saddlering_interfaces/msg/ReplayProgress'
-    missing = set(known) ^ set(TOPICS)
+    named = {'/' + value.lstrip('/') for name, value in vars(ros_names).items()
+             if name.isupper() and isinstance(value, str) and '/' in value}
+    missing = (set(known) ^ set(TOPICS)) | (named - set(TOPICS) - set(UNRECORDED))
     if missing:
         raise SystemExit(f'docs/generate.py: no description of {", ".join(sorted(missing))}')
-    rows = [f'| `{topic}` | `{known[topic]}` | {words} |' for topic, words in TOPICS.items()]
-    nodes = ', '.join(f'`{name}`' for name in names())
+    described = {topic: (known[topic], words) for topic, words in TOPICS.items()} | UNRECORDED
+    rows = [f'| `{topic}` | `{kind}` | {words} |' for topic, (kind, words) in described.items()]
+    nodes = ', '.join(f'`{name}`' for name in ros_names.names())
     return '\n'.join([
         '# Topics and actions', '', DOCUMENT,
-        'All messages are stamped and in SI units; the stamp is the time of measurement.', '',
+        'All messages are in SI units. The stamp of a measurement is its time.', '',
         '| topic | type | meaning |', '|---|---|---|', *rows, '',
         '| action | type | served by |', '|---|---|---|',
         '| `/identify_ring` | [IdentifyRing](messages.md) | `ring_identification` |',
@@ -188,22 +208,20 @@ def _launch_lines() -> list[str]:
 
 
 THRESHOLDS = {
-    'Results, wherever they are printed': ('quantities',),
-    'Limits of loads, as shares of full scale': ('rig.units',),
-    'Rest and rounding': ('estimation.rest', 'estimation.rounding'),
-    'Identification': ('identification.prepared', 'identification.objective',
-                       'identification.observation', 'identification.uncertainty'),
-    'Validation': ('identification.figures',),
-    'Blocks of a diagnosis': ('diagnosis.records',),
-    'Nuisance parameters of a ring': ('ring.roller_scatter', 'discrepancy.problem.system'),
-    'Selection of causes': ('discrepancy.search.comparison', 'discrepancy.search.ranking',
-                            'discrepancy.search.selection', 'discrepancy.search.signatures',
-                            'discrepancy.search.space'),
-    'Detection limits and lack of fit': ('discrepancy.search.limits',
-                                         'discrepancy.search.lack_of_fit',
-                                         'discrepancy.verdict.lines'),
+    'quantities': 'Results, wherever they are printed',
+    'rig': 'The rig and the zero',
+    'ring/roller_scatter': 'A sound ring',
+    'record': 'Readings of a test',
+    'doubts': 'Doubts about a record or a driver',
+    'estimation': 'Noise, rest and rounding',
+    'monitoring': 'The alarm',
+    'identification': 'Identification and validation',
+    'discrepancy': 'The search for causes and the verdict',
+    'diagnosis': 'Causes of a ring',
+    'comparison': 'Changes between sessions',
+    'fleet': 'Fleets',
 }
-"""The modules whose documented constants a reader of results may want to know."""
+"""Rooms, and headings, of the documented numbers that a reader of results may want to know."""
 
 
 def thresholds_page() -> str:
@@ -211,18 +229,19 @@ def thresholds_page() -> str:
     parts = ['# Thresholds', '', DOCUMENT, 'Numbers by which bags, fits and causes are judged. '
              '[Identification](../identification.md) and [Diagnosis](../diagnosis.md) explain '
              'their use.', '']
-    for heading, modules in THRESHOLDS.items():
+    package = ROOT / 'saddlering_ros'
+    for room, heading in THRESHOLDS.items():
         parts += [f'## {heading}', '', '| constant | value | meaning |', '|---|---|---|']
-        for module in modules:
+        for file in sorted([*package.glob(f'{room}.py'), *package.glob(f'{room}/**/*.py')]):
+            module = '.'.join(file.relative_to(package).with_suffix('').parts)
             parts += [f'| `{module}.{name}` | {_cell(value)} | {_cell(meaning)} |'
-                      for name, value, meaning in _numbers(module)]
+                      for name, value, meaning in _numbers(file)]
         parts.append('')
     return '\n'.join(parts)
 
 
-def _numbers(module: str) -> list[tuple[str, str, str]]:
+def _numbers(file: Path) -> list[tuple[str, str, str]]:
     """Name, source and docstring of the numbers that a module defines and explains."""
-    file = ROOT / 'saddlering_ros' / (module.replace('.', '/') + '.py')
     tree = ast.parse(file.read_text(encoding='utf-8'))
     found = _documented(tree.body)
     for item in tree.body:

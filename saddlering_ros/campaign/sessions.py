@@ -180,7 +180,7 @@ class FoundBag:
     """One bag as found; its readings have not been read.
 
     path: the rosbag2 directory or the bare file; sha256: of its files; time [s since 1970] of the
-    test, None if unknown; metadata: the test metadata (interfaces.md), text to text; problem: why
+    test, None if unknown; metadata: the test metadata (docs/bags.md), text to text; problem: why
     the bag cannot be used ('' if it can).
     """
 

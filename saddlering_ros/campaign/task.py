@@ -203,7 +203,7 @@ def _load(name: str) -> Callable[[SessionTask], dict[str, Any]]:
 
 
 def session_verdict(task: SessionTask) -> dict[str, Any]:
-    """Diagnose the session; the JSON of interfaces.md, the covariance and a report beside it."""
+    """Diagnose the session: the JSON of docs/diagnosis.md, a covariance and a report beside it."""
     from saddlering_ros import diagnose, load_rig
     from saddlering_ros.rig import default_rig
 

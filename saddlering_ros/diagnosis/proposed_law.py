@@ -39,7 +39,7 @@ def unit_of(channel: str) -> str:
 
 
 def proposal_document(law: LawProposal | None, files: tuple[str, ...]) -> dict[str, Any] | None:
-    """The contract of interfaces.md, with additions beside it; `files` hold the effects."""
+    """The JSON of docs/diagnosis.md; `files` hold the effects."""
     if law is None:
         return None
     terms = [_term_document(term) for term in law.terms]

@@ -51,15 +51,13 @@ from saddlering_ros.rig import (
     Rig,
     with_absent,
 )
+from saddlering_ros.rig.zeroing import WINDOW_SECONDS
 from saddlering_ros.ring.roller_scatter import sound_deviation
 
 Array = NDArray[np.float64]
 
 MIN_COSINE = 0.3
 """Cosine below which two signatures are left out of the verdict's JSON."""
-
-ZERO_SPAN = 0.5
-"""Length [s] of the mean that is the zero of a run."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +195,7 @@ class Verdict:
             if held_out or not figures.record.run.held_out))
 
     def to_json(self) -> VerdictDocument:
-        """The contract of interfaces.md, with additions beside it."""
+        """The JSON of docs/diagnosis.md."""
         return verdict_document(self)
 
 
@@ -240,7 +238,7 @@ def _noise_floor(diagnosis: Diagnosis, run: RunBlocks, weights: Array) -> float:
     for channel, weight in enumerate(weights):
         if weight:
             deviations = noise[name, channel].since(
-                run.time, run.width, start - ZERO_SPAN, ZERO_SPAN)
+                run.time, run.width, start - WINDOW_SECONDS, WINDOW_SECONDS)
             power += float(weight) ** 2 * float(np.mean(deviations**2))
     return math.sqrt(power)
 
@@ -256,7 +254,7 @@ def _rms(values: Array) -> float:
 
 
 def verdict_document(verdict: Verdict) -> VerdictDocument:
-    """The contract of interfaces.md, with additions beside it."""
+    """The JSON of docs/diagnosis.md."""
     diagnosis, gain = verdict.diagnosis, verdict.diagnosis.gain
     shapes_after = [_shape_entry(shape) for shape in diagnosis.residual_after.shapes]
     document: VerdictDocument = finite_json({

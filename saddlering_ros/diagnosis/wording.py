@@ -1,4 +1,4 @@
-"""The document of a verdict, which is the JSON of interfaces.md, and the document in plain words.
+"""The document of a verdict (the JSON of docs/diagnosis.md), and the document in plain words.
 
 Terminal, report, live page and demo print from the document, and mypy checks the keys that they
 read. Sentences that serve a declared model too stand in discrepancy/verdict/wording.py.

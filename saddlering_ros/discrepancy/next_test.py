@@ -140,7 +140,7 @@ class HeldOutEvidence:
 
 @dataclass(frozen=True)
 class JudgingRule:
-    """Limits within which a model stays in a group: see `criteria.indistinguishable`."""
+    """Limits within which a model stays in a group: see search/comparison.py."""
 
     floor: float
     excess: float

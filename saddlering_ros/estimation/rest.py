@@ -1,4 +1,7 @@
-"""Stretches in which a record is at rest, from its load: one rule for all estimates of noise."""
+"""Stretches in which a record is at rest, from its load: one rule for all estimates of noise.
+
+The zero of a test has a rule of its own (`rig/zeroing.py`).
+"""
 
 from __future__ import annotations
 

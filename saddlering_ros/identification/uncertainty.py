@@ -4,7 +4,7 @@ The residuals are whitened by the noise the runs show at rest, autocorrelation i
 covariance = (J^T J)^-1 in the search coordinates (ln K, n, ln D). Where the run that fits worst
 fits worse than that noise, it is widened by that run's mean square residual (Birge ratio). The
 effect of unequal rollers is added: the estimate is G r with G = J^+, so that residuals r of
-covariance I + S S^T (S: unequal_rollers.py) give it the covariance G G^T + G S S^T G^T.
+covariance I + S S^T (S: roller_scatter.py) give it the covariance G G^T + G S S^T G^T.
 """
 
 from __future__ import annotations

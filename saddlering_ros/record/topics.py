@@ -1,7 +1,7 @@
 """The registry of the rig's topics: reader, aligner, decoder, nodes, recorder and bag read it.
 
 A new topic of the rig is one entry here. A message type that no entry has used yet is one more
-entry in `layouts.py`.
+entry of `LAYOUTS` in bags/wire.py.
 """
 
 from __future__ import annotations

@@ -16,9 +16,10 @@ WINDOW_SECONDS = 0.5
 STEADY_SHARE = 0.01
 """The window ends when the load leaves its start by this share of full scale."""
 
-SHORTEST_SECONDS = 0.1
-"""Samples over less time than this [s] are no rest: a load on its way through the preload, to 25 t
-in a few seconds, stays in the band for tens of milliseconds."""
+MIN_WINDOW_SECONDS = 0.1
+"""A window over less time than this [s] is no zero: a load on its way through the preload, to 25 t
+in a few seconds, stays in the band for tens of milliseconds. It must be below WINDOW_SECONDS, at
+which every window ends."""
 
 NEAR_PRELOAD_SHARE = 0.04
 """A load within preload plus this share of full scale (1 t) counts as preload."""
@@ -116,7 +117,7 @@ class ZeroWindow:
 
     def _rested(self) -> bool:
         return (self._samples >= MIN_SAMPLES
-                and self._newest - self._opened_at >= SHORTEST_SECONDS)
+                and self._newest - self._opened_at >= MIN_WINDOW_SECONDS)
 
     def _closes(self, time: float, load: float) -> bool:
         return (time - self._opened_at > WINDOW_SECONDS

@@ -104,7 +104,7 @@ class MotionPath:
     """Steps of a simulation: time and load (M,), motion (M, 3), indices of the samples, readings.
 
     The first step is the rest at the zero. Readings (N, 4). records (M, width): sums over the
-    rollers at each step, from which its tangents follow (kernels/recording.py).
+    rollers at each step, from which its tangents follow (kernels/courses.py).
     """
 
     time: Floats

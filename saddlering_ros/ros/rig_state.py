@@ -22,7 +22,7 @@ from saddlering_ros.record.samples import ANY_TIME
 from saddlering_ros.record.topics import ELEVATION
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.description import short_digest
-from saddlering_ros.rig.zeroing import NEAR_PRELOAD_SHARE, ZeroReading
+from saddlering_ros.rig.zeroing import NEAR_PRELOAD_SHARE, WINDOW_SECONDS, ZeroReading
 from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, OK, STATE_TASK, TaskStatus, WARN
 from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.names import DIAGNOSTICS, INCLINOMETER, RIG, RIG_IDENTITY, STATE
@@ -158,7 +158,7 @@ def zero_status(
         return TaskStatus(OK, 'waiting for samples')
     words = f'(load is {rig.force_words(load, 2)})'
     if abs(load - rig.preload) <= NEAR_PRELOAD_SHARE * rig.full_scale_load:
-        return TaskStatus(WARN, f'waiting for a steady half second at preload {words}: '
+        return TaskStatus(WARN, f'waiting for a steady {WINDOW_SECONDS:g} s at preload {words}: '
                                 'keep the load at rest')
     return TaskStatus(WARN, f'waiting for preload {words}: go to preload, or call ~/zero')
 

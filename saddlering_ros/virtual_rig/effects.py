@@ -22,7 +22,7 @@ STAGES = ('load', 'rollers', 'friction', 'motion', 'probes', 'recording')
 class TrueSize:
     """One number of an effect, in SI units; plausible sizes run from low to high.
 
-    Declarations state the sizes on the nominal rig (rig/nominal.py).
+    Declarations state the sizes on the nominal rig (`default_rig`).
     signed: drawn with either sign; choices: the only values allowed; positive: below or at zero
     makes no sense.
     """

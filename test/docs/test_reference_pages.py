@@ -8,6 +8,10 @@ import pytest
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'
 LINK = re.compile(r'\]\(([^)#:\s]*)(?:#([^)]*))?\)')
+FILE = re.compile(r'(?<![\w./])(?:\w+/)*\w+\.(?:py|md)\b')
+OWN_FOLDERS = ('saddlering_ros', 'docs', 'benchmarks', 'test', 'launch', 'examples', 'tools',
+               'requirements')
+FOREIGN = {'launch.py'}
 HEADING = re.compile(r'^#+ (.*)$', re.M)
 
 
@@ -34,3 +38,15 @@ def anchors(page):
     """Anchors of the headings of a page, as GitHub and Sphinx make them."""
     return {re.sub(r'[^\w\- ]', '', heading.lower()).strip().replace(' ', '-')
             for heading in HEADING.findall(page.read_text('utf-8'))}
+
+
+def test_files_that_code_and_pages_name_are_in_the_repository():
+    root = DOCS.parent
+    listed = {str(file.relative_to(root)) for folder in ('.', *OWN_FOLDERS)
+              for file in (root / folder).glob('**/*' if folder != '.' else '*')}
+    texts = [root / 'CONTRIBUTING.md', *DOCS.glob('*.md'), *root.glob('saddlering_ros/**/*.py')]
+    named = {(text.name, name) for text in texts for name in FILE.findall(text.read_text('utf-8'))}
+    assert len(named) > 50
+    lost = [pair for pair in named if pair[1] not in FOREIGN
+            and not any(f'/{file}'.endswith(f'/{pair[1]}') for file in listed)]
+    assert not lost

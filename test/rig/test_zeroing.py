@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.rig import default_rig, TONNE, zero_of_record, ZeroWindow
-from saddlering_ros.rig.zeroing import MIN_SAMPLES
+from saddlering_ros.rig.zeroing import MIN_SAMPLES, MIN_WINDOW_SECONDS, WINDOW_SECONDS
 
 RIG = default_rig()
 
@@ -78,6 +78,11 @@ def test_a_load_that_passes_through_the_preload_is_no_rest() -> None:
     assert reading.near_preload
     assert time[reading.start] > 0.65
     assert reading.load == pytest.approx(RIG.preload, abs=0.002 * RIG.full_scale_load)
+
+
+def test_every_window_ends_after_the_shortest_that_counts() -> None:
+    """Otherwise no window would count, and a live node would wait for ever."""
+    assert MIN_WINDOW_SECONDS < WINDOW_SECONDS
 
 
 def test_a_few_samples_before_a_gap_of_the_stream_are_no_rest() -> None:
