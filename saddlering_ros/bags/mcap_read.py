@@ -9,7 +9,7 @@ one. Checksums are verified if the writer stored them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 import mmap
 from pathlib import Path
@@ -91,7 +91,7 @@ class McapFile:
 
         CutOffError, a DamageError, means that the file ends there.
         """
-        with _Mapping(self.path, self.name) as buffer:
+        with _mapped(self.path, self.name) as buffer:
             try:
                 yield from self._blocks(buffer)
             except (struct.error, IndexError, UnicodeDecodeError) as problem:
@@ -402,30 +402,21 @@ class _Fields:
         return entries
 
 
-class _Mapping:
+@contextmanager
+def _mapped(path: Path, name: str) -> Iterator[mmap.mmap]:
     """The file's bytes, mapped; views that outlive the block keep the mapping alive."""
-
-    def __init__(self, path: Path, name: str) -> None:
-        self._path = path
-        self._name = name
-        self._mapping: mmap.mmap | None = None
-
-    def __enter__(self) -> mmap.mmap:
-        try:
-            with self._path.open('rb') as file:
-                self._mapping = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        except ValueError as problem:
-            raise DamageError(
-                f'{self._name}: the file is empty: record or copy it again') from problem
-        except OSError as problem:
-            raise BagError(
-                f'{self._name}: cannot be read ({problem.strerror}): check the path') from problem
-        return self._mapping
-
-    def __exit__(self, *_: object) -> None:
+    try:
+        with path.open('rb') as file:
+            mapping = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    except ValueError as problem:
+        raise DamageError(f'{name}: the file is empty: record or copy it again') from problem
+    except OSError as problem:
+        raise BagError(f'{name}: cannot be read ({problem.strerror}): check the path') from problem
+    try:
+        yield mapping
+    finally:
         with suppress(BufferError):
-            if self._mapping is not None:
-                self._mapping.close()
+            mapping.close()
 
 
 def _only_zeros(buffer: mmap.mmap, start: int, stop: int) -> bool:

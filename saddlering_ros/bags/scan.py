@@ -34,7 +34,8 @@ class ScannedTopic:
     """All messages of one topic in file order (rig topics), or their number only (others).
 
     stamps (N,) [ns], values (N,), log_times (N,) [ns], spans (K, 2) [m] as they change, or
-    (K, 0); fault: why the messages cannot be read, if so.
+    (K, 0); fault: why the messages cannot be read, if so; _long: stamps, values and log times of
+    more messages than memory should hold.
     """
 
     topic: str
@@ -44,7 +45,7 @@ class ScannedTopic:
     frame_id: str = ''
     _parts: list[_Part] = field(default_factory=list)
     _spans: list[NDArray[np.float64]] = field(default_factory=list)
-    _long: _LongTopic | None = None
+    _long: tuple[GrowingArray, GrowingArray, GrowingArray] | None = None
 
     def add(self, readings: Readings, log_times: NDArray[np.int64]) -> None:
         """Add the content of a block."""
@@ -61,11 +62,13 @@ class ScannedTopic:
 
     def _put_aside(self) -> None:
         """Move the samples in memory to scratch files."""
-        self._long = self._long or _LongTopic()
+        self._long = self._long or (
+            GrowingArray(np.int64), GrowingArray(np.float64), GrowingArray(np.int64))
+        stamps, values, log_times = self._long
         for part in self._parts:
-            self._long.stamps.append(_joined([part.stamps]))
-            self._long.values.append(part.values)
-            self._long.log_times.append(_joined([part.log_times]))
+            stamps.append(_joined([part.stamps]))
+            values.append(part.values)
+            log_times.append(_joined([part.log_times]))
         self._parts.clear()
 
     def release(self) -> None:
@@ -78,13 +81,13 @@ class ScannedTopic:
         if self._long is None:
             return _joined([part.stamps for part in self._parts])
         self._put_aside()
-        return self._long.stamps.array()
+        return self._long[0].array()
 
     @property
     def values(self) -> NDArray[np.float64]:
         if self._long is not None:
             self._put_aside()
-            return self._long.values.array()
+            return self._long[1].array()
         found = np.empty(sum(len(part.values) for part in self._parts))
         place = 0
         for part in self._parts:
@@ -101,16 +104,7 @@ class ScannedTopic:
         if self._long is None:
             return _joined([part.log_times for part in self._parts])
         self._put_aside()
-        return self._long.log_times.array()
-
-
-class _LongTopic:
-    """The messages of a topic that are too many for memory."""
-
-    def __init__(self) -> None:
-        self.stamps = GrowingArray(np.int64)
-        self.values = GrowingArray(np.float64)
-        self.log_times = GrowingArray(np.int64)
+        return self._long[2].array()
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from saddlering_ros.campaign.sessions import (
     find_bags,
     FoundBag,
     group_sessions,
-    Grouping,
     read_manifest,
     Session,
     write_manifest,
@@ -14,7 +13,7 @@ from saddlering_ros.campaign.store import CampaignError, CampaignInterruptedErro
 from saddlering_ros.campaign.task import SessionLimits, SessionTask, tasks_of
 
 __all__ = [
-    'CampaignError', 'CampaignInterruptedError', 'FoundBag', 'Grouping', 'Session',
+    'CampaignError', 'CampaignInterruptedError', 'FoundBag', 'Session',
     'SessionLimits', 'SessionTask', 'Store', 'Summary', 'find_bags', 'group_sessions',
     'read_manifest', 'run_campaign', 'tasks_of', 'write_manifest',
 ]

@@ -37,18 +37,6 @@ ROLES = (FIT, HOLD_OUT, SKIP)
 
 
 @dataclass(frozen=True)
-class Grouping:
-    """How bags become sessions.
-
-    gap [s]: a longer time without a test begins another session; hold_out: elevation [degrees]
-    whose tests are held out where a session has other elevations too, None for none.
-    """
-
-    gap: float = 24 * 3600.0
-    hold_out: float | None = None
-
-
-@dataclass(frozen=True)
 class Member:
     """One bag in a session, and its use: fit, hold_out or skip; note: the reason."""
 
@@ -106,9 +94,14 @@ def base_of(session: Session, sessions: Sequence[Session]) -> Session | None:
         earlier, key=lambda other: other.time or 0.0, default=None)
 
 
-def group_sessions(bags: Sequence[FoundBag], grouping: Grouping | None = None) -> list[Session]:
-    """Sessions of `bags`, ordered by ring and time; a second copy of a recording is skipped."""
-    grouping = grouping or Grouping()
+def group_sessions(
+    bags: Sequence[FoundBag], gap: float = 24 * 3600.0, hold_out: float | None = None,
+) -> list[Session]:
+    """Sessions of `bags`, ordered by ring and time; a second copy of a recording is skipped.
+
+    gap [s]: a longer time without a test begins another session; hold_out: elevation [degrees]
+    whose tests are held out where a session has other elevations too, None for none.
+    """
     groups: dict[tuple[str, str], list[Member]] = {}
     seen: dict[str, FoundBag] = {}
     for bag in bags:
@@ -122,8 +115,8 @@ def group_sessions(bags: Sequence[FoundBag], grouping: Grouping | None = None) -
         groups.setdefault(key, []).append(member)
     sessions = []
     for (ring, bench), members in sorted(groups.items()):
-        for part in _parts_by_time(members, grouping.gap):
-            sessions.append(_session(ring, bench, part, grouping))
+        for part in _parts_by_time(members, gap):
+            sessions.append(_session(ring, bench, part, hold_out))
     count: dict[str, int] = {}
     answer = []
     for session in sessions:
@@ -148,9 +141,11 @@ def _parts_by_time(members: Sequence[Member], gap: float) -> list[list[Member]]:
     return parts
 
 
-def _session(ring: str, bench: str, members: list[Member], grouping: Grouping) -> Session:
+def _session(
+    ring: str, bench: str, members: list[Member], hold_out: float | None,
+) -> Session:
     elevations = {member.bag.fact('elevation_deg') for member in members if member.role == FIT}
-    apart = [text for text in elevations if _is_elevation(text, grouping.hold_out)]
+    apart = [text for text in elevations if _is_elevation(text, hold_out)]
     if apart and len(elevations) > len(apart):
         members = [
             replace(member, role=HOLD_OUT)
@@ -323,16 +318,6 @@ MAX_MANIFEST = 64 << 20
 """Size of the largest manifest that is read [bytes]."""
 
 
-@dataclass(frozen=True)
-class ManifestLine:
-    """One line of the table as text; a person may change `session` and `role`."""
-
-    values: dict[str, str]
-
-    def __getitem__(self, name: str) -> str:
-        return self.values.get(name, '').strip()
-
-
 def manifest_rows(sessions: Sequence[Session]) -> list[dict[str, str]]:
     """The table of `sessions`, a row a bag."""
     return [
@@ -374,7 +359,7 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
     """
     known = {str(bag.path): bag for bag in bags}
     known |= {str(bag.path.resolve()): bag for bag in bags}
-    groups: dict[str, list[tuple[Member, ManifestLine]]] = {}
+    groups: dict[str, list[tuple[Member, dict[str, str]]]] = {}
     for number, line in enumerate(_lines(path), start=2):
         where = f'{path}: line {number}'
         bag = known.get(line['bag']) or known.get(str(Path(line['bag']).resolve()))
@@ -390,18 +375,20 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
     return [_session_of_lines(path, name, lines) for name, lines in groups.items()]
 
 
-def _lines(path: Path) -> list[ManifestLine]:
+def _lines(path: Path) -> list[dict[str, str]]:
+    """Lines of the table as text; a person may change `session` and `role`."""
     text = read_regular_text(path, CampaignError, MAX_MANIFEST)
     reader = csv.DictReader(io.StringIO(text.removeprefix('\ufeff')))
     missing = [name for name in ('bag', 'session') if name not in (reader.fieldnames or [])]
     if missing:
         raise CampaignError(f'{path}: has no column {missing[0]!r}: its columns are '
                             f'{", ".join(COLUMNS)}')
-    return [ManifestLine({key: value or '' for key, value in row.items() if key})
-            for row in reader]
+    return [{name: (row.get(name) or '').strip() for name in COLUMNS} for row in reader]
 
 
-def _session_of_lines(path: Path, name: str, lines: list[tuple[Member, ManifestLine]]) -> Session:
+def _session_of_lines(
+    path: Path, name: str, lines: list[tuple[Member, dict[str, str]]],
+) -> Session:
     members = tuple(member for member, _ in lines)
     first = lines[0][1]
     rings = {line['ring'] for _, line in lines if line['ring']}

@@ -127,11 +127,11 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _sessions(args: argparse.Namespace, bags: list[FoundBag]) -> list[Session]:
-    from saddlering_ros.campaign import group_sessions, Grouping, read_manifest
+    from saddlering_ros.campaign import group_sessions, read_manifest
 
     if args.manifest is not None:
         return read_manifest(args.manifest, bags)
-    return group_sessions(bags, Grouping(args.gap * 3600.0, args.hold_out))
+    return group_sessions(bags, args.gap * 3600.0, args.hold_out)
 
 
 def _print_plan(sessions: list[Session]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,21 +112,7 @@ class AlignedRows:
         """Several batches of one test as one."""
         if len(batches) == 1:
             return batches[0]
-        return AlignedRows(
-            np.concatenate([batch.stamps for batch in batches]),
-            np.concatenate([batch.time for batch in batches]),
-            np.concatenate([batch.loads for batch in batches]),
-            np.concatenate([batch.gaps for batch in batches], axis=1),
-            np.concatenate([batch.given for batch in batches]),
-            np.concatenate([batch.published for batch in batches]), batches[-1].restart)
-
-
-def _not_given() -> Floats:
-    return np.empty(0)
-
-
-def _no_validity() -> Bits:
-    return np.empty(0, np.uint8)
+        return AlignedRows(**_joined(batches), restart=batches[-1].restart)
 
 
 @dataclass(frozen=True)
@@ -142,9 +129,9 @@ class Displacements:
     channels: Floats
     zero_stamps: Stamps
     zero_loads: Floats
-    elevations: Floats = field(default_factory=_not_given)
-    validity: Bits = field(default_factory=_no_validity)
-    zero_durations: Floats = field(default_factory=_not_given)
+    elevations: Floats = field(default_factory=lambda: np.empty(0))
+    validity: Bits = field(default_factory=lambda: np.empty(0, np.uint8))
+    zero_durations: Floats = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         count = len(self.stamps)
@@ -171,14 +158,14 @@ def join(batches: Sequence[Displacements]) -> Displacements:
         return batches[0]
     if not batches:
         return no_displacements()
-    return Displacements(
-        np.concatenate([batch.stamps for batch in batches]),
-        np.concatenate([batch.channels for batch in batches], axis=1),
-        np.concatenate([batch.zero_stamps for batch in batches]),
-        np.concatenate([batch.zero_loads for batch in batches]),
-        np.concatenate([batch.elevations for batch in batches]),
-        np.concatenate([batch.validity for batch in batches]),
-        np.concatenate([batch.zero_durations for batch in batches]))
+    return Displacements(**_joined(batches))
+
+
+def _joined(batches: Sequence[AlignedRows] | Sequence[Displacements]) -> dict[str, Any]:
+    """The arrays (..., N) of batches of one kind by name, one behind the other."""
+    arrays = [name for name, value in vars(batches[0]).items() if isinstance(value, np.ndarray)]
+    return {name: np.concatenate([getattr(batch, name) for batch in batches], axis=-1)
+            for name in arrays}
 
 
 def pick(batch: Displacements, rows: Rows) -> Displacements:

@@ -13,7 +13,6 @@ from saddlering_ros.campaign import (
     CampaignError,
     find_bags,
     group_sessions,
-    Grouping,
     read_manifest,
     tasks_of,
     write_manifest,
@@ -25,7 +24,7 @@ BAGS = Path(__file__).resolve().parents[2] / 'bags'
 
 def names(folder, **options):
     return {session.name: sorted(bag.path.name for bag in session.of_role('fit'))
-            for session in group_sessions(find_bags(folder), Grouping(**options))}
+            for session in group_sessions(find_bags(folder), **options)}
 
 
 def test_tests_of_one_ring_within_a_day_are_one_session(works):
@@ -41,7 +40,7 @@ def test_a_longer_gap_joins_sessions(works):
 
 
 def test_an_elevation_is_held_out_where_another_is_left(works):
-    sessions = group_sessions(find_bags(works), Grouping(hold_out=70.0))
+    sessions = group_sessions(find_bags(works), hold_out=70.0)
     assert [len(item.of_role('hold_out')) for item in sessions] == [1, 0, 1, 1]
 
 
@@ -114,7 +113,7 @@ def test_a_key_follows_contents_and_roles_but_not_places(works, tmp_path):
     moved = tmp_path / 'moved'
     shutil.move(works, moved)
     assert {task.key for task in tasks_of(group_sessions(find_bags(moved)))} == before
-    held_out = tasks_of(group_sessions(find_bags(moved), Grouping(hold_out=70.0)))
+    held_out = tasks_of(group_sessions(find_bags(moved), hold_out=70.0))
     assert len({task.key for task in held_out} & before) == 1
     (moved / 'SR-1/static_50/static_50_0.mcap').write_text('other readings')
     changed = {task.key for task in tasks_of(group_sessions(find_bags(moved)))}
