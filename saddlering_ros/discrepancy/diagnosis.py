@@ -9,12 +9,7 @@ import time as clock
 import numpy as np
 
 from saddlering_ros.discrepancy.engine import diagnose_problem
-from saddlering_ros.discrepancy.noise import (
-    overestimated,
-    overestimated_sentence,
-    underestimated,
-    underestimated_sentence,
-)
+from saddlering_ros.discrepancy.noise import noise_sentence, overestimated, underestimated
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, fit_base, tangent
 from saddlering_ros.discrepancy.problem.model import Model, Run
 from saddlering_ros.discrepancy.problem.model_system import ModelSystem
@@ -30,7 +25,6 @@ from saddlering_ros.discrepancy.problem.system import (
 )
 from saddlering_ros.discrepancy.search.signatures import effect_starts, MIN_SHARE, orthonormal
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, Remainder, RunPrediction
-from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.quantities import percent
 
@@ -81,7 +75,14 @@ def problem_of(
         raise DiscrepancyError('diagnose: runs is a single run: give a list of runs')
     if not runs:
         raise DiscrepancyError('diagnose: no runs: give at least one')
-    system: System = model if not isinstance(model, Model) else ModelSystem(model, _declared(runs))
+    system: System
+    if isinstance(model, Model):
+        declared = [run for run in runs if isinstance(run, Run)]
+        if len(declared) != len(runs):
+            raise DiscrepancyError('diagnose: a Model takes runs of the class Run')
+        system = ModelSystem(model, declared)
+    else:
+        system = model
     blocks = []
     for part, held_out in ((runs, False), (hold_out, True)):
         for run in part:
@@ -102,8 +103,17 @@ def problem_of(
 def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
     """The same in the units of the channels, with warnings for the reader."""
     diagnosis = _with_noise_doubts(diagnosis)
-    warnings = [
-        *diagnosis.warnings, *_exceeded(diagnosis, system), *system.failure_sentences()]
+    warnings = list(diagnosis.warnings)
+    largest: dict[str, Remainder] = {}
+    for rest in diagnosis.remainder:
+        largest.setdefault(rest.channel, rest)
+    for name, rest in largest.items():
+        declared = system.model.channels[name].model_error
+        if declared > 0.0:
+            warnings.append(
+                f'{name} in {rest.run}: {percent(rest.share_of_range)} of range is left, more '
+                f'than the declared model error of {percent(declared)}')
+    warnings += system.failure_sentences()
     if not diagnosis.converged:
         warnings.append(
             'a fit on which the verdict rests had not converged: give more rounds by '
@@ -111,27 +121,6 @@ def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
         )
     predictions = tuple(_in_units(prediction, system) for prediction in diagnosis.runs)
     return replace(diagnosis, warnings=tuple(warnings), runs=predictions)
-
-
-def _exceeded(diagnosis: Diagnosis, system: ModelSystem) -> list[str]:
-    """A sentence for every channel that is left more than the model error declared for it."""
-    largest: dict[str, Remainder] = {}
-    for rest in diagnosis.remainder:
-        largest.setdefault(rest.channel, rest)
-    declared = {name: channel.model_error for name, channel in system.model.channels.items()}
-    return [
-        f'{name} in {rest.run}: {percent(rest.share_of_range)} of range is left, more than the '
-        f'declared model error of {percent(declared[name])}'
-        for name, rest in largest.items() if declared[name] > 0.0
-    ]
-
-
-def _declared(runs: Sequence[Run] | Sequence[RunBlocks]) -> list[Run]:
-    """Runs in the form of a declared model."""
-    declared = [run for run in runs if isinstance(run, Run)]
-    if len(declared) != len(runs):
-        raise DiscrepancyError('diagnose: a Model takes runs of the class Run')
-    return declared
 
 
 def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
@@ -145,6 +134,7 @@ def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
     allowed = problem.assumptions.allowed_error or (0.0,) * len(problem.channel_ranges)
     residual = fit.prediction - problem.measured
     white = metric.whiten(residual)
+    rounding = (JITTER * float(problem.channel_ranges.max())) ** 2
     under, over = [], []
     for index, channel, part in problem.slices:
         run, name = problem.runs[index], problem.system.channel_names[channel]
@@ -153,14 +143,15 @@ def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
         free = max(left.size - fit.theta_unit.size - 1, 1)
         statistic = float(white[part] @ white[part])
         noise = metric.noise[run.name, channel]
-        has_error = allowed[channel] > 0.0 or _is_exact(problem, noise, run)
-        if overestimated(statistic, free, noise.pairs) and not has_error:
-            over.append(overestimated_sentence(statistic, free, f'{name} in {run.name}'))
+        # Noise that is only the rounding in every metric is not declared too large.
+        has_noise = float(noise.variances(run.width).max()) > rounding
+        if overestimated(statistic, free, noise.pairs) and has_noise and not allowed[channel]:
+            over.append(noise_sentence('over', statistic, free, f'{name} in {run.name}'))
         beyond = float(np.mean(left**2)) * (1.0 - free / max(statistic, free))
         least = max(MODEL_SETTINGS.materiality, allowed[channel])
         material = beyond >= (least * problem.view_ranges[name]) ** 2
         if material and underestimated(statistic, free, noise.pairs):
-            under.append(underestimated_sentence(statistic, free, f'{name} in {run.name}'))
+            under.append(noise_sentence('under', statistic, free, f'{name} in {run.name}'))
     if diagnosis.verdict == 'unknown' or diagnosis.remainder:
         under = []  # The warning on a remaining misfit is given already.
     if not under and not over:
@@ -172,12 +163,6 @@ def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
         causes=causes,
         warnings=(*over, *under, *diagnosis.warnings),
     )
-
-
-def _is_exact(problem: Problem, noise: ChannelNoise, run: RunBlocks) -> bool:
-    """Whether the noise is only the rounding that every metric contains."""
-    limit = (JITTER * float(problem.channel_ranges.max())) ** 2
-    return float(noise.variances(run.width).max()) <= limit
 
 
 def _in_units(prediction: RunPrediction, system: ModelSystem) -> RunPrediction:
@@ -222,7 +207,9 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
     assert isinstance(system, ModelSystem)
     fit = fit_base(noise_metric(problem).with_offsets())
     metric = noise_metric(problem, fit.prediction).with_offsets()
-    each = _seconds_each(problem, fit)
+    began = clock.monotonic()
+    problem.predict([fit.point] * TIMED)  # The fits before have compiled the simulator.
+    each = (clock.monotonic() - began) / TIMED
     report = CheckReport()
     for name, scale in zip(system.channel_names, system.scales, strict=True):
         unit = model.channels[name].unit or 'no unit'
@@ -235,13 +222,6 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
         f'one simulation of all runs takes {each:.2g} s: about {count * each:.0f} s in all')
     report += [f'warning: {sentence}' for sentence in system.failure_sentences()]
     return report
-
-
-def _seconds_each(problem: Problem, fit: Fit) -> float:
-    """Time of one simulation of all runs, after compilation [s]."""
-    began = clock.monotonic()
-    problem.predict([fit.point] * TIMED)
-    return (clock.monotonic() - began) / TIMED
 
 
 def _base_lines(metric: Metric, fit: Fit) -> list[str]:

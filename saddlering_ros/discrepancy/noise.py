@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from scipy.optimize import nnls
@@ -76,6 +76,11 @@ class Noise(ABC):
         """The process by run. The records hold readings first and residuals later."""
 
 
+def white_noise(std: float, pairs: int) -> ChannelNoise:
+    """Independent noise of every sample; pairs: degrees of freedom of its level."""
+    return ChannelNoise(0.0, np.zeros(0), 0.0, pairs, np.zeros(0), floor=std**2)
+
+
 @dataclass(frozen=True)
 class _White(Noise):
     std: float
@@ -85,9 +90,7 @@ class _White(Noise):
             raise DiscrepancyError(f'noise: std is {self.std:g}: give a number above zero')
 
     def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
-        noise = ChannelNoise(
-            0.0, np.zeros(0), 0.0, KNOWN_EXACTLY, np.zeros(0), floor=self.std**2
-        )
+        noise = white_noise(self.std, KNOWN_EXACTLY)
         return {record.run: noise for record in records}
 
 
@@ -244,22 +247,19 @@ def underestimated(statistic: float, dimensions: float, degrees: float) -> bool:
     return bool(fisher_chance(statistic / dimensions, dimensions, degrees) < MAX_CHANCE)
 
 
-def underestimated_sentence(statistic: float, dimensions: float, where: str) -> str:
-    """The warning for a reader."""
+def noise_sentence(
+    side: Literal['over', 'under'], statistic: float, dimensions: float, where: str
+) -> str:
+    """The warning for a reader if the noise is over- or underestimated."""
+    remedy = {
+        'under': 'and no cause explains it; give the noise of the channel as it is, leave it to '
+                 'be learnt (Noise.unknown), or declare a model error',
+        'over': 'no conclusion is possible; give the noise of the channel (Noise.white, '
+                'Noise.from_rest) or a smaller model error',
+    }[side]
     return (
-        f'noise underestimated in {where}: the misfit is {statistic:.3g} where noise alone would '
-        f'give about {dimensions:.3g}, and no cause explains it; give the noise of the channel as '
-        'it is, leave it to be learnt (Noise.unknown), or declare a model error'
-    )
-
-
-def overestimated_sentence(statistic: float, dimensions: float, where: str) -> str:
-    """The warning for a reader."""
-    return (
-        f'noise overestimated in {where}: the misfit is {statistic:.3g} where noise alone would '
-        f'give about {dimensions:.3g}: no conclusion is possible; give the noise of the channel '
-        '(Noise.white, Noise.from_rest) or a smaller model error'
-    )
+        f'noise {side}estimated in {where}: the misfit is {statistic:.3g} where noise alone would '
+        f'give about {dimensions:.3g}{", " if side == "under" else ": "}{remedy}')
 
 
 def learn_noise(

@@ -40,14 +40,20 @@ def _parabola(height: float, load: Array, full_scale: float) -> Array:
     return load + height * 4.0 * load * (full_scale - load) / full_scale
 
 
-def _with_axial_clearance(rig: Rig) -> Rig:
-    row = rig.axial_rows
-    return replace(rig, axial_rows=replace(row, clearance=row.clearance + 5e-6))
-
-
-def _with_radial_clearance(rig: Rig) -> Rig:
+def _other_dimension(name: str, change: float, rig: Rig) -> Rig:
+    """The rig with one dimension changed [m], or its weight by a share."""
+    if name == 'weight':
+        carriage = rig.carriage
+        return replace(rig, carriage=replace(carriage, weight=(1.0 + change) * carriage.weight))
+    if name == 'trunnion_x':
+        return replace(rig, trunnion=replace(rig.trunnion, x=rig.trunnion.x + change))
+    if name == 'trunnion_y':
+        return replace(rig, trunnion=replace(rig.trunnion, y=rig.trunnion.y + change))
+    if name == 'clearance_axial':
+        row = rig.axial_rows
+        return replace(rig, axial_rows=replace(row, clearance=row.clearance + change))
     row = rig.radial_row
-    return replace(rig, radial_row=replace(row, clearance=row.clearance + 5e-6))
+    return replace(rig, radial_row=replace(row, clearance=row.clearance + change))
 
 
 DELAY = 1e-3
@@ -56,8 +62,10 @@ DELAY = 1e-3
 IMPERFECTIONS = (
     Imperfection('load_nonlinearity', '0.1 % of full scale load nonlinearity',
                  load=partial(_parabola, 0.001)),
-    Imperfection('axial_clearance', '5 µm of axial clearance', rig=_with_axial_clearance),
-    Imperfection('radial_clearance', '5 µm of radial clearance', rig=_with_radial_clearance),
+    Imperfection('axial_clearance', '5 µm of axial clearance',
+                 rig=partial(_other_dimension, 'clearance_axial', 5e-6)),
+    Imperfection('radial_clearance', '5 µm of radial clearance',
+                 rig=partial(_other_dimension, 'clearance_radial', 5e-6)),
     Imperfection('elevation', '0.1 deg of elevation', elevation=float(np.radians(0.1))),
     Imperfection('load_gain', '0.5 % of load gain', load=lambda load, _: 1.005 * load),
     Imperfection('delay', '1 ms between the clocks of load and probes', delay=DELAY),
@@ -68,12 +76,13 @@ def certified_errors(rig: Rig) -> list[Imperfection]:
     """One standard uncertainty of each instrument and dimension that a certificate states."""
     stated = rig.instruments
     made: list[Imperfection] = []
-    if stated.load_gain is not None:
-        made.append(_of_load('load_gain', partial(_load_gain, stated.load_gain)))
-    if stated.load_offset is not None:
-        made.append(_of_load('load_offset', partial(_load_offset, stated.load_offset)))
-    if stated.load_nonlinearity is not None:
-        made.append(_of_load('load_nonlinearity', partial(_parabola, stated.load_nonlinearity)))
+    gain, offset, bend = stated.load_gain, stated.load_offset, stated.load_nonlinearity
+    if gain is not None:
+        made.append(Imperfection('load_gain', '', load=lambda load, _: (1.0 + gain) * load))
+    if offset is not None:
+        made.append(Imperfection('load_offset', '', load=lambda load, _: load + offset))
+    if bend is not None:
+        made.append(Imperfection('load_nonlinearity', '', load=partial(_parabola, bend)))
     if stated.elevation is not None:
         made.append(Imperfection('elevation', '', elevation=stated.elevation))
     for name, delay in (('probe_lag', stated.probe_lag), ('clock', stated.clock)):
@@ -98,34 +107,6 @@ def certified_errors(rig: Rig) -> list[Imperfection]:
             made.append(Imperfection(f'probe_nonlinearity_{number}', '', reading=partial(
                 _probe_error, rig, number, 2, stated.probe_nonlinearity)))
     return made
-
-
-def _of_load(name: str, load: Callable[[Array, float], Array]) -> Imperfection:
-    return Imperfection(name, '', load=load)
-
-
-def _load_gain(gain: float, load: Array, _: float) -> Array:
-    return (1.0 + gain) * load
-
-
-def _load_offset(offset: float, load: Array, _: float) -> Array:
-    return load + offset
-
-
-def _other_dimension(name: str, change: float, rig: Rig) -> Rig:
-    """The rig with one dimension changed [m], or its weight by a share."""
-    if name == 'weight':
-        carriage = rig.carriage
-        return replace(rig, carriage=replace(carriage, weight=(1.0 + change) * carriage.weight))
-    if name == 'trunnion_x':
-        return replace(rig, trunnion=replace(rig.trunnion, x=rig.trunnion.x + change))
-    if name == 'trunnion_y':
-        return replace(rig, trunnion=replace(rig.trunnion, y=rig.trunnion.y + change))
-    if name == 'clearance_axial':
-        row = rig.axial_rows
-        return replace(rig, axial_rows=replace(row, clearance=row.clearance + change))
-    row = rig.radial_row
-    return replace(rig, radial_row=replace(row, clearance=row.clearance + change))
 
 
 def _tilt_gain(share: float, seen: Array) -> Array:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from saddlering_ros.discrepancy.noise import KNOWN_EXACTLY
+from saddlering_ros.discrepancy.noise import KNOWN_EXACTLY, white_noise
 from saddlering_ros.discrepancy.problem.model import Model, Outputs, Run
 from saddlering_ros.discrepancy.problem.problem import Assumptions
 from saddlering_ros.discrepancy.problem.system import (
@@ -37,6 +37,9 @@ EXACT = 1e-9
 """Share of range below which a residual is rounding: far above double precision, and far below
 the noise of any instrument."""
 
+SURE = 1000
+"""Degrees of freedom of the level of a residual that is nothing, or not yet known."""
+
 DIVERGED = 1e6
 """Distance, in ranges, of a prediction that has diverged. No sound simulator between its bounds
 comes near it, and its square is still a finite number."""
@@ -51,12 +54,6 @@ class ModelSystem:
         self.base_parameters: tuple[Parameter, ...] = tuple(model.base.values())
         self.effects: tuple[Effect, ...] = tuple(model.effects.values())
         self.scales = np.array([_range(name, fitted) for name in model.channels])
-        for name in self.channel_names:
-            if not _varies(name, fitted):
-                raise DiscrepancyError(
-                    f'channel {name} does not vary in any fitted run: leave it out of the model, '
-                    'or give a run in which it moves'
-                )
         self.failures: Counter[str] = Counter()
         self.failed_at: dict[str, str] = {}
         self.calls = 0
@@ -83,11 +80,14 @@ class ModelSystem:
                     f'run {run.name}: channel {name} has {there.sum()} samples that are numbers; '
                     'give at least 8'
                 )
+        # Weight of each sample as a time, at most three times the usual one.
+        width = np.gradient(run.time)
+        width = np.minimum(width, 3.0 * np.median(width))
         return RunBlocks(
             run.name,
             '',
             run.time,
-            _widths(run.time),
+            width,
             np.where(present, readings, 0.0),
             _coordinates(run),
             held_out=held_out,
@@ -167,19 +167,20 @@ class ModelSystem:
                 ]
             scale = float(self.scales[number])
             if channel.noise.learns_from_residuals and left is None:
-                own = {run.name: _provisional(scale) for run in runs}
+                own = {run.name: white_noise(PROVISIONAL_STD * scale, SURE) for run in runs}
             elif channel.noise.learns_from_residuals and left is not None:
                 own = {}
                 for record in left:
                     exact = np.nanmax(np.abs(record.values)) < EXACT * scale
-                    own.update(
-                        _nothing(record, scale) if exact else channel.noise.resolve([record]))
+                    own.update({record.run: white_noise(EXACT * scale, SURE)} if exact
+                               else channel.noise.resolve([record]))
             else:
                 readings = [
                     _record(run, number, np.asarray(run.payload.outputs[name])) for run in runs]
                 own = dict(channel.noise.resolve(readings))
-                if left is not None:
-                    own = {record.run: _at_least(own[record.run], record) for record in left}
+                for record in left or ():
+                    if own[record.run].pairs < KNOWN_EXACTLY:  # Declared noise does not change.
+                        own[record.run] = widened(own[record.run], record)
             for run in runs:
                 step = float(np.median(np.diff(run.time)))
                 span = float(np.ptp(run.time))
@@ -274,27 +275,17 @@ base failed by then."""
 
 
 def _range(name: str, fitted: Sequence[Run]) -> float:
-    """Largest range of a channel in a fitted run; for a constant channel its size."""
+    """Largest range of a channel in a fitted run. DiscrepancyError if it never varies."""
     values = [
         run.outputs[name][np.isfinite(run.outputs[name])] for run in fitted if name in run.outputs]
     values = [readings for readings in values if readings.size]
     span = max((float(np.ptp(readings)) for readings in values), default=0.0)
     size = max((float(np.abs(readings).max()) for readings in values), default=0.0)
-    return span if span > 1e-12 * size and span > 0.0 else size or 1.0
-
-
-def _varies(name: str, fitted: Sequence[Run]) -> bool:
-    """Whether a recorded channel has two different values in a fitted run."""
-    values = [run.outputs[name] for run in fitted if name in run.outputs]
-    seen = [readings[np.isfinite(readings)] for readings in values]
-    ranges = [float(np.ptp(readings)) for readings in seen if readings.size]
-    return not ranges or max(ranges) > 0.0
-
-
-def _widths(time: Array) -> Array:
-    """Weight of each sample as a time, at most three times the usual one."""
-    width = np.gradient(time)
-    return np.asarray(np.minimum(width, 3.0 * np.median(width)))
+    if values and span == 0.0:
+        raise DiscrepancyError(
+            f'channel {name} does not vary in any fitted run: leave it out of the model, or give '
+            'a run in which it moves')
+    return span if span > 1e-12 * size else size or 1.0
 
 
 def _coordinates(run: Run) -> dict[str, Array]:
@@ -315,22 +306,6 @@ def _record(run: RunBlocks, channel: int, values: Array) -> ChannelRecord:
     """One channel's values with NaN where a sample is missing."""
     there = np.isfinite(values) if run.present is None else run.present[channel]
     return ChannelRecord(run.name, run.time, np.where(there, values, np.nan))
-
-
-def _nothing(record: ChannelRecord, scale: float) -> dict[str, ChannelNoise]:
-    """Noise of a record that the simulator reproduces exactly."""
-    floor = (EXACT * scale) ** 2
-    return {record.run: ChannelNoise(0.0, np.zeros(0), 0.0, 1000, np.zeros(0), floor=floor)}
-
-
-def _provisional(scale: float) -> ChannelNoise:
-    return ChannelNoise(
-        0.0, np.zeros(0), 0.0, 1000, np.zeros(0), floor=(PROVISIONAL_STD * scale) ** 2)
-
-
-def _at_least(noise: ChannelNoise, left: ChannelRecord) -> ChannelNoise:
-    """Measured noise plus broadband model error; declared noise unchanged."""
-    return noise if noise.pairs >= KNOWN_EXACTLY else widened(noise, left)
 
 
 def _scaled(noise: ChannelNoise, scale: float) -> ChannelNoise:
