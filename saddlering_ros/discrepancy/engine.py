@@ -10,29 +10,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import time as clock
 
+from saddlering_ros.discrepancy import next_test
 from saddlering_ros.discrepancy.law.proposal import Proposer
-from saddlering_ros.discrepancy.next_test import (
-    HeldOutEvidence,
-    judge_by_held_out,
-    separate_open_models,
-    Separation,
-)
+from saddlering_ros.discrepancy.next_test import HeldOutEvidence, Separation
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Proposal, RunBlocks, Settings, System
 from saddlering_ros.discrepancy.search.limits import observed
 from saddlering_ros.discrepancy.search.model_error import learnt_again, search_beside_error
 from saddlering_ros.discrepancy.search.selection import check_alternatives, Search, search_about
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
-from saddlering_ros.discrepancy.verdict.established import (
-    as_seen_in,
-    doubts_of,
-    MIN_TAKEN,
-    own_kind_left,
-    probabilities_of,
-    remainder_of,
-    under_declared_error,
-    weak_words,
-)
+from saddlering_ros.discrepancy.verdict import established, results
+from saddlering_ros.discrepancy.verdict.established import doubts_of, remainder_of
 from saddlering_ros.discrepancy.verdict.judgement import (
     allowed_sizes,
     explained_share_of,
@@ -42,13 +30,7 @@ from saddlering_ros.discrepancy.verdict.judgement import (
     residual_of,
 )
 from saddlering_ros.discrepancy.verdict.publication import Publication, publish
-from saddlering_ros.discrepancy.verdict.results import (
-    Cause,
-    Diagnosis,
-    Remainder,
-    Residual,
-    Verdict,
-)
+from saddlering_ros.discrepancy.verdict.results import Cause, Diagnosis, Residual, Verdict
 from saddlering_ros.discrepancy.verdict.stability import influence_of, near_limit, refits_of
 from saddlering_ros.discrepancy.verdict.steady_lines import find_steady_lines, find_swings
 from saddlering_ros.discrepancy.verdict.wording import free_test_words
@@ -98,8 +80,8 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
     by_held_out: tuple[HeldOutEvidence, ...] = ()
     if judgement.verdict == 'ambiguous':
         watch.progress('next test', 0.85)
-        separations = separate_open_models(space, fit, alternatives)
-        by_held_out = judge_by_held_out(space, fit, alternatives)
+        separations = next_test.separate_open_models(space, fit, alternatives)
+        by_held_out = next_test.judge_by_held_out(space, fit, alternatives)
     refits = refits_of(space, fit, alternatives)
     law = None
     if judgement.verdict == 'unknown' and problem.assumptions.proposes_law:
@@ -141,10 +123,10 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         seconds=clock.monotonic() - began,
         complete=not answer.remainder and verdict != 'unknown',
         remainder=answer.remainder,
-        probabilities=probabilities_of(verdict, causes, taken),
+        probabilities=established.probabilities_of(verdict, causes, taken),
         refits=refits,
         near_limit=near_limit(
-            space, fit, refits, None if answer.process is None else taken, MIN_TAKEN),
+            space, fit, refits, None if answer.process is None else taken, established.MIN_TAKEN),
         influence=influence_of(space, fit),
         held_out_evidence=by_held_out,
     )
@@ -163,7 +145,7 @@ class Answer:
     before: Residual
     after: Residual
     published: Publication
-    remainder: tuple[Remainder, ...]
+    remainder: tuple[results.Remainder, ...]
     taken: float
     process: Array | None = None
 
@@ -177,18 +159,17 @@ def _answer(search: Search) -> Answer:
     after = residual_of(space, fit) if fit.candidate.effects else before
     published = publish(space, fit, search.alternatives, before, after)
     is_declared = any(allowed_sizes(space).values())
-    weak = _weakest(published) or next(iter(under_declared_error(space, fit)), None)
+    weak = _weakest(published) or next(iter(established.under_declared_error(space, fit)), None)
     if is_declared and weak is not None and len(fit.candidate.effects) > 1:
         less, alternatives = check_alternatives(space, space.without(fit, weak), search.log)
         return _answer(replace(search, fit=less, alternatives=alternatives))
     judgement = judge(space, fit, search.alternatives, before, after)
     taken = 0.0 if published.shares is None else published.shares.best
     doubts = list(published.doubts)
-    if is_declared and published.shares is not None and taken < MIN_TAKEN:
-        doubts.append(weak_words(' and '.join(fit.candidate.ids), published.shares))
+    if is_declared and published.shares is not None and taken < established.MIN_TAKEN:
+        doubts.append(established.weak_words(' and '.join(fit.candidate.ids), published.shares))
     if doubts:
-        judgement = replace(
-            judgement, verdict='unknown', warnings=(*judgement.warnings, *doubts))
+        judgement = replace(judgement, verdict='unknown', warnings=(*judgement.warnings, *doubts))
     return Answer(search, judgement, before, after, published, remainder_of(space, fit, after),
                   taken)
 
@@ -209,12 +190,12 @@ def _beside_error(strict: Answer) -> Answer:
         if weak is not None:
             search, process = learnt_again(search, space.without(fit, weak))
             continue
-        seen = as_seen_in(noise_alone, published.fits.after)
+        seen = established.as_seen_in(noise_alone, published.fits.after)
         left = residual_of(noise_alone, seen)
         assert published.shares is not None
         doubts = [
             *doubts_of(space, fit, published.shares, published.member_shares, alternatives),
-            *own_kind_left(noise_alone, seen, left)]
+            *established.own_kind_left(noise_alone, seen, left)]
         if doubts and space.problem.assumptions.form_error > 0.0:
             break
         is_open = any(alternatives.get(name) for name in fit.candidate.ids)
@@ -229,7 +210,7 @@ def _beside_error(strict: Answer) -> Answer:
 def _weakest(published: Publication) -> str | None:
     """The cause beside others that takes least, if it is too little to be established."""
     weak = {name: shares.best for name, shares in published.member_shares.items()
-            if shares.best < MIN_TAKEN}
+            if shares.best < established.MIN_TAKEN}
     return min(weak, key=lambda name: weak[name]) if weak else None
 
 

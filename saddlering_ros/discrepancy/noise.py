@@ -15,15 +15,10 @@ import numpy as np
 from scipy.optimize import nnls
 
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, RunBlocks
+from saddlering_ros.estimation import record_noise
 from saddlering_ros.estimation.noise import HeldSeries, noise_by_class, RestSource, sampling_class
 from saddlering_ros.estimation.process import ChannelNoise
-from saddlering_ros.estimation.record_noise import (
-    ChannelRecord,
-    continued,
-    noise_of_residuals,
-    noise_of_stretches,
-    relaxation_grid,
-)
+from saddlering_ros.estimation.record_noise import ChannelRecord, continued, noise_of_stretches
 from saddlering_ros.estimation.rest import RestSegment
 from saddlering_ros.estimation.statistics import fisher_chance, fisher_share_below
 
@@ -196,7 +191,7 @@ class _Spectrum(Noise):
 
     def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
         low, high = float(self.frequency.min()), float(self.frequency.max())
-        constants = relaxation_grid(0.5 / (np.pi * high), 0.5 / (np.pi * low))
+        constants = record_noise.relaxation_grid(0.5 / (np.pi * high), 0.5 / (np.pi * low))
         angular = 2.0 * np.pi * self.frequency[:, None]
         slow = 4.0 * constants / (1.0 + (angular * constants) ** 2)
         columns = np.column_stack([np.full(self.frequency.size, 2.0), slow])
@@ -219,7 +214,7 @@ class _Unknown(Noise):
     learns_from_residuals: ClassVar[bool] = True
 
     def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
-        return {record.run: noise_of_residuals(record) for record in records}
+        return {record.run: record_noise.noise_of_residuals(record) for record in records}
 
 
 MAX_CHANCE = 1e-3

@@ -220,9 +220,7 @@ class RingEffect:
         values = {p.name: p.neutral if p.amplitude else p.start for p in self.parameters}
         return {**values, **(variant or self.variants[0]).values}
 
-    def _check(
-        self, values: Mapping[str, float], parameters: tuple[EffectParameter, ...],
-    ) -> None:
+    def _check(self, values: Mapping[str, float], parameters: tuple[EffectParameter, ...]) -> None:
         for parameter in parameters:
             value = values[parameter.name]
             slack = 1e-9 * (parameter.high - parameter.low)

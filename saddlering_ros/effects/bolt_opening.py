@@ -43,8 +43,7 @@ class BoltOpening(RingEffect):
             'w: bolts open from M0 - w to M0 + w; 0: all at once', one_sided=True),
     )
     # A sharp kink does not show its change with the spread: the search begins with a wide one
-    starts = tuple({'moment': moment, 'spread': 0.2 * moment}
-                   for moment in (4e4, 7e4, 1e5, 1.4e5))
+    starts = tuple({'moment': moment, 'spread': 0.2 * moment} for moment in (4e4, 7e4, 1e5, 1.4e5))
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """Set the opening joint."""

@@ -5,14 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import (
-    Choice,
-    EffectParameter,
-    Outcomes,
-    RingEffect,
-    UNCLEAR,
-    Variant,
-)
+from saddlering_ros.effects import base
+from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension
 
 ALL_ROWS, RADIAL, AXIAL, EACH = 0.0, 1.0, 2.0, 3.0
@@ -36,8 +30,8 @@ class FilmCreep(RingEffect):
     outcomes = Outcomes(
         second_rate='a loop whose height depends on the rate',
         repeat_cycle='a loop that closes during the holds',
-        zero_load=UNCLEAR,
-        pull_push=UNCLEAR,
+        zero_load=base.UNCLEAR,
+        pull_push=base.UNCLEAR,
     )
     stage = 'ring'
     form = 0.1  # films creep with more than one time constant

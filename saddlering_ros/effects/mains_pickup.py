@@ -38,8 +38,7 @@ class MainsPickup(RingEffect):
             'frequency', 'Hz', 0.5, 500.0, 50.0, 50.0,
             'true frequency of the line', one_sided=True, logarithmic=True),
     )
-    variants = (
-        Variant('all probes', {'probe': 0.0}, ('delta_y', 'parity')), *probe_variants())
+    variants = (Variant('all probes', {'probe': 0.0}, ('delta_y', 'parity')), *probe_variants())
     choices = (ANY_PROBE,)
     line = True
     starts = ({'frequency': 50.0}, {'frequency': 60.0})

@@ -24,10 +24,7 @@ class OutOfRound(RingEffect):
         'The ring slewed by 90 deg: the effect of an oval changes its sign, that of a clearance '
         'does not.'
     )
-    outcomes = Outcomes(
-        slewed_ring='a misfit of the opposite sign',
-        pull_push=UNCLEAR,
-    )
+    outcomes = Outcomes(slewed_ring='a misfit of the opposite sign', pull_push=UNCLEAR)
     stage = 'ring'
     channels = ('delta_x',)
     parameters = (

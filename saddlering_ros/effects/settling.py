@@ -5,14 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import (
-    Choice,
-    EffectParameter,
-    Outcomes,
-    RingEffect,
-    UNCLEAR,
-    Variant,
-)
+from saddlering_ros.effects import base
+from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension
 
 EACH = 3.0
@@ -38,10 +32,10 @@ class Settling(RingEffect):
         second_rate='no misfit in the repeated test',
         repeat_cycle='a misfit in the first cycle only',
         swapped_probes='no misfit in the repeated test',
-        slewed_ring=UNCLEAR,
-        other_elevation=UNCLEAR,
+        slewed_ring=base.UNCLEAR,
+        other_elevation=base.UNCLEAR,
         other_gap='no misfit in the repeated test',
-        pull_push=UNCLEAR,
+        pull_push=base.UNCLEAR,
     )
     stage = 'ring'
     form = 0.05  # joints settle not quite in proportion to the load

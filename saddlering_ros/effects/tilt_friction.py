@@ -5,14 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import (
-    Choice,
-    EffectParameter,
-    Outcomes,
-    RingEffect,
-    UNCLEAR,
-    Variant,
-)
+from saddlering_ros.effects import base
+from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
 from saddlering_ros.effects.common_shapes import hysteron, loop_parameters
 from saddlering_ros.effects.extension import RingExtension
 
@@ -39,7 +33,7 @@ class TiltFriction(RingEffect):
     outcomes = Outcomes(
         second_rate='a loop of the same height',
         repeat_cycle='a loop that repeats and stays open during the holds',
-        pull_push=UNCLEAR,
+        pull_push=base.UNCLEAR,
     )
     stage = 'ring'
     form = 0.1  # sticking exceeds sliding by a tenth to a quarter, and how much the speed decides

@@ -18,9 +18,7 @@ Array = NDArray[np.float64]
 
 WIDTH_95 = normal_quantile(0.975)
 
-MAX_HALF_WIDTH = {
-    'K': float(np.log(1.5)), 'n': 0.5 * (10.0 / 9.0 - 1.0), 'D': float(np.log(2.0)),
-}
+MAX_HALF_WIDTH = {'K': float(np.log(1.5)), 'n': 0.5 * (10.0 / 9.0 - 1.0), 'D': float(np.log(2.0))}
 """Widest half 95 % interval, in (ln K, n, ln D), of a parameter that counts as determined.
 
 K within a factor 1.5; n separates line contact (10/9) and a linear spring (1); D within a

@@ -15,12 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from saddlering_ros.estimation.process import (
-    ChannelNoise,
-    EstimationError,
-    mean_variance,
-    TIME_CONSTANTS,
-)
+from saddlering_ros.estimation import process
+from saddlering_ros.estimation.process import ChannelNoise, EstimationError, TIME_CONSTANTS
 from saddlering_ros.estimation.rest import RestSegment
 from saddlering_ros.estimation.statistics import (
     allan_columns,
@@ -309,7 +305,7 @@ def _second_difference(width: float, spacing: float) -> float:
     shrink = float((-np.expm1(-width) / width) ** 2)
     near = shrink * float(np.exp(-max(spacing - width, 0.0)))
     far = shrink * float(np.exp(-max(2.0 * spacing - width, 0.0)))
-    alone = float(mean_variance(np.array([width]))[0])
+    alone = float(process.mean_variance(np.array([width]))[0])
     return max(6.0 * alone - 8.0 * near + 2.0 * far, 1e-12)
 
 

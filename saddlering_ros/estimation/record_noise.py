@@ -23,20 +23,10 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.optimize import nnls
 
+from saddlering_ros.estimation import process, statistics
 from saddlering_ros.estimation.noise import MIN_SAMPLES, MIN_WHITE, Statistics
-from saddlering_ros.estimation.process import (
-    ChannelNoise,
-    EstimationError,
-    mean_correlation,
-    mean_variance,
-)
-from saddlering_ros.estimation.statistics import (
-    allan_columns,
-    allan_variances,
-    allan_variances_of,
-    averaged_counts,
-    running_total,
-)
+from saddlering_ros.estimation.process import ChannelNoise, EstimationError
+from saddlering_ros.estimation.statistics import allan_columns
 
 Array = NDArray[np.float64]
 
@@ -124,7 +114,7 @@ def noise_of_stretches(
             f'noise: {where} has only {sum(sizes)} samples: give at least '
             f'{MIN_SAMPLES}, or Noise.white(std)'
         )
-    scales, observed, pairs = allan_variances(rows)
+    scales, observed, pairs = statistics.allan_variances(rows)
     used = scales <= max(longest, step) * (1.0 + 1e-9)
     observed = observed[used]
     if not observed.max(initial=0.0) > 0.0:
@@ -149,8 +139,8 @@ def _with_degrees(noise: ChannelNoise, step: float, sizes: Sequence[int]) -> Cha
     tail = np.zeros(lags.size)
     for variance, tau in noise.parts():
         ratio = np.array([step / tau])
-        variance_of_sample += float(variance * mean_variance(ratio)[0])
-        edge = float(mean_correlation(ratio)[0])
+        variance_of_sample += float(variance * process.mean_variance(ratio)[0])
+        edge = float(process.mean_correlation(ratio)[0])
         tail += variance * edge**2 * np.exp(-np.maximum(lags - step, 0.0) / tau)
     squares = np.cumsum((tail / variance_of_sample) ** 2) - (tail[0] / variance_of_sample) ** 2
     total = 0.0
@@ -328,7 +318,8 @@ def _spectral_columns(frequency: Array, constants: Array, step: float) -> Array:
     columns = [np.full(frequency.size, 1.0 / step)]
     for tau in constants:
         ratio = np.array([step / tau])
-        edge, level = float(mean_correlation(ratio)[0]), float(mean_variance(ratio)[0])
+        edge = float(process.mean_correlation(ratio)[0])
+        level = float(process.mean_variance(ratio)[0])
         keep = float(np.exp(-ratio[0]))
         tail = (cosine - keep) / (1.0 - 2.0 * keep * cosine + keep**2)
         columns.append(level + 2.0 * edge**2 * tail)
@@ -344,7 +335,7 @@ def common_noise(
     cancels. `weights`: of the pairs. Segments of a few seconds hardly determine a slow time
     constant, so that each of COMMON_TIMES counts by its likelihood.
     """
-    counts = np.array(averaged_counts(max(map(len, first))))
+    counts = np.array(statistics.averaged_counts(max(map(len, first))))
     pairs = np.array([[max(0, len(row) // count - 1) for count in counts] for row in first])
     seen = pairs.sum(axis=0) > 0
     counts, pairs = counts[seen], pairs[:, seen]
@@ -376,7 +367,7 @@ def _variances(rows: Sequence[Array], counts: Array, pairs: Array) -> Array:
     lengths = np.array([len(row) for row in rows])
     for length in np.unique(lengths):
         alike = np.flatnonzero(lengths == length)
-        totals = np.stack([running_total(rows[index]) for index in alike.tolist()])
+        totals = np.stack([statistics.running_total(rows[index]) for index in alike.tolist()])
         for column in np.flatnonzero(pairs[alike[0]]):
-            variances[alike, column] = allan_variances_of(totals, int(counts[column]))
+            variances[alike, column] = statistics.allan_variances_of(totals, int(counts[column]))
     return variances

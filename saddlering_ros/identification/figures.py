@@ -188,9 +188,7 @@ def _ratio(value: float, over: float) -> float | None:
     return value / over if over > 0.0 else None
 
 
-def _noise_of_sample(
-    residual: Array, rests: Spans, noise: ChannelNoise, step: float
-) -> float:
+def _noise_of_sample(residual: Array, rests: Spans, noise: ChannelNoise, step: float) -> float:
     """Rms noise of a sample: half the mean square step over a short lag, plus the residual there.
 
     Interpolation between stamps smooths readings below the fitted noise; a step over more than
@@ -212,9 +210,7 @@ def _noise_of_means(noise: ChannelNoise, rests: Spans, step: float) -> float:
     return math.sqrt(float(np.mean(noise.variances(lasting)))) if rests else 0.0
 
 
-def _zero_error(
-    residual: Array, noise: ChannelNoise, step: float, zero_noise: float
-) -> float:
+def _zero_error(residual: Array, noise: ChannelNoise, step: float, zero_noise: float) -> float:
     """Error of the zero from the mean of a residual (N,), within the limits of its noise."""
     variance = noise.deviation(step * len(residual)) ** 2
     share = zero_noise**2 / max(zero_noise**2 + variance, 1e-300)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.estimation.least_squares import NEAR, SearchSpace
-from saddlering_ros.identification import swarm
+from saddlering_ros.identification import observation, swarm
 from saddlering_ros.identification.objective import (
     average_branches,
     Objective,
@@ -25,12 +25,7 @@ from saddlering_ros.identification.objective import (
     thinned,
     WeightedObjective,
 )
-from saddlering_ros.identification.observation import (
-    Observation,
-    observe_prepared,
-    observe_with_cell,
-    prepare_all,
-)
+from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.prepared import PreparedRun, warnings_of
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import (
@@ -90,15 +85,15 @@ class _Search:
     def observations(self, contact: ContactParameters | None = None) -> list[Observation]:
         """The fitted runs, with their noise from a first result."""
         rate = self.settings.fit_rate
-        observations = (observe_prepared(self.prepared, rate) if contact is None
-                        else observe_with_cell(self.prepared, self.rig, rate, contact))
+        observations = (observation.observe_prepared(self.prepared, rate) if contact is None
+                        else observation.observe_with_cell(self.prepared, self.rig, rate, contact))
         # If no run shows D, plateaus count as equilibria, which do not depend on D.
         return observations if self.has_dynamic else [one.coarse() for one in observations]
 
     @cached_property
     def prepared(self) -> list[PreparedRun]:
         """The runs with the input of their observations."""
-        return prepare_all(self.runs, self.rig, self.settings.fit_rate)
+        return observation.prepare_all(self.runs, self.rig, self.settings.fit_rate)
 
     @property
     def has_dynamic(self) -> bool:

@@ -10,13 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.errors import Cancelled
-from saddlering_ros.estimation.least_squares import (
-    minimise,
-    NEGLIGIBLE,
-    on_bound,
-    SearchSpace,
-    USUAL_DAMPING,
-)
+from saddlering_ros.estimation import least_squares
+from saddlering_ros.estimation.least_squares import SearchSpace
 from saddlering_ros.estimation.statistics import block_means, span_means
 from saddlering_ros.estimation.whitening import independent, SharedErrors
 from saddlering_ros.identification.observation import Observation, SETTLING_STEP
@@ -107,8 +102,7 @@ def _means(observation: Observation, moving: Array) -> Array:
     """Readings (..., N) of a motion (..., M) on the fine grid."""
     if observation.spans is not None:
         return span_means(moving, *observation.spans.T)
-    return np.asarray(
-        moving.reshape(*moving.shape[:-1], -1, observation.per_block).mean(axis=-1))
+    return np.asarray(moving.reshape(*moving.shape[:-1], -1, observation.per_block).mean(axis=-1))
 
 
 def _longest_step(observation: Observation) -> float:
@@ -410,8 +404,8 @@ def refine(
     space: SearchSpace,
     start: Array,
     is_cancelled: IsCancelled | None = None,
-    negligible: float = NEGLIGIBLE,
-    damping: float = USUAL_DAMPING,
+    negligible: float = least_squares.NEGLIGIBLE,
+    damping: float = least_squares.USUAL_DAMPING,
 ) -> Refinement:
     """Least squares from coordinates `start` (F,); Cancelled on request.
 
@@ -424,7 +418,7 @@ def refine(
             raise Cancelled
         return _at(objective, space, point)
 
-    lowest = minimise(at, start, space.low, space.high, negligible, damping)
+    lowest = least_squares.minimise(at, start, space.low, space.high, negligible, damping)
     return Refinement(lowest.point, space.contacts(lowest.point)[0], lowest.chi_square,
                       lowest.jacobian, lowest.at_bound)
 
@@ -436,7 +430,7 @@ def stay_at(
     point = space.coordinates(contact.to_array())
     here = _at(objective, space, point)
     return Refinement(point, contact.to_array(), float(here.residual @ here.residual),
-                      here.slopes(), on_bound(point, space.low, space.high))
+                      here.slopes(), least_squares.on_bound(point, space.low, space.high))
 
 
 def _at(objective: WeightedObjective, space: SearchSpace, point: Array) -> _At:

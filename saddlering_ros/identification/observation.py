@@ -66,8 +66,7 @@ class LoadErrors:
         increments = answers - at_zero[:, None, None] * in_zero
         # The product with a triangle takes half of the time of one with a whole matrix.
         each = dtrmm(1.0, root.T, increments.reshape(-1, root.shape[0]).T)
-        return cls(each.reshape(-1, *answers.shape[:2]), root[:answers.shape[1]].T,
-                   in_zero @ root)
+        return cls(each.reshape(-1, *answers.shape[:2]), root[:answers.shape[1]].T, in_zero @ root)
 
 
 @dataclass(frozen=True)
@@ -183,18 +182,14 @@ SETTLING_STEP = 0.1
 """Step [s] of the simulation of a static run with settling."""
 
 
-def prepare_all(
-    runs: Sequence[Record], rig: Rig, fit_rate: float | None
-) -> list[PreparedRun]:
+def prepare_all(runs: Sequence[Record], rig: Rig, fit_rate: float | None) -> list[PreparedRun]:
     """Runs with the input of their observations, once for all contact laws."""
     if not runs:
         raise IdentificationError('no runs to identify from: give at least one bag')
     return [prepare(run, rig, fit_rate) for run in runs]
 
 
-def observe_prepared(
-    prepared: Sequence[PreparedRun], fit_rate: float | None
-) -> list[Observation]:
+def observe_prepared(prepared: Sequence[PreparedRun], fit_rate: float | None) -> list[Observation]:
     """Observations without the noise of the load cell: a damped ring follows it at once.
 
     The noise is estimated from all runs of one sampling rate together.
@@ -250,9 +245,7 @@ def _grid_spans(one: PreparedRun, size: int) -> NDArray[np.intp]:
     return np.stack([starts, np.maximum(edges[:, 1] // size, starts + 1)], axis=1)
 
 
-def _observe_dynamic(
-    one: PreparedRun, noise: NoiseModel, fit_rate: float | None
-) -> Observation:
+def _observe_dynamic(one: PreparedRun, noise: NoiseModel, fit_rate: float | None) -> Observation:
     measured = one.measured
     good = np.all(np.isfinite(one.displacement), axis=0)
     first, last = int(np.argmax(good)), len(good) - int(np.argmax(good[::-1]))
@@ -360,9 +353,7 @@ def load_errors_of(
     return LoadErrors.of(covariance, answers, in_zero / max(1.0, in_zero.sum()), at_zero)
 
 
-def static_slopes(
-    rig: Rig, contact: ContactParameters, elevation: float, load: Array
-) -> Array:
+def static_slopes(rig: Rig, contact: ContactParameters, elevation: float, load: Array) -> Array:
     """Displacement per load (3, N) [m/N, m/N, rad/N] of equilibria at loads (N,) [N]."""
     step = rig.limits.slope_step
     both = static_response(

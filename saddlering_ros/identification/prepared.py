@@ -139,8 +139,7 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
             plateaus=PlateauReadings.over(rests, displacement, measured))
     if np.mean(np.isfinite(displacement[0])) < MIN_SHARE_READ:
         raise IdentificationError(clipped_words(name))
-    rests = quiet_stretches(
-        stretches_at_rest(measured.time, measured.load, rig.limits.rest_band))
+    rests = quiet_stretches(stretches_at_rest(measured.time, measured.load, rig.limits.rest_band))
     rests = rests or [(measured.zero.start, measured.zero.end)]
     return PreparedRun(
         run=run, measured=measured, displacement=displacement, load=load, explained=explained,

@@ -376,8 +376,7 @@ COLUMNS = (
     Column('rmse', 'rmse', 1e6,
            'rms of measured minus simulated, without the zero error, in µm or µrad'),
     Column('nrmse', 'nrmse %', 100.0, "rmse in % of the channel's measured range"),
-    Column('noise_floor', 'noise %', 100.0,
-           'rms noise of the measurement in % of the same range'),
+    Column('noise_floor', 'noise %', 100.0, 'rms noise of the measurement in % of the same range'),
     Column('sound', 'sound %', 100.0,
            'rms that unequal rollers, clearances within 1 µm and a weight within 2 % may add in a '
            'sound ring, in % of the same range'),

@@ -79,8 +79,7 @@ def _row(row: RollerRow, geometry: RowGeometry) -> tuple[Floats, Floats, Floats,
     if geometry.wear.is_none and geometry.oval_amplitude == geometry.gap_spread == 0.0:
         index = np.arange(row.rollers // 2 + 1)
         twins = np.where((index == 0) | (2 * index == row.rollers), 1.0, 2.0)
-        return (np.cos(angle[index]), twins,
-                np.full(index.size, half_gap), True)
+        return (np.cos(angle[index]), twins, np.full(index.size, half_gap), True)
     wear = geometry.wear.profile(angle)
     weight = 1.0 - geometry.wear.loss * wear
     gap = (half_gap + geometry.wear.gap * wear

@@ -17,30 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from saddlering_ros.effects import own_parameters
 from saddlering_ros.effects.extension import READING, RingExtension
 from saddlering_ros.rig import Rig
+from saddlering_ros.ring import model, sensitivity
 from saddlering_ros.ring.kernels import courses
 from saddlering_ros.ring.kernels.row_tangents import PLAIN_LAW
-from saddlering_ros.ring.model import (
-    at_elevation,
-    MODEL,
-    Model,
-    model_rows,
-    read_motion_only,
-    Rows,
-    rows_of,
-    same_motions,
-    spread_rows,
-    with_counts,
-)
-from saddlering_ros.ring.sensitivity import (
-    external_along,
-    floats,
-    FRICTIONS,
-    laws_of,
-    LOADS,
-    MotionPath,
-    simulate_path,
-    tangents_along,
-)
+from saddlering_ros.ring.model import Model, Rows
+from saddlering_ros.ring.sensitivity import MotionPath, tangents_along
 from saddlering_ros.ring.simulator import check_simulation, in_parallel, of_probes_clock
 
 Floats = NDArray[np.float64]
@@ -132,15 +113,15 @@ class Neighbourhoods:
     A group is a candidate (contact law, extension) and its neighbours.
     """
 
-    def __init__(self, rig: Rig,
-                 groups: Sequence[tuple[Candidate, Sequence[Candidate]]]) -> None:
+    def __init__(self, rig: Rig, groups: Sequence[tuple[Candidate, Sequence[Candidate]]]) -> None:
         self._groups = [_neighbourhood(rig, centre, others) for centre, others in groups]
         # Motions are shared by candidates that differ in what is added to the readings only.
         self._members: list[list[int]] = []
         if groups:
-            centres = np.concatenate([floats(one.models[:1]) for one in self._groups])
+            centres = np.concatenate([sensitivity.floats(one.models[:1]) for one in self._groups])
             alike: dict[int, list[int]] = {}
-            first = same_motions(centres.view(MODEL), [one.rows for one in self._groups])
+            rows = [one.rows for one in self._groups]
+            first = model.same_motions(centres.view(model.MODEL), rows)
             for index, leader in enumerate(first.tolist()):
                 alike.setdefault(leader, []).append(index)
             self._members = list(alike.values())
@@ -177,10 +158,10 @@ def _together(groups: Sequence[_Neighbourhood], record: _Record) -> list[Respons
     path: MotionPath | None = None
     grows = any(one.law[:, PLAIN_LAW:].any() for one in groups)
     for one in groups:
-        models = at_elevation(one.models, record.elevation)
+        models = model.at_elevation(one.models, record.elevation)
         if path is None:
-            path = own = simulate_path(models[:1], one.rows, record.time, record.load,
-                                       record.zero_load, record.max_step, grows)
+            path = own = sensitivity.simulate_path(models[:1], one.rows, record.time, record.load,
+                                                   record.zero_load, record.max_step, grows)
         else:
             own = path.read_by(models[:1], record.zero_load, record.time, record.load)
         answers.append(_responses(one, models, own, record))
@@ -191,10 +172,10 @@ def _neighbourhood(rig: Rig, centre: Candidate, others: Sequence[Candidate]) -> 
     """The common part of a candidate and its neighbours in every run."""
     extensions = [extension for _, extension in others]
     every = [centre, *others]
-    models = model_rows(rig, np.array([law for law, _ in every], dtype=np.float64),
-                        [extension for _, extension in every])
-    rollers = [rows_of(rig, extension) for _, extension in every]
-    leader = same_motions(models, rollers)[1:]
+    models = model.model_rows(rig, np.array([law for law, _ in every], dtype=np.float64),
+                              [extension for _, extension in every])
+    rollers = [model.rows_of(rig, extension) for _, extension in every]
+    leader = model.same_motions(models, rollers)[1:]
     # Directions that move rollers come first: the kernel knows them by their number.
     first = np.array(sorted(np.flatnonzero(leader).tolist(),
                             key=lambda index: rollers[index + 1] is rollers[0]), dtype=np.intp)
@@ -204,23 +185,23 @@ def _neighbourhood(rig: Rig, centre: Candidate, others: Sequence[Candidate]) -> 
     along = rollers[0]
     count = sum(rollers[index + 1] is not rollers[0] for index in first.tolist())
     if count:
-        along = spread_rows(rig, centre[1])
-        geometry = [spread_rows(rig, extensions[index]).flat - along.flat
+        along = model.spread_rows(rig, centre[1])
+        geometry = [model.spread_rows(rig, extensions[index]).flat - along.flat
                     for index in first[:count].tolist()]
-    numbers = floats(models)
+    numbers = sensitivity.floats(models)
     own, aside = numbers[:1], numbers[1:][first]
     return _Neighbourhood(
         models, centre[1], extensions, rollers[0], along, moved, first,
-        np.ascontiguousarray((laws_of(aside) - laws_of(own)).transpose(1, 2, 0)),
-        (aside[:, FRICTIONS] - own[:, FRICTIONS]).reshape(-1, 3, 4),
+        np.ascontiguousarray(
+            (sensitivity.laws_of(aside) - sensitivity.laws_of(own)).transpose(1, 2, 0)),
+        (aside[:, sensitivity.FRICTIONS] - own[:, sensitivity.FRICTIONS]).reshape(-1, 3, 4),
         geometry,
-        np.flatnonzero((aside[:, LOADS] != own[:, LOADS]).any(axis=1)),
-        (read_motion_only(models[1:]) & read_motion_only(models[:1])[0]),
+        np.flatnonzero((aside[:, sensitivity.LOADS] != own[:, sensitivity.LOADS]).any(axis=1)),
+        (model.read_motion_only(models[1:]) & model.read_motion_only(models[:1])[0]),
     )
 
 
-def _responses(one: _Neighbourhood, models: Model, path: MotionPath,
-               record: _Record) -> Responses:
+def _responses(one: _Neighbourhood, models: Model, path: MotionPath, record: _Record) -> Responses:
     """Readings of a candidate, whose path is known, and of its neighbours."""
     usual = of_probes_clock(path.readings.T, one.extension, record.time)
     centre = record.means(np.ascontiguousarray(usual.T)[None])[0]
@@ -253,12 +234,12 @@ def _changes(one: _Neighbourhood, models: Model, path: MotionPath, record: _Reco
         return np.empty((path.time.size, 3, 0))
     external = np.zeros((path.time.size if one.loaded.size else 0, 3, one.first.size))
     if one.loaded.size:
-        course = external_along(models[:1], record.zero_load, path)
+        course = sensitivity.external_along(models[:1], record.zero_load, path)
         for number in one.loaded.tolist():
             index = 1 + one.first[number]
-            external[:, :, number] = external_along(
+            external[:, :, number] = sensitivity.external_along(
                 models[index:index + 1], record.zero_load, path) - course
     own = models[:1]
     if one.along is not one.rows:
-        own = with_counts(own, one.along.counts)
+        own = model.with_counts(own, one.along.counts)
     return tangents_along(own, one.along, one.law, external, one.friction, one.geometry, path)

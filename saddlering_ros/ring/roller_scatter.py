@@ -226,8 +226,7 @@ def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Ar
     moving = np.linalg.solve(system, np.concatenate([
         by_gap, np.zeros_like(by_gap),
         -together(dampers * speed * (touched - (depth > 0.0)))], axis=2))
-    damping = _held(
-        per_roller(twins * dampers * touched) @ directions.T, 1e-6, axial.pitch_radius)
+    damping = _held(per_roller(twins * dampers * touched) @ directions.T, 1e-6, axial.pitch_radius)
     return np.asarray(answer), np.asarray(moving), np.asarray(np.linalg.solve(damping, system))
 
 

@@ -14,26 +14,8 @@ from itertools import product
 import numpy as np
 from scipy.optimize import minimize
 
-from saddlering_ros.discrepancy.law.families import (
-    ANGLE,
-    ANGLE_WAVES,
-    BlockFit,
-    DIRECTION,
-    DIRECTION_PIECES,
-    HYSTERESIS,
-    LOAD,
-    LOAD_PIECES,
-    Misfit,
-    RATE,
-    RATE_PIECES,
-    relaxations,
-    ShapeFamily,
-    Spline,
-    stacked,
-    stop_operators,
-    TIME,
-    TIME_PIECES,
-)
+from saddlering_ros.discrepancy.law import families
+from saddlering_ros.discrepancy.law.families import BlockFit, DIRECTION, LOAD, Misfit, RATE, TIME
 from saddlering_ros.discrepancy.problem.system import Array
 
 Coordinates = Mapping[str, Array]
@@ -188,19 +170,19 @@ def _with_sign(curve: Curve) -> Columns:
 def _stop_form() -> Form:
     def columns(coordinates: Coordinates, shape: Shape) -> Array:
         reach = max(abs(shape[0]), 1e-300)
-        return stop_operators(coordinates[LOAD], np.array([reach])) / reach
+        return families.stop_operators(coordinates[LOAD], np.array([reach])) / reach
 
     def grid(low: float, high: float) -> list[tuple[float, ...]]:
         return [(float(share * (high - low)),) for share in np.geomspace(0.004, 0.5, 12)]
 
     words = 'size z, z the load less a play of half width reach, over reach'
-    return Form('play', HYSTERESIS, ('size',), ('reach*',), words, columns, grid)
+    return Form('play', families.HYSTERESIS, ('size',), ('reach*',), words, columns, grid)
 
 
 def _memory_form() -> Form:
     def columns(coordinates: Coordinates, shape: Shape) -> Array:
         constant = np.array([max(abs(shape[0]), 1e-300)])
-        return relaxations(coordinates[TIME], coordinates[LOAD], constant)
+        return families.relaxations(coordinates[TIME], coordinates[LOAD], constant)
 
     def grid(low: float, high: float) -> list[tuple[float, ...]]:
         return [(float(low * (high / low) ** share),) for share in np.linspace(0.0, 1.0, 12)]
@@ -248,7 +230,7 @@ class Term:
     band: Array
     freedom: float
     form: Form | None = None
-    block: ShapeFamily | None = None
+    block: families.ShapeFamily | None = None
 
     def evaluate(self, coordinates: Coordinates) -> Array:
         """The addition (N,) along one run."""
@@ -258,9 +240,10 @@ class Term:
             sizes = [number.value for number in given if number.kind == 'amplitude']
             return np.asarray(self.form.columns(coordinates, shape) @ np.array(sizes))
         if self.law == 'plays':
-            return np.asarray(stop_operators(coordinates[LOAD], self.at) / self.at @ self.values)
+            plays = families.stop_operators(coordinates[LOAD], self.at) / self.at
+            return np.asarray(plays @ self.values)
         if self.law == 'relaxation':
-            memory = relaxations(coordinates[TIME], coordinates[LOAD], self.at)
+            memory = families.relaxations(coordinates[TIME], coordinates[LOAD], self.at)
             return np.asarray(memory @ self.values)
         along = LOAD if self.coordinate == DIRECTION else self.coordinate
         curve = np.interp(coordinates[along], self.at, self.values)
@@ -367,7 +350,7 @@ def _law_term(misfit: Misfit, fit: BlockFit, form: Form, shape: Array, wanted: A
         values=np.zeros(at.size), band=np.zeros(at.size), freedom=float(form.count), form=form)
     if fit.block.kind in ('plays', 'relaxation'):
         return term
-    along = dict.fromkeys((LOAD, RATE, TIME, ANGLE, fit.block.coordinate), at)
+    along = dict.fromkeys((LOAD, RATE, TIME, families.ANGLE, fit.block.coordinate), at)
     along[DIRECTION] = np.ones(at.size)
     own = form.columns(along, shape)
     of_sizes = covariance[:own.shape[1], :own.shape[1]]
@@ -413,7 +396,8 @@ def _law_parameters(
     return parameters
 
 
-PIECES = {LOAD: LOAD_PIECES, DIRECTION: DIRECTION_PIECES, RATE: RATE_PIECES, TIME: TIME_PIECES}
+PIECES = {LOAD: families.LOAD_PIECES, DIRECTION: families.DIRECTION_PIECES,
+          RATE: families.RATE_PIECES, TIME: families.TIME_PIECES}
 
 
 def _curve_term(misfit: Misfit, fit: BlockFit, left: float) -> Term:
@@ -437,11 +421,11 @@ def _curve_term(misfit: Misfit, fit: BlockFit, left: float) -> Term:
             words='a separate curve over time for each run', parameters={}, at=at, values=zero,
             band=zero, freedom=fit.freedom)
     if block.kind == 'harmonics':
-        waves = np.arange(1, ANGLE_WAVES + 1)
+        waves = np.arange(1, families.ANGLE_WAVES + 1)
         basis = np.hstack([np.cos(at[:, None] * waves), np.sin(at[:, None] * waves)])
     else:
-        pieces = PIECES.get(block.coordinate, LOAD_PIECES // 2)
-        basis = Spline(*block.span, pieces).values(at)
+        pieces = PIECES.get(block.coordinate, families.LOAD_PIECES // 2)
+        basis = families.Spline(*block.span, pieces).values(at)
     variance = np.einsum('ni,ij,nj->n', basis, fit.covariance * inflation, basis)
     return Term(
         target=fit.target, coordinate=block.coordinate, law='curve',
@@ -454,5 +438,5 @@ def additions(misfit: Misfit, terms: tuple[Term, ...]) -> Array:
     total = np.zeros(misfit.size)
     for term in terms:
         shapes = tuple(term.evaluate(run.coordinates)[:, None] for run in misfit.runs)
-        total += stacked(misfit.runs, term.target, shapes)[:, 0]
+        total += families.stacked(misfit.runs, term.target, shapes)[:, 0]
     return total

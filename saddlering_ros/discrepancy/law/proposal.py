@@ -163,8 +163,7 @@ def propose_law(
         return None
     chosen = [first]
     left = _left(wanted, chosen)
-    second = max((refitted(misfit, fit, left) for fit in families),
-                 key=lambda fit: fit.predicted)
+    second = max((refitted(misfit, fit, left) for fit in families), key=lambda fit: fit.predicted)
     enough = second.predicted >= MIN_SECOND_SHARE * float(left @ left)
     if enough and second.p_value(misfit.degrees, trials * trials) < error_rate:
         chosen = _backfitted(misfit, [first, second], wanted)
@@ -383,8 +382,7 @@ class Proposer:
     def _law_about(self, fit: Fit) -> LawProposal | None:
         misfit = Misfit(tuple(self._fitted(fit)), self.metric.whiten, self.degrees)
         held = [_with_slopes(self._problem.system, run, fit) for run in self._problem.held_out]
-        return propose_law(misfit, self._mean_square, held,
-                           self._problem.settings.error_rate)
+        return propose_law(misfit, self._mean_square, held, self._problem.settings.error_rate)
 
     def _fitted(self, fit: Fit) -> Iterator[ObservedRun]:
         """Each fitted run with its residual and the slopes of its prediction."""
@@ -456,8 +454,7 @@ def _observed(
         targets.update(more)
         from_start = frozenset(more)
         begin = system.start_of(run)
-    return ObservedRun(run.name, coordinates_of(run, begin), targets, residual, slopes,
-                       from_start)
+    return ObservedRun(run.name, coordinates_of(run, begin), targets, residual, slopes, from_start)
 
 
 def coordinates_of(run: RunBlocks, begin: float) -> dict[str, Array]:

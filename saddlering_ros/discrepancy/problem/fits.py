@@ -19,15 +19,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.problem import Problem, Whitening
-from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    DiscrepancyError,
-    Effect,
-    Parameter,
-    Point,
-    RunBlocks,
-)
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, Point, RunBlocks
 from saddlering_ros.estimation.least_squares import descend, Descent, Rule
 
 Key = tuple[tuple[str, int], ...]
@@ -324,7 +318,7 @@ def fit_base(metric: Whitening) -> Fit:
     )
     best = min(fits, key=lambda fit: fit.misfit)
     if not np.isfinite(best.misfit):
-        raise DiscrepancyError(
+        raise system.DiscrepancyError(
             'simulator: it fails at every start of the base parameters: give each parameter a '
             'start at which the simulator runs'
         )
@@ -377,10 +371,7 @@ def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
         starts = [fit.theta_unit]
         if not fit.candidate.effects:
             starts.append(declared_start(base))
-        wanted = [
-            refit(metric, fit.candidate, start, rounds=rounds)
-            for start in starts
-        ]
+        wanted = [refit(metric, fit.candidate, start, rounds=rounds) for start in starts]
         answers.append(min(run_refits(metric, wanted), key=lambda refitted: refitted.misfit))
     return answers
 

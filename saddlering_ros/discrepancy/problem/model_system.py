@@ -11,17 +11,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from saddlering_ros.discrepancy.noise import KNOWN_EXACTLY, white_noise
+from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.model import Model, Outputs, Run
 from saddlering_ros.discrepancy.problem.problem import Assumptions
-from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    DiscrepancyError,
-    Effect,
-    FREE_OFFSET,
-    Parameter,
-    Point,
-    RunBlocks,
-)
+from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Point, RunBlocks
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.estimation.record_noise import ChannelRecord, widened, with_model_error
 
@@ -51,8 +44,8 @@ class ModelSystem:
     def __init__(self, model: Model, fitted: Sequence[Run]) -> None:
         self.model = model
         self.channel_names = tuple(model.channels)
-        self.base_parameters: tuple[Parameter, ...] = tuple(model.base.values())
-        self.effects: tuple[Effect, ...] = tuple(model.effects.values())
+        self.base_parameters: tuple[system.Parameter, ...] = tuple(model.base.values())
+        self.effects: tuple[system.Effect, ...] = tuple(model.effects.values())
         self.scales = np.array([_range(name, fitted) for name in model.channels])
         self.failures: Counter[str] = Counter()
         self.failed_at: dict[str, str] = {}
@@ -135,7 +128,7 @@ class ModelSystem:
     def assumptions(self) -> Assumptions:
         """Noise, offsets and model error as the channels declare them."""
         offsets = [
-            (FREE_OFFSET if channel.offset == 'free' else 0.0)
+            (system.FREE_OFFSET if channel.offset == 'free' else 0.0)
             if isinstance(channel.offset, str)
             else channel.offset / scale
             for channel, scale in zip(self.model.channels.values(), self.scales, strict=True)

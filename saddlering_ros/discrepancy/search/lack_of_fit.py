@@ -177,7 +177,17 @@ class LackOfFitTests:
         self._metric = metric
         self._ranges = metric.problem.view_ranges
         self._pairs = noise_pairs
-        self._structure = _structure_columns(metric)
+        # Cosines of time in every run and channel, with a constant if a constant is a misfit.
+        problem = metric.problem
+        times = [run.time for run in problem.runs]
+        cosines = [half_waves(time, min(WAVES_PER_RUN, time.size // 4)) for time in times]
+        blocks, start = [], 0
+        for slot, (number, channel, _) in enumerate(problem.slices):
+            first = 1 if problem.assumptions.frees_constant(channel) else 0
+            plain = cosines[number][:, first:]
+            blocks.append(Block(slot, np.arange(start, start + plain.shape[1]), plain))
+            start += plain.shape[1]
+        self._structure = BlockColumns(metric, blocks, start)
         gram = self._structure.gram.copy()
         gram[np.diag_indices_from(gram)] *= 1.0 + 1e-9
         values, vectors = np.linalg.eigh(gram)
@@ -335,20 +345,6 @@ def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str
         stacked = np.vstack(rows)
         variances.append(float(np.sum(stacked * (gram @ stacked))))
     return variances
-
-
-def _structure_columns(metric: Metric) -> BlockColumns:
-    """Cosines of time in every run and channel, with a constant if a constant is a misfit."""
-    problem = metric.problem
-    times = [run.time for run in problem.runs]
-    cosines = [half_waves(time, min(WAVES_PER_RUN, time.size // 4)) for time in times]
-    blocks, start = [], 0
-    for slot, (number, channel, _) in enumerate(problem.slices):
-        first = 1 if problem.assumptions.frees_constant(channel) else 0
-        plain = cosines[number][:, first:]
-        blocks.append(Block(slot, np.arange(start, start + plain.shape[1]), plain))
-        start += plain.shape[1]
-    return BlockColumns(metric, blocks, start)
 
 
 def half_waves(values: Array, count: int) -> Array:

@@ -15,15 +15,10 @@ import numpy as np
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Metric, nuisance_columns
 from saddlering_ros.discrepancy.problem.system import Array
+from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.comparison import SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import half_waves
-from saddlering_ros.discrepancy.search.selection import (
-    Alternatives,
-    check_alternatives,
-    prune,
-    Search,
-    select,
-)
+from saddlering_ros.discrepancy.search.selection import Alternatives, Search
 from saddlering_ros.discrepancy.search.space import in_metric, ModelSpace, refit_full_jacobian
 
 ERROR_WAVES = 60
@@ -52,13 +47,13 @@ def search_beside_error(search: Search) -> tuple[Search, Array]:
     for _ in range(MAX_LEARNT):
         learnt_from = fit.candidate.key
         space, fit, process = space_beside_error(space, fit)
-        fit = best_again(space, search.space, fit) if has_forms else select(space, log)
-        fit = prune(space, fit, log)
+        fit = best_again(space, search.space, fit) if has_forms else selection.select(space, log)
+        fit = selection.prune(space, fit, log)
         if fit.candidate.key == learnt_from:
             break
     alternatives: Alternatives = {}
     if fit.candidate.effects:
-        fit, alternatives = check_alternatives(space, fit, log)
+        fit, alternatives = selection.check_alternatives(space, fit, log)
     return Search(search.begun, space, fit, alternatives, log), process
 
 
@@ -67,7 +62,7 @@ def learnt_again(search: Search, fit: Fit) -> tuple[Search, Array]:
     space, fit, process = space_beside_error(search.space, fit)
     alternatives: Alternatives = {}
     if fit.candidate.effects:
-        fit, alternatives = check_alternatives(space, fit, search.log)
+        fit, alternatives = selection.check_alternatives(space, fit, search.log)
     return replace(search, space=space, fit=fit, alternatives=alternatives), process
 
 

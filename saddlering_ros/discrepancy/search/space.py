@@ -258,10 +258,7 @@ class ModelSpace:
 
 def refit_full_jacobian(metric: Metric, fits: Sequence[Fit], rounds: int) -> list[Fit]:
     """Fits continued in a metric, with every sensitivity differenced at every step."""
-    wanted = [
-        refit(metric, fit.candidate, fit.theta_unit, rounds=rounds)
-        for fit in fits
-    ]
+    wanted = [refit(metric, fit.candidate, fit.theta_unit, rounds=rounds) for fit in fits]
     return run_refits(metric, wanted)
 
 
