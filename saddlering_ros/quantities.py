@@ -64,11 +64,11 @@ def percent(share: float | None, digits: int = 2) -> str:
     return f'{significant(100.0 * share, digits)} %'
 
 
-def shares_in_words(shares: Mapping[str, float], smallest: float = 0.005) -> dict[str, str]:
+def shares_in_words(shares: Mapping[str, float]) -> dict[str, str]:
     """Shares of a whole in percent, the largest first: whole numbers that add to 100.
 
     The largest remainders are rounded up. '> 99 %' and '< 1 %' stand for 100 and 0 that are not
-    exact. Shares below `smallest` are left out.
+    exact. Shares below half a percent are left out.
     """
     order = sorted(shares, key=lambda name: -shares[name])
     exact = {name: round(100.0 * shares[name], 6) for name in order}
@@ -78,7 +78,7 @@ def shares_in_words(shares: Mapping[str, float], smallest: float = 0.005) -> dic
         whole[name] += 1
     words = {}
     for name in order:
-        if shares[name] >= smallest:
+        if shares[name] >= 0.005:
             is_exact = exact[name] in (0.0, 100.0)
             words[name] = ('> 99 %' if whole[name] == 100 and not is_exact else
                            '< 1 %' if whole[name] == 0 and not is_exact else f'{whole[name]} %')

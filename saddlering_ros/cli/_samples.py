@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli._arguments import radians, take_effects
+from saddlering_ros.cli._terminal import Bar, stdout_console, tell_json
+from saddlering_ros.errors import BagError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -26,7 +28,6 @@ PER_MILLION = 1e6
 def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Bag]:
     """The bags at these paths, read once, with the metadata of the options."""
     from saddlering_ros import read_bag
-    from saddlering_ros.cli._terminal import Bar
 
     with Bar() as bar:
         return [read_bag(path, rig=rig, test=args.test, elevation_deg=args.elevation,
@@ -40,7 +41,6 @@ def read_shown(args: argparse.Namespace, bag: str, rig: Rig) -> Record:
     BagError if the bag states another rig, unless --trust-rig.
     """
     from saddlering_ros.bags import read_run
-    from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.doubts import refuse_other_rig
 
     with Bar() as bar:
@@ -65,7 +65,6 @@ def read_model(args: argparse.Namespace) -> tuple[Rig, ParameterSet]:
 def check_outputs(args: argparse.Namespace) -> None:
     """Refuse outputs that cannot be, before any work is done."""
     from saddlering_ros.bags.samples import check_table_path
-    from saddlering_ros.errors import BagError
 
     if args.out == '-' and args.json == '-':
         raise BagError('--out - and --json -: give stdout to one of them only')
@@ -83,7 +82,6 @@ def deliver(
     import sys
 
     from saddlering_ros.bags.samples import csv_lines, SamplesSummary, write_samples
-    from saddlering_ros.cli._terminal import tell_json
     from saddlering_ros.files import origins_of, Provenance
 
     made = Provenance((run.origin,), origins_of(args.rig, getattr(args, 'params', None)))
@@ -107,7 +105,6 @@ def deliver(
 def deliver_simulation(args: argparse.Namespace, stretches_of: StretchesOf, what: str) -> int:
     """Read the bag, compute its samples stretch by stretch, and deliver them as `what`."""
     from saddlering_ros.bags.samples import displacement_columns
-    from saddlering_ros.cli._terminal import Bar
 
     check_outputs(args)
     take_effects(args)
@@ -159,7 +156,6 @@ def _print_summary(
     from rich import box
     from rich.table import Table
 
-    from saddlering_ros.cli._terminal import stdout_console
     from saddlering_ros.rig import load_rig, MICRO_UNITS
 
     console = stdout_console()

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._terminal import Bar, stdout_console, tell_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -79,7 +80,6 @@ def run(args: argparse.Namespace) -> int:
         write_manifest,
     )
     from saddlering_ros.campaign.tables import write_fleet, write_tables
-    from saddlering_ros.cli._terminal import Bar, tell_json
     from saddlering_ros.fleet import limits_from_text
     from saddlering_ros.rig import load_rig
 
@@ -138,7 +138,6 @@ def _print_plan(sessions: list[Session]) -> None:
     from rich.table import Table
 
     from saddlering_ros.campaign.sessions import session_table
-    from saddlering_ros.cli._terminal import stdout_console
 
     rows = session_table(sessions)
     table = Table(box=None, pad_edge=False)
@@ -164,7 +163,6 @@ def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Stor
 
     from saddlering_ros.campaign import run_campaign
     from saddlering_ros.campaign.running import dask_workers, local_workers
-    from saddlering_ros.cli._terminal import Bar
 
     workers = local_workers(args.jobs) if args.scheduler is None else dask_workers(args.scheduler)
     with workers as found, Bar() as bar:

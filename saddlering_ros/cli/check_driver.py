@@ -7,6 +7,7 @@ from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.errors import BagError
 
 if TYPE_CHECKING:
     from saddlering_ros.doubts.driver import HeardTopic
@@ -45,7 +46,6 @@ def run(args: argparse.Namespace) -> int:
     import sys
 
     from saddlering_ros.doubts.driver import check_driver, faults
-    from saddlering_ros.errors import BagError
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.driver_listener import listen
     from saddlering_ros.ros.launcher import prepare_transport

@@ -6,7 +6,8 @@ import argparse
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._terminal import finish
+from saddlering_ros.cli._samples import bags_of
+from saddlering_ros.cli._terminal import Bar, finish
 
 EXAMPLES = (
     ('saddlering compare --before 2025/static_50 2025/dynamic_50 --after 2026/static_50 '
@@ -38,8 +39,6 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compare and print, write or emit the verdict."""
     from saddlering_ros import compare, load_rig
-    from saddlering_ros.cli._samples import bags_of
-    from saddlering_ros.cli._terminal import Bar
 
     rig = load_rig(args.rig)
     before, *between, after = (bags_of(args, bags, rig) for bags in (args.before, *args.after))

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._terminal import finish
+from saddlering_ros.cli._samples import bags_of
+from saddlering_ros.cli._terminal import Bar, finish
 
 EXAMPLES = (
     ('saddlering diagnose bags/static_50 bags/dynamic_50 --hold-out bags/static_70 '
@@ -42,8 +43,6 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Diagnose and print, write or emit the verdict."""
     from saddlering_ros import diagnose, load_rig
-    from saddlering_ros.cli._samples import bags_of
-    from saddlering_ros.cli._terminal import Bar
 
     arguments.take_effects(args)
     rig = load_rig(args.rig)

@@ -6,6 +6,8 @@ import argparse
 from typing import Any
 
 from saddlering_ros.cli._arguments import add_bag_options, add_output_options
+from saddlering_ros.cli._samples import check_outputs, deliver, read_shown
+from saddlering_ros.cli._terminal import Bar
 
 EXAMPLES = (
     ('saddlering displacement bags/static_50', 'the motion of the ring, in a few lines'),
@@ -26,8 +28,6 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, zero, compute and deliver stretch by stretch."""
     from saddlering_ros.bags.samples import displacement_columns
-    from saddlering_ros.cli._samples import check_outputs, deliver, read_shown
-    from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.record.displacement import measured_blocks, zero_of_run
     from saddlering_ros.rig import load_rig
 

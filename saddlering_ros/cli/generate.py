@@ -7,6 +7,7 @@ from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli._arguments import add_json_option, add_rig_option, file_read, file_written
 from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.errors import plain_number
 
 if TYPE_CHECKING:
     from saddlering_ros.rig import ContactParameters, Rig
@@ -176,7 +177,6 @@ def _schedule(args: argparse.Namespace, rig: Rig) -> Schedule:
 def _contact(args: argparse.Namespace) -> ContactParameters:
     from dataclasses import asdict
 
-    from saddlering_ros.errors import plain_number
     from saddlering_ros.rig import (
         ContactParameters,
         PARAMETER_NAMES,

@@ -6,7 +6,9 @@ import argparse
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._terminal import finish
+from saddlering_ros.cli._samples import bags_of
+from saddlering_ros.cli._terminal import Bar, finish
+from saddlering_ros.errors import plain_number
 
 EXAMPLES = (
     ('saddlering identify bags/static_50 bags/dynamic_50 --out params.yaml',
@@ -49,8 +51,6 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Identify and print, write or emit the result."""
     from saddlering_ros import identify, load_rig
-    from saddlering_ros.cli._samples import bags_of
-    from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.identification import IdentificationSettings
 
     bounds, rig = parse_bounds(args.bounds), load_rig(args.rig)
@@ -72,7 +72,6 @@ def run(args: argparse.Namespace) -> int:
 
 def parse_bounds(texts: list[str]) -> dict[str, tuple[float, float]]:
     """Bounds from NAME=LOW:HIGH texts; IdentificationError names a text that cannot be read."""
-    from saddlering_ros.errors import plain_number
     from saddlering_ros.identification import IdentificationError
 
     bounds = {}

@@ -6,8 +6,8 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._terminal import tell_json
-from saddlering_ros.errors import printable
+from saddlering_ros.cli._terminal import Bar, stdout_console, tell_json
+from saddlering_ros.errors import BagError, printable
 
 if TYPE_CHECKING:
     from saddlering_ros.bags import BagInfo, TopicInfo
@@ -38,8 +38,6 @@ def run(args: argparse.Namespace) -> int:
     import sys
 
     from saddlering_ros.bags import bag_info
-    from saddlering_ros.cli._terminal import Bar
-    from saddlering_ros.errors import BagError
     from saddlering_ros.rig import load_rig
 
     rig = load_rig(args.rig)
@@ -73,7 +71,6 @@ def _print_info(bag: str, info: BagInfo, rig: Rig) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from saddlering_ros.cli._terminal import stdout_console
 
     console = stdout_console()
     console.print(Text(bag, style='bold'))

@@ -7,6 +7,7 @@ from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.errors import LiveError
 
 EXAMPLES = (
     ('saddlering live', 'then, in another terminal: saddlering replay bags/dynamic_50'),
@@ -42,7 +43,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    from saddlering_ros.errors import LiveError
     from saddlering_ros.live.server import address, serve
     from saddlering_ros.live.watcher import Watcher
     from saddlering_ros.rig import load_rig

@@ -6,7 +6,8 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.cli._samples import read_model
+from saddlering_ros.cli._terminal import Bar, stdout_console, tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.diagnosis.plan import Plan
@@ -42,8 +43,6 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compute and print, write or emit the plan."""
     from saddlering_ros import load_rig
-    from saddlering_ros.cli._samples import read_model
-    from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.diagnosis.plan import plan_tests, PlanError, planned_test
     from saddlering_ros.rig import TRUE_TO_SCALE
 
@@ -66,7 +65,6 @@ def _print(plan: Plan) -> None:
     from rich import box
     from rich.table import Table
 
-    from saddlering_ros.cli._terminal import stdout_console
     from saddlering_ros.quantities import quantity
     from saddlering_ros.rig import PARAMETER_UNITS
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.errors import BagError
 
 EXAMPLES = (
     ('saddlering record test_17 --test static --elevation 50',
@@ -46,7 +47,6 @@ def run(args: argparse.Namespace) -> int:
     import threading
     import time
 
-    from saddlering_ros.errors import BagError
     from saddlering_ros.live.recorder import recording
     from saddlering_ros.ros.launcher import prepare_transport
     from saddlering_ros.ros.names import namespace_of
@@ -82,7 +82,6 @@ def run(args: argparse.Namespace) -> int:
 
 def facts_of(args: argparse.Namespace) -> dict[str, str]:
     """The facts of the test given; BagError if only half of them are."""
-    from saddlering_ros.errors import BagError
     from saddlering_ros.record import TestMetadata
     from saddlering_ros.rig import load_rig
 

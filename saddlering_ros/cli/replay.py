@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.cli._samples import read_model
+from saddlering_ros.cli._terminal import Bar, tell_json
 
 RECORDER = 'saddlering_recorder'
 PLAYS, AT_END = 'replay is playing', 'replay is at its end'
@@ -63,7 +64,6 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from saddlering_ros.bags import read_raw
-    from saddlering_ros.cli._samples import read_model
     from saddlering_ros.doubts import refuse_other_hash
     from saddlering_ros.doubts.reading import absent_topic
     from saddlering_ros.rig import load_rig
@@ -127,7 +127,6 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
     import sys
     import time
 
-    from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.ros.launcher import last_line
     from saddlering_ros.ros.names import NodeError
 

@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._samples import deliver_simulation
 
 EXAMPLES = (
     ('saddlering residual bags/static_70 --params params.yaml --out residual.parquet',
@@ -26,7 +27,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, simulate, subtract and deliver stretch by stretch."""
-    from saddlering_ros.cli._samples import deliver_simulation
     from saddlering_ros.record.residual import residual_stretches
 
     return deliver_simulation(args, residual_stretches, 'measured minus simulated')

@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._samples import deliver_simulation
 
 EXAMPLES = (
     ('saddlering simulate bags/static_70 --params params.yaml --out simulated.csv',
@@ -26,7 +27,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, simulate and deliver stretch by stretch."""
-    from saddlering_ros.cli._samples import deliver_simulation
     from saddlering_ros.record.simulation import simulated_stretches
 
     return deliver_simulation(args, simulated_stretches, 'simulated')

@@ -6,7 +6,8 @@ import argparse
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._terminal import finish
+from saddlering_ros.cli._samples import bags_of
+from saddlering_ros.cli._terminal import Bar, finish
 
 EXAMPLES = (
     ('saddlering validate bags/static_70 bags/dynamic_70 --params params.yaml '
@@ -33,8 +34,6 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Validate and print, write or emit the figures."""
     from saddlering_ros import load_rig, read_parameters, validate
-    from saddlering_ros.cli._samples import bags_of
-    from saddlering_ros.cli._terminal import Bar
 
     arguments.take_effects(args)
     read_parameters(args.params)  # a fault there is reported before any bag is read

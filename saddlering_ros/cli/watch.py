@@ -6,6 +6,8 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._samples import read_model, read_shown
+from saddlering_ros.cli._terminal import Bar, tell_json
 
 if TYPE_CHECKING:
 
@@ -43,9 +45,6 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, measure, simulate, watch each bag; the alarm in one line."""
-    from saddlering_ros.cli._samples import read_model
-    from saddlering_ros.cli._terminal import tell_json
-
     arguments.take_effects(args)
     rig, parameters = read_model(args)
     runs = [_watch_bag(args, bag, rig, parameters) for bag in args.bags]
@@ -66,8 +65,6 @@ def _watch_bag(
     """The result for one bag: its part of the document, and its text."""
     import numpy as np
 
-    from saddlering_ros.cli._samples import read_shown
-    from saddlering_ros.cli._terminal import Bar
     from saddlering_ros.monitoring import (
         least_wander,
         materiality,

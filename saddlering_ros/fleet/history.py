@@ -270,7 +270,7 @@ def remaining_life(history: History, limit: float, level: float, *, drifts: bool
     return first_passage(forecast, limit)
 
 
-def first_passage(forecast: Forecast, limit: float, seed: int = 0) -> RemainingLife:
+def first_passage(forecast: Forecast, limit: float) -> RemainingLife:
     """First passage of simulated futures through `limit`.
 
     Last level and slope err together: a slope that is too steep has led to a level that is too
@@ -278,7 +278,7 @@ def first_passage(forecast: Forecast, limit: float, seed: int = 0) -> RemainingL
     """
     distance = limit - forecast.level
     step = HORIZON * abs(distance / forecast.slope) / STEPS
-    chance = np.random.default_rng(seed)
+    chance = np.random.default_rng(0)
     root = np.linalg.cholesky(forecast.covariance + 1e-12 * np.diag(np.diag(forecast.covariance)))
     errors = root @ chance.standard_normal((2, PATHS))
     errors *= np.sqrt(forecast.free / chance.chisquare(forecast.free, PATHS))

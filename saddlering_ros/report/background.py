@@ -207,7 +207,7 @@ def data_quality(runs: Sequence[RunQuality]) -> str:
             'These bags have no other fault.' if runs else '', 'soft'))
 
 
-def misfit_reductions(document: Mapping[str, Any], channels: Sequence[str] = CHANNELS[:3]) -> str:
+def misfit_reductions(document: Mapping[str, Any]) -> str:
     """Chapter: by how much the misfit falls, run by run, with the extended model."""
     total = document.get('gain') or {}
     if document['verdict'] == 'none' or total.get('fit') is None:
@@ -217,16 +217,16 @@ def misfit_reductions(document: Mapping[str, Any], channels: Sequence[str] = CHA
         rows.append([
             str(run['bag']).rstrip('/').rsplit('/', 1)[-1],
             'held out' if run['held_out'] else 'fitted',
-            *(number(_reduction_words(run['channels'].get(name))) for name in channels),
+            *(number(_reduction_words(run['channels'].get(name))) for name in CHANNELS[:3]),
             number('–')])
-    blank = ['–'] * len(channels)
+    blank = ['–'] * 3
     rows.append(['all fitted runs', 'fitted', *map(number, blank), number(percent(total['fit']))])
     if total.get('held_out') is not None:
         in_turn = total.get('how') == 'held out in turn'
         rows.append(['all runs in turn' if in_turn else 'all held-out runs', 'held out',
                      *map(number, blank), number(percent(total['held_out']))])
     return html.section('Misfit reduction', html.table(
-        ['run', 'role', *(number(f'misfit reduction in {SYMBOLS[name]}') for name in channels),
+        ['run', 'role', *(number(f'misfit reduction in {SYMBOLS[name]}') for name in CHANNELS[:3]),
          number('in all channels')], rows,
         'Misfit reduction: the share by which the cause in the simulation reduces the rms misfit. '
         'It is negative if the misfit rises, and in brackets if the misfit was within twice the '

@@ -37,19 +37,19 @@ def axis_label(channel: str) -> str:
     return f'{SYMBOLS[channel]} / {MICRO_UNITS[channel]}'
 
 
-def comparison(runs: Sequence[RunCurves], channels: Sequence[str] = SHOWN) -> Chart:
+def comparison(runs: Sequence[RunCurves]) -> Chart:
     """Measured and simulated channels of some runs side by side, each with its residual below.
 
     A static run is drawn over its load, a dynamic one over time.
     """
     panels = []
     for column, run in enumerate(runs):
-        for place, channel in enumerate(channels):
+        for place, channel in enumerate(SHOWN):
             panels += _compared(run, channel, 2 * place, column, with_title=place == 0)
     return Chart(
-        tuple(charts.without_inner_labels(panels, 2 * len(channels))),
-        width=min(11.4, 1.0 + 5.2 * len(runs)), height=1.0 + 3.0 * len(channels),
-        heights=(MAIN, STRIP) * len(channels), columns=len(runs), shares_x=True)
+        tuple(charts.without_inner_labels(panels, 2 * len(SHOWN))),
+        width=min(11.4, 1.0 + 5.2 * len(runs)), height=1.0 + 3.0 * len(SHOWN),
+        heights=(MAIN, STRIP) * len(SHOWN), columns=len(runs), shares_x=True)
 
 
 def proof(run: RunCurves, channel: str) -> Chart:
@@ -112,17 +112,17 @@ def _bands(run: RunCurves, channel: str) -> tuple[ShadedBand, ...]:
     return (ShadedBand(-wide, wide, opacity=0.12, name='± 2 × noise and sound ring'), *bands)
 
 
-def of_run(run: RunCurves, channels: Sequence[str] = SHOWN) -> Chart:
+def of_run(run: RunCurves) -> Chart:
     """One run: every channel over load and over time, and its residual over time."""
     panels = []
-    for row, channel in enumerate(channels):
+    for row, channel in enumerate(SHOWN):
         over_load, _ = _compared(run, channel, row, 0, with_title=False, is_over_load=True)
         over_time, residual = _compared(run, channel, row, 1, with_title=False, is_over_load=False)
         panels += [over_load, over_time, replace(residual, row=row, column=2)]
     title = f'{run.name}: {run.test}, {run.elevation_deg:g}°'
     panels[0] = replace(panels[0], title=title)
-    return Chart(tuple(charts.without_inner_labels(panels, len(channels))), width=12.0, height=9.0,
-                 heights=(1.0,) * len(channels), columns=3, shares_x=True)
+    return Chart(tuple(charts.without_inner_labels(panels, len(SHOWN))), width=12.0, height=9.0,
+                 heights=(1.0,) * len(SHOWN), columns=3, shares_x=True)
 
 
 def over_time(time: Array, channels: Mapping[str, Array], title: str) -> Chart:
@@ -200,11 +200,10 @@ def _misfits(run: RunCurves, channel: str) -> list[tuple[Array, str, str]]:
 
 def _view(
     run: RunCurves, channel: str, row: int, column: int, label: str, title: str,
-    series: Sequence[Series], *, with_band: bool = True,
+    series: Sequence[Series],
 ) -> Panel:
     """One view of a channel's misfit, with bands of noise and of a sound ring."""
-    bands = _bands(run, channel) if with_band else ()
-    return Panel(row, column, label, axis_label(channel), tuple(series), bands,
+    return Panel(row, column, label, axis_label(channel), tuple(series), _bands(run, channel),
                  title=title if row == 0 else '', shows_y_label=column == 0)
 
 
@@ -291,7 +290,7 @@ MAP_LIMIT = 10.0
 """Noise floors at which the colour of a residual map ends."""
 
 
-def residual_map(runs: Sequence[RunCurves], channels: Sequence[str] = CHANNELS[:3]) -> Chart:
+def residual_map(runs: Sequence[RunCurves]) -> Chart:
     """Mean misfit in noise floors: load across, runs and branches down, channel by channel."""
     versions = [(False, 'measured minus simulated')]
     if any(run.is_extended for run in runs):
@@ -308,20 +307,20 @@ def residual_map(runs: Sequence[RunCurves], channels: Sequence[str] = CHANNELS[:
                                  for mark in marks), 7.5)
     y_ticks = Ticks(tuple(float(place) for place in range(len(rows))), names, 7.5)
     panels: list[Panel] = []
-    for place, channel in enumerate(channels):
+    for place, channel in enumerate(SHOWN):
         for column, (extended, words) in enumerate(versions):
             values = np.array([_map_row(*row, channel, extended, top) for row in rows])
             heat = HeatMap(
                 values, BROWN_TO_PURPLE, low=-MAP_LIMIT, high=MAP_LIMIT, rows=names, columns=loads,
                 label='' if panels else 'mean misfit / noise floor', background='#dde3e9')
-            is_last = place == len(channels) - 1
+            is_last = place == len(SHOWN) - 1
             panels.append(Panel(
                 place, column, 'load', 'run and branch', heat=heat,
                 title=f'{SYMBOLS[channel]}, {words}', shows_x=is_last, shows_x_label=False,
                 shows_y=column == 0, shows_y_label=False, x_ticks=x_ticks, y_ticks=y_ticks))
     return Chart(tuple(panels), width=11.4,
-                 height=0.9 + len(channels) * (0.45 + 0.19 * len(rows)),
-                 heights=(1.0,) * len(channels), columns=len(versions))
+                 height=0.9 + len(SHOWN) * (0.45 + 0.19 * len(rows)),
+                 heights=(1.0,) * len(SHOWN), columns=len(versions))
 
 
 def _map_row(run: RunCurves, sign: float, channel: str, extended: bool, top: float) -> Array:

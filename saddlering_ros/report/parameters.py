@@ -36,17 +36,14 @@ def identified(found: Mapping[str, Any], words: str = '') -> str:
     rows: list[list[str | Cell]] = []
     for name in PARAMETER_NAMES:
         item = found['parameters'][name]
-        unit = '' if item['unit'] == '1' else item['unit']
         rows.append([
-            code(name), number(quantity(item['value'], unit, item['std'])),
+            code(name), number(quantity(item['value'], item['unit'], item['std'])),
             number(span(*item['interval']) if item['interval'] else '–'),
             f'not determined by these data: {item["reason"]}' if item['reason'] else
             ('at its bound' if item['at_bound'] else '')])
     for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
-        stiffness, power = (found['parameters'][key]['value'] for key in (name, exponent))
-        rows.append([
-            code(name), number(quantity(stiffness_per_millimetre(stiffness, power), 'N/mm^n')),
-            '', ''])
+        values = [found['parameters'][key]['value'] for key in (name, exponent)]
+        rows.append([code(name), number(_per_millimetre(*values)), '', ''])
     covariance = np.array([[math.nan if value is None else value for value in row]
                            for row in found.get('covariance') or []])
     return html.section(
@@ -84,8 +81,7 @@ def before_and_after(
         ])
     for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
         if name in first and name in last:
-            stiffness = [quantity(stiffness_per_millimetre(item[name], item[exponent]), 'N/mm^n')
-                         for item in (first, last)]
+            stiffness = [_per_millimetre(item[name], item[exponent]) for item in (first, last)]
             rows.append([code(name), number(stiffness[0] if is_extended else ''),
                          number(stiffness[1]), *[number('')] * 4])
     return html.section(
@@ -114,8 +110,11 @@ def _moved(first: float, last: float) -> str:
 
 
 def _contact(name: str, value: float, std: float | None) -> str:
-    unit = PARAMETER_UNITS[name]
-    return quantity(value, '' if unit == '1' else unit, std)
+    return quantity(value, PARAMETER_UNITS[name], std)
+
+
+def _per_millimetre(stiffness: float, exponent: float) -> str:
+    return quantity(stiffness_per_millimetre(stiffness, exponent), 'N/mm^n')
 
 
 def of_file(parameters: ParameterSet) -> str:
@@ -125,16 +124,14 @@ def of_file(parameters: ParameterSet) -> str:
     rows: list[list[str | Cell]] = []
     for name, std in zip(PARAMETER_NAMES, spread, strict=True):
         value = float(getattr(parameters.contact, name))
-        unit = PARAMETER_UNITS[name]
         reason = parameters.source.undetermined.get(name)
         shown_std = std if reason is None else None
-        rows.append([code(name), number(quantity(value, '' if unit == '1' else unit, shown_std)),
+        rows.append([code(name), number(_contact(name, value, shown_std)),
                      number(interval(value, shown_std)),
                      '' if reason is None else f'not determined by these data: {reason}'])
     contact = parameters.contact
     for name, value, power in (('K1', contact.K1, contact.n1), ('K2', contact.K2, contact.n2)):
-        shown = quantity(stiffness_per_millimetre(value, power), 'N/mm^n')
-        rows.append([code(name), number(shown), '', ''])
+        rows.append([code(name), number(_per_millimetre(value, power)), '', ''])
     for effect, values in parameters.effects.items():
         rows += [[code(f'{effect}.{name}'), number(f'{compact(value, 5)} (SI)'), '', '']
                  for name, value in values.items()]
