@@ -11,6 +11,7 @@ from saddlering_ros.api import inputs
 from saddlering_ros.api.inputs import BagLike, for_fits, inputs_of, RigLike
 from saddlering_ros.api.results import Plot, Result
 from saddlering_ros.comparison import Change, compare_records
+from saddlering_ros.doubts import refuse_repeats
 from saddlering_ros.progress import IsCancelled, OnProgress
 
 
@@ -82,6 +83,7 @@ def compare(
     given = inputs_of(before, hold_out=after, rig=rig, trust_rig=trust_rig,
                       on_progress=on_progress, is_cancelled=is_cancelled,
                       names=('before', 'after'))
+    refuse_repeats(inputs.runs_of([*given.bags, *given.held_out]))
     earlier, later = for_fits(given.bags, given.held_out)
     others = [
         for_fits(inputs_of(bags, rig=given.rig, trust_rig=trust_rig, on_progress=on_progress,

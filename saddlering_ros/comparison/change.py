@@ -33,6 +33,7 @@ from saddlering_ros.diagnosis.certificates import assumed_notes, certificate_not
 from saddlering_ros.diagnosis.next_test import confirming, for_group, propose
 from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRecord
 from saddlering_ros.diagnosis.ring_system import RingSystem
+from saddlering_ros.diagnosis.verdict import limit_entry
 from saddlering_ros.diagnosis.wording import title_of
 from saddlering_ros.discrepancy import (
     Assumptions,
@@ -156,8 +157,7 @@ class Change:
                 for index, place in enumerate(('before', 'after', 'change'))},
             'next_test': self.next_test,
             'detection_limits': [
-                {'effect': item.effect, 'limit': item.limit, 'unit': item.unit,
-                 'one_session': self.limits_alone.get(item.effect), 'testable': item.testable}
+                {**limit_entry(item), 'one_session': self.limits_alone.get(item.effect)}
                 for item in found.observability.limits],
             'maker': None if self.maker is None else {
                 'before': self.maker[0].as_dict(), 'after': self.maker[1].as_dict(),
@@ -340,7 +340,8 @@ def _limits_alone(
     diagnosis: nothing in one session tells it from a cause of the same size.
     """
     space = prepare(Problem(RingSystem(rig), [record.run for record in later],
-                            Settings(seed=seed), start=start, watch=watch))
+                            Settings(seed=seed), start=start,
+                            watch=replace(watch, on_progress=None)))
     if space.leaves_misfit(space.base):
         space, _, _ = space_beside_error(space, space.base)
     return {item.effect: item.limit for item in observed(space).limits}

@@ -272,7 +272,7 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
         'influence': [vars(stretch) for stretch in diagnosis.influence],
         'held_out_evidence': [vars(one) for one in diagnosis.held_out_evidence],
         'simulated_tests': [_simulated_test(one) for one in diagnosis.separations],
-        'detection_limits': [_limit_entry(limit) for limit in diagnosis.observability.limits],
+        'detection_limits': [limit_entry(limit) for limit in diagnosis.observability.limits],
         'immaterial': [_evidence_entry(one) for one in diagnosis.search.immaterial],
         'unexplained': shapes_after[:8],
         'candidates': [_candidate_entry(one) for one in diagnosis.search.candidates],
@@ -292,7 +292,8 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
     return document
 
 
-def _limit_entry(limit: DetectionLimit) -> dict[str, Any]:
+def limit_entry(limit: DetectionLimit) -> dict[str, Any]:
+    """The entry of a limit in a verdict document."""
     entry: dict[str, Any] = {
         name: getattr(limit, name)
         for name in ('effect', 'limit', 'best_limit', 'material_limit', 'unit', 'share',

@@ -242,7 +242,8 @@ class ActionNode(Node):
             result.status = result.SUCCEEDED
             result.message = outcome.answer.words
             goal_handle.succeed()
-            self._publish(outcome.answer.parameters, result)
+            if outcome.answer.parameters is not None:
+                self._publish(outcome.answer.parameters, result)
         elif outcome.kind == CANCELED and goal_handle.is_cancel_requested:
             result.status = result.CANCELED
             goal_handle.canceled()

@@ -1,4 +1,4 @@
-"""One diagnosis as a job of a worker process: plain data in, plain data out, no ROS in it."""
+"""One diagnosis or comparison as a job of a worker process: plain data in and out, no ROS."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from saddlering_ros.rig import ParameterSet, Rig
 
 @dataclass(frozen=True)
 class DiagnosisRequest:
-    """Input of a diagnosis: bags by path, held-out bags, the rig, a parameter file or ''."""
+    """Bags by path, those of an earlier session, held-out bags, the rig, a file or ''."""
 
     bags: tuple[str, ...]
+    before: tuple[str, ...]
     hold_out: tuple[str, ...]
     rig: Rig
     parameters_file: str
@@ -22,12 +23,12 @@ class DiagnosisRequest:
 
 @dataclass(frozen=True)
 class DiagnosisAnswer:
-    """The word of the verdict, its JSON, a sentence, and the parameters with the causes."""
+    """The word of the verdict, its JSON, a sentence; parameters with causes, None of a change."""
 
     verdict: str
     verdict_json: str
     words: str
-    parameters: ParameterSet
+    parameters: ParameterSet | None
 
 
 PRELOADED = ('saddlering_ros.api.functions',)
@@ -35,9 +36,15 @@ PRELOADED = ('saddlering_ros.api.functions',)
 
 
 def run(request: DiagnosisRequest, on_progress: OnProgress) -> DiagnosisAnswer:
-    """Diagnose."""
+    """Diagnose, or compare with the earlier session."""
+    from saddlering_ros.api.comparison import compare
     from saddlering_ros.api.functions import diagnose
 
+    if request.before:
+        change = compare(request.before, request.bags, rig=request.rig, seed=request.seed,
+                         on_progress=on_progress)
+        return DiagnosisAnswer(
+            change.verdict, json.dumps(change.to_json()), change.headline, None)
     result = diagnose(
         request.bags, hold_out=request.hold_out, rig=request.rig,
         parameters=request.parameters_file or None, seed=request.seed, on_progress=on_progress)

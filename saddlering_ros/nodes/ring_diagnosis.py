@@ -1,4 +1,4 @@
-"""Node ring_diagnosis: the action /diagnose_ring, which names the cause of a misfit in bags."""
+"""Node ring_diagnosis: the action /diagnose_ring, which names the cause of a misfit or change."""
 
 from __future__ import annotations
 
@@ -29,12 +29,16 @@ class RingDiagnosisNode(ActionNode):
         """Input of the job."""
         if not goal.bags:
             raise NodeError('the goal names no bags: give at least one')
-        return DiagnosisRequest(self.bags(goal.bags), self.bags(goal.hold_out), self.rig,
-                                self.parameters_path(goal.parameters_file), int(goal.seed))
+        if goal.before and (goal.hold_out or goal.parameters_file):
+            raise NodeError('the goal names bags of before: a comparison takes neither hold_out '
+                            'nor parameters_file, leave both empty')
+        return DiagnosisRequest(
+            self.bags(goal.bags), self.bags(goal.before), self.bags(goal.hold_out), self.rig,
+            self.parameters_path(goal.parameters_file), int(goal.seed))
 
     def feedback(self, progress: Progress, elapsed: float) -> DiagnoseRing.Feedback:
-        """The share of the diagnosis that is done; 0 while bags are read."""
-        share = progress.share if progress.task == 'diagnose' else 0.0
+        """The share that is done; 0 while bags are read."""
+        share = progress.share if progress.task in ('diagnose', 'compare') else 0.0
         return DiagnoseRing.Feedback(stage=progress.words, progress=share, elapsed=elapsed)
 
     def fill(self, result: Any, answer: DiagnosisAnswer) -> None:

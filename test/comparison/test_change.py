@@ -46,20 +46,27 @@ def test_what_both_sessions_have_is_not_accused(before):
 
 
 @pytest.fixture(scope='module')
-def grown(before):
+def shares():
+    """Shares of the progress of `grown`."""
+    return []
+
+
+@pytest.fixture(scope='module')
+def grown(before, shares):
     """Friction that grew by 1500 N."""
     return compare_records(before, session(3, with_size(dirt(), 'radial_friction', 1850.0)),
-                           rig=RIG)
+                           rig=RIG, on_progress=lambda report: shares.append(report.share))
 
 
 @pytest.mark.slow
-def test_friction_that_grew_is_named_with_the_growth_and_not_with_its_size(grown):
+def test_friction_that_grew_is_named_with_the_growth_and_not_with_its_size(grown, shares):
     cause = grown.to_json()['causes'][0]
     assert (grown.verdict, cause['effect']) == ('named', 'radial_friction')
     force = cause['parameters']['force']
     assert abs(force['value'] - 1500.0) < 2.0 * force['std']
     assert force['std'] < 250.0
     assert SESSION not in cause['parameters']
+    assert shares[-1] == max(shares) > 0.9
 
 
 def test_another_place_of_the_ring_is_a_doubt_with_the_test_that_settles_it(before, grown):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 import time
+from types import SimpleNamespace
 from typing import Any
 
 from action_msgs.msg import GoalStatus
@@ -14,12 +15,15 @@ from rosnet import Client, Driver, wait_until
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingParameters
+from saddlering_ros.api import comparison
 from saddlering_ros.bags import write_bag
+from saddlering_ros.jobs import diagnosis
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.samples import Displacements, Samples
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES
 from saddlering_ros.ros.launcher import NodeGroup
+from saddlering_ros.ros.messages import fill_diagnosis
 from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import below
 
@@ -204,6 +208,36 @@ def test_a_diagnosis_that_succeeds_gives_its_causes_typed_and_as_json(
     assert found['gain'][2] < gain < found['gain'][3]
     assert cause.misfit_reduction_fit == written['gain']['fit'] > 0.5
     assert goals.feedback[-1].progress > goals.feedback[0].progress
+
+
+def test_a_goal_with_an_earlier_session_compares(
+        bag: Path, bag_root: Path, group: NodeGroup, heard: Client) -> None:
+    group.start('ring_diagnosis', {'bag_root': str(bag_root)})
+    goals = Goals(heard, DiagnoseRing, '/diagnose_ring')
+    for goal, words in [({'hold_out': ['run']}, 'takes neither hold_out nor parameters_file'),
+                        ({'parameters_file': 'p.yaml'}, 'neither hold_out nor parameters_file'),
+                        ({}, 'same recording')]:
+        answer = goals.result(goals.send(before=['run'], bags=['run'], **goal))
+        assert answer.result.status == DiagnoseRing.Result.REFUSED
+        assert words in answer.result.message
+        assert '\n' not in answer.result.message
+
+
+def test_a_change_fills_the_result_of_the_action(monkeypatch: Any) -> None:
+    document = {'verdict': 'none', 'headline': 'Nothing changed.', 'causes': [],
+                'detection_limits': [{
+                    'effect': 'load_gain', 'limit': 0.01, 'best_limit': 0.01, 'unit': '1',
+                    'material_limit': 0.02, 'testable': True, 'one_session': 0.05}]}
+    change = SimpleNamespace(verdict='none', headline='Nothing changed.',
+                             to_json=lambda: document)
+    monkeypatch.setattr(comparison, 'compare', lambda before, after, **options: change)
+    answer = diagnosis.run(diagnosis.DiagnosisRequest(
+        ('later',), ('earlier',), (), default_rig(), '', 0), lambda progress: None)
+    assert answer.parameters is None
+    result = DiagnoseRing.Result()
+    fill_diagnosis(result, json.loads(answer.verdict_json))
+    assert result.verdict == answer.verdict == result.NONE
+    assert result.detection_limits[0].limit == 0.01
 
 
 def test_a_goal_that_runs_when_the_server_is_told_to_stop_still_ends(
