@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 import itertools
+import sys
 
 import numpy as np
 import pytest
@@ -105,6 +106,16 @@ def test_a_sound_machine_with_an_honest_model_error_is_sound_and_a_small_one_is_
         assert answer.complete
         assert answer.causes == ()
         assert not any('noise' in item for item in answer.warnings)
+
+
+def test_noise_is_not_counted_as_more_than_the_declared_model_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys.modules[__name__], 'STD', 0.05)
+    answer = found(0.0, 0.06, replace(MODEL, channels={'seen': Channel(model_error=0.02)}))
+    assert answer.verdict == 'none'
+    assert answer.complete
+    assert not any('is left' in item for item in answer.warnings)
 
 
 def test_the_check_does_not_hide_a_slow_misfit_among_fast_samples() -> None:

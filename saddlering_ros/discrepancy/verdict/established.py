@@ -246,9 +246,10 @@ def remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Remai
         left.append(_rest(space, run, fast.view, fast.visible, 'time'))
     told = {item.channel for item in left}
     for test in (*residual.consistency, *residual.shapes):
-        is_real = test.p_value < settings.error_rate and problem.assumptions.form_error == 0.0
-        least = max(settings.materiality, allowed[test.view])
-        if is_real and test.visible >= least and test.view not in told:
+        # A declared error may have any smooth shape: only its size counts, which is judged above.
+        is_free = problem.assumptions.form_error == allowed[test.view] == 0.0
+        is_real = test.p_value < settings.error_rate and test.visible >= settings.materiality
+        if is_free and is_real and test.view not in told:
             run = problem.runs[int(np.argmax(slow.sizes[test.view]))]
             left.append(_rest(space, run, test.view, test.visible, test.coordinate))
             told.add(test.view)
