@@ -178,10 +178,13 @@ def _beside_error(strict: Answer) -> Answer:
     """The verdict if what remains is error of the model: whether causes are established beside it.
 
     A secondary cause that takes too little of what remains without it is left out, and what it
-    took becomes model error.
+    took becomes model error. So is the smallest of causes that are not established together,
+    because the main one may be. If none is, all are told.
     """
     search, process = search_beside_error(strict.search)
+    unknown: Answer | None = None
     noise_alone = strict.search.space
+    has_forms = noise_alone.problem.assumptions.form_error > 0.0
     while search.fit.candidate.effects:
         space, fit, alternatives = search.space, search.fit, search.alternatives
         before, after = residual_of(space, space.base), residual_of(space, fit)
@@ -196,15 +199,20 @@ def _beside_error(strict: Answer) -> Answer:
         doubts = [
             *doubts_of(space, fit, published.shares, published.member_shares, alternatives),
             *established.own_kind_left(noise_alone, seen, left)]
-        if doubts and space.problem.assumptions.form_error > 0.0:
-            break
+        if not has_forms:
+            doubts += established.shared_directions(space, fit, alternatives)
         is_open = any(alternatives.get(name) for name in fit.candidate.ids)
         verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'
         share = explained_share_of(strict.before, left)
-        return Answer(search, Judgement(verdict, share, tuple(doubts or [REST_WARNING])),
-                      strict.before, left, published, remainder_of(noise_alone, seen, left),
-                      published.shares.best, process)
-    return strict
+        answer = Answer(search, Judgement(verdict, share, tuple(doubts or [REST_WARNING])),
+                        strict.before, left, published, remainder_of(noise_alone, seen, left),
+                        published.shares.best, process)
+        if not doubts:
+            return answer
+        unknown = strict if has_forms else unknown or answer
+        least = min(published.causes, key=lambda cause: cause.visible)
+        search, process = learnt_again(search, space.without(fit, least.effect))
+    return unknown or strict
 
 
 def _weakest(published: Publication) -> str | None:

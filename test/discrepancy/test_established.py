@@ -108,6 +108,20 @@ def test_a_sound_machine_with_an_honest_model_error_is_sound_and_a_small_one_is_
         assert not any('noise' in item for item in answer.warnings)
 
 
+def test_what_acts_as_another_listed_effect_does_is_not_surely_the_one_that_is_listed() -> None:
+    def alike(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        speed = np.asarray(run.inputs['speed'])
+        seen = parameters['root.size'] * np.sign(speed) * np.sqrt(np.abs(speed))
+        seen += parameters['bent.size'] * np.arctan(8.0 * speed)
+        return {'seen': seen + parameters['gain'] * np.asarray(run.inputs['drive'])}
+
+    effects = {'root': Effect('Root of the speed', {'size': Parameter(0, 1)}),
+               'bent': Effect('Less drag', {'size': Parameter(-1, 0)})}
+    answer = found(0.3, 0.005, replace(MODEL, simulate=alike, effects=effects))
+    assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('unknown', ['root'])
+    assert any('bent, of another size or sign' in item for item in answer.warnings)
+
+
 def test_noise_is_not_counted_as_more_than_the_declared_model_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -199,3 +213,26 @@ def test_held_out_runs_tell_open_alternatives_apart() -> None:
     assert answer.held_out_evidence[0].effect == 'cubic'
     assert answer.next_test is not None
     assert answer.next_test.startswith('Fit run 2 too: ')
+
+
+def test_an_alternative_at_its_bound_is_not_in_the_group() -> None:
+    def found_with(bound: float) -> Diagnosis:
+        def law(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+            drive = np.asarray(run.inputs['drive'])
+            bent = parameters['cubic.size'] * drive**3
+            bent = bent + parameters['soft.size'] * (drive - np.arctan(drive))
+            return {'seen': parameters['gain'] * drive + bent}
+
+        effects = {'cubic': Effect('A cubic spring', {'size': Parameter(-2, 2)}),
+                   'soft': Effect('A softer spring', {'size': Parameter(-bound, bound)})}
+        model = Model(law, {'gain': Parameter(0.5, 2.0)}, effects, {'seen': Channel()})
+        runs = []
+        for number in range(2):
+            drive = 0.5 * np.sin((0.9 + 0.2 * number) * TIME)
+            noise = 0.02 * np.random.default_rng(number).normal(size=TIME.size)
+            runs.append(Run(f'run {number}', TIME, {'drive': drive},
+                            {'seen': 1.2 * drive + 0.3 * drive**3 + noise}))
+        return diagnose(model, runs)
+
+    assert [cause.group for cause in found_with(2.0).causes] == [('cubic', 'soft')]
+    assert [cause.group for cause in found_with(0.8).causes] == [('cubic',)]

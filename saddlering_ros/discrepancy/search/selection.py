@@ -34,6 +34,7 @@ from saddlering_ros.discrepancy.problem.fits import (
     run_refits,
     spread_starts,
 )
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.comparison import (
@@ -247,7 +248,20 @@ def _alternatives_to(
     listed = [score for score in listed if name not in score.effect.contains]
     return [
         other for other in spaces.fit_each(space, less, listed, [fit])
-        if name not in other.candidate.ids and Comparison(space, less, other).is_separate_cause]
+        if name not in other.candidate.ids and not stopped_sizes(space.problem, other)
+        and Comparison(space, less, other).is_separate_cause]
+
+
+def stopped_sizes(problem: Problem, fit: Fit) -> list[tuple[Effect, float]]:
+    """Effects of a fit whose size is at a bound that is not neutral, and that size."""
+    stopped = []
+    for effect, _, part in fit.candidate.slices(len(problem.system.base_parameters)):
+        size, theta_unit = effect.size, float(fit.theta_unit[part.start])
+        value = size.from_unit(theta_unit)
+        present = abs(value - effect.neutral) / (size.high - size.low)
+        if min(theta_unit, 1.0 - theta_unit) < spaces.AT_BOUND < present and not size.periodic:
+            stopped.append((effect, value))
+    return stopped
 
 
 def _is_indistinguishable(space: ModelSpace, other: Fit, best: Fit, less: Fit) -> bool:

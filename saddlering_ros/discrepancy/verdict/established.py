@@ -8,7 +8,7 @@ error of the machine is in the metric in which likelihood ratios and alternative
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,9 +16,10 @@ import numpy as np
 from saddlering_ros.discrepancy.problem.fits import Fit, left_out_residuals
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
-from saddlering_ros.discrepancy.search.comparison import Comparison, crowded
-from saddlering_ros.discrepancy.search.selection import Alternatives
-from saddlering_ros.discrepancy.search.space import AT_BOUND, ModelSpace
+from saddlering_ros.discrepancy.search.comparison import changes_of_effects, Comparison, crowded
+from saddlering_ros.discrepancy.search.selection import Alternatives, stopped_sizes
+from saddlering_ros.discrepancy.search.signatures import orthonormal
+from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict.judgement import allowed_sizes, shapes_at_bounds
 from saddlering_ros.discrepancy.verdict.results import Cause, Remainder, Residual, Verdict
 from saddlering_ros.discrepancy.verdict.stability import STRETCHES
@@ -29,6 +30,13 @@ MIN_TAKEN = 0.85
 """Share of the power of a view's misfit beyond noise that an established cause takes, both where
 it is fitted and where it predicts. Stand-ins took up to 0.80 on the development seeds of
 docs/benchmarks."""
+
+MAINLY = 0.5
+"""Share of the power of a view's misfit that a cause moves where it mainly acts: half."""
+
+MAX_ALIKE = 2.0 / 3.0
+"""Largest share of the power of a cause's change that another effect may have too: beyond it the
+two have twice as much in common as not, so that these data show one direction."""
 
 MAX_OWN_KIND = 0.7
 """Share of the remainder that may go as the causes act, in other proportions."""
@@ -45,13 +53,15 @@ Noises = Mapping[tuple[str, int], ChannelNoise]
 class Shares:
     """Shares of the misfit's power beyond noise that a model takes beside another, by view.
 
-    worst_run: share of all misfit in the run with the least. interval: of the reduction of the
+    worst_run: share of all misfit in the run with the least; worst_view: view and share of the
+    least where the model moves more than half of the misfit. interval: of the reduction of the
     rms on predicted runs, 95 %.
     """
 
     fitted: Mapping[str, float]
     predicted: Mapping[str, float]
     worst_run: float
+    worst_view: tuple[str, float]
     interval: tuple[float, float] | None
 
     @property
@@ -72,32 +82,30 @@ class Prediction:
 
     def shares(self, less: Fit, more: Fit) -> Shares:
         """What `more` takes of the misfit of `less`."""
-        problem = self._problem
-        fitted = [
-            _squares(problem, problem.runs,
-                     problem.by_run(fit.prediction - problem.measured))
-            for fit in (less, more)]
-        predicted = [self._predicted(fit) for fit in (less, more)]
-        runs = fitted[1].sum(axis=(1, 2)) / np.maximum(fitted[0].sum(axis=(1, 2)), 1e-300)
-        floor = self._floor()
-        whole = [item for item in predicted if item is not None]
-        known = len(whole) == 2 and all(np.isfinite(item).all() for item in whole)
+        problem, floor = self._problem, self._floor()
+        fitted = _Powers.of(problem, problem.runs, [
+            problem.by_run(fit.prediction - problem.measured) for fit in (less, more)])
+        predicted = self._predicted(less, more)
+        known = [powers for powers in (fitted, predicted) if powers is not None]
+        runs = fitted.more.sum(axis=(1, 2)) / np.maximum(fitted.less.sum(axis=(1, 2)), 1e-300)
+        touched = [item for powers in known for item in powers.touched(problem, floor)]
         return Shares(
-            _taken(problem, fitted[0], fitted[1], floor),
-            _taken(problem, whole[0], whole[1], floor) if known else {},
+            fitted.taken(problem, floor),
+            {} if predicted is None else predicted.taken(problem, floor),
             1.0 - float(runs.max()),
-            _interval(whole[0], whole[1]) if known else None)
+            min(touched, key=lambda item: item[1], default=('', 1.0)),
+            None if predicted is None else _interval(predicted.less, predicted.more))
 
-    def _predicted(self, fit: Fit) -> Array | None:
-        """Squares on held-out runs, or on each run predicted from the others."""
-        problem = self._problem
-        if self._held:
-            left = [problem.system.predict_many(run, [fit.point])[0] - run.channels
-                    for run in self._held]
-            return _squares(problem, self._held, left)
-        if len(problem.runs) < 2:
+    def _predicted(self, *fits: Fit) -> _Powers | None:
+        """Of held-out runs, or of each run predicted from the others; None without any."""
+        problem, runs = self._problem, self._held or self._problem.runs
+        if len(problem.runs) < 2 and not self._held:
             return None
-        return _squares(problem, problem.runs, left_out_residuals(problem, fit))
+        left = [
+            [problem.system.predict_many(run, [fit.point])[0] - run.channels for run in runs]
+            if self._held else left_out_residuals(problem, fit) for fit in fits]
+        known = all(np.isfinite(run).all() for residuals in left for run in residuals)
+        return _Powers.of(problem, runs, left) if known else None
 
     def _floor(self) -> Array:
         """Mean square of noise (V,) in each view, as a share of the squared range."""
@@ -130,15 +138,39 @@ def _squares(
     return answer
 
 
-def _taken(problem: Problem, less: Array, more: Array, floor: Array) -> dict[str, float]:
-    """Share of the power beyond noise in `less` that `more` has not, by view."""
-    shares = {}
-    for place, view in enumerate(problem.system.views):
-        before = float(less[:, place].mean()) - float(floor[place])
-        after = max(float(more[:, place].mean()) - float(floor[place]), 0.0)
-        if before > 0.0:
-            shares[view] = 1.0 - after / before
-    return shares
+@dataclass(frozen=True)
+class _Powers:
+    """Squares (R, V, S) of the residuals of two models, and of what one changes of the other."""
+
+    less: Array
+    more: Array
+    change: Array
+
+    @classmethod
+    def of(
+        cls, problem: Problem, runs: Sequence[RunBlocks], left: Sequence[Sequence[Array]]
+    ) -> _Powers:
+        """Of residuals (C, N) by run of both models."""
+        changes = [one - other for one, other in zip(*left, strict=True)]
+        return cls(*(_squares(problem, runs, item) for item in (*left, changes)))
+
+    def taken(self, problem: Problem, floor: Array) -> dict[str, float]:
+        """Share of the power beyond noise in `less` that `more` has not, by view."""
+        shares = {}
+        for place, view in enumerate(problem.system.views):
+            before = float(self.less[:, place].mean()) - float(floor[place])
+            after = max(float(self.more[:, place].mean()) - float(floor[place]), 0.0)
+            if before > 0.0:
+                shares[view] = 1.0 - after / before
+        return shares
+
+    def touched(self, problem: Problem, floor: Array) -> Iterator[tuple[str, float]]:
+        """Shares in the views in which the change is more than half of the misfit."""
+        powers = zip(self.less.mean(axis=(0, 2)), self.change.mean(axis=(0, 2)), strict=True)
+        moved = [change > MAINLY * less for less, change in powers]
+        shares = self.taken(problem, floor)
+        yield from ((view, shares[view]) for view, is_main in
+                    zip(problem.system.views, moved, strict=True) if is_main and view in shares)
 
 
 def _interval(less: Array, more: Array) -> tuple[float, float]:
@@ -159,6 +191,9 @@ def doubts_of(
     for name, own in {' and '.join(fit.candidate.ids): whole, **members}.items():
         if own.best < MIN_TAKEN:
             doubts.append(weak_words(name, own))
+    view, least = whole.worst_view
+    if least < 0.0:
+        doubts.append(f'in {view}, where the causes move most, the misfit is larger with them')
     if whole.interval is None:
         doubts.append('one run only: that the causes predict other runs is not shown')
     elif whole.interval[0] <= 0.0:
@@ -210,19 +245,39 @@ def own_kind_left(space: ModelSpace, fit: Fit, residual: Residual) -> list[str]:
             f'{" and ".join(fit.candidate.ids)} itself: the law is another one']
 
 
+def shared_directions(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> list[str]:
+    """A sentence for a cause if another effect, of any size and sign, acts mainly as it does.
+
+    Where these data show little else beyond the base, an effect that is in no catalogue acts so
+    too. Alternatives and laws that contain each other are one cause.
+    """
+    beyond = orthonormal(space.tangent_of(space.base).white)
+    changes = space.metric.whiten(changes_of_effects(space.problem, fit))
+    changes -= beyond @ (beyond.T @ changes)
+    sentences = []
+    for (effect, _), change in zip(fit.candidate.effects, changes.T, strict=True):
+        same = {*fit.candidate.ids, *effect.contains}
+        same.update(*(other.candidate.ids for other in alternatives.get(effect.id, ())))
+        others = [one for one in space.signatures if one.length > 0.0
+                  and one.effect.id not in same and effect.id not in one.effect.contains]
+        share, name = max((
+            (float((change @ one.white / one.length) ** 2 / max(change @ change, 1e-300)),
+             one.effect.id) for one in others), default=(0.0, ''))
+        if share > MAX_ALIKE:
+            sentences.append(
+                f'{name}, of another size or sign, has {percent(share)} of the power of what '
+                f'{effect.id} changes beyond the base: an effect that is not in the catalogue '
+                'could have as much')
+    return sentences
+
+
 def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
     """A sentence for every effect whose size is at its bound, which is no name."""
-    sentences = []
-    for effect, _, part in fit.candidate.slices(len(problem.system.base_parameters)):
-        size, theta_unit = effect.size, float(fit.theta_unit[part.start])
-        value = size.from_unit(theta_unit)
-        present = abs(value - effect.neutral) / (size.high - size.low)
-        if min(theta_unit, 1.0 - theta_unit) < AT_BOUND < present and not size.periodic:
-            sentences.append(
-                f'{effect.id}: its {size.name} is at the bound of {quantity(value, size.unit)}: '
-                'the size exceeds the expected range, or another cause contributes, so that it '
-                'is not named')
-    return sentences
+    return [
+        f'{effect.id}: its {effect.size.name} is at the bound of '
+        f'{quantity(value, effect.size.unit)}: the size exceeds the expected range, or another '
+        'cause contributes, so that it is not named'
+        for effect, value in stopped_sizes(problem, fit)]
 
 
 def remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Remainder, ...]:
