@@ -10,9 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import time as clock
 
-from saddlering_ros.discrepancy import next_test
 from saddlering_ros.discrepancy.law.proposal import Proposer
-from saddlering_ros.discrepancy.next_test import HeldOutEvidence, Separation
+from saddlering_ros.discrepancy.next_test import next_test_of, NextTest
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Proposal, RunBlocks, Settings, System
 from saddlering_ros.discrepancy.search.limits import observed
@@ -31,7 +30,7 @@ from saddlering_ros.discrepancy.verdict.judgement import (
 )
 from saddlering_ros.discrepancy.verdict.publication import Publication, publish
 from saddlering_ros.discrepancy.verdict.results import Cause, Diagnosis, Residual, Verdict
-from saddlering_ros.discrepancy.verdict.stability import influence_of, near_limit, refits_of
+from saddlering_ros.discrepancy.verdict.stability import stability_of
 from saddlering_ros.discrepancy.verdict.steady_lines import find_steady_lines, find_swings
 from saddlering_ros.discrepancy.verdict.wording import free_test_words
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
@@ -76,13 +75,10 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
     lines = find_steady_lines(space.problem, space.trials)
     log.immaterial += lines.immaterial
 
-    separations: tuple[Separation, ...] = ()
-    by_held_out: tuple[HeldOutEvidence, ...] = ()
+    parted = NextTest()
     if judgement.verdict == 'ambiguous':
         watch.progress('next test', 0.85)
-        separations = next_test.separate_open_models(space, fit, alternatives)
-        by_held_out = next_test.judge_by_held_out(space, fit, alternatives)
-    refits = refits_of(space, fit, alternatives)
+        parted = next_test_of(space, fit, alternatives)
     law = None
     if judgement.verdict == 'unknown' and problem.assumptions.proposes_law:
         watch.progress('search for a law', 0.9)
@@ -99,6 +95,8 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         key=lambda cause: -cause.visible)
     # A steady line that is found takes itself whole.
     taken = answer.taken if published.causes else float(bool(steady))
+    stability = stability_of(space, fit, alternatives, None if answer.process is None else taken,
+                             established.MIN_TAKEN)
     return Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
@@ -107,9 +105,9 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         gain=published.gain,
         explained=judgement.explained,
         next_test=' '.join(filter(None, (
-            free_test_words(by_held_out),
-            separations[0].proposal.sentence if separations else ''))) or None,
-        separations=separations,
+            free_test_words(parted.by_held_out),
+            parted.separations[0].proposal.sentence if parted.separations else ''))) or None,
+        separations=parted.separations,
         warnings=judgement.warnings,
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.runs,
@@ -124,11 +122,10 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         complete=not answer.remainder and verdict != 'unknown',
         remainder=answer.remainder,
         probabilities=established.probabilities_of(verdict, causes, taken),
-        refits=refits,
-        near_limit=near_limit(
-            space, fit, refits, None if answer.process is None else taken, established.MIN_TAKEN),
-        influence=influence_of(space, fit),
-        held_out_evidence=by_held_out,
+        refits=stability.refits,
+        near_limit=stability.near_limit,
+        influence=stability.influence,
+        held_out_evidence=parted.by_held_out,
     )
 
 

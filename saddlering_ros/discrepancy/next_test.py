@@ -35,37 +35,52 @@ from saddlering_ros.discrepancy.problem.system import (
     Proposal,
     RunBlocks,
     Settings,
-    System,
-    SystemWithTangents,
 )
 from saddlering_ros.discrepancy.search.comparison import alternative_floor, indistinguishable
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import ModelSpace
 
 
-def separate_open_models(
-    space: ModelSpace, fit: Fit, alternatives: Alternatives
-) -> tuple[Separation, ...]:
-    """The proposed tests, the best first, with their separation of a model and alternatives."""
-    open_models = _open_models(space, fit, alternatives)
-    if not open_models or not space.problem.proposals:
-        return ()
-    return tuple(simulate_tests(
-        space.metric, open_models, space.tangent_of, space.problem.proposals,
-        _rule(space, fit), seed=space.settings.seed))
+@dataclass(frozen=True)
+class NextTest:
+    """What parts open models: proposed tests, the best first, and the held-out runs."""
+
+    separations: tuple[Separation, ...] = ()
+    by_held_out: tuple[HeldOutEvidence, ...] = ()
 
 
-def judge_by_held_out(
-    space: ModelSpace, fit: Fit, alternatives: Alternatives
+def next_test_of(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> NextTest:
+    """The tests and the held-out runs that part a model and its alternatives."""
+    others = [
+        OpenModel(other, space.without(fit, name))
+        for name, models in alternatives.items()
+        for other in models
+    ]
+    if not others:
+        return NextTest()
+    open_models = [OpenModel(fit, others[0].less), *others]
+    rule = JudgingRule(
+        floor=alternative_floor(space.pairs, space.settings),
+        excess=max(space.slow_residual(fit).excess, 0.0),
+        log_size=space.log_size,
+        settings=space.settings,
+    )
+    separations = simulate_tests(
+        space.metric, open_models, space.tangent_of, space.problem.proposals, rule,
+        seed=space.settings.seed) if space.problem.proposals else []
+    return NextTest(tuple(separations), _judged_by_held_out(space, open_models, rule))
+
+
+def _judged_by_held_out(
+    space: ModelSpace, open_models: Sequence[OpenModel], rule: JudgingRule
 ) -> tuple[HeldOutEvidence, ...]:
     """A model and its alternatives judged by the held-out runs, the most likely first.
 
     Each predicts them with its parameters as the fitted runs leave them.
     """
-    open_models = _open_models(space, fit, alternatives)
     proposals = [Proposal(run.name, replace(run, held_out=False), 'held_out')
                  for run in space.problem.held_out]
-    if not open_models or not proposals:
+    if not proposals:
         return ()
     fits = _distinct(open_models)
     misfits = np.array([one.misfit for one in fits])
@@ -77,7 +92,7 @@ def judge_by_held_out(
     number = {one.candidate.key: index for index, one in enumerate(fits)}
     own = misfits[[number[one.fit.candidate.key] for one in open_models]]
     less = misfits[[number[one.less.candidate.key] for one in open_models]]
-    left = _left(open_models, own, less, _rule(space, fit))
+    left = _left(open_models, own, less, rule)
     price = np.array([space.log_size * one.fit.theta_unit.size for one in open_models])
     odds = np.exp(-0.5 * (own + price - (own + price).min()))
     answers = []
@@ -88,26 +103,6 @@ def judge_by_held_out(
             new[0], effects[new[0]], tuple(run.name for run in space.problem.held_out),
             float(own[index] - own.min()), float(odds[index] / odds.sum()), index in left))
     return tuple(sorted(answers, key=lambda one: -one.share))
-
-
-def _open_models(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> list[OpenModel]:
-    """The model and each alternative; none without alternatives."""
-    others = [
-        OpenModel(other, space.without(fit, name))
-        for name, models in alternatives.items()
-        for other in models
-    ]
-    return [OpenModel(fit, others[0].less), *others] if others else []
-
-
-def _rule(space: ModelSpace, fit: Fit) -> JudgingRule:
-    """The rule that keeps an alternative in the group of a model."""
-    return JudgingRule(
-        floor=alternative_floor(space.pairs, space.settings),
-        excess=max(space.slow_residual(fit).excess, 0.0),
-        log_size=space.log_size,
-        settings=space.settings,
-    )
 
 
 DRAWS = 100
@@ -207,7 +202,7 @@ def _forecast_each(
 ) -> Iterator[tuple[Proposal, list[_Forecast]]]:
     """Each proposal with its prediction by every fit."""
     old, fits = metric.problem, _distinct(open_models)
-    seen = [_seen_by(old.system, proposal, fits) for proposal in proposals]
+    seen = [_seen_by(old, proposal, fits) for proposal in proposals]
     joint = old.with_runs([*old.runs, *(proposal.run for proposal in proposals)])
     first = [own[0].values[: proposal.run.channels.size]
              for own, proposal in zip(seen, proposals, strict=True)]
@@ -234,9 +229,9 @@ class _View:
     columns: Array
 
 
-def _seen_by(system: System, proposal: Proposal, fits: Sequence[Fit]) -> list[_View]:
+def _seen_by(problem: Problem, proposal: Proposal, fits: Sequence[Fit]) -> list[_View]:
     """Predictions of a test by each fit, its direct readings last."""
-    base = system.base_parameters
+    base = problem.system.base_parameters
     groups, steps = [], []
     for fit in fits:
         parameters = fit.candidate.parameters(base)
@@ -246,10 +241,7 @@ def _seen_by(system: System, proposal: Proposal, fits: Sequence[Fit]) -> list[_V
     made = groups
     if proposal.as_made is not None:
         made = [[proposal.as_made(point) for point in group] for group in groups]
-    if isinstance(system, SystemWithTangents):
-        answers = system.neighbourhood(made).predict(proposal.run)
-    else:
-        answers = [system.predict_many(proposal.run, group) for group in made]
+    answers = problem.predict_run(proposal.run, made)
     views = []
     for fit, group, answer, step in zip(fits, groups, answers, steps, strict=True):
         sizes = {effect.id: effect for effect, _ in fit.candidate.effects}

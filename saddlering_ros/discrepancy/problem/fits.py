@@ -19,9 +19,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.problem import Problem, Whitening
-from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Parameter, Point
+from saddlering_ros.discrepancy.problem.system import (
+    Array,
+    DiscrepancyError,
+    Effect,
+    Parameter,
+    Point,
+    RunBlocks,
+)
 from saddlering_ros.estimation.least_squares import descend, Descent, Rule
 
 Key = tuple[tuple[str, int], ...]
@@ -32,7 +38,7 @@ Key = tuple[tuple[str, int], ...]
 class Candidate:
     """A model: the base and some effects, each in one variant."""
 
-    effects: tuple[tuple[system.Effect, int], ...] = ()
+    effects: tuple[tuple[Effect, int], ...] = ()
 
     @property
     def key(self) -> Key:
@@ -46,13 +52,13 @@ class Candidate:
         own = [parameter for effect, _ in self.effects for parameter in effect.ordered]
         return (*base, *own)
 
-    def plus(self, effect: system.Effect, variant: int) -> Candidate:
+    def plus(self, effect: Effect, variant: int) -> Candidate:
         return Candidate((*self.effects, (effect, variant)))
 
     def without(self, effect_id: str) -> Candidate:
         return Candidate(tuple(pair for pair in self.effects if pair[0].id != effect_id))
 
-    def slices(self, fixed: int) -> Iterator[tuple[system.Effect, int, slice]]:
+    def slices(self, fixed: int) -> Iterator[tuple[Effect, int, slice]]:
         """Each effect, its variant, and its parameters' indices after `fixed` base parameters."""
         start = fixed
         for effect, variant in self.effects:
@@ -376,9 +382,7 @@ def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     return answers
 
 
-def mean_square(
-    problem: Problem, runs: Sequence[system.RunBlocks], residuals: Sequence[Array]
-) -> float:
+def mean_square(problem: Problem, runs: Sequence[RunBlocks], residuals: Sequence[Array]) -> float:
     """Mean over runs and views of squared residuals (C, N), relative to range."""
     parts = []
     for run, residual in zip(runs, residuals, strict=True):
@@ -419,9 +423,7 @@ def fitted_gain(problem: Problem, less: Fit, fit: Fit) -> float:
     return ratio(before, after)
 
 
-def held_out_gain(
-    problem: Problem, held: Sequence[system.RunBlocks], less: Fit, fit: Fit
-) -> float:
+def held_out_gain(problem: Problem, held: Sequence[RunBlocks], less: Fit, fit: Fit) -> float:
     """Gain on held-out runs, without a refit."""
     before, after = [], []
     for run in held:

@@ -228,6 +228,12 @@ class Problem:
             for parts in zip(*runs, strict=True)
         ]
 
+    def predict_run(self, run: RunBlocks, groups: Sequence[Sequence[Point]]) -> list[Array]:
+        """Channels (B, C, N) of one run at each group, as `predict_neighbours` has them."""
+        if isinstance(self.system, SystemWithTangents):
+            return self.system.neighbourhood(groups).predict(run)
+        return [self.system.predict_many(run, group) for group in groups]
+
     def by_run(self, stacked: Array) -> list[Array]:
         """A stacked vector (n,) or columns (n, B) as one (C, N) or (C, N, B) block per run."""
         blocks, start = [], 0

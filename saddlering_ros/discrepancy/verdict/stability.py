@@ -9,6 +9,7 @@ simulation, because fits keep their residuals and sensitivities.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,18 +38,33 @@ NEAR = 2.0
 """Factor of the gain at which an effect is real within which a verdict is near its limit."""
 
 
-def influence_of(space: ModelSpace, fit: Fit) -> tuple[Influence, ...]:
-    """What each stretch of each run adds to the evidence for the causes."""
-    problem = space.problem
+@dataclass(frozen=True)
+class Stability:
+    """Refits of all models, why the verdict is near its limit, and what each stretch adds."""
+
+    refits: tuple[Refit, ...]
+    near_limit: tuple[str, ...]
+    influence: tuple[Influence, ...]
+
+
+def stability_of(
+    space: ModelSpace, fit: Fit, alternatives: Alternatives, taken: float | None, least: float
+) -> Stability:
+    """How far the verdict on a fit hangs on runs, on model error and on chance.
+
+    taken: share of the misfit that causes beside model error take, of which `least` is needed.
+    """
+    refits = _refits(space, fit, alternatives)
     falls = space.base.whitened**2 - fit.whitened**2
-    return tuple(
+    influence = [
         Influence(run.name, float(run.time[part[0]]), float(run.time[part[-1]]),
                   float(fall[:, part].sum()))
-        for run, fall in zip(problem.runs, problem.by_run(falls), strict=True)
-        for part in np.array_split(np.arange(run.time.size), STRETCHES) if part.size)
+        for run, fall in zip(space.problem.runs, space.problem.by_run(falls), strict=True)
+        for part in np.array_split(np.arange(run.time.size), STRETCHES) if part.size]
+    return Stability(refits, _near_limit(space, fit, refits, taken, least), tuple(influence))
 
 
-def refits_of(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> tuple[Refit, ...]:
+def _refits(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> tuple[Refit, ...]:
     """Refits of all models to first order, each with the first cause that it ends in.
 
     A refit ends in the same first cause if its best model shares an effect with the model found
@@ -123,13 +139,10 @@ class _Sums:
         return float(misfit) + price
 
 
-def near_limit(
+def _near_limit(
     space: ModelSpace, fit: Fit, refits: Sequence[Refit], taken: float | None, least: float
 ) -> tuple[str, ...]:
-    """Why a verdict is near its limit, one sentence each.
-
-    taken: share of the misfit that causes beside model error take, of which `least` is needed.
-    """
+    """Why a verdict is near its limit, one sentence each."""
     others = [refit for refit in refits if not refit.is_same]
     sentences = [f'{refit.change} the first cause is {refit.first or "none"}: it hangs on that run'
                  for refit in others if refit.change.startswith(WITHOUT)]
