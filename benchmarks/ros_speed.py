@@ -38,7 +38,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
-from saddlering_ros.bags.messages import decode_displacements, encode_samples
+from saddlering_ros.bags.wire import decode_displacements, encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import LOAD, PROBES

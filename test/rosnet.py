@@ -21,7 +21,7 @@ from sensor_msgs.msg import Range
 
 from benchmarks.served_node import ServedNode
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
-from saddlering_ros.bags.messages import decode_displacements, encode_samples
+from saddlering_ros.bags.wire import decode_displacements, encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.samples import Displacements, Samples
 from saddlering_ros.record.topics import LOAD, PROBES

@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 
-from saddlering_ros.bags.messages import encode_samples
+from saddlering_ros.bags.wire import encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import LOAD, PROBES

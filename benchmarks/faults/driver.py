@@ -18,7 +18,7 @@ from sensor_msgs.msg import Range
 from benchmarks.frame import ROOT
 from benchmarks.rigs import BEGIN, RIG
 from saddlering_ros.bags import write_bag
-from saddlering_ros.bags.messages import encode_samples
+from saddlering_ros.bags.wire import encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
 from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import LOAD, PROBES

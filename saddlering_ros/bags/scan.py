@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,14 @@ from saddlering_ros.bags.wire import CdrError, McapChannel, Messages, Readings
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.metadata import KEYS, METADATA_RECORD, same_text, TestMetadata
 from saddlering_ros.record.scratch import extremes, GrowingArray, LONG
-from saddlering_ros.record.topics import optional_topics, RIG_TOPICS, TOPICS
+from saddlering_ros.record.topics import (
+    optional_topics,
+    RIG_TOPICS,
+    RigTopic,
+    TOPICS,
+    VECTOR_TYPE,
+    WRENCH_TYPE,
+)
 
 MAX_MESSAGE = 1 << 16
 """Largest stated size [bytes] of a single compressed message of the rig; a larger one is
@@ -332,7 +340,7 @@ def _take_messages(
         topic.fault = (f'its messages are encoded as {channel.encoding!r}: record with ROS 2, '
                        'which encodes as cdr')
         return
-    wrong = wire.other_fields(channel, known)
+    wrong = other_fields(channel, known)
     if wrong:
         topic.fault = f'{wrong}: record with the messages of ROS 2 Jazzy'
         return
@@ -371,3 +379,45 @@ def _decompressed(
             Messages(starts, sizes, messages.log_times))
 
 
+_WORDS = {'f8': 'float64', 'f4': 'float32', 'u1': 'uint8', 'i4': 'int32', 'u4': 'uint32'}
+
+_NESTED = {(WRENCH_TYPE, 'wrench'): 'Wrench', (VECTOR_TYPE, 'vector'): 'Vector3',
+           (wire.DISPLACEMENT_TYPE, 'zero_stamp'): 'Time'}
+"""Types of the fields that are messages themselves."""
+
+_FIELD = re.compile(r'^\s*([A-Za-z][\w/]*(?:\[[^\]]*\])?)\s+([A-Za-z]\w*)\s*(?![\w=\s])', re.M)
+
+
+def definition_lines(message_type: str, last: str) -> tuple[str, ...]:
+    """The lines of a message's definition up to the field `last`, without packages.
+
+    A nested message is one line: 'Wrench wrench' for wrench.force.x.
+    """
+    lines = ['Header header']
+    for path, kind in wire.LAYOUTS[message_type]:
+        name, dot, _ = path.partition('.')
+        line = f'{_NESTED[message_type, name]} {name}' if dot else f'{_WORDS[kind]} {name}'
+        if lines[-1] != line:
+            lines.append(line)
+        if path == last:
+            break
+    return tuple(lines)
+
+
+def other_fields(channel: McapChannel, topic: RigTopic) -> str:
+    """Reason why messages of `channel`, by their definition, cannot be read as `topic`, or ''.
+
+    Only definitions of encoding ros2msg that name any field are judged. The part after the
+    last field that is read may differ between releases of ROS.
+    """
+    if channel.schema_encoding != 'ros2msg':
+        return ''
+    expected = definition_lines(topic.type, topic.field)
+    own = channel.definition.decode('utf-8', 'replace').partition('=====')[0]
+    fields = [' '.join((found[1].rpartition('/')[2], found[2]))
+              for line in own.splitlines() if (found := _FIELD.match(line))]
+    if not fields or tuple(fields[:len(expected)]) == expected:
+        return ''
+    pairs = zip(expected, [*fields, *['nothing'] * len(expected)], strict=False)
+    wanted, there = next(pair for pair in pairs if pair[0] != pair[1])
+    return f'its definition of {channel.type} has {there!r} where {wanted!r} should be'

@@ -29,7 +29,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import ReplayState, RingDisplacement
-from saddlering_ros.bags.messages import decode_displacements
+from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.record import Record
 from saddlering_ros.record.samples import Displacements, join

@@ -29,8 +29,7 @@ from saddlering_interfaces.msg import (
     RingDisplacement,
     RingParameters,
 )
-from saddlering_ros.bags.messages import decode_displacements, decode_samples
-from saddlering_ros.bags.wire import CdrError
+from saddlering_ros.bags.wire import CdrError, decode_displacements, decode_samples
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.live.alarms import alarm_as_page, with_link
 from saddlering_ros.live.commands import Action, ACTIONS, Change, Commands, Job

@@ -15,8 +15,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
-from saddlering_ros.bags.messages import encode_clock
-from saddlering_ros.bags.wire import SECOND
+from saddlering_ros.bags.wire import encode_clock, SECOND
 from saddlering_ros.record import RawRecord
 from saddlering_ros.record.scratch import blocks
 from saddlering_ros.ros.bag_replay import BagNode

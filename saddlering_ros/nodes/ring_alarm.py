@@ -11,7 +11,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, RingParameters
-from saddlering_ros.bags.messages import decode_displacements
+from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring import ALARM, MonitorSettings, WAITING
 from saddlering_ros.monitoring.monitor import alarm_words, state_words

@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement, ZeroRequest
-from saddlering_ros.bags.messages import encode_displacements
+from saddlering_ros.bags.wire import encode_displacements
 from saddlering_ros.monitoring.expected import ZeroNoise
 from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.samples import Displacements

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.bags.messages import covariance_of, decode_displacements, encode_displacements
+from saddlering_ros.bags.wire import covariance_of, decode_displacements, encode_displacements
 from saddlering_ros.record.residual import ResidualStream
 from saddlering_ros.rig import CHANNELS
 from saddlering_ros.ros.diagnostics import (

@@ -12,7 +12,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement, RingExpected, RingParameters, ZeroRequest
-from saddlering_ros.bags.messages import encode_displacements
+from saddlering_ros.bags.wire import encode_displacements
 from saddlering_ros.doubts import refuse_parameters_of_other_rig
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring.expected import Expected, ExpectedMotion

@@ -13,9 +13,8 @@ from rclpy.parameter import Parameter as RosParameter
 from rosgraph_msgs.msg import Clock
 
 from saddlering_ros.bags import read_raw
-from saddlering_ros.bags.messages import decode_clock, encode_samples
 from saddlering_ros.bags.reader import usable_facts
-from saddlering_ros.bags.wire import SECOND
+from saddlering_ros.bags.wire import decode_clock, encode_samples, SECOND
 from saddlering_ros.doubts import refuse_other_hash
 from saddlering_ros.doubts.reading import absent_topic
 from saddlering_ros.doubts.readings import check_values

@@ -12,8 +12,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
-from saddlering_ros.bags.messages import decode_samples
-from saddlering_ros.bags.wire import CdrError
+from saddlering_ros.bags.wire import CdrError, decode_samples
 from saddlering_ros.doubts.driver import HeardTopic
 from saddlering_ros.record.topics import LOAD, PROBES, RigTopic
 from saddlering_ros.ros.raw_topics import DataWait, message_class, RawSubscription

@@ -25,8 +25,7 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 
-from saddlering_ros.bags.messages import decode_samples
-from saddlering_ros.bags.wire import CdrError
+from saddlering_ros.bags.wire import CdrError, decode_samples
 from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.topics import RigTopic
 from saddlering_ros.ros.names import NodeError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_raw, read_run
-from saddlering_ros.bags.messages import decode_samples, encode_samples
+from saddlering_ros.bags.wire import decode_samples, encode_samples
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import Aligner, RIG_TOPICS
 from saddlering_ros.record.samples import Samples

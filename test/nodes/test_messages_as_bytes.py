@@ -14,13 +14,17 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Range
 
 from saddlering_interfaces.msg import RingDisplacement
-from saddlering_ros.bags.messages import (
+from saddlering_ros.bags.wire import (
+    _layout,
+    CdrError,
     decode_displacements,
     decode_samples,
+    DISPLACEMENT_TYPE,
     encode_displacements,
     encode_samples,
+    FEW,
+    LAYOUTS,
 )
-from saddlering_ros.bags.wire import _layout, CdrError, DISPLACEMENT_TYPE, FEW, LAYOUTS
 from saddlering_ros.record.samples import Displacements, join, pick, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import read_run, write_bag
-from saddlering_ros.bags.messages import decode_displacements
+from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
