@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+import time as clock
 
 from saddlering_ros.errors import Cancelled
 
@@ -74,18 +75,39 @@ def check(is_cancelled: IsCancelled | None, task: str, partial: object = None) -
         raise Cancelled(f'{task}: cancelled', partial)
 
 
-@dataclass(frozen=True)
+TELL_EVERY, TELL_LEFT_FROM = 0.5, 5.0
+"""Seconds between two reports of one stage, and after which the time left is estimated."""
+
+
+@dataclass
 class Watch:
-    """The caller of one task: who gets its reports and may cancel it."""
+    """The caller of one task: who gets its reports and may cancel it.
+
+    stage, share: as reported last; began, told: times of the task and of that report [s].
+    """
 
     task: str
     on_progress: OnProgress | None = None
     is_cancelled: IsCancelled | None = None
+    stage: str = field(default='', init=False)
+    share: float = field(default=0.0, init=False)
+    began: float = field(default_factory=lambda: clock.monotonic(), init=False)
+    told: float = field(default=0.0, init=False)
 
     def progress(self, stage: str, share: float) -> None:
-        """Report the share of the task that is done."""
-        if self.on_progress is not None:
-            self.on_progress(Progress(self.task, stage, share))
+        """Report a new stage and the share of the task that is done."""
+        self.stage, self.told = stage, -TELL_EVERY
+        self.advance(share)
+
+    def advance(self, share: float) -> None:
+        """Report a share within the stage, with the time left, if the last report is old."""
+        self.share, now = max(share, self.share), clock.monotonic()
+        if self.on_progress is None or now - self.told < TELL_EVERY:
+            return
+        self.told, spent = now, now - self.began
+        left = spent * (1.0 / self.share - 1.0) if self.share > 0.0 else 0.0
+        detail = f'about {left:.2g} s left' if spent > TELL_LEFT_FROM and left > 0.0 else ''
+        self.on_progress(Progress(self.task, self.stage, self.share, detail))
 
     def check(self) -> None:
         """Raise `Cancelled` if the caller has asked for it."""

@@ -177,11 +177,12 @@ def _in_units(prediction: RunPrediction, system: ModelSystem) -> RunPrediction:
     )
 
 
-USUAL_SIMULATIONS = 900
-"""Number of simulations of a diagnosis, in addition to PER_EFFECT for each effect: rough counts,
-for an estimate of the time only."""
+SOUND_SHARE, OPEN_FACTOR = 0.4, 3.0
+"""Simulations of a diagnosis in which nothing is wrong, and of one in which no cause fits, over
+those until a cause is named."""
 
-PER_EFFECT = 120
+SOUND_RATIO = 1.2
+"""Residual of the base fit over the noise below which nothing seems wrong."""
 
 TIMED = 3
 """Number of simulations that are timed: enough for the first digit, which is all that is
@@ -216,10 +217,14 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
         report.append(f'channel {name} [{unit}]: range {scale:.4g}')
     report += _base_lines(metric, fit)
     report += _effect_lines(metric, fit)
-    report += _residual_lines(metric, fit)
-    count = USUAL_SIMULATIONS + PER_EFFECT * len(model.effects)
+    residuals = _residuals(metric, fit)
+    report += [f'{where}: the residual of the base fit is {ratio:.3g} times the noise, '
+               f'{percent(share)} of range' for where, ratio, share in residuals]
+    is_sound = max(ratio for _, ratio, _ in residuals) < SOUND_RATIO
+    seconds = each * problem.usual_simulations * (SOUND_SHARE if is_sound else 1.0)
+    more = '' if is_sound else f', {OPEN_FACTOR:.0f} times that if no cause fits'
     report.append(
-        f'one simulation of all runs takes {each:.2g} s: about {count * each:.0f} s in all')
+        f'one simulation of all runs takes {each:.2g} s: about {seconds:.2g} s in all{more}')
     report += [f'warning: {sentence}' for sentence in system.failure_sentences()]
     return report
 
@@ -272,20 +277,19 @@ def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
     return lines
 
 
-def _residual_lines(metric: Metric, fit: Fit) -> list[str]:
-    """The rms of the residual of the base over that of the noise, by channel and run.
+def _residuals(metric: Metric, fit: Fit) -> list[tuple[str, float, float]]:
+    """Channel and run, rms of the residual of the base over that of the noise, and over range.
 
     Whitened, a slow misfit of many times the noise would hide among fast samples.
     """
     problem = metric.problem
     residual = fit.prediction - problem.measured
-    lines = []
+    found = []
     for index, channel, _ in problem.slices:
         name, run = problem.system.channel_names[channel], problem.runs[index]
         seen = problem.freed(problem.by_run(residual)[index][channel], run, name)
         size = problem.mean_square(seen, run, name) ** 0.5
         noise = metric.noise[run.name, channel].variances(run.width)
         ratio = size / max(float(np.mean(noise)) ** 0.5, JITTER)
-        lines.append(f'{name} in {run.name}: the residual of the base fit is {ratio:.3g} times '
-                     f'the noise, {percent(size / problem.view_ranges[name])} of range')
-    return lines
+        found.append((f'{name} in {run.name}', ratio, size / problem.view_ranges[name]))
+    return found

@@ -236,3 +236,22 @@ def test_an_alternative_at_its_bound_is_not_in_the_group() -> None:
 
     assert [cause.group for cause in found_with(2.0).causes] == [('cubic', 'soft')]
     assert [cause.group for cause in found_with(0.8).causes] == [('cubic',)]
+
+
+def test_a_slow_simulator_reports_its_progress_with_the_time_left(monkeypatch) -> None:
+    now, reports = [100.0], []
+    monkeypatch.setattr('time.monotonic', lambda: now[0])
+
+    def slow(parameters, run):
+        now[0] += 0.045
+        return MODEL.simulate(parameters, run)
+
+    def hear(report):
+        reports.append((now[0], report.share, report.detail))
+
+    runs = [record(0, 0.0, 0.2), record(1, 0.0, 0.2)]
+    diagnose(replace(MODEL, simulate=slow), runs, on_progress=hear)
+    times, shares, details = zip(*reports, strict=True)
+    assert np.diff(times).max() < 2.0
+    assert (np.diff(shares) >= 0.0).all()
+    assert any(detail.startswith('about ') and detail.endswith(' s left') for detail in details)

@@ -87,6 +87,15 @@ class Assumptions:
         return self.offsets is None or self.offsets[channel] >= FREE_OFFSET
 
 
+SEARCHED = 25.0
+"""Simulated points of a search that ends with a name, for each parameter of the model and each
+effect, two more effects counted. Eight machines needed 10 to 38 (median 21), 7 to 12 where nothing
+is wrong, and 22 to 137 (median 81) where no cause fits."""
+
+LAST_SHARE = 0.95
+"""Largest share of a search that is reported before its end, since the number is a rough one."""
+
+
 @dataclass(eq=False)
 class Problem:
     """A system, its runs, and everything that a diagnosis assumes about them.
@@ -122,6 +131,13 @@ class Problem:
     @property
     def held_out(self) -> list[RunBlocks]:
         return [run for run in self.all_runs if run.held_out]
+
+    @cached_property
+    def usual_simulations(self) -> float:
+        """Number of points that a search simulates until a cause is named, roughly."""
+        effects = self.system.effects
+        freedom = len(self.system.base_parameters) + sum(len(one.parameters) for one in effects)
+        return SEARCHED * freedom * (len(effects) + 2)
 
     def first_guess(self) -> Array | None:
         """First guesses of base parameters, bound-scaled; None if none are given.
@@ -201,13 +217,15 @@ class Problem:
 
     def predict(self, points: Sequence[Point]) -> Array:
         """Stacked channels (n, B) at `points`."""
-        self.simulations += len(points)
-        parts = []
+        parts: list[Array] = []
         for run in self.runs:
             batch = self.system.predict_many(run, points)
+            done = self.simulations + len(points) * (len(parts) + 1) / len(self.runs)
+            self.watch.advance(min(done / self.usual_simulations, LAST_SHARE))
             if batch.shape != (len(points), *run.channels.shape):
                 raise DiscrepancyError(f'simulator: wrong shape {batch.shape} for run {run.name}')
             parts.append(batch.reshape(len(points), -1))
+        self.simulations += len(points)
         return np.ascontiguousarray(np.concatenate(parts, axis=1).T)
 
     def predict_neighbours(self, groups: Sequence[Sequence[Point]]) -> list[Array]:
@@ -223,6 +241,7 @@ class Problem:
         self.simulations += sum(len(group) for group in groups)
         prepared = self.system.neighbourhood(groups)
         runs = [prepared.predict(run) for run in self.runs]
+        self.watch.advance(0.0)
         return [
             np.concatenate([answer.reshape(len(answer), -1) for answer in parts], axis=1).T
             for parts in zip(*runs, strict=True)
