@@ -156,7 +156,7 @@ class RingDisplacementNode(StreamingNode):
             math.radians(self.settings['elevation_deg'])).value
         self._stream.recording = self._watch.recording
         rows = self._stream.rows
-        self._send(self._stream.push(load, gaps))
+        self._send(self._stream.push(load, gaps, self._arrived))
         awaited = self._stream.awaited(rows)
         self._awaited = self._awaited if awaited is None else awaited
 

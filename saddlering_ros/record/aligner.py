@@ -216,7 +216,7 @@ class Aligner:
     interpolated across.
 
     A probe that has been silent for more than `dead_after` [ns] of the load's stamps does not
-    read: rows go out without it (NaN). With `hurries`, rows also go out without a probe that has
+    read: rows go out without it (NaN). Rows also go out without a probe of `hurries` that has
     been silent for SILENT_AFTER_NS while the load and a pair of other probes went on.
 
     Memory is bounded: at most `max_pending` load samples spanning at most `max_wait` [ns] wait for
@@ -233,7 +233,7 @@ class Aligner:
         self._max_pending, self._max_samples = max_pending, max_samples
         self._loads = _Waiting(self.counters)
         self._probes = [_Waiting(self.counters) for _ in range(channels)]
-        self.hurries = False
+        self.hurries = [False] * channels
         self._longest_step = 0.0
         self._run_start = self._hold = self._released = 0
         self._epoch: int | None = None
@@ -399,7 +399,7 @@ class Aligner:
             return self.pending
         oldest = min(last)
         patience = min(self._dead_after, self._max_wait)
-        if newest - oldest > (min(patience, SILENT_AFTER_NS) if self.hurries else patience):
+        if newest - oldest > (min(patience, SILENT_AFTER_NS) if any(self.hurries) else patience):
             return self.pending
         return int(self._loads.stamps.searchsorted(oldest, 'right'))
 
@@ -420,13 +420,13 @@ class Aligner:
         """What becomes of rows (N,) that lack readings (C, N); fewer if the rest must wait."""
         answers = np.full(len(stamps), SERVED)
         waits = np.zeros(len(stamps), dtype=bool)
-        for probe, lacks in zip(self._probes, missing, strict=True):
+        for probe, lacks, hurries in zip(self._probes, missing, self.hurries, strict=True):
             rows = np.flatnonzero(lacks)
             if len(rows):
                 found = self._why_missing(probe, stamps[rows], starts[rows])
                 answers[rows] = np.maximum(answers[rows], found)
                 waits[rows] |= found == WAITS
-                if not self.hurries:  # A later sample may show a shorter silence.
+                if not hurries:  # A later sample may show a shorter silence.
                     waits[rows] |= (found == SILENT) & (stamps[rows] > probe.last)
         if not finish and waits.any():
             assert self._loads.newest is not None

@@ -48,6 +48,14 @@ from saddlering_ros.rig.zeroing import BLOCK as ZERO_BLOCK
 from saddlering_ros.rig.zeroing import Samples as ZeroSamples
 from saddlering_ros.rig.zeroing import zero_of_blocks
 
+UNHEARD_AFTER = 0.15
+"""Time [s] for which a node must have received nothing of a probe before the stamps of the others
+count as its silence. A publisher that had no processor sends what was due in one burst, and may be
+interrupted between two probes: the stamps of one are then far ahead of those of the other."""
+
+LONGEST_LOOK = 0.05
+"""Longest time [s] between two batches that counts: the node itself may have had no processor."""
+
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -214,6 +222,8 @@ class DisplacementStream:
         self.newest_stamp = 0
         self.load = float('nan')
         self._restart = 0
+        self._heard = 0.0
+        self._unheard = np.zeros(4)
         self._asked_after: int | None = None
         self._begin(anywhere=False)
 
@@ -245,29 +255,38 @@ class DisplacementStream:
         counts.update(self.aligner.counters.as_dict())
         return {**counts, 'jumps_ahead': self.jumps_ahead}
 
-    def push(self, load: Samples, gaps: Sequence[Samples]) -> Displacements:
-        """Take a batch of the load and of each probe of the rig; return the complete rows."""
+    def push(
+        self, load: Samples, gaps: Sequence[Samples], now: float | None = None,
+    ) -> Displacements:
+        """Take a batch of the load and of each probe of the rig; return the complete rows.
+
+        now: when it came, by a clock that no one sets [s]; None if the stamps alone tell.
+        """
         probes = self._rig.probes
         if probes.absent:  # It mirrors the one that faces it.
             other = gaps[probes.partner_row]
             mirrored = replace(other, values=mirrored_gap(probes, other.values))
             gaps = [*gaps[:probes.absent - 1], mirrored, *gaps[probes.absent - 1:]]
-        self.aligner.hurries = self.zero is not None
+        if now is not None:
+            waited = self._unheard + min(now - self._heard, LONGEST_LOOK)
+            self._unheard, self._heard = np.where([len(one) for one in gaps], 0.0, waited), now
+        is_silent = self._unheard >= UNHEARD_AFTER if now is not None else np.full(4, True)
+        self.aligner.hurries = (is_silent & (self.zero is not None)).tolist()
         return self._displacements(self.aligner.push(
             self._load_guard.push(load),
             [guard.push(samples) for guard, samples in zip(self._gap_guards, gaps, strict=True)]))
 
     def flush(self) -> Displacements:
-        """Take the held samples after a time without data."""
-        self.aligner.hurries = self.zero is not None
+        """Take the held samples after a time without data, and rows without a silent probe."""
+        self.aligner.hurries = [self.zero is not None] * 4
         rows = self.aligner.push(self._load_guard.flush(),
                                  [guard.flush() for guard in self._gap_guards])
         return self._displacements(rows + self.aligner.release())
 
     @property
     def held(self) -> bool:
-        """Whether a sample waits for the next one: it may be an outlier, or be overtaken."""
-        return (self.aligner.holds or self._load_guard.holds
+        """Whether a sample waits for another: an outlier, one overtaken, one without a probe."""
+        return (self.aligner.pending > 0 or self._load_guard.holds
                 or any(guard.holds for guard in self._gap_guards))
 
     def awaited(self, rows_before: int) -> int | None:

@@ -75,13 +75,14 @@ def test_a_probe_that_falls_silent_holds_the_known_channels_back_for_no_longer_t
         record, probe: int, missing: int) -> None:
     """0.3 s without a residual opens the interlock."""
     start = int(record.stamps[0])
-    stream, behind = DisplacementStream(RIG), []
+    stream, behind, now = DisplacementStream(RIG), [], 50.0
     for row in range(len(record.stamps)):
         stamp = start + 2 * (int(record.stamps[row]) - start)
         gaps = [Samples(np.array([start + 2 * (int(record.probe_stamps[place][row]) - start)]),
                         record.gaps[place][row:row + 1]) if place != probe or row < 900 else
                 no_samples() for place in range(4)]
-        found = stream.push(Samples(np.array([stamp]), record.load[row:row + 1]), gaps)
+        now += 0.004
+        found = stream.push(Samples(np.array([stamp]), record.load[row:row + 1]), gaps, now)
         if len(found):
             newest, validity = int(found.stamps[-1]), int(found.validity[-1])
         if row > 600:
@@ -89,6 +90,45 @@ def test_a_probe_that_falls_silent_holds_the_known_channels_back_for_no_longer_t
     assert max(behind) < 0.3
     assert max(behind[-100:]) < 0.02, 'and then goes on at once'
     assert validity == missing
+
+
+def in_bursts(record, late: int, size: int, until: int = 2000, pace: float = 1.0,
+              ) -> tuple[DisplacementStream, Displacements]:
+    """Rows in bursts of `size`, taken by portions topic by topic, at `pace` of real time.
+
+    A publisher on a busy machine has no processor for a while, sends all that was due meanwhile,
+    and is interrupted for 0.1 s before the last topic, that of probe `late`. The probe sends
+    nothing from row `until` on.
+    """
+    stream, parts, now = DisplacementStream(RIG), [], 100.0
+    topics = [0, *(probe for probe in (1, 2, 3, 4) if probe != late + 1), late + 1]
+    stamps, values = [record.stamps, *record.probe_stamps], [record.load, *record.gaps]
+    for first in range(0, len(record.stamps), size):
+        for topic in topics if first < until else topics[:-1]:
+            now += 0.1 * pace * (topic == topics[-1])
+            for portion in range(first, first + size, 50):
+                rows, batches = slice(portion, min(portion + 50, first + size)), [no_samples()] * 5
+                batches[topic] = Samples(stamps[topic][rows], values[topic][rows])
+                parts.append(stream.push(batches[0], batches[1:], now))
+                now += 0.001 * pace
+        now += pace * size / 500.0
+    parts.append(stream.flush())
+    return stream, join([part for part in parts if len(part)])
+
+
+@pytest.mark.parametrize('late', range(4))
+def test_a_probe_whose_burst_comes_later_than_those_of_the_others_is_not_silent(
+        record, late: int) -> None:
+    stream, found = in_bursts(record, late, 250)
+    assert len(found) == len(record.stamps) - 1
+    assert set(found.validity.tolist()) == {0}
+    assert not any(stream.take_missing())
+
+
+def test_rows_of_a_probe_that_died_before_the_end_come_when_nothing_more_does(record) -> None:
+    _, found = in_bursts(record, 3, 100, until=1600, pace=0.01)
+    assert found.stamps[-1] == record.stamps[-1]
+    assert set(found.validity[-390:].tolist()) == {NO_DELTA_Y | NO_GAMMA}
 
 
 def test_a_topic_that_comes_by_blocks_is_not_silent_between_them(record) -> None:
