@@ -28,6 +28,9 @@ EDGE = SECOND // 10
 
 _stamp = struct.Struct('<iI')
 
+Stamped = tuple[int, bytes]
+"""A message after its stamp [ns]."""
+
 
 @dataclass
 class SeenTest:
@@ -96,31 +99,38 @@ class Session:
                       for name, peaks in curves.peaks.items() if name != 'residual'},
             'verdict': test.alarm.verdict(curves.origin, curves.newest)}
 
-    def messages(self, number: int) -> tuple[str, dict[str, list[bytes]]]:
-        """Name of a test, and by topic the messages that came during it and just beside it.
+    def messages(self, curves: TestCurves) -> tuple[str, dict[str, list[Stamped]]]:
+        """Name of a test, and by topic its messages with their stamps.
 
-        LiveError if some were too many to keep.
+        They came during it, or just beside it: topics are drained one after another. LiveError if
+        some were too many to keep.
         """
+        number, first, last = curves.number, curves.origin - EDGE, curves.newest + EDGE
         if self._tests[number].is_cut:
             raise LiveError('the messages of this test were too many to keep: record the next '
                             'one with ros2 bag record, or saddlering replay --record')
-        near = [self._tests[one] for one in range(number - 1, number + 2) if one in self._tests]
-        return self._tests[number].name, {
-            topic: [message for test in near for message in test.messages.get(topic, ())]
-            for topic in TOPICS}
+        found: dict[str, list[Stamped]] = {}
+        for topic in TOPICS:
+            mine: list[Stamped] = []
+            for one in (number, number - 1, number + 1):
+                taken = {stamp for stamp, _ in mine}  # by another replay of the same bag
+                kept = self._tests[one].messages.get(topic, ()) if one in self._tests else ()
+                mine += [(stamp, message) for stamp, message in zip(
+                    map(_stamp_of, kept), kept, strict=True)
+                    if first <= stamp <= last and stamp not in taken]
+            found[topic] = sorted(mine)
+        return self._tests[number].name, found
 
 
-def mcap_of(flows: Mapping[str, list[bytes]], curves: TestCurves, facts: TestMetadata) -> bytes:
+def mcap_of(flows: Mapping[str, list[Stamped]], facts: TestMetadata) -> bytes:
     """The messages of a test, by topic, as one MCAP file."""
-    first, last = curves.origin - EDGE, curves.newest + EDGE
-    inside = [[(stamp, topic, message) for stamp, message in zip(
-        map(_stamp_of, messages), messages, strict=True) if first <= stamp <= last]
-        for topic, messages in flows.items()]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, 'test')
-        kinds = {flow[0][1]: TOPICS[flow[0][1]].type for flow in inside if flow}
+        kinds = {topic: TOPICS[topic].type for topic, flow in flows.items() if flow}
         with BagWriter(path, kinds, facts.as_text()) as bag:
-            for stamp, topic, message in heapq.merge(*map(sorted, inside)):
+            for stamp, topic, message in heapq.merge(*(
+                    [(stamp, topic, message) for stamp, message in flow]
+                    for topic, flow in flows.items())):
                 bag.write_message(topic, stamp, message)
         return next(path.glob('*.mcap')).read_bytes()
 

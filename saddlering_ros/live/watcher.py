@@ -30,7 +30,7 @@ from saddlering_interfaces.msg import (
     RingParameters,
 )
 from saddlering_ros.bags.wire import CdrError, decode_displacements, decode_samples
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import LiveError, SaddleringError
 from saddlering_ros.live.alarms import alarm_as_page, with_link
 from saddlering_ros.live.commands import Action, ACTIONS, Change, Commands, Job
 from saddlering_ros.live.gauges import Gauges
@@ -152,6 +152,8 @@ class Watcher:
         self._elevation = math.nan
         self._sound_for: tuple[ContactParameters, float] | None = None
         self._received_at = 0.0
+        self._counted = -1
+        self._received: dict[str, int] = {}
         self._doubt = self._bag = ''
         self._published: dict[str, int] = {}
         self._facts: dict[str, str] = {}
@@ -235,7 +237,22 @@ class Watcher:
         has_ended = self._replay is not None and self._replay['state'] == 'finished'
         if not has_ended or now - self._received_at < LAST_SAMPLES:
             return ''
-        return missing_words(self.traces.received, self._published_by_stream())
+        published = self._published_by_stream()
+        taken = sum(flow.received for flow in (*self._streams.values(), *self._sensors.values()))
+        if self._counted != taken:
+            self._counted, self._received = taken, dict(self.traces.received)
+            with contextlib.suppress(LiveError):
+                self._received |= self._received_of_sensors()
+        return missing_words(self._received, {
+            name: count for name, count in published.items() if name in self._received})
+
+    def _received_of_sensors(self) -> dict[str, int]:
+        """How many messages of the test that is shown are kept, by gauge."""
+        curves = self.traces.current
+        if curves is None:
+            return {}
+        _, flows = self.session.messages(curves)
+        return {name: len(flows[topic.name]) for name, topic in SENSORS.items()}
 
     def test(self, number: int) -> dict[str, Any] | None:
         """All curves of an earlier test, as `rows` gives them; None if it is not kept."""
@@ -253,12 +270,12 @@ class Watcher:
                      if curves is not None and curves.number == number]
             if not found:
                 return None
-            name, flows = self.session.messages(number)
+            name, flows = self.session.messages(found[0])
             elevation = self._elevation
         facts = TestMetadata(
             elevation_deg=None if math.isnan(elevation) else math.degrees(elevation), run=name,
             details={'rig_hash': self.rig.digest})
-        return mcap_of(flows, found[0], facts)
+        return mcap_of(flows, facts)
 
     def clear(self) -> None:
         """Clear the plots."""
@@ -420,7 +437,7 @@ class Watcher:
 
     def _published_by_stream(self) -> dict[str, int]:
         return {name: self._published.get(subscription.topic, 0)
-                for name, subscription in self._streams.items()}
+                for name, subscription in {**self._streams, **self._sensors}.items()}
 
     def _on_alarm(self, message: RingAlarm) -> None:
         shown = alarm_as_page(message)

@@ -21,7 +21,16 @@ from saddlering_ros.record.scratch import blocks
 from saddlering_ros.ros.bag_replay import BagNode
 from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, TaskStatus, WARN
 from saddlering_ros.ros.messages import LockstepGroup, to_time
-from saddlering_ros.ros.names import CLOCK, names, NodeError, PROGRESS, REPLAY, RING, STATE
+from saddlering_ros.ros.names import (
+    CLOCK,
+    LIVE_PAGE,
+    names,
+    NodeError,
+    PROGRESS,
+    REPLAY,
+    RING,
+    STATE,
+)
 from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import CLOCK_QOS, LATCHED, RawPublisher, RawSubscription
 from saddlering_ros.ros.streaming_node import leave, run_streaming
@@ -187,9 +196,16 @@ class ReplayClockNode(BagNode):
         self._waiting_for = self._group.absent()
         if now - self._began < HEED:
             return  # so that every node has received the bag and its elevation
+        is_late = now - self._began > self.settings['timeout']
+        if not self._waiting_for and not is_late:
+            progress = self.get_publishers_info_by_topic(self._heard.topic)
+            self._waiting_for = self._group.unmatched_readers(
+                self.count_subscribers, sum(one.node_name == LIVE_PAGE for one in progress), now)
+            if not self._waiting_for:
+                self._group.begin(self._start)
         if not self._waiting_for:
             self._enter(self._after_waiting, now)
-        elif now - self._began > self.settings['timeout']:
+        elif is_late:
             words = '; '.join(self._waiting_for)
             if self._lockstep:
                 self._began = now
@@ -287,6 +303,10 @@ class ReplayClockNode(BagNode):
         if self._refuse_inactive(response):
             return response
         self._stop_at = None
+        is_new = self._state == ReplayState.PAUSED and self._time == self._start
+        if is_new:  # A live page may have come meanwhile.
+            self._began = time.monotonic() - HEED
+            self._enter(ReplayState.WAITING, time.monotonic())
         if self._state == ReplayState.WAITING:
             self._after_waiting = ReplayState.PLAYING
             response.message = 'plays when everyone is there'

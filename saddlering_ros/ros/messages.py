@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -215,8 +215,9 @@ class LockstepGroup:
     """The nodes a replay waits for, and the last report of each.
 
     A node owes nothing on a topic until it has received its first message there, so that one
-    that joins late does not stop the replay. Spectators are live pages: the replay starts without
-    them, and lets them catch up before the queues lose messages, and at its end.
+    that joins late does not stop the replay; who was matched with all at the start owes all from
+    there on (`begin`). Spectators are live pages: the replay waits for them a while at its start,
+    lets them catch up before the queues lose messages, and at its end.
     """
 
     def __init__(self, names: list[str]) -> None:
@@ -226,6 +227,12 @@ class LockstepGroup:
         self.heard: dict[str, float] = {}
         self.excused: set[str] = set()
         self._spectators: dict[str, tuple[float, ReplayProgress]] = {}
+        self._owing: set[str] = set()
+        self._start = 0
+
+    def begin(self, start: int) -> None:
+        """All are matched, and the replay begins behind `start` [ns]."""
+        self._owing, self._start = {*self.said, *self._spectators}, start
 
     def hear(self, message: ReplayProgress, now: float) -> None:
         """Take a node's word at monotonic `now` [s].
@@ -239,6 +246,9 @@ class LockstepGroup:
         if not _is_whole(message):
             self.malformed += 1
             return
+        before = self.said.get(message.node)
+        if before is not None and sum(message.received) < sum(before.received):
+            self._owing.discard(message.node)  # It was started anew.
         if message.node not in self.names:
             self._spectators[message.node] = now, message
             return
@@ -248,11 +258,36 @@ class LockstepGroup:
     def spectators_lag(self, now: float) -> int:
         """How far [ns] the spectator that is furthest behind is behind what was published."""
         last = self._last_stamps(list(self.said.values()))
-        return max((last[topic] - to_stamp(time)
-                    for heard, said in self._spectators.values() if now - heard < SPECTATOR_LEASE
+        return max((last[topic] - (to_stamp(time) or self._start)
+                    for said in self._watching(now)
                     for topic, time, count in zip(said.inputs, said.input_stamps, said.publishers,
                                                   strict=True)
-                    if count and topic in last and to_stamp(time)), default=0)
+                    if count and topic in last
+                    and (to_stamp(time) or said.node in self._owing)), default=0)
+
+    def _watching(self, now: float) -> list[ReplayProgress]:
+        """The last reports of the live pages that are there."""
+        return [said for heard, said in self._spectators.values()
+                if said.inputs and now - heard < SPECTATOR_LEASE]
+
+    def unmatched_readers(self, readers: Callable[[str], int], pages: int, now: float,
+                          ) -> list[str]:
+        """Readers besides those waited for that would miss the first messages, in words.
+
+        readers: how many readers a topic has; pages: how many live pages there are.
+        """
+        watching = self._watching(now)
+        reasons = ['the live page: nothing received'] if pages > len(watching) else []
+        for said in self.said.values():
+            reasons += [
+                f'{said.node}: {topic} is connected to {count} of {readers(topic)} readers'
+                for topic, count in zip(said.outputs, said.subscriptions, strict=True)
+                if count < readers(topic)]
+        writers = {topic for said in self.said.values() for topic in said.outputs}
+        return reasons + [
+            f'the live page: is not connected to the publisher of {topic}' for said in watching
+            for topic, count in zip(said.inputs, said.publishers, strict=True)
+            if topic in writers and not count]
 
     def absent(self) -> list[str]:
         """Participants that sent nothing yet, or are not matched with the others, in words."""
@@ -302,8 +337,8 @@ class LockstepGroup:
                 f'has {(until - replayed) / 1e9:.3f} s left to publish')
         for topic, time in zip(said.inputs, said.input_stamps, strict=True):
             stamp = to_stamp(time)
-            if stamp and topic in last and stamp != last[topic]:
-                return f'is {(last[topic] - stamp) / 1e9:.3f} s behind on {topic}'
+            if (stamp or said.node in self._owing) and stamp != last.get(topic, stamp):
+                return f'is {(last[topic] - (stamp or self._start)) / 1e9:.3f} s behind on {topic}'
         return ''
 
 

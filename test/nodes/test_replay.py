@@ -116,6 +116,39 @@ def test_a_replay_starts_without_a_live_page_and_knows_how_far_the_page_is_behin
     assert group.spectators_lag(1.0) == 0
 
 
+PAGE = 'saddlering_live_7'
+
+
+def test_a_replay_waits_for_readers_that_its_nodes_have_not_heard_of_yet() -> None:
+    group = LockstepGroup(['source'])
+    group.hear(said('source', until=1, outputs=[('/t', 0, 1)]), 0.0)
+    readers = {'/t': 2}.__getitem__
+    assert group.unmatched_readers(readers, 1, 0.0) == [
+        'the live page: nothing received', 'source: /t is connected to 1 of 2 readers']
+    group.hear(said('source', until=1, outputs=[('/t', 0, 2)]), 0.0)
+    group.hear(said(PAGE, inputs=[('/t', 0, 0)]), 0.0)
+    assert group.unmatched_readers(readers, 1, 0.0) == [
+        'the live page: is not connected to the publisher of /t']
+    group.hear(said(PAGE, inputs=[('/t', 0, 1)]), 0.0)
+    assert group.unmatched_readers(readers, 1, 0.0) == []
+
+
+def test_who_was_there_at_the_start_owes_the_first_messages_too() -> None:
+    group = LockstepGroup(['source', 'reader'])
+    for name in ('reader', PAGE):
+        group.hear(said(name, inputs=[('/t', 0, 1)]), 0.0)
+    group.hear(said('source', until=100, outputs=[('/t', 99, 1)]), 0.0)
+    assert (group.behind(100), group.spectators_lag(1.0)) == ([], 0), 'who joins late owes nothing'
+    group.begin(9)
+    assert [reason.partition(':')[0] for reason in group.behind(100)] == ['reader']
+    assert group.spectators_lag(1.0) == 90
+    for count in (5, 0):  # started anew
+        again = said('reader', inputs=[('/t', 0, 1)])
+        again.received = [count]
+        group.hear(again, 2.0)
+    assert group.behind(100) == []
+
+
 def test_time_goes_on_only_when_all_that_was_published_is_dealt_with() -> None:
     group = LockstepGroup(['source', 'reader'])
     group.hear(said('source', until=90, outputs=[('/t', 88, 1)]), 0.0)

@@ -1,0 +1,57 @@
+"""Claims about the bag of a test that is saved from the page: its messages, each once."""
+
+import numpy as np
+import pytest
+
+from saddlering_interfaces.msg import ReplayProgress
+from saddlering_ros.bags.wire import encode_samples
+from saddlering_ros.live.session import Session
+from saddlering_ros.live.traces import TestCurves
+from saddlering_ros.live.watcher import Watcher
+from saddlering_ros.record.samples import Samples
+from saddlering_ros.record.topics import LOAD, PROBES
+
+STAMPS = 10**18 + 10_000_000 * np.arange(100)
+CURVES = {number: TestCurves(number, int(STAMPS[0]), int(STAMPS[-1]), 10**7, {}, {})
+          for number in (1, 2)}
+
+
+def messages(topic, rows=slice(None), value=1e-3):
+    """Messages of a topic as they come from the network."""
+    stamps = STAMPS[rows]
+    return encode_samples(Samples(stamps, np.full(len(stamps), value), 0.0, 2e-3), topic)
+
+
+def test_a_bag_that_is_replayed_twice_is_saved_with_each_message_once():
+    session = Session()
+    for number, value in ((1, 1e-3), (2, 1.5e-3)):
+        session.follow(number, '')
+        session.keep(PROBES[0].name, messages(PROBES[0], value=value))
+    for number, value in ((1, 1e-3), (2, 1.5e-3)):
+        _, flows = session.messages(CURVES[number])
+        assert [message for _, message in flows[PROBES[0].name]] == messages(
+            PROBES[0], value=value)
+
+
+def test_messages_that_came_before_the_load_of_their_test_are_saved_with_it():
+    session = Session()
+    session.keep(PROBES[0].name, messages(PROBES[0], slice(0, 20)))
+    session.follow(2, '')
+    session.keep(PROBES[0].name, messages(PROBES[0], slice(20, 100)))
+    assert len(session.messages(CURVES[2])[1][PROBES[0].name]) == 100
+
+
+@pytest.mark.ros
+def test_messages_of_a_probe_that_a_replay_sent_and_that_did_not_come_are_counted(ros_domain):
+    with Watcher(ros_domain) as watcher:
+        watcher.traces.push('load', STAMPS, np.ones((1, 100)))
+        for topic, rows in ((LOAD, slice(None)), *((probe, slice(None)) for probe in PROBES[1:]),
+                            (PROBES[0], slice(20, 100))):
+            watcher.session.keep(topic.name, messages(topic, rows))
+        watcher._replay = {'state': 'finished'}
+        watcher._on_progress(ReplayProgress(
+            outputs=[topic.name for topic in (LOAD, *PROBES)], published=[100] * 5))
+        assert watcher.state()['missing'] == '20 of 100 samples of probe_1'
+        watcher.session.keep(PROBES[0].name, messages(PROBES[0], slice(0, 20)))
+        watcher._sensors['probe_1'].received += 20
+        assert watcher.state()['missing'] == ''
