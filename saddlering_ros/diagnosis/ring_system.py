@@ -31,7 +31,7 @@ from saddlering_ros.ring.roller_scatter import (
     scatter_columns,
     SimulatedCourse,
 )
-from saddlering_ros.ring.simulator import Additions, probe_means
+from saddlering_ros.ring.simulator import Additions, probe_batch
 
 Array = NDArray[np.float64]
 
@@ -240,16 +240,9 @@ class RingSystem:
         self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]
     ) -> Array:
         grid: LoadGrid = run.payload
-        means = probe_means(
-            self.rig,
-            candidates,
-            grid.elevation,
-            grid.time,
-            grid.load,
-            (grid.first, grid.last),
-            grid.zero_load,
-            max_step=grid.max_step,
-        )
+        means = probe_batch(
+            self.rig, candidates, grid.elevation, grid.time, grid.load, grid.zero_load,
+            grid.max_step, (grid.first, grid.last))
         return np.clip(_finite(means), -10.0 * FAILED, 10.0 * FAILED)
 
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:

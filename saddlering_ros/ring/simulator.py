@@ -323,37 +323,19 @@ def dynamic_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: ArrayLi
     return np.ascontiguousarray(motion.transpose(0, 2, 1))
 
 
-def probe_batch(rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]], elevation: float,
-                time: ArrayLike, load: ArrayLike, zero_load: float | None = None,
-                max_step: float = 1e-3) -> Floats:
+def probe_batch(
+    rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]], elevation: float,
+    time: ArrayLike, load: ArrayLike, zero_load: float | None = None, max_step: float = 1e-3,
+    blocks: tuple[NDArray[np.intp], NDArray[np.intp]] | None = None
+) -> Floats:
     """Probe increments (B, 4, N) [m] of each (contact law (6,), extension) over a record.
 
+    If blocks of samples [start, stop) are given, the increments are means over these (B, 4, M).
     The zero is the equilibrium at `zero_load` [N] (load[0] if None), where the record starts.
     NaN where a time step did not converge, and everywhere for a law that is not finite. Raises
     SimulationError if time, a load, the elevation or the step is not finite.
     Where a clock offset needs samples outside the record, its first or last value is used.
     """
-    readings = _probe_readings(rig, candidates, elevation, time, load, zero_load, max_step)
-    return np.ascontiguousarray(readings.transpose(0, 2, 1))
-
-
-def probe_means(
-    rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]], elevation: float,
-    time: ArrayLike, load: ArrayLike, blocks: tuple[NDArray[np.intp], NDArray[np.intp]],
-    zero_load: float | None = None, max_step: float = 1e-3
-) -> Floats:
-    """Means (B, 4, M) of `probe_batch` over M blocks of samples [start, stop)."""
-    readings = _probe_readings(rig, candidates, elevation, time, load, zero_load, max_step)
-    means = np.empty((len(readings), 4, blocks[0].size))
-    courses.block_means(readings, *blocks, means)
-    return means
-
-
-def _probe_readings(
-    rig: Rig, candidates: Sequence[tuple[ArrayLike, RingExtension]], elevation: float,
-    time: ArrayLike, load: ArrayLike, zero_load: float | None, max_step: float
-) -> Floats:
-    """`probe_batch` as (B, N, 4)."""
     contacts = np.array([np.asarray(contact, dtype=np.float64) for contact, _ in candidates])
     extensions = [extension for _, extension in candidates]
     m, rows = _models(rig, contacts, elevation, extensions)
@@ -375,7 +357,11 @@ def _probe_readings(
     for row, extension in zip(increments, extensions, strict=True):
         if extension.clock_offset != 0.0 or extension.clock_skew != 0.0:
             row[:] = of_probes_clock(row.T, extension, seconds).T
-    return increments
+    if blocks is None:
+        return np.ascontiguousarray(increments.transpose(0, 2, 1))
+    means = np.empty((len(increments), 4, blocks[0].size))
+    courses.block_means(increments, *blocks, means)
+    return means
 
 
 def of_probes_clock(increments: Floats, extension: RingExtension, seconds: Floats) -> Floats:

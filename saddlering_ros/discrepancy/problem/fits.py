@@ -349,17 +349,17 @@ class GainMetric:
     """The metric of the gain for refits: weighted residuals in every view, scaled to `unit`."""
 
     problem: Problem
-    unit: float = 1.0
+    unit: float
+
+    @classmethod
+    def about(cls, problem: Problem, fit: Fit) -> GainMetric:
+        """The metric in which the residual of a fit has a mean square of one."""
+        seen = problem.in_views(fit.prediction - problem.measured)
+        return cls(problem, max(float(np.sqrt(seen @ seen / seen.size)), 1e-12))
 
     def whiten(self, columns: Array) -> Array:
         """Stacked columns (n, B) or (n,) in their views, weighted by time, over the range."""
-        problem = self.problem
-        parts = [
-            (seen.T * (problem.root_weights(run, view) / problem.view_ranges[view])).T
-            for view in problem.system.views
-            for run, seen in zip(problem.runs, problem.view_residuals(columns, view), strict=True)
-        ]
-        return np.concatenate(parts) / self.unit
+        return self.problem.in_views(columns) / self.unit
 
 
 def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
@@ -371,9 +371,7 @@ def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     base, rounds = problem.system.base_parameters, problem.settings.max_rounds
     answers = []
     for fit in fits:
-        start = GainMetric(problem).whiten(fit.prediction - problem.measured)
-        unit = max(float(np.sqrt(start @ start / start.size)), 1e-12)
-        metric = GainMetric(problem, unit)
+        metric = GainMetric.about(problem, fit)
         starts = [fit.theta_unit]
         if not fit.candidate.effects:
             starts.append(declared_start(base))
@@ -400,53 +398,32 @@ def ratio(before: float, after: float) -> float:
 
 
 def gain_of(problem: Problem, less: Fit, more: Fit) -> Gain:
-    """Gain of `more` over `less` on the fitted runs, and on runs held out."""
+    """Gain of `more` over `less` on the fitted runs, and on runs held out, without a refit."""
     if not more.candidate.effects:
         return Gain(0.0, 0.0, 'none')
-    fitted = fitted_gain(problem, less, more)
-    if problem.held_out:
-        value = held_out_gain(problem, problem.held_out, less, more)
+    runs, held, both = problem.runs, problem.held_out, (less, more)
+    fitted = ratio(*(
+        mean_square(problem, runs, problem.by_run(fit.prediction - problem.measured))
+        for fit in both))
+    if held:
+        predicted = [problem.system.predict_many(run, [fit.point for fit in both]) for run in held]
+        before, after = (
+            [channels[number] - run.channels
+             for channels, run in zip(predicted, held, strict=True)] for number in (0, 1))
+        value = ratio(mean_square(problem, held, before), mean_square(problem, held, after))
         if not np.isfinite(value):
             return Gain(fitted, None, 'the simulator failed on a held-out run')
         return Gain(fitted, value, 'held out')
-    if len(problem.runs) < 2:
+    if len(runs) < 2:
         return Gain(fitted, None, 'one run only')
-    return Gain(fitted, left_out_gain(problem, less, more), 'held out in turn')
-
-
-def fitted_gain(problem: Problem, less: Fit, fit: Fit) -> float:
-    """Gain on the runs that were fitted."""
-    before, after = (
-        mean_square(problem, problem.runs, problem.by_run(model.prediction - problem.measured))
-        for model in (less, fit)
-    )
-    return ratio(before, after)
-
-
-def held_out_gain(problem: Problem, held: Sequence[RunBlocks], less: Fit, fit: Fit) -> float:
-    """Gain on held-out runs, without a refit."""
-    before, after = [], []
-    for run in held:
-        both = problem.system.predict_many(run, [less.point, fit.point])
-        before.append(both[0] - run.channels)
-        after.append(both[1] - run.channels)
-    return ratio(mean_square(problem, held, before), mean_square(problem, held, after))
-
-
-def left_out_gain(problem: Problem, less: Fit, more: Fit) -> float:
-    """Gain on each run, predicted from the others by one Gauss-Newton step without it."""
-    return ratio(_left_out(problem, less), _left_out(problem, more))
-
-
-def _left_out(problem: Problem, fit: Fit) -> float:
-    """Mean square of the runs, each predicted from the others."""
-    return mean_square(problem, problem.runs, left_out_residuals(problem, fit))
+    left_out = ratio(*(
+        mean_square(problem, runs, left_out_residuals(problem, fit)) for fit in both))
+    return Gain(fitted, left_out, 'held out in turn')
 
 
 def left_out_residuals(problem: Problem, fit: Fit) -> list[Array]:
     """Residuals (C, N) of each run, predicted from the others by one Gauss-Newton step."""
-    start = GainMetric(problem).whiten(fit.prediction - problem.measured)
-    metric = GainMetric(problem, max(float(np.sqrt(start @ start / start.size)), 1e-12))
+    metric = GainMetric.about(problem, fit)
     residual = metric.whiten(fit.prediction - problem.measured)
     sensitivities = tangent(metric, fit)
     lengths = [run.time.size for _ in problem.system.views for run in problem.runs]

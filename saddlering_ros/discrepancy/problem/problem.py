@@ -293,6 +293,17 @@ class Problem:
         weights = self.sample_weights(run, view)
         return np.asarray(np.sqrt(weights / weights.sum()))
 
+    def in_views(self, columns: Array) -> Array:
+        """Stacked columns (n, B) or (n,) in every view and run, over the range of the view.
+
+        The squares of a column add up to the mean squares over time of all views and runs.
+        """
+        return np.concatenate([
+            (seen.T * (self.root_weights(run, view) / self.view_ranges[view])).T
+            for view in self.system.views
+            for run, seen in zip(self.runs, self.view_residuals(columns, view), strict=True)
+        ])
+
     def view_sizes(self, residual: Array, view: str) -> list[float]:
         """Rms of stacked residuals (n,) in one view, as shares of its range, run by run."""
         return [self.mean_square(seen, run, view) ** 0.5 / self.view_ranges[view]

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit
-from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.lack_of_fit import SlowResidual
 from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace
@@ -219,35 +219,24 @@ class Comparison:
 def _explained(space: ModelSpace, less: Fit, more: Fit) -> Sizes:
     """Rms share of range that `more` explains beside `less`, per view one number per run.
 
-    It is at most the size of its change. If the residual is large, a small shift of base
-    parameters reduces it as much as an effect would.
+    It is the root of the fall of the mean square residual, at most the size of the change: if the
+    residual is large, a small shift of base parameters reduces it as much as an effect would.
+    Nuisance parameters are fitted to both residuals first, so that small errors of a sound system
+    do not count.
     """
-    falls = _visible_falls(space.metric, less.prediction, more.prediction)
-    changes = space.scale.by_run(more.prediction - less.prediction)
-    return {view: np.minimum(fall, changes[view]) for view, fall in falls.items()}
-
-
-def _visible_falls(metric: Metric, less: Array, more: Array) -> dict[str, Array]:
-    """Fall of the rms residual between two predictions (n,): per view one number per run.
-
-    The fall is a difference of squares, as a share of the range of the view. Nuisance
-    parameters are fitted to both residuals first, so that small errors of a sound system do
-    not count.
-    """
-    problem = metric.problem
+    metric, problem = space.metric, space.metric.problem
     measured = problem.measured
-    less, more = (measured + metric.without_nuisances(prediction - measured)
-                  for prediction in (less, more))
-    falls: dict[str, Array] = {}
+    before, after = (metric.without_nuisances(fit.prediction - measured) for fit in (less, more))
+    changes = space.scale.by_run(more.prediction - less.prediction)
+    explained: dict[str, Array] = {}
     for view in problem.system.views:
-        seen = zip(problem.runs, problem.view_residuals(less - measured, view),
-                   problem.view_residuals(more - measured, view), strict=True)
-        powers = [
-            problem.mean_square(before, run, view) - problem.mean_square(after, run, view)
-            for run, before, after in seen
-        ]
-        falls[view] = np.sqrt(np.maximum(powers, 0.0)) / problem.view_ranges[view]
-    return falls
+        seen = zip(problem.runs, problem.view_residuals(before, view),
+                   problem.view_residuals(after, view), strict=True)
+        powers = [problem.mean_square(old, run, view) - problem.mean_square(new, run, view)
+                  for run, old, new in seen]
+        falls = np.sqrt(np.maximum(powers, 0.0)) / problem.view_ranges[view]
+        explained[view] = np.minimum(falls, changes[view])
+    return explained
 
 
 def _misfit_with_inflated_nuisances(space: ModelSpace, fit: Fit) -> float:

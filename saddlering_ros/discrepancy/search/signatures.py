@@ -29,7 +29,7 @@ class ChangeScale:
         self._problem = problem
         self._edges = np.cumsum([
             run.time.size for _ in problem.system.views for run in problem.runs])[:-1]
-        self._base = orthonormal(self._seen(base_plain))
+        self._base = orthonormal(problem.in_views(base_plain))
 
     def beyond_base_of_each(self, changes: Array) -> Array:
         """Largest rms (B,) over runs and views of stacked changes (n, B), as shares of range."""
@@ -43,18 +43,9 @@ class ChangeScale:
 
     def _sizes(self, changes: Array) -> Array:
         """Rms (V R, B) of stacked changes (n, B) per view and run."""
-        joined = self._seen(changes)
+        joined = self._problem.in_views(changes)
         left = joined - self._base @ (self._base.T @ joined)
         return np.array([np.linalg.norm(part, axis=0) for part in np.split(left, self._edges)])
-
-    def _seen(self, changes: Array) -> Array:
-        """Changes (n, B) in every view and run; their squares add up to a mean square share."""
-        problem = self._problem
-        return np.concatenate([
-            seen * (problem.root_weights(run, view) / problem.view_ranges[view])[:, None]
-            for view in problem.system.views
-            for run, seen in zip(problem.runs, problem.view_residuals(changes, view), strict=True)
-        ])
 
 
 def orthonormal(columns: Array) -> Array:
