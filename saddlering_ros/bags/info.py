@@ -124,16 +124,22 @@ def bag_info(
             problems.append(str(fault))
     problems += [f'{found.path}: {problem}' for problem in facts.problems]
     problems += _faults_of_readings(found.path, raw, rig)
-    run = None
     read = raw if problems or not absent else {**raw, absent: mirrored_topic(rig, raw)}
     record = RawRecord(found.path, read, facts, found.notes)
+    run, count = None, None
     if not problems:
-        run = _try_run(record, facts, rig, problems)
-    count = None
+        try:
+            run = run_of_record(record, facts, rig)
+        except BagError as fault:
+            problems.append(str(fault))
     if run is not None:
-        notes += run.notes
-        notes += lines(findings_on_rig(rig, run, record))
-        count = _plateau_count(run, problems)
+        notes += [*run.notes, *lines(findings_on_rig(rig, run, record))]
+    if run is not None and run.test == 'static':
+        try:
+            count = len(plateaus(run, errors=False))
+        except BagError as fault:
+            problems.append(str(fault))
+            count = 0
     return _assemble(found, facts, raw, run, count, problems, notes)
 
 
@@ -152,26 +158,6 @@ def _faults_of_readings(path: Path, raw: dict[str, RawTopic], rig: Rig) -> list[
         except BagError as fault:
             faults.append(str(fault))
     return faults
-
-
-def _try_run(
-    record: RawRecord, facts: TestMetadata, rig: Rig, problems: list[str],
-) -> Record | None:
-    try:
-        return run_of_record(record, facts, rig)
-    except BagError as fault:
-        problems.append(str(fault))
-        return None
-
-
-def _plateau_count(run: Record, problems: list[str]) -> int | None:
-    if run.test != 'static':
-        return None
-    try:
-        return len(plateaus(run, errors=False))
-    except BagError as fault:
-        problems.append(str(fault))
-        return 0
 
 
 def _assemble(

@@ -217,7 +217,7 @@ def put_in_order(
     """
     if len(stamps) > 1 and extremes(stamps) == (0, 0):
         raise BagError(f'{where}: all stamps are zero: let the driver fill header.stamp')
-    if len(stamps) and not count_where(_goes_back, stamps, ahead=1):
+    if len(stamps) and not count_where(lambda part: part[1:] <= part[:-1], stamps, ahead=1):
         _check_leaps(where, stamps)
         return StampOrder(slice(None), 0, 0)
     lateness = _lateness(stamps)
@@ -229,10 +229,6 @@ def put_in_order(
     _check_leaps(where, ordered)
     keep = _without_duplicates(where, ordered, values[order])
     return StampOrder(order[keep], int(late.sum()), len(stamps) - int(keep.sum()))
-
-
-def _goes_back(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    return np.asarray(stamps[1:] <= stamps[:-1])
 
 
 def _lateness(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -289,17 +285,13 @@ def _going_back(where: str, stamps: NDArray[np.int64], index: int, furthest: int
 
 
 def _check_leaps(where: str, ordered: NDArray[np.int64]) -> None:
-    if not count_where(_leaps, ordered, ahead=1):
+    if not count_where(lambda part: np.diff(part) > LONGEST_LEAP_NS, ordered, ahead=1):
         return
     leaps = np.diff(ordered)
     index = int(np.argmax(leaps))
     raise BagError(
         f'{where}: stamps leap ahead by {leaps[index] / 1e9:.6g} s behind stamp '
         f'{ordered[index]} ns: the clock was set, or a header.stamp was not filled; record again')
-
-
-def _leaps(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    return np.asarray(np.diff(stamps) > LONGEST_LEAP_NS)
 
 
 def _without_duplicates(

@@ -185,24 +185,17 @@ class Scan:
     @property
     def notes(self) -> tuple[str, ...]:
         """Faults of the bag as a whole that do not prevent its use."""
-        return (*self._notes_on_completeness(), *self._notes_on_unlisted_files())
-
-    def _notes_on_completeness(self) -> tuple[str, ...]:
-        said = self.directory.message_count
-        if self.cuts:
-            return tuple(f'{_said(cut)}; {self.readable_part}' for cut in self.cuts)
-        if said is None or said == self.message_count:
-            return ()
-        return (f'metadata.yaml counts {said} messages and the files hold {self.message_count}: '
-                '"ros2 bag reindex" corrects the count',)
-
-    def _notes_on_unlisted_files(self) -> tuple[str, ...]:
-        names = self.directory.unlisted
-        if not names:
-            return ()
-        more = f' and {len(names) - 3} more' if len(names) > 3 else ''
-        return (f'not read, because metadata.yaml does not list them: {", ".join(names[:3])}{more}'
-                '; "ros2 bag reindex" lists every file, if they belong to this test',)
+        notes = [f'{_said(cut)}; {self.readable_part}' for cut in self.cuts]
+        said, names = self.directory.message_count, self.directory.unlisted
+        if not self.cuts and said not in (None, self.message_count):
+            notes.append(f'metadata.yaml counts {said} messages and the files hold '
+                         f'{self.message_count}: "ros2 bag reindex" corrects the count')
+        if names:
+            more = f' and {len(names) - 3} more' if len(names) > 3 else ''
+            notes.append(f'not read, because metadata.yaml does not list them: '
+                         f'{", ".join(names[:3])}{more}; "ros2 bag reindex" lists every file, if '
+                         'they belong to this test')
+        return tuple(notes)
 
     @property
     def readable_part(self) -> str:

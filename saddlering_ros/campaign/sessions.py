@@ -7,6 +7,7 @@ a line a bag, as manifest.parquet and as manifest.csv; an edited CSV overrides t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 import csv
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -298,12 +299,8 @@ def _time_of(metadata: dict[str, str], start: int | None) -> float | None:
     """The date that the bag states, else the first stamp of its recorder [s since 1970]."""
     stated = metadata.get('date', '').strip()
     if stated:
-        try:
-            date = datetime.fromisoformat(stated.replace('Z', '+00:00'))
-        except ValueError:
-            date = None
-        if date is not None:
-            return date.replace(tzinfo=date.tzinfo or timezone.utc).timestamp()
+        with suppress(ValueError):
+            return _seconds(stated)
     return None if start is None else start / 1e9
 
 
@@ -412,10 +409,15 @@ def _hours(path: Path, text: str) -> float | None:
 
 def _time(path: Path, text: str) -> float:
     try:
-        date = datetime.fromisoformat(text.replace('Z', '+00:00'))
+        return _seconds(text)
     except ValueError:
         raise CampaignError(f'{path}: date is {text!r}: give it as 2026-11-20 or '
                             '2026-11-20T08:00:00Z') from None
+
+
+def _seconds(text: str) -> float:
+    """The time [s since 1970] of an ISO date, in UTC where it states no zone."""
+    date = datetime.fromisoformat(text.replace('Z', '+00:00'))
     return date.replace(tzinfo=date.tzinfo or timezone.utc).timestamp()
 
 

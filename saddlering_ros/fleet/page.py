@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from saddlering_ros.fleet.drifts import Drift, words_of
+from saddlering_ros.fleet.drifts import words_of
 from saddlering_ros.fleet.judgement import Fleet, RingJudgement
 from saddlering_ros.fleet.observations import Array, COORDINATES
 from saddlering_ros.pages import html
@@ -30,7 +30,9 @@ def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
     return html.page('Fleet of rings', [
         '<h1>Rings and rigs of this campaign</h1>', _tiles(fleet, flagged, failures),
         _needs_a_person(fleet, flagged), _histories(fleet), _all_rings(fleet),
-        _failures(failures), _method(fleet),
+        html.section('Sessions without a verdict', html.table(
+            ['session', 'reason'], [[name, reason] for name, reason in failures])),
+        _method(fleet),
     ])
 
 
@@ -48,7 +50,8 @@ def _tiles(
 
 
 def _needs_a_person(fleet: Fleet, flagged: Sequence[RingJudgement]) -> str:
-    rigs = [_rig_line(drift) for drift in fleet.rigs]
+    rigs = [f'Rig {drift.owner}: most of its rings drift together ({words_of(drift.group)}). The '
+            f'rig is at fault, not the rings. {drift.next_test}' for drift in fleet.rigs]
     rows: list[list[str | html.Cell]] = [
         [ring.ring, ring.bench, '; '.join(ring.reasons), _next_test(ring), _life(ring),
          _links(ring)]
@@ -58,11 +61,6 @@ def _needs_a_person(fleet: Fleet, flagged: Sequence[RingJudgement]) -> str:
     nothing = '' if rows or rigs else html.paragraph('No ring and no rig needs attention.')
     return html.section('Rings and rigs that need attention', html.bullets(rigs),
                         html.table(head, rows), nothing)
-
-
-def _rig_line(drift: Drift) -> str:
-    return (f'Rig {drift.owner}: most of its rings drift together ({words_of(drift.group)}). The '
-            f'rig is at fault, not the rings. {drift.next_test}')
 
 
 def _next_test(ring: RingJudgement) -> str:
@@ -154,11 +152,6 @@ def _all_rings(fleet: Fleet) -> str:
             '; '.join(ring.reasons)])
     return html.section('All rings by concern', html.table(
         head, rows, 'z: distance from the other rings in standard deviations'))
-
-
-def _failures(failures: Sequence[tuple[str, str]]) -> str:
-    rows = [[name, reason] for name, reason in failures]
-    return html.section('Sessions without a verdict', html.table(['session', 'reason'], rows))
 
 
 def _method(fleet: Fleet) -> str:

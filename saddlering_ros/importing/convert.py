@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import fnmatch
 from pathlib import Path
@@ -127,20 +127,12 @@ def _feeds(sources: Sequence[Source], mapping: ImportMap) -> list[Feed]:
         for source, column in find_column(held, channel.column, f'channels.{channel.name}'):
             key = (source.path, *_clock_key(source, column, channel.time or mapping.time))
             pieces[key] = _with_channel(pieces.get(key), source, column, channel, mapping)
-    return [Feed(_in_order(group), channels, mapping.split)
-            for group in _same_channels(pieces.values())]
-
-
-def _same_channels(pieces: Iterable[Piece]) -> list[list[Piece]]:
-    """Pieces with the same channels, which follow each other in time."""
+    # Pieces with the same channels follow each other in time.
     groups: dict[tuple[str, ...], list[Piece]] = {}
-    for piece in pieces:
+    for piece in pieces.values():
         groups.setdefault(tuple(piece.columns), []).append(piece)
-    return list(groups.values())
-
-
-def _in_order(pieces: list[Piece]) -> list[Piece]:
-    return sorted(pieces, key=first_stamp) if len(pieces) > 1 else pieces
+    return [Feed(sorted(group, key=first_stamp) if len(group) > 1 else group, channels,
+                 mapping.split) for group in groups.values()]
 
 
 def _with_channel(

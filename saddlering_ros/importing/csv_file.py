@@ -48,10 +48,6 @@ class CsvShape:
     units_line: int = 0
     first_line: int = 2
 
-    def as_map(self) -> dict[str, Any]:
-        """As a map states it."""
-        return asdict(self)
-
 
 def shape_of(path: Path, given: Mapping[str, Any]) -> tuple[CsvShape, list[list[str]]]:
     """The shape of the file, where entries of the map replace those found, and its first rows.
@@ -116,14 +112,17 @@ def _sniffed(
     for delimiter in (mark.replace('\\t', '\t') for mark in marks):
         rows = _rows([line.replace(thousands, '') for line in lines] if thousands else lines,
                      delimiter)
-        width = _width(rows)
+        later = rows[len(rows) // 2:]
+        counts = [len(row) for row in later if row]
+        width = max(set(counts), key=counts.count) if counts else 0
         if width < 2:
             continue
         for decimal in decimals:
             is_quoted = any('"' in line for line in lines[-20:])
             if decimal == thousands or (decimal == delimiter and not is_quoted):
                 continue
-            share = _share_of_numbers(rows, width, decimal)
+            cells = [cell for row in later if len(row) == width for cell in row]
+            share = sum(is_number(cell, decimal) for cell in cells) / max(len(cells), 1)
             score = share * (1.0 + 0.01 * width)
             if score > best[0] + 1e-9:
                 best = score, replace(_headings(rows, width, decimal), encoding=encoding,
@@ -132,17 +131,6 @@ def _sniffed(
         raise ImportingError(f'{path}: no columns of numbers were found: state csv: {{delimiter, '
                              'decimal, header_line, first_line} in the map')
     return best[1]
-
-
-def _width(rows: Sequence[Sequence[str]]) -> int:
-    """The number of columns that most of the later rows have."""
-    counts = [len(row) for row in rows[len(rows) // 2:] if row]
-    return max(set(counts), key=counts.count) if counts else 0
-
-
-def _share_of_numbers(rows: Sequence[Sequence[str]], width: int, decimal: str) -> float:
-    cells = [cell for row in rows[len(rows) // 2:] if len(row) == width for cell in row]
-    return sum(is_number(cell, decimal) for cell in cells) / max(len(cells), 1)
 
 
 def is_number(cell: str, decimal: str) -> bool:
@@ -207,7 +195,7 @@ class CsvSource(Source):
 
     def settings(self) -> dict[str, Any]:
         """The shape as a map states it."""
-        return self.shape.as_map()
+        return asdict(self.shape)
 
     def blocks(
         self, names: Sequence[str], as_text: Collection[str] = (),

@@ -70,7 +70,10 @@ class Piece:
             cells = block[self.time.column]
             if cells.dtype.kind == 'O':
                 cells = self.source.number_texts(self.time.column, cells, first)
-            return self._checked(self.time.column, self.time.stamps(cells))
+            if self.source.column(self.time.column).kind == MOMENT:
+                raise ImportingError(f'{self.source.path}: column {self.time.column} holds dates: '
+                                     'give format: file in place of its unit')
+            return self.time.stamps(cells)
         if isinstance(self.time, DatedTime):
             return self.time.stamps([block[name] for name in self.time.columns])
         return self._own_stamps(block, first, count)
@@ -85,12 +88,6 @@ class Piece:
         if isinstance(self.time, DatedTime):
             return f'{shown!r} does not fit {self.time.format}'
         return f'{shown!r} is no number'
-
-    def _checked(self, name: str, stamps: Stamps) -> Stamps:
-        if self.source.column(name).kind == MOMENT:
-            raise ImportingError(f'{self.source.path}: column {name} holds dates: give format: '
-                                 'file in place of its unit')
-        return stamps
 
     def _timing(self) -> Timing | None:
         column = self.source.column(next(iter(self.columns.values())))

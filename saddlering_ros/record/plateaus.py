@@ -159,7 +159,8 @@ def plateau_means(
 
 def find_holds(time: NDArray[np.float64], load: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Stretches [start, stop) of samples over which the load is held, in order."""
-    span = _range(load)
+    low, high = np.percentile(spread(load), [0.5, 99.5])
+    span = float(high - low)
     if len(load) < 2 * MIN_SAMPLES or span <= 0.0:
         return []
     best: list[tuple[int, int]] = []
@@ -173,11 +174,6 @@ def find_holds(time: NDArray[np.float64], load: NDArray[np.float64]) -> list[tup
         if len(holds) >= MIN_PLATEAUS and share > best_share + 0.1:
             best, best_share = holds, share
     return best if best_share >= 0.2 else []
-
-
-def _range(load: NDArray[np.float64]) -> float:
-    low, high = np.percentile(spread(load), [0.5, 99.5])
-    return float(high - low)
 
 
 def _holds(
@@ -344,14 +340,17 @@ def _standard_errors(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     counts = np.zeros(longest)
     for part in parts:
         size = len(part)
-        sums[:size] += _autocovariance_sums(part - part.mean())
+        # Sums of x_i x_(i+k) for k = 0, 1, ..., by Fourier transform.
+        spectrum = np.fft.rfft(part - part.mean(), 2 * size)
+        sums[:size] += np.fft.irfft(np.abs(spectrum) ** 2, 2 * size)[:size]
         counts[:size] += size - np.arange(size)
     covariance = sums / counts
     if covariance[0] <= 0.0:
         return np.zeros(len(parts))
     typical = int(np.median([len(part) for part in parts]))
     corrected = _corrected_for_mean(covariance, typical)
-    window = _window(corrected / corrected[0], typical)
+    # Sokal's window: the first lag K with K >= 5 tau(K); None if there is none.
+    window = _window_of(*_partial_inflation(corrected / corrected[0], typical))
     if window is None or 4 * window > typical:
         corrected = _modelled(covariance[:typical], counts[:typical], longest)
     correlation = corrected / corrected[0]
@@ -359,13 +358,6 @@ def _standard_errors(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     errors = [np.sqrt(corrected[0] * _inflation(correlation, size) / size)
               for size in sizes.tolist()]
     return np.array(errors)[members]
-
-
-def _autocovariance_sums(deviation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum of x_i x_(i+k) for k = 0, 1, ..., by Fourier transform."""
-    size = len(deviation)
-    spectrum = np.fft.rfft(deviation, 2 * size)
-    return np.asarray(np.fft.irfft(np.abs(spectrum) ** 2, 2 * size)[:size])
 
 
 def _corrected_for_mean(covariance: NDArray[np.float64], size: int) -> NDArray[np.float64]:
@@ -443,13 +435,8 @@ def _after_mean(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(covariance + with_mean.mean() - 2.0 * heads / np.arange(size, 0, -1))
 
 
-def _window(correlation: NDArray[np.float64], size: int) -> int | None:
-    """Sokal's window: the first lag K with K >= 5 tau(K); None if there is none."""
-    return _window_of(*_partial_inflation(correlation, size))
-
-
 def _window_of(lags: NDArray[np.int64], terms: NDArray[np.float64]) -> int | None:
-    """`_window` of partial sums `terms` up to each of the lags."""
+    """Sokal's window of partial sums `terms` up to each of the lags."""
     enough = lags >= 5.0 * np.maximum(terms, 0.2)
     first = int(np.argmax(enough)) if len(enough) else 0
     return int(lags[first]) if len(enough) and enough[first] else None

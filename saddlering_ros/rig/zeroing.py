@@ -99,8 +99,11 @@ class ZeroWindow:
         """Add a sample: time [s], load [N], gaps [m] (none for a node that sees the load only)."""
         index = self._count
         self._count += 1
-        if self._samples and self._closes(time, load):
-            if self._rested():
+        is_over = (time - self._opened_at > WINDOW_SECONDS
+                   or abs(load - self._first_load) > self._steady)
+        if self._samples and is_over:
+            if (self._samples >= MIN_SAMPLES
+                    and self._newest - self._opened_at >= MIN_WINDOW_SECONDS):
                 return self._reading(index)
             self._open()
         if not self._anywhere and load > self._highest:
@@ -114,14 +117,6 @@ class ZeroWindow:
         for i, gap in enumerate(gaps):
             self._gap_sums[i] += gap
         return None
-
-    def _rested(self) -> bool:
-        return (self._samples >= MIN_SAMPLES
-                and self._newest - self._opened_at >= MIN_WINDOW_SECONDS)
-
-    def _closes(self, time: float, load: float) -> bool:
-        return (time - self._opened_at > WINDOW_SECONDS
-                or abs(load - self._first_load) > self._steady)
 
     def _reading(self, end: int) -> ZeroReading:
         load = self._load_sum / self._samples
