@@ -28,6 +28,9 @@ AFTER = '#1f6fb2'
 NOISE = '#9aa5b1'
 UP, DOWN = '#c77700', '#00798c'
 
+MAIN, STRIP = 3.0, 1.25
+"""Heights of a channel and of its misfit below."""
+
 FONT = {
     'font.family': 'DejaVu Sans', 'font.size': 9.0, 'axes.titlesize': 10.0,
     'axes.labelsize': 9.0, 'legend.fontsize': 8.0, 'axes.grid': True, 'grid.color': '#e4e8ec',
@@ -179,6 +182,33 @@ def markers(x: ArrayLike, y: ArrayLike, marker: str, colour: str, name: str = ''
     """Markers at points."""
     return Series(np.asarray(x, float), np.asarray(y, float), colour, name, '', marker, size=size,
                   is_open=is_open)
+
+
+@dataclass(frozen=True)
+class Version:
+    """A simulated curve (N,) beside a measured one."""
+
+    values: Array
+    colour: str
+    name: str
+    dash: str = '-'
+
+
+def compared(
+    upper: Panel, unit: str, over: Array, measured: Array, versions: Sequence[Version],
+    bands: tuple[ShadedBand, ...] = (),
+) -> tuple[Panel, Panel]:
+    """A panel of a measured curve with its simulations, and the misfit of each below it.
+
+    upper: the panel with the measured series and its labels; unit: of the misfit; over, measured
+    (N,): both coordinates of the measured curve; bands: of the misfit.
+    """
+    simulated = tuple(line(over, one.values, one.colour, one.name, one.dash, width=1.0)
+                      for one in versions)
+    misfits = tuple(line(over, measured - one.values, one.colour, width=0.9) for one in versions)
+    return (replace(upper, series=(*upper.series, *simulated)),
+            Panel(upper.row + 1, upper.column, upper.x_label, f'misfit\n{unit}'.rstrip(), misfits,
+                  bands=bands, levels=(0.0,)))
 
 
 def without_inner_labels(panels: Sequence[Panel], rows: int) -> Iterator[Panel]:

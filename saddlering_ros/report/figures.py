@@ -28,10 +28,6 @@ BROWN_TO_PURPLE = ('#7f3b08', '#b35806', '#e08214', '#fdb863', '#fee0b6', '#f7f7
                    '#b2abd2', '#8073ac', '#542788', '#2d004b')
 """Colours by Cynthia Brewer (colorbrewer2.org), which colour-blind readers can distinguish."""
 
-MAIN, STRIP = 3.0, 1.25
-"""Heights of a channel and of its residual below."""
-
-
 def axis_label(channel: str) -> str:
     """Label of an axis that shows a channel."""
     return f'{SYMBOLS[channel]} / {MICRO_UNITS[channel]}'
@@ -49,14 +45,14 @@ def comparison(runs: Sequence[RunCurves]) -> Chart:
     return Chart(
         tuple(charts.without_inner_labels(panels, 2 * len(SHOWN))),
         width=min(11.4, 1.0 + 5.2 * len(runs)), height=1.0 + 3.0 * len(SHOWN),
-        heights=(MAIN, STRIP) * len(SHOWN), columns=len(runs), shares_x=True)
+        heights=(charts.MAIN, charts.STRIP) * len(SHOWN), columns=len(runs), shares_x=True)
 
 
 def proof(run: RunCurves, channel: str) -> Chart:
     """One channel of one run, measured and simulated, with its residual below."""
     panels = _compared(run, channel, 0, 0, with_title=False)
     return Chart(tuple(charts.without_inner_labels(panels, 2)), width=9.4, height=4.4,
-                 heights=(MAIN, STRIP), shares_x=True)
+                 heights=(charts.MAIN, charts.STRIP), shares_x=True)
 
 
 def _compared(
@@ -83,23 +79,18 @@ def _compared(
                     width=4.5, opacity=0.45)
         for here, mark, colour, words in branches_of]
     alone = 'simulated, contact law alone' if run.is_extended else 'simulated'
-    versions = [(before, charts.BEFORE, '-', alone)]
+    versions = [charts.Version(before, charts.BEFORE, alone)]
     if run.is_extended:
-        versions.append((after, charts.AFTER, '--', 'simulated, extended model'))
+        versions.append(charts.Version(after, charts.AFTER, 'simulated, extended model', '--'))
     role = 'held out' if run.held_out else 'fitted'
-    return [
-        Panel(row, column, across, axis_label(channel),
-              (*seen, *(charts.line(over, values, colour, name, dash, width=1.0)
-                        for values, colour, dash, name in versions)),
-              title=f'{run.name}: {run.elevation_deg:g}°, {role}' if with_title else ''),
-        Panel(row + 1, column, across, f'misfit\n{MICRO_UNITS[channel]}',
-              (*(charts.line(over, measured - values, colour, width=0.9)
-                 for values, colour, _, _ in versions),
-               *(markers(over[here], (measured - values)[here], mark, colour, size=4.0,
-                         is_open=True)
-                 for values, colour, _, _ in versions
-                 for here, mark, _, _ in branches_of if is_static)),
-              bands=_bands(run, channel), levels=(0.0,))]
+    title = f'{run.name}: {run.elevation_deg:g}°, {role}' if with_title else ''
+    upper, below = charts.compared(
+        Panel(row, column, across, axis_label(channel), tuple(seen), title=title),
+        MICRO_UNITS[channel], over, measured, versions, _bands(run, channel))
+    points = [
+        markers(over[here], (measured - one.values)[here], mark, colour, size=4.0, is_open=True)
+        for one in versions for here, mark, colour, _ in branches_of if is_static]
+    return [upper, replace(below, series=(*below.series, *points))]
 
 
 def _bands(run: RunCurves, channel: str) -> tuple[ShadedBand, ...]:

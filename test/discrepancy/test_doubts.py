@@ -19,6 +19,8 @@ from saddlering_ros.discrepancy import (
     Parameter,
     Run,
 )
+from saddlering_ros.pages import html
+from saddlering_ros.pages.charts import Chart
 
 TIME = np.linspace(0.0, 10.0, 400)
 DRIVE = np.sin(TIME) + 0.5 * np.sin(2.3 * TIME)
@@ -178,6 +180,26 @@ def test_the_summary_and_the_page_tell_verdict_cause_and_gain(tmp_path) -> None:
     page = (tmp_path / 'report.html').read_text()
     assert 'Verdict: named' in page
     assert 'seen in b, held out' in page
+    assert 'Next step: ' in page
+
+
+def test_the_page_of_a_model_shows_measured_and_simulated_curves_with_units_and_bands(
+    tmp_path, monkeypatch,
+) -> None:
+    charts: dict[str, Chart] = {}
+    monkeypatch.setattr(html, 'picture', lambda chart, name, _: charts.update({name: chart}) or '')
+    channel = Channel('mm', offset='free', model_error=0.001)
+    model = replace(MODEL, channels={'seen': channel}, time_unit='h')
+    found = diagnose(model, [record('a')], hold_out=[record('b', seed=2)])
+    found.write_report(tmp_path / 'report.html')
+    assert {'proof', 'misfit_1', 'misfit_2'} <= set(charts)
+    upper, below = charts['proof'].panels
+    assert (below.x_label, upper.y_label, below.y_label) == ('time / h', 'seen / mm', 'misfit\nmm')
+    assert [item.name for item in charts['proof'].named] == [
+        'measured', 'simulated, without causes', 'simulated, with the causes', '± 2 × noise',
+        '± 2 × noise and declared model error']
+    inside = np.abs(below.series[1].y) < below.bands[0].high
+    assert 0.9 < inside.mean() < 1.0
 
 
 def seen_with(noise: Noise, std: float) -> Diagnosis:

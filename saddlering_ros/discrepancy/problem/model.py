@@ -113,6 +113,7 @@ class Model:
     simulate(parameters, run) returns every channel at run.time. The parameters hold the base
     by name and those of every effect as 'effect.parameter', neutral if the effect is not in
     the model. simulate_many(list of parameters, run) replaces `simulate` if it is given.
+    time_unit: of the time axes of the page.
     """
 
     simulate: Simulate
@@ -120,6 +121,7 @@ class Model:
     effects: Mapping[str, Effect] = field(default_factory=dict)
     channels: Mapping[str, Channel] = field(default_factory=dict)
     simulate_many: SimulateMany | None = None
+    time_unit: str = ''
 
     def __post_init__(self) -> None:
         _refuse_other_types('base', self.base, Parameter)

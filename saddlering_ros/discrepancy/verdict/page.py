@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from saddlering_ros.discrepancy.problem.model_system import ModelSystem
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, RunPrediction
 from saddlering_ros.discrepancy.verdict.wording import (
     estimate_words,
@@ -17,7 +18,20 @@ from saddlering_ros.discrepancy.verdict.wording import (
 )
 from saddlering_ros.pages import html
 from saddlering_ros.pages.certainty import certainty
-from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, Panel, without_inner_labels
+from saddlering_ros.pages.charts import (
+    AFTER,
+    BEFORE,
+    Chart,
+    compared,
+    line,
+    MAIN,
+    MEASURED,
+    Panel,
+    ShadedBand,
+    STRIP,
+    Version,
+    without_inner_labels,
+)
 from saddlering_ros.pages.html import code, number
 from saddlering_ros.quantities import probability, quantity, VERDICT_WORDS
 
@@ -29,11 +43,27 @@ def write_page(answer: Diagnosis, path: Path) -> None:
     """Write the page whole, or not at all."""
     title = f'Verdict: {answer.verdict} ({VERDICT_WORDS[answer.verdict]})'
     html.write_page(path, html.page(title, [
-        f'<div class="verdict {answer.verdict}">{html.paragraph(title, "headline")}'
-        f'{html.paragraph(answer.headline)}</div>',
+        f'<div class="verdict {answer.verdict}">{html.paragraph(title, "soft")}'
+        f'{html.paragraph(answer.headline, "headline")}'
+        f'{html.paragraph(f"Next step: {_next_step(answer)}", "next")}{_proof(answer)}</div>',
         html.section('Warnings', html.bullets(answer.warnings)),
         _causes(answer), certainty(_certainty_document(answer)), _base(answer),
         _misfit(answer), _limits(answer)]))
+
+
+def _next_step(answer: Diagnosis) -> str:
+    """What to do with the verdict."""
+    if answer.next_test:
+        return answer.next_test
+    along = next((rest.along for rest in answer.remainder), '')
+    return {
+        'none': 'none is needed; the detection limits state what these data could not show.',
+        'named': 'put the cause with its size into the simulator and predict a run that was not '
+                 'fitted.',
+        'ambiguous': 'record a run in which the alternatives differ, and hold it out.',
+        'unknown': f'declare an effect that goes along {along or "what the misfit follows"}, or '
+                   'a model error as large as a sound machine leaves.',
+    }[answer.verdict]
 
 
 def _certainty_document(answer: Diagnosis) -> dict[str, Any]:
@@ -69,28 +99,88 @@ def _limits(answer: Diagnosis) -> str:
           'yes' if item.testable else 'no'] for item in answer.observability.limits]))
 
 
-def _misfit(answer: Diagnosis) -> str:
-    names = answer.fits.metric.problem.system.channel_names
-    return html.section('Misfit by run and channel', *(
-        html.picture(
-            _curves(prediction, names), f'misfit_{place + 1}',
-            f'{", ".join(names)} in {prediction.run.name}'
-            f'{", held out" if prediction.run.held_out else ""}: measured minus simulated, '
-            'without and with the causes, over time.')
-        for place, prediction in enumerate(answer.runs)))
+@dataclass(frozen=True)
+class _Channel:
+    """A channel as the page shows it; band: the half widths of its bands by their names."""
 
+    name: str
+    unit: str
+    time_unit: str
+    bands: dict[str, float]
 
-def _curves(prediction: RunPrediction, names: tuple[str, ...]) -> Chart:
-    """Residuals without and with the causes over time, a panel a channel."""
-    run = prediction.run
-    panels = []
-    for row, name in enumerate(names):
-        there = np.ones(run.time.size, bool) if run.present is None else run.present[row]
+    def panels(self, prediction: RunPrediction, place: int, row: int) -> tuple[Panel, Panel]:
+        """The channel of one run as measured and simulated, and its misfit below."""
+        run = prediction.run
+        there = np.ones(run.time.size, bool) if run.present is None else run.present[place]
         kept = np.flatnonzero(there)[::max(1, int(there.sum()) // MAX_POINTS)]
-        residuals = ((prediction.before, BEFORE, 'without the causes'),
-                     (prediction.after, AFTER, 'with the causes'))
-        panels.append(Panel(row, 0, 'time', name, tuple(
-            line(run.time[kept], (run.channels - simulated)[row, kept], colour, words, width=0.9)
-            for simulated, colour, words in residuals), levels=(0.0,)))
-    return Chart(tuple(without_inner_labels(panels, len(names))), width=9.4,
-                 height=1.0 + 1.8 * len(names), heights=(1.0,) * len(names), shares_x=True)
+        measured, before, after = (
+            values[place, kept] for values in (run.channels, prediction.before, prediction.after))
+        versions = [Version(before, BEFORE, 'simulated, without causes')]
+        if not np.array_equal(before, after):
+            versions.append(Version(after, AFTER, 'simulated, with the causes', '--'))
+        upper = Panel(row, 0, f'time / {self.time_unit}' if self.time_unit else 'time',
+                      f'{self.name} / {self.unit}' if self.unit else self.name,
+                      (line(run.time[kept], measured, MEASURED, 'measured', width=3.5,
+                            opacity=0.4),))
+        bands = tuple(ShadedBand(-size, size, opacity=0.18, name=name)
+                      for name, size in self.bands.items())
+        return compared(upper, self.unit, run.time[kept], measured, versions, bands)
+
+
+def _channels(answer: Diagnosis) -> list[_Channel]:
+    """Every channel with its unit, and its bands of noise and of declared model error."""
+    metric = answer.fits.metric
+    problem, system = metric.problem, metric.problem.system
+    declared = system.model if isinstance(system, ModelSystem) else None
+    channels = []
+    for place, name in enumerate(system.channel_names):
+        scale = system.scales[place] if isinstance(system, ModelSystem) else 1.0
+        noise = np.mean([np.mean(metric.noise[run.name, place].variances(run.width))
+                         for run in problem.runs]) ** 0.5
+        bands = {'± 2 × noise': 2.0 * scale * float(noise)}
+        allowed = declared.channels[name].model_error if declared else 0.0
+        if allowed:
+            bands['± 2 × noise and declared model error'] = 2.0 * scale * float(
+                np.hypot(noise, allowed))
+        channels.append(_Channel(name, declared.channels[name].unit if declared else '',
+                                 declared.time_unit if declared else '', bands))
+    return channels
+
+
+def _proof(answer: Diagnosis) -> str:
+    """The channel and run, held out if any is, in which the causes or else the misfit are most."""
+    def size(case: tuple[RunPrediction, int]) -> tuple[bool, float]:
+        prediction, place = case
+        run = prediction.run
+        there = slice(None) if run.present is None else run.present[place]
+        apart = prediction.before if answer.causes else run.channels
+        change = float(np.std((prediction.after - apart)[place, there]))
+        return run.held_out, change / max(float(np.ptp(run.channels[place, there])), 1e-300)
+
+    channels = _channels(answer)
+    prediction, place = max(
+        ((one, row) for one in answer.runs for row in range(len(channels))), key=size)
+    panels = channels[place].panels(prediction, place, 0)
+    chart = Chart(tuple(without_inner_labels(panels, 2)), width=9.4, height=4.4,
+                  heights=(MAIN, STRIP), shares_x=True)
+    return html.picture(chart, 'proof', f'{channels[place].name} in {_place(prediction)}: '
+                        'measured and simulated; below, the misfit with its bands.')
+
+
+def _misfit(answer: Diagnosis) -> str:
+    channels = _channels(answer)
+    parts = []
+    for number_of_run, prediction in enumerate(answer.runs):
+        panels = [panel for place, channel in enumerate(channels)
+                  for panel in channel.panels(prediction, place, 2 * place)]
+        chart = Chart(tuple(without_inner_labels(panels, len(panels))), width=9.4,
+                      height=1.0 + 3.0 * len(channels), heights=(MAIN, STRIP) * len(channels),
+                      shares_x=True)
+        parts.append(html.picture(
+            chart, f'misfit_{number_of_run + 1}',
+            f'{_place(prediction)}: measured and simulated, and the misfit below each channel.'))
+    return html.section('Runs, measured and simulated', *parts)
+
+
+def _place(prediction: RunPrediction) -> str:
+    return f'{prediction.run.name}, {"held out" if prediction.run.held_out else "fitted"}'
