@@ -112,12 +112,12 @@ def test_what_acts_as_another_listed_effect_does_is_not_surely_the_one_that_is_l
     def alike(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         speed = np.asarray(run.inputs['speed'])
         seen = parameters['root.size'] * np.sign(speed) * np.sqrt(np.abs(speed))
-        seen += parameters['bent.size'] * np.arctan(8.0 * speed)
+        seen += parameters['bent.size'] * np.cbrt(speed)
         return {'seen': seen + parameters['gain'] * np.asarray(run.inputs['drive'])}
 
     effects = {'root': Effect('Root of the speed', {'size': Parameter(0, 1)}),
                'bent': Effect('Less drag', {'size': Parameter(-1, 0)})}
-    answer = found(0.3, 0.005, replace(MODEL, simulate=alike, effects=effects))
+    answer = found(0.3, 0.02, replace(MODEL, simulate=alike, effects=effects))
     assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('unknown', ['root'])
     assert any('bent, of another size or sign' in item for item in answer.warnings)
 

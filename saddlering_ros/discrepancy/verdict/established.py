@@ -16,9 +16,9 @@ import numpy as np
 from saddlering_ros.discrepancy.problem.fits import Fit, left_out_residuals
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
-from saddlering_ros.discrepancy.search.comparison import changes_of_effects, Comparison, crowded
+from saddlering_ros.discrepancy.search.comparison import Comparison, crowded
 from saddlering_ros.discrepancy.search.selection import Alternatives, stopped_sizes
-from saddlering_ros.discrepancy.search.signatures import orthonormal
+from saddlering_ros.discrepancy.search.signatures import effect_starts, orthonormal
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict.judgement import allowed_sizes, shapes_at_bounds
 from saddlering_ros.discrepancy.verdict.results import Cause, Remainder, Residual, Verdict
@@ -33,10 +33,6 @@ docs/benchmarks."""
 
 MAINLY = 0.5
 """Share of the power of a view's misfit that a cause moves where it mainly acts: half."""
-
-MAX_ALIKE = 2.0 / 3.0
-"""Largest share of the power of a cause's change that another effect may have too: beyond it the
-two have twice as much in common as not, so that these data show one direction."""
 
 MAX_OWN_KIND = 0.7
 """Share of the remainder that may go as the causes act, in other proportions."""
@@ -246,24 +242,35 @@ def own_kind_left(space: ModelSpace, fit: Fit, residual: Residual) -> list[str]:
 
 
 def shared_directions(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> list[str]:
-    """A sentence for a cause if another effect, of any size and sign, acts mainly as it does.
+    """A sentence for a cause if another effect, of any size and sign, would act beside it alike.
 
-    Where these data show little else beyond the base, an effect that is in no catalogue acts so
-    too. Alternatives and laws that contain each other are one cause.
+    Where these data show one direction beyond the base, an effect that is in no catalogue acts
+    along it too. Alternatives and laws that contain each other are one cause.
     """
-    beyond = orthonormal(space.tangent_of(space.base).white)
-    changes = space.metric.whiten(changes_of_effects(space.problem, fit))
-    changes -= beyond @ (beyond.T @ changes)
+    problem, white = space.problem, space.tangent_of(fit).white
+    base = problem.system.base_parameters
+    beyond = orthonormal(white[:, : len(base)])
     sentences = []
-    for (effect, _), change in zip(fit.candidate.effects, changes.T, strict=True):
+    for effect, _, part in fit.candidate.slices(len(base)):
         same = {*fit.candidate.ids, *effect.contains}
         same.update(*(other.candidate.ids for other in alternatives.get(effect.id, ())))
-        others = [one for one in space.signatures if one.length > 0.0
-                  and one.effect.id not in same and effect.id not in one.effect.contains]
-        share, name = max((
-            (float((change @ one.white / one.length) ** 2 / max(change @ change, 1e-300)),
-             one.effect.id) for one in others), default=(0.0, ''))
-        if share > MAX_ALIKE:
+        others = [one for one in problem.system.effects
+                  if one.id not in same and effect.id not in one.contains]
+        asked = [(one, fit.candidate.plus(one, variant), start) for one in others
+                 for variant in range(len(one.variants)) for start in effect_starts(one)]
+        if not asked:
+            continue
+        changes = problem.predict([
+            candidate.point(base, np.concatenate([fit.theta_unit, start]))
+            for _, candidate, start in asked]) - fit.prediction[:, None]
+        left = np.column_stack([white[:, part.start], space.metric.whiten(
+            np.where(np.isfinite(changes).all(axis=0), changes, 0.0))])
+        left -= beyond @ (beyond.T @ left)
+        left /= np.maximum(np.linalg.norm(left, axis=0), 1e-9)
+        shares = (left[:, 0] @ left[:, 1:]) ** 2
+        share = float(shares.max())
+        if share > MIN_TAKEN:
+            name = asked[int(shares.argmax())][0].id
             sentences.append(
                 f'{name}, of another size or sign, has {percent(share)} of the power of what '
                 f'{effect.id} changes beyond the base: an effect that is not in the catalogue '
