@@ -9,12 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saddlering_ros.estimation.process import Array
 from saddlering_ros.estimation.statistics import normal_quantile
 from saddlering_ros.quantities import compact
-
-Array = NDArray[np.float64]
 
 WIDTH_95 = normal_quantile(0.975)
 

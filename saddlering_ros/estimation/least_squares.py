@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from saddlering_ros.estimation.process import Array
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES
 
-Array = NDArray[np.float64]
 AT_BOUND = 1e-4
 """Distance from a bound, as a share of the box, within which a point is on it."""
 

@@ -12,11 +12,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from saddlering_ros.estimation import process
-from saddlering_ros.estimation.process import ChannelNoise, EstimationError, TIME_CONSTANTS
+from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, TIME_CONSTANTS
 from saddlering_ros.estimation.rest import RestSegment
 from saddlering_ros.estimation.statistics import (
     allan_columns,
@@ -24,8 +23,6 @@ from saddlering_ros.estimation.statistics import (
     block_means,
     RowTotals,
 )
-
-Array = NDArray[np.float64]
 
 MODEL_ERROR = 0.02
 """Relative error of a mixture of relaxations, because no real noise is exactly one."""

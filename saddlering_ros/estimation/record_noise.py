@@ -19,16 +19,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.optimize import nnls
 
 from saddlering_ros.estimation import process, statistics
 from saddlering_ros.estimation.noise import MIN_SAMPLES, MIN_WHITE, Statistics
-from saddlering_ros.estimation.process import ChannelNoise, EstimationError
+from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError
 from saddlering_ros.estimation.statistics import allan_columns
-
-Array = NDArray[np.float64]
 
 PARTS_PER_DECADE = 2
 """Relaxations per decade of time constants: closer ones cannot be separated."""

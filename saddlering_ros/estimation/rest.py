@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from saddlering_ros.estimation.process import Array
+
 Stretches = list[tuple[int, int]]
 
 BLOCK_SECONDS = 0.05

@@ -11,12 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saddlering_ros.estimation.process import Array
 from saddlering_ros.record import PROBE_TOPICS, Record
 from saddlering_ros.rig import OPPOSITE
-
-Array = NDArray[np.float64]
 
 HELD_SECONDS = 1.0
 """Time [s] after which the rounding error under a held load counts as new. It is shorter than a

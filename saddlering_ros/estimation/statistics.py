@@ -16,9 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import fdtr, fdtrc, fdtri, gammaincinv, ndtri
 
-from saddlering_ros.estimation.process import mean_correlation, mean_variance
-
-Array = NDArray[np.float64]
+from saddlering_ros.estimation.process import Array, mean_correlation, mean_variance
 
 
 def block_means(values: Array, size: int) -> Array:

@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.compiled import Compiler
 from saddlering_ros.estimation.process import (
+    Array,
     ChannelNoise,
     EstimationError,
     mean_correlation,
     mean_variance,
 )
-
-Array = NDArray[np.float64]
 
 OVERLAP = 0.1
 """Largest overlap of neighbouring blocks, as a share of a block, by jitter of stamps."""
@@ -91,7 +89,8 @@ def build_whitener(
     ahead, behind = variance * edge, edge
     if noise.held > 0.0:
         variances = variances + noise.held
-        stays = _same_level(hold, time.size)
+        # 1 where a sample is at the level of the one before it.
+        stays = np.zeros(time.size) if hold is None else np.append(0.0, np.diff(hold) == 0.0)
         ones = np.ones((time.size, 1))
         ahead, behind = np.hstack([ahead, noise.held * ones]), np.hstack([behind, ones])
         gaps, inside = np.hstack([gaps, stays[:, None]]), np.hstack([inside, ones])
@@ -107,13 +106,6 @@ def build_whitener(
             'noise'
         )
     return Whitener(ahead, gaps, inside, pivots, gains)
-
-
-def _same_level(hold: Array | None, count: int) -> Array:
-    """1 (N,) where a sample is at the level of the one before it."""
-    if hold is None:
-        return np.zeros(count)
-    return np.append(0.0, (np.diff(hold) == 0.0).astype(np.float64))
 
 
 def independent(variances: Array) -> Whitener:

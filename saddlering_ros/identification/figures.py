@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.compiled import Compiler
-from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.process import Array, ChannelNoise
 from saddlering_ros.files import Origin
 from saddlering_ros.rig import CHANNELS
 
-Array = NDArray[np.float64]
 Spans = list[tuple[int, int]]
 
 LONGEST, SLOPE_POINTS = 400, 9

@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saddlering_ros.estimation.process import Array
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.rig import Rig
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from functools import cached_property
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation.identifiability import WIDTH_95
@@ -45,8 +44,6 @@ from saddlering_ros.rig import (
     Rig,
     TRUE_TO_SCALE,
 )
-
-Array = NDArray[np.float64]
 
 STATIC_NAMES = ('K1', 'n1', 'K2', 'n2')
 DAMPING_NAMES = ('D1', 'D2')

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation import least_squares
 from saddlering_ros.estimation.least_squares import SearchSpace
+from saddlering_ros.estimation.process import Array
 from saddlering_ros.estimation.statistics import block_means, span_means
 from saddlering_ros.estimation.whitening import independent, SharedErrors
 from saddlering_ros.identification.observation import Observation, SETTLING_STEP
@@ -21,8 +22,6 @@ from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig
 from saddlering_ros.ring import dynamic_batch, static_batch
 from saddlering_ros.ring.sensitivity import followed_motion, static_sensitivities
 from saddlering_ros.ring.simulator import in_parallel
-
-Array = NDArray[np.float64]
 
 LONGEST_STEP = 2e-3
 """Longest step [s] of the simulator inside a fit."""
@@ -329,19 +328,7 @@ def average_branches(observation: Observation, level_step: float) -> Observation
             weights[row, members] = 1.0 / (len(group) * len(members))
     variance = observation.standard_error**2 @ (weights.T**2)
     time, load = weights @ observation.time, weights @ observation.load
-    return replace(
-        observation,
-        time=time,
-        load=load,
-        displacement=observation.displacement @ weights.T,
-        branch=np.zeros(len(groups)),
-        whitening=tuple(independent(row) for row in variance),
-        zero_error=np.zeros(len(variance)),
-        standard_error=np.sqrt(variance),
-        load_errors=None,
-        fine_time=time,
-        fine_load=load,
-    )
+    return _with_means(observation, time, load, observation.displacement @ weights.T, variance)
 
 
 def thinned(observation: Observation) -> Observation:
@@ -349,14 +336,21 @@ def thinned(observation: Observation) -> Observation:
     size = max(1, len(observation.time) // SEARCH_READINGS)
     time, load = block_means(observation.time, size), block_means(observation.load, size)
     variance = block_means(observation.standard_error**2, size) / size
+    means = _with_means(
+        observation, time, load, block_means(observation.displacement, size), variance)
     return replace(
-        observation, time=time, load=load,
-        displacement=block_means(observation.displacement, size),
-        branch=np.zeros(len(time)),
+        means, per_block=1, spans=None, longest_step=max(SEARCH_STEP, size * SEARCH_STEP))
+
+
+def _with_means(
+    observation: Observation, time: Array, load: Array, displacement: Array, variance: Array
+) -> Observation:
+    """The same run with means (3, N) of readings, independent with a variance (3, N) each."""
+    return replace(
+        observation, time=time, load=load, displacement=displacement, branch=np.zeros(len(time)),
         whitening=tuple(independent(row) for row in variance),
-        zero_error=np.zeros(len(variance)), standard_error=np.sqrt(variance),
-        load_errors=None, fine_time=time, fine_load=load, per_block=1, spans=None,
-        longest_step=max(SEARCH_STEP, size * SEARCH_STEP))
+        zero_error=np.zeros(len(variance)), standard_error=np.sqrt(variance), load_errors=None,
+        fine_time=time, fine_load=load)
 
 
 def _both_branches(observation: Observation, members: NDArray[np.intp]) -> list[NDArray[np.intp]]:

@@ -16,7 +16,7 @@ from scipy.linalg import cholesky
 from scipy.linalg.blas import dtrmm
 
 from saddlering_ros.estimation.noise import MIN_NOISE
-from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.process import Array, ChannelNoise
 from saddlering_ros.estimation.record_noise import common_noise, COMMON_TIMES
 from saddlering_ros.estimation.statistics import block_means, filled
 from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Whitener
@@ -35,8 +35,6 @@ from saddlering_ros.record.record import Record
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring import static_response
 from saddlering_ros.ring.sensitivity import load_sensitivity
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from saddlering_ros.estimation.noise import (
     RestSource,
     sampling_class,
 )
-from saddlering_ros.estimation.process import ChannelNoise, EstimationError
+from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError
 from saddlering_ros.estimation.rest import quiet_stretches, RestSegment, stretches_at_rest
 from saddlering_ros.estimation.rounding import probe_rounding
 from saddlering_ros.estimation.statistics import filled
@@ -29,8 +29,6 @@ from saddlering_ros.record import displacement_of_run, MeasuredRun, Plateaus, pl
 from saddlering_ros.record.displacement import zero_of_run
 from saddlering_ros.rig import ContactParameters, ParameterSet, probes_to_displacement, Rig
 from saddlering_ros.ring import simulate
-
-Array = NDArray[np.float64]
 
 CHANNEL_COUNT = 3
 """delta_x, delta_y, gamma."""
@@ -98,9 +96,15 @@ class PreparedRun:
     plateaus: PlateauReadings | None = None
 
     def explained_by(self, rig: Rig, contact: ContactParameters) -> PreparedRun:
-        """The same, explained by a simulation with a contact law."""
-        return replace(self, explained=_simulated(
-            rig, contact, self.run, self.measured.time, self.load))
+        """The same, explained by a simulation with a contact law; NaN before its zero."""
+        time = self.measured.time
+        step = max(float(np.median(np.diff(time))), 1e-3)
+        simulated = simulate(
+            rig, ParameterSet(contact), self.run.elevation, time, self.load, step)
+        motion = simulated.displacement
+        explained = np.full((CHANNEL_COUNT, len(time)), np.nan)
+        explained[:, simulated.first:] = np.stack([motion.delta_x, motion.delta_y, motion.gamma])
+        return replace(self, explained=explained)
 
 
 def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
@@ -120,12 +124,18 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     displacement[:, np.any(saturated(run, rig), axis=0)] = np.nan
     interval = float(np.median(np.diff(measured.time)))
     size = 1 if run.test == 'static' else block_sizes(interval, len(run.load), fit_rate)[0]
-    load = _smoothed(measured.load, size)
+    # Averaged over a block of the fit around each sample (an odd number: without delay). A model
+    # with little damping rings with the cell's noise, and least squares would add damping against
+    # it. Frequencies above a block are not compared anyway.
+    load = np.asarray(uniform_filter1d(measured.load, 2 * (size // 2) + 1, mode='nearest'))
     # Displacement per load (3,) over the whole run: the effect of small loads at rest.
     good = np.all(np.isfinite(displacement), axis=0)
     centred = load[good] - load[good].mean()
     explained = np.asarray(displacement[:, good] @ centred / (centred @ centred))[:, None] * load
-    rounding, parity = _rounding(run, rig), parity_at_rest(measured)
+    prepared = PreparedRun(
+        run=run, measured=measured, displacement=displacement, load=load, explained=explained,
+        rests=[], branch=None, interval=interval, parity=parity_at_rest(measured),
+        rounding=_rounding(run, rig))
     if levels is not None:
         rests = list(zip(levels.start.tolist(), levels.stop.tolist(), strict=True))
         branch = np.asarray(levels.branch, dtype=float)
@@ -133,17 +143,12 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
         rests = [rest for rest, enough in zip(rests, seen, strict=True) if enough]
         if len(rests) < MIN_READINGS:
             raise IdentificationError(clipped_words(name))
-        return PreparedRun(
-            run=run, measured=measured, displacement=displacement, load=load, explained=explained,
-            rests=rests, branch=branch[seen], interval=interval, parity=parity, rounding=rounding,
-            plateaus=PlateauReadings.over(rests, displacement, measured))
+        return replace(prepared, rests=rests, branch=branch[seen],
+                       plateaus=PlateauReadings.over(rests, displacement, measured))
     if np.mean(np.isfinite(displacement[0])) < MIN_SHARE_READ:
         raise IdentificationError(clipped_words(name))
     rests = quiet_stretches(stretches_at_rest(measured.time, measured.load, rig.limits.rest_band))
-    rests = rests or [(measured.zero.start, measured.zero.end)]
-    return PreparedRun(
-        run=run, measured=measured, displacement=displacement, load=load, explained=explained,
-        rests=rests, branch=None, interval=interval, parity=parity, rounding=rounding)
+    return replace(prepared, rests=rests or [(measured.zero.start, measured.zero.end)])
 
 
 def _rounding(run: Record, rig: Rig) -> Array | float:
@@ -153,27 +158,6 @@ def _rounding(run: Record, rig: Rig) -> Array | float:
         return 0.0
     moved = probes_to_displacement(rig.probes, errors)
     return np.stack([moved.delta_x, moved.delta_y, moved.gamma])
-
-
-def _smoothed(load: Array, size: int) -> Array:
-    """Load averaged over a block of the fit around each sample (an odd number: without delay).
-
-    A model with little damping rings with the cell's noise, and least squares would add
-    damping against it. Frequencies above a block are not compared anyway.
-    """
-    return np.asarray(uniform_filter1d(load, 2 * (size // 2) + 1, mode='nearest'))
-
-
-def _simulated(
-    rig: Rig, contact: ContactParameters, run: Record, time: Array, load: Array
-) -> Array:
-    """Simulated displacement (3, N) of a run; NaN before its zero."""
-    step = max(float(np.median(np.diff(time))), 1e-3)
-    simulated = simulate(rig, ParameterSet(contact), run.elevation, time, load, step)
-    motion = simulated.displacement
-    rows = np.full((CHANNEL_COUNT, len(time)), np.nan)
-    rows[:, simulated.first:] = np.stack([motion.delta_x, motion.delta_y, motion.gamma])
-    return rows
 
 
 def block_sizes(interval: float, samples: int, fit_rate: float | None) -> tuple[int, int]:

@@ -8,9 +8,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.estimation.identifiability import undetermined_words
+from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification.imperfections import IMPERFECTIONS
 from saddlering_ros.identification.uncertainty import Profile
@@ -24,8 +24,6 @@ from saddlering_ros.rig import (
     ParameterSet,
     stiffness_per_millimetre,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saddlering_ros.estimation.process import Array
 from saddlering_ros.identification.settings import IdentificationError, StopReason, SwarmSettings
 from saddlering_ros.progress import IsCancelled
 
-Array = NDArray[np.float64]
 BatchObjective = Callable[[Array], Array]
 
 
@@ -137,7 +136,9 @@ def minimise(
         swarm.tell(objective(swarm.ask()))
         history.append(swarm.best_objective)
         if on_iteration is not None:
-            on_iteration(_progress(swarm, settings))
+            on_iteration(SwarmProgress(
+                swarm.iteration, settings.iterations, swarm.best_objective, swarm.best_position,
+                swarm.spread))
         reason = _reason_to_stop(history, settings)
         if reason is not None:
             stopped = reason
@@ -149,16 +150,6 @@ def minimise(
         iterations=swarm.iteration,
         stopped=stopped,
         history=np.array(history),
-    )
-
-
-def _progress(swarm: Swarm, settings: SwarmSettings) -> SwarmProgress:
-    return SwarmProgress(
-        iteration=swarm.iteration,
-        iterations=settings.iterations,
-        best_objective=swarm.best_objective,
-        best_position=swarm.best_position,
-        spread=swarm.spread,
     )
 
 

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.estimation.identifiability import (
     collinearity,
@@ -26,6 +25,7 @@ from saddlering_ros.estimation.identifiability import (
     WIDTH_95,
 )
 from saddlering_ros.estimation.least_squares import covariance, SearchSpace
+from saddlering_ros.estimation.process import Array
 from saddlering_ros.estimation.statistics import chi_squared_quantile
 from saddlering_ros.identification.imperfections import (
     certified_errors,
@@ -37,8 +37,6 @@ from saddlering_ros.identification.objective import predict, refine, Refinement,
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.rig import PARAMETER_NAMES, probes_to_displacement, Rig
 from saddlering_ros.ring.roller_scatter import scatter_columns, SimulatedCourse
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -224,21 +222,17 @@ def _judge(
         elif best.at_bound[position[0]]:
             reason = reason_bound(name)
         else:
-            reason = _why_wide(name, index, spread, elevations)
+            worst = max(IMPERFECTIONS, key=lambda one: abs(spread.systematic[one.name][index]))
+            shift, std = abs(float(spread.systematic[worst.name][index])), spread.std[index]
+            reason = (
+                reason_misfit(
+                    name, std, spread.std_without_misfit[index], spread.misfit_advice)
+                or reason_unequal(name, std, spread.noise_std[index], elevations)
+                or reason_one_elevation(name, std, shift, worst.words, elevations))
         determined[name] = reason is None
         if reason is not None:
             reasons[name] = reason
     return determined, reasons
-
-
-def _why_wide(name: str, index: int, spread: _Spread, elevations: int) -> str | None:
-    """Why a free parameter does not count as determined; None when it does."""
-    worst = max(IMPERFECTIONS, key=lambda one: abs(spread.systematic[one.name][index]))
-    shift = abs(float(spread.systematic[worst.name][index]))
-    std = spread.std[index]
-    return (reason_misfit(name, std, spread.std_without_misfit[index], spread.misfit_advice)
-            or reason_unequal(name, std, spread.noise_std[index], elevations)
-            or reason_one_elevation(name, std, shift, worst.words, elevations))
 
 
 def stiffness_ellipse(

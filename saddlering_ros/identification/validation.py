@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.errors import BagError
 from saddlering_ros.estimation.identifiability import undetermined_words
@@ -24,7 +23,7 @@ from saddlering_ros.estimation.noise import (
     parity_ratios,
     RestSource,
 )
-from saddlering_ros.estimation.process import ChannelNoise, EstimationError, QUIET
+from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, QUIET
 from saddlering_ros.estimation.rest import RestSegment, stretches_at_rest
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification.figures import (
@@ -59,8 +58,6 @@ from saddlering_ros.rig import (
 )
 from saddlering_ros.ring import simulate, static_batch
 from saddlering_ros.ring.roller_scatter import sound_deviation
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,10 @@ from saddlering_ros.rig import Rig
 from saddlering_ros.ring import model, sensitivity
 from saddlering_ros.ring.kernels import courses
 from saddlering_ros.ring.kernels.row_tangents import PLAIN_LAW
-from saddlering_ros.ring.model import Model, Rows
+from saddlering_ros.ring.model import Floats, Model, Rows
 from saddlering_ros.ring.sensitivity import MotionPath, tangents_along
 from saddlering_ros.ring.simulator import check_simulation, in_parallel, of_probes_clock
 
-Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
 Candidate = tuple[ArrayLike, RingExtension]
 

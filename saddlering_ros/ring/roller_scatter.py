@@ -12,12 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.rig import probes_to_displacement, Rig, RollerRow
+from saddlering_ros.ring.model import Floats
 from saddlering_ros.ring.simulator import static_response
-
-Array = NDArray[np.float64]
 
 GAP_SCATTER = 1.5e-6
 """Standard deviation of the gaps of single rollers [m] in a sound ring."""
@@ -43,9 +41,9 @@ class SimulatedCourse:
 
     elevation: float
     zero_load: float
-    load: Array
-    time: Array
-    probes: Array
+    load: Floats
+    time: Floats
+    probes: Floats
     static: bool
 
 
@@ -56,13 +54,13 @@ class _Table:
     moving (G, 3, k): part of the columns that the dampers add, per rate of the load [s/N].
     """
 
-    load: Array
-    motion: Array
-    columns: Array
-    moving: Array
-    decay: Array
+    load: Floats
+    motion: Floats
+    columns: Floats
+    moving: Floats
+    decay: Floats
 
-    def at(self, rows: slice, load: Array, rate: Array) -> tuple[Array, Array]:
+    def at(self, rows: slice, load: Floats, rate: Floats) -> tuple[Floats, Floats]:
         """Columns (N, r, k), decay rates (N, r, 3) of some coordinates at loads and rates (N,)."""
         place = np.clip(np.searchsorted(self.load, load) - 1, 0, self.load.size - 2)
         low = self.load[place]
@@ -74,7 +72,7 @@ class _Table:
         return columns + rate[:, None, None] * moving, decay
 
 
-def scatter_columns(rig: Rig, contact: Array, course: SimulatedCourse) -> Array:
+def scatter_columns(rig: Rig, contact: Floats, course: SimulatedCourse) -> Floats:
     """Probe increments (4, N, k) along a run by one standard deviation of the scatter.
 
     The rollers in contact are those of the simulated motion, which lags behind the load. The
@@ -110,7 +108,7 @@ def scatter_columns(rig: Rig, contact: Array, course: SimulatedCourse) -> Array:
     return np.stack([x, q[:, 1] + half * q[:, 2], -x, q[:, 1] - half * q[:, 2]])
 
 
-def _late(time: Array, q: Array, decay: Array) -> Array:
+def _late(time: Floats, q: Floats, decay: Floats) -> Floats:
     """Columns (N, 3, k) that lag behind their equilibrium: dq/dt = decay (equilibrium - q).
 
     Two implicit half steps per sample: to the equilibrium at half the step and at its end.
@@ -151,8 +149,8 @@ def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
 
 
 def sound_deviation(
-    rig: Rig, contact: Array, elevation: float, load: Array, zero_load: float
-) -> Array:
+    rig: Rig, contact: Floats, elevation: float, load: Floats, zero_load: float
+) -> Floats:
     """Rms (3,) [m, m, rad] by which small errors of a sound ring move it at loads (N,).
 
     One standard deviation of unequal rollers, of clearances and of the weight together, counted
@@ -172,14 +170,16 @@ def sound_deviation(
     return np.sqrt(np.mean(at_loads, axis=1))
 
 
-def _half(row: RollerRow) -> tuple[Array, Array]:
+def _half(row: RollerRow) -> tuple[Floats, Floats]:
     """Cosines of the rollers of one side of a row, and the number of rollers with each."""
     index = np.arange(row.rollers // 2 + 1)
     twins = np.where((index == 0) | (2 * index == row.rollers), 1.0, 2.0)
     return np.cos(2.0 * np.pi * index / row.rollers), twins
 
 
-def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Array, Array, Array]:
+def _columns_at(
+    rig: Rig, contact: Floats, q: Floats, per_load: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Motion (G, 3, k) at q (G, 3) by one standard deviation of every gap and every stiffness.
 
     The second result is the part that the dampers add per rate of the load, where q moves by
@@ -211,10 +211,10 @@ def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Ar
     density = np.exp(-0.5 * (depth / GAP_SCATTER) ** 2) / (GAP_SCATTER * np.sqrt(2.0 * np.pi))
     speed = per_load @ directions
 
-    def per_roller(amounts: Array) -> Array:
+    def per_roller(amounts: Floats) -> Floats:
         return np.asarray(directions * amounts[:, None, :])
 
-    def together(amounts: Array) -> Array:
+    def together(amounts: Floats) -> Floats:
         return np.asarray((twins * amounts) @ directions.T)[..., None]
 
     system = _held(per_roller(twins * tangent) @ directions.T, 1e-9, axial.pitch_radius)
@@ -230,13 +230,13 @@ def _columns_at(rig: Rig, contact: Array, q: Array, per_load: Array) -> tuple[Ar
     return np.asarray(answer), np.asarray(moving), np.asarray(np.linalg.solve(damping, system))
 
 
-def _held(matrices: Array, share: float, radius: float) -> Array:
+def _held(matrices: Floats, share: float, radius: float) -> Floats:
     """Matrices (G, 3, 3) plus a share of their trace on the diagonal, so that none is singular."""
     trace = np.trace(matrices, axis1=1, axis2=2)[:, None, None]
     return np.asarray(matrices + share * trace * np.diag([1.0, 1.0, radius**2]))
 
 
-def compressed(columns: Array, most: int = COLUMNS) -> Array:
+def compressed(columns: Floats, most: int = COLUMNS) -> Floats:
     """At most `most` columns with almost the same covariance as columns (n, k)."""
     values, vectors = np.linalg.eigh(columns.T @ columns)
     order = np.argsort(values)[::-1][:most]

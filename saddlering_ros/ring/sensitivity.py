@@ -24,6 +24,7 @@ from saddlering_ros.ring.kernels.tangents import follow_errors
 from saddlering_ros.ring.model import (
     build_model,
     EXTENSION_FIELDS,
+    Floats,
     MODEL,
     Model,
     model_of,
@@ -32,8 +33,6 @@ from saddlering_ros.ring.model import (
     with_contact,
 )
 from saddlering_ros.ring.simulator import check_simulation, dynamic_batch
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.model import (
     at_elevation,
     build_model,
+    Floats,
     Model,
     model_of,
     Rows,
@@ -39,8 +40,6 @@ from saddlering_ros.ring.model import (
     stacked_models,
     with_contact,
 )
-
-Floats = NDArray[np.float64]
 
 
 class SimulationError(SaddleringError):
