@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 import json
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
 import numpy as np
@@ -14,8 +14,11 @@ from rclpy.qos import qos_profile_action_status_default
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
-from saddlering_ros.live.answers import diagnosis_answer, identification_answer
 from saddlering_ros.ros.names import DIAGNOSE, IDENTIFY
+
+if TYPE_CHECKING:
+    from saddlering_ros.diagnosis.wording import VerdictDocument
+
 
 SERVICES = {'zero': 'ring_displacement/zero', 'start': 'replay_clock/play',
             'pause': 'replay_clock/pause'}
@@ -158,3 +161,33 @@ class Action:
 
 def _with(job: Job, **changes: Any) -> Job:
     return Job(**{**asdict(job), **changes})
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Words of a result; verdict and title are empty for an identification."""
+
+    verdict: str = ''
+    title: str = ''
+    words: str = ''
+    lines: tuple[str, ...] = ()
+
+
+def diagnosis_answer(document: VerdictDocument) -> Answer:
+    """A verdict: its words, the headline, the next test and the misfit reduction."""
+    # The words need the catalogue; the page is served before it is loaded.
+    from saddlering_ros.diagnosis.wording import gain_sentence, headline
+    from saddlering_ros.quantities import VERDICT_WORDS
+
+    verdict, following = document['verdict'], document.get('next_test')
+    lines = (f'Next test: {following}' if following else '', gain_sentence(document))
+    return Answer(verdict, f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', headline(document),
+                  tuple(filter(None, lines)))
+
+
+def identification_answer(report: Mapping[str, Any], words: str) -> Answer:
+    """An identification: the message of the server, and a line for each parameter."""
+    from saddlering_ros.identification.result import parameter_words
+
+    return Answer(words=words, lines=tuple(
+        parameter_words(name, item) for name, item in report['parameters'].items()))

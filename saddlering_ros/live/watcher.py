@@ -31,10 +31,9 @@ from saddlering_interfaces.msg import (
 )
 from saddlering_ros.bags.wire import CdrError, decode_displacements, decode_samples
 from saddlering_ros.errors import LiveError, SaddleringError
-from saddlering_ros.live.alarms import alarm_as_page, with_link
 from saddlering_ros.live.commands import Action, ACTIONS, Change, Commands, Job
 from saddlering_ros.live.gauges import Gauges
-from saddlering_ros.live.session import mcap_of, Session
+from saddlering_ros.live.session import alarm_as_page, mcap_of, Session, with_link
 from saddlering_ros.live.traces import Traces
 from saddlering_ros.monitoring.noise import materiality, sound_motion
 from saddlering_ros.quantities import quantity

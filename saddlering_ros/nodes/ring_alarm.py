@@ -16,7 +16,8 @@ from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring import ALARM, MonitorSettings, WAITING
 from saddlering_ros.monitoring.monitor import alarm_words, state_words
 from saddlering_ros.monitoring.noise import DEFAULT_PERCENT
-from saddlering_ros.monitoring.sight import (
+from saddlering_ros.monitoring.stream import (
+    AlarmStream,
     blind_words,
     NO_CHANNEL,
     NO_LOAD,
@@ -24,7 +25,6 @@ from saddlering_ros.monitoring.sight import (
     SEEN,
     Sight,
 )
-from saddlering_ros.monitoring.stream import AlarmStream
 from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.samples import no_displacements, no_samples
 from saddlering_ros.record.topics import LOAD

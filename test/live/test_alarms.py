@@ -1,8 +1,7 @@
 """Claims about what the page shows of the alarm."""
 
 from saddlering_interfaces.msg import RingAlarm
-from saddlering_ros.live.alarms import alarm_as_page, AlarmOfTest, with_link
-from saddlering_ros.live.session import Session
+from saddlering_ros.live.session import alarm_as_page, AlarmOfTest, Session, with_link
 from saddlering_ros.live.traces import TestCurves
 from saddlering_ros.ros.messages import to_time
 

@@ -10,9 +10,8 @@ import urllib.request
 
 import pytest
 
-from saddlering_ros.live import connections
-from saddlering_ros.live.connections import OneLineAMinute
-from saddlering_ros.live.server import address, serve
+from saddlering_ros.live import server
+from saddlering_ros.live.server import address, OneLineAMinute, serve
 
 HALF = b'GET / HTTP/1.1\r\nHost: localhost\r\n'
 
@@ -52,18 +51,18 @@ def is_closed(one, seconds):
 
 
 def test_a_browser_is_served_at_once_beside_three_hundred_half_open_requests(monkeypatch):
-    monkeypatch.setattr(connections.Door.__init__, '__defaults__', (600.0, 64, 128))
+    monkeypatch.setattr(server.Door.__init__, '__defaults__', (600.0, 64, 128))
     with served() as port, contextlib.ExitStack() as stack:
         opened = [half_open(stack, port) for _ in range(300)]
         with urllib.request.urlopen(f'http://127.0.0.1:{port}/', timeout=60.0) as page:
             assert b'<html' in page.read()
-        assert all(is_closed(one, 60.0) for one in opened[:300 - connections.MAX_WAITING])
+        assert all(is_closed(one, 60.0) for one in opened[:300 - server.MAX_WAITING])
 
 
 def test_requests_whose_bodies_do_not_come_keep_no_browser_out():
     head = b'POST /clear HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000000\r\n\r\n'
     with served() as port, contextlib.ExitStack() as stack:
-        for _ in range(connections.MAX_SERVED + 20):
+        for _ in range(server.MAX_SERVED + 20):
             one = stack.enter_context(socket.create_connection(('127.0.0.1', port), 60.0))
             one.sendall(head)
             assert one.recv(8) == b'HTTP/1.1'
@@ -72,13 +71,13 @@ def test_requests_whose_bodies_do_not_come_keep_no_browser_out():
 
 
 def test_a_half_open_request_is_closed_after_its_time(monkeypatch):
-    monkeypatch.setattr(connections.Door.__init__, '__defaults__', (0.2, 64, 128))
+    monkeypatch.setattr(server.Door.__init__, '__defaults__', (0.2, 64, 128))
     with served() as port, contextlib.ExitStack() as stack:
         assert is_closed(half_open(stack, port), 60.0)
 
 
 def test_a_stream_of_events_stays_open_beyond_the_time_for_a_head(monkeypatch):
-    monkeypatch.setattr(connections.Door.__init__, '__defaults__', (1.0, 64, 128))
+    monkeypatch.setattr(server.Door.__init__, '__defaults__', (1.0, 64, 128))
     with served() as port, contextlib.ExitStack() as stack:
         one = half_open(stack, port)
         one.sendall(b'X: y\r\n\r\n')
@@ -91,7 +90,7 @@ def test_a_stream_of_events_stays_open_beyond_the_time_for_a_head(monkeypatch):
 
 
 def test_no_more_are_served_than_the_bound(monkeypatch):
-    monkeypatch.setattr(connections.Door.__init__, '__defaults__', (600.0, 64, 2))
+    monkeypatch.setattr(server.Door.__init__, '__defaults__', (600.0, 64, 2))
     with served() as port, contextlib.ExitStack() as stack:
         for _ in range(2):
             one = half_open(stack, port)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.monitoring.sight import LATE, NO_CHANNEL, NO_LOAD, NO_RESIDUAL, SEEN, Sight
+from saddlering_ros.monitoring.stream import LATE, NO_CHANNEL, NO_LOAD, NO_RESIDUAL, SEEN, Sight
 
 KNOWN, UNKNOWN = np.zeros((3, 1)), np.full((3, 1), np.nan)
 RATE = 500

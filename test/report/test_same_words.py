@@ -8,7 +8,7 @@ import pytest
 
 from saddlering_ros.diagnosis.wording import document_text
 from saddlering_ros.identification.result import parameter_words
-from saddlering_ros.live.answers import diagnosis_answer, identification_answer
+from saddlering_ros.live.commands import diagnosis_answer, identification_answer
 from saddlering_ros.quantities import VERDICT_WORDS
 from saddlering_ros.report import chapters
 
