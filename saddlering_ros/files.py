@@ -51,7 +51,11 @@ BAG_FILES = ('metadata.yaml', '*.mcap', '*.mcap.zstd')
 
 
 class FileConflict(SaddleringError):
-    """An output would replace something that is read, or another output."""
+    """An output would replace something that is read, or another output.
+
+    A command asks for all of its paths before any work; a result of the API, which no command may
+    have made, asks when it writes; an import asks for the tables that only its map names.
+    """
 
 
 def spare_files(output: Path, words: str, sources: Iterable[tuple[Path, str]]) -> None:

@@ -36,6 +36,9 @@ MAX_EXPANSION = 100
 """Largest ratio of the size of a recording to that of its file [bytes]: even constant readings do
 not compress further. Messages of topics that are not the rig's count with their headers only."""
 
+OVERRULE = {'test': ', or give test=KIND', 'elevation_deg': ', or give elevation_deg=DEG'}
+"""Remedies for texts of a test that a caller may replace."""
+
 UNPACKED_FILE_ALLOWED = 1 << 26
 """Size [bytes] of an unpacked file up to which the ratio is not checked."""
 
@@ -152,22 +155,17 @@ def plain_file(path: Path) -> Iterator[Path]:
         yield plain
 
 
-def _without_files(path: Path) -> str:
-    below = sum(1 for _ in path.glob(f'*/{METADATA}'))
-    if below:
-        return (f'{path}: is not a bag, but a folder of {below}: give one of them, or all as '
-                f'{path}/*')
-    return f'{path}: holds no .mcap file: give a bag recorded with storage mcap'
-
-
 def _of_directory(path: Path) -> BagDirectory:
     found = sorted(
         (file for file in path.iterdir() if file.name.endswith(SUFFIXES) and file.is_file()),
         key=_natural)
     if not (path / METADATA).is_file():
-        if not found:
-            raise BagError(_without_files(path))
-        return BagDirectory(path, tuple(found))
+        if found:
+            return BagDirectory(path, tuple(found))
+        below = sum(1 for _ in path.glob(f'*/{METADATA}'))
+        raise BagError(
+            f'{path}: is not a bag, but a folder of {below}: give one of them, or all as {path}/*'
+            if below else f'{path}: holds no .mcap file: give a bag recorded with storage mcap')
     information = read_metadata(path / METADATA)
     storage = _word(information, 'storage_identifier') or 'mcap'
     if storage != 'mcap':
@@ -290,7 +288,7 @@ def find_metadata(
         if first is not None and second is not None and not same_text(key, first, second):
             conflicts.append(
                 f'{key} is {first!r} in metadata.yaml and {second!r} in the MCAP record '
-                f'{METADATA_RECORD}: correct one{_overrule(key)}')
+                f'{METADATA_RECORD}: correct one{OVERRULE.get(key, "")}')
             continue
         value = first if first is not None else second
         if value is None:
@@ -303,11 +301,6 @@ def find_metadata(
     details = {key: values[key] for key in DETAILS if key in values}
     return TestMetadata(test, elevation, values.get('rig', ''), values.get('run', ''), details,
                       tuple(conflicts), tuple(faults))
-
-
-def _overrule(key: str) -> str:
-    options = {'test': 'test=KIND', 'elevation_deg': 'elevation_deg=DEG'}
-    return f', or give {options[key]}' if key in options else ''
 
 
 def _clean(value: object) -> str | None:

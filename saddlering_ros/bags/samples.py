@@ -71,9 +71,7 @@ class SamplesSummary:
             self.highest[name] = float(np.fmax(high, self.highest.get(name, high)))
             self.last[name] = float(column[-1])
         self.count += len(columns['load'])
-        self._count_validity(columns['validity'])
-
-    def _count_validity(self, marks: NDArray[np.uint8]) -> None:
+        marks = columns['validity']
         found = {'sound': marks == 0,
                  **{f'without {name}': marks & bit > 0 for name, bit in NOT_KNOWN.items()},
                  'bridged': marks & BRIDGED > 0, 'by a doubtful load': marks & DOUBTFUL_LOAD > 0}

@@ -307,7 +307,7 @@ def _layout(message_type: str, kind: int, length: int, names: tuple[str, ...]) -
     place, size = _TEXT + length, _HEAD + length
     for name, number in LAYOUTS[message_type]:
         width = int(number[1])
-        place = _aligned(place, min(width, alignment))
+        place += -place % min(width, alignment)
         if name in names:
             found[name] = (ENCAPSULATION + place, f'{order}{number}')
             size = ENCAPSULATION + place + width
@@ -333,10 +333,6 @@ def _row(message_type: str, kind: int, length: int, names: tuple[str, ...]) -> s
         words.append(f'{offset - place}x{_FORMATS[found.str[1:]]}')
         place = offset + found.itemsize
     return struct.Struct(''.join(words))
-
-
-def _aligned(position: int, alignment: int) -> int:
-    return -(-position // alignment) * alignment
 
 
 def encode(message_type: str, frame_id: str, stamps: ArrayLike,

@@ -43,7 +43,9 @@ class OneLineParser(argparse.ArgumentParser):
         """Parse; an unknown option is refused with the most similar one."""
         parsed, unknown = self.parse_known_args(args, namespace)
         if unknown:
-            parser = self._subparser(getattr(parsed, 'command', None))
+            commands = [action.choices for action in self._actions
+                        if isinstance(action, argparse._SubParsersAction)]
+            parser = commands[0][parsed.command] if commands else self
             parser.error(f'unknown: {" ".join(unknown)}'
                          + did_you_mean(unknown[0].partition('=')[0], parser.options()))
         return parsed
@@ -71,13 +73,6 @@ class OneLineParser(argparse.ArgumentParser):
             message = (f'{choice[1]}: there is no {choice[2]!r}{did_you_mean(choice[2], given)} '
                        f'({", ".join(given)})')
         self.exit(UNUSABLE, f'{self.prog}: {" ".join(message.split())}; see {self.prog} --help\n')
-
-    def _subparser(self, command: str | None) -> OneLineParser:
-        for action in self._actions:
-            if isinstance(action, argparse._SubParsersAction) and command in action.choices:
-                parser: OneLineParser = action.choices[command]
-                return parser
-        return self
 
 
 class HelpFormatter(argparse.HelpFormatter):
@@ -171,7 +166,10 @@ def check_files(args: argparse.Namespace, arguments: Sequence[argparse.Action]) 
         spare_files(output.path, output.words, files_and_words)
         spare_bags(output.path, output.words, [(bag.path, bag.words) for bag in bags])
         if output.role is not folder_filled:
-            _check_contains(output, [*files, *bags])
+            for source in [*files, *bags]:
+                if any(same_file(folder, output.path) for folder in resolved(source.path).parents):
+                    raise FileConflict(f'{output.words} is the folder that holds {source.words}, '
+                                       'which is read: choose another place')
         if output.role is page_written:
             check_ending(output.path, PAGE_ENDINGS, FileConflict)
 
@@ -209,13 +207,6 @@ def _bags(named: _Named) -> Iterator[_Named]:
                     for file in sorted(named.path.rglob(BAG_FILES[0])))
     else:
         yield _Named(bag_folder(named.path), named.words, named.role)
-
-
-def _check_contains(output: _Named, sources: list[_Named]) -> None:
-    for source in sources:
-        if any(same_file(folder, output.path) for folder in resolved(source.path).parents):
-            raise FileConflict(f'{output.words} is the folder that holds {source.words}, which is '
-                               'read: choose another place')
 
 
 def _exists(path: Path) -> bool:

@@ -12,7 +12,7 @@ from saddlering_ros.cli._terminal import Bar, stdout_console, tell_json
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from saddlering_ros.campaign import FoundBag, Session, SessionTask, Store, Summary
+    from saddlering_ros.campaign import Session, SessionTask, Store, Summary
     from saddlering_ros.campaign.store import Status
     from saddlering_ros.fleet.judgement import Fleet
 
@@ -74,6 +74,8 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.campaign import (
         CampaignError,
         find_bags,
+        group_sessions,
+        read_manifest,
         SessionLimits,
         Store,
         tasks_of,
@@ -90,7 +92,10 @@ def run(args: argparse.Namespace) -> int:
         bags = find_bags(args.folder, lambda count: bar.show('find', 0.0, f'{count} bags'))
     if not bags:
         raise CampaignError(f'{args.folder}: has no bags: give the folder of the bags')
-    sessions = _sessions(args, bags)
+    if args.manifest is not None:
+        sessions = read_manifest(args.manifest, bags)
+    else:
+        sessions = group_sessions(bags, args.gap * 3600.0, args.hold_out)
     if args.json != '-':
         _print_plan(sessions)
     if args.plan:
@@ -124,14 +129,6 @@ def _check(args: argparse.Namespace) -> None:
                                 'give a number above 0')
     if args.jobs is not None and args.jobs < 1:
         raise CampaignError(f'--jobs is {args.jobs}: give 1 or more')
-
-
-def _sessions(args: argparse.Namespace, bags: list[FoundBag]) -> list[Session]:
-    from saddlering_ros.campaign import group_sessions, read_manifest
-
-    if args.manifest is not None:
-        return read_manifest(args.manifest, bags)
-    return group_sessions(bags, args.gap * 3600.0, args.hold_out)
 
 
 def _print_plan(sessions: list[Session]) -> None:

@@ -160,7 +160,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     leave_by_exception()
     try:
         parser, modules = build_parser()
-        if '_ARGCOMPLETE' in os.environ:
+        if '_ARGCOMPLETE' in os.environ:  # the shell asks for completions of this line
             import argcomplete
 
             argcomplete.autocomplete(parser)

@@ -61,6 +61,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Replay until the bag is at its end, or until Ctrl-C."""
     import contextlib
+    import sys
     import time
 
     from saddlering_ros.bags import read_raw
@@ -109,7 +110,9 @@ def run(args: argparse.Namespace) -> int:
             if recorder is not None:
                 _wait_for_all(recorder, sent)
         except BaseException:
-            _leave_incomplete(recorder)
+            if recorder is not None:
+                place = recorder.keep_as_incomplete()
+                print(f'note: the recording until then is in {place}', file=sys.stderr)
             raise
         took = time.monotonic() - began
         counts = {} if recorder is None else recorder.counts()
@@ -135,7 +138,10 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
     with Bar() as bar:
         while clock.running and time.monotonic() < deadline:
             group.check()
-            _check_all_run(group)
+            gone = [name for name, node in group.processes.items() if not node.running]
+            if gone and clock.running:
+                raise NodeError(f'{gone[0]} ended before the bag was at its end: repeat the '
+                                'replay')
             said = clock.said()
             waits = [line for line in said.splitlines() if 'still waits for' in line]
             if waits and waits[-1] != told:
@@ -158,15 +164,6 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
                         'replay')
 
 
-def _check_all_run(group: Any) -> None:
-    """NodeError if a node ended before the clock did."""
-    from saddlering_ros.ros.names import NodeError
-
-    gone = [name for name, node in group.processes.items() if not node.running]
-    if gone and group.processes['replay_clock'].running:
-        raise NodeError(f'{gone[0]} ended before the bag was at its end: repeat the replay')
-
-
 def _wait_for_all(recorder: Any, sent: dict[str, int]) -> None:
     """Wait until the recorder has every sample of every topic; NodeError if some do not come."""
     import time
@@ -179,15 +176,6 @@ def _wait_for_all(recorder: Any, sent: dict[str, int]) -> None:
             raise NodeError(f'the recording is incomplete ({recorder.missing(sent)}): repeat the '
                             'replay')
         time.sleep(0.02)
-
-
-def _leave_incomplete(recorder: Any) -> None:
-    """Keep the recording under another name, and print its place."""
-    import sys
-
-    if recorder is not None:
-        place = recorder.keep_as_incomplete()
-        print(f'note: the recording until then is in {place}', file=sys.stderr)
 
 
 def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:

@@ -92,8 +92,9 @@ def judge_fleet(
     rings = observations.by_ring(judged)
     inflation = statistics.scatter_inflation([_measured(own) for own in rings.values()])
     unlike, population = _compared(rings, inflation, level)
-    histories = {ring: histories_of(ring, _inflated(own, inflation))
-                 for ring, own in rings.items()}
+    histories = {ring: histories_of(ring, [
+        replace(one, covariance=inflation * one.covariance) for one in own])
+        for ring, own in rings.items()}
     drifting, rigs = significant_drifts(list(histories.values()), level)
     of_ring = {item.owner: item for item in drifting}
     evidence = {ring: statistics.e_value_of_sessions([item.p_value for item in own])
@@ -118,10 +119,6 @@ def _measured(sessions: Sequence[SessionFigures]) -> tuple[list[Array], list[Arr
     """Values and covariances of the sessions that measured every coordinate."""
     good = [session for session in sessions if np.isfinite(session.covariance).all()]
     return [session.value for session in good], [session.covariance for session in good]
-
-
-def _inflated(sessions: Sequence[SessionFigures], inflation: float) -> list[SessionFigures]:
-    return [replace(session, covariance=inflation * session.covariance) for session in sessions]
 
 
 def _compared(

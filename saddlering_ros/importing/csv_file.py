@@ -282,7 +282,8 @@ class CsvSource(Source):
                 read_options=csv.ReadOptions(
                     use_threads=False, block_size=BLOCK_BYTES, skip_rows=self.shape.first_line - 1,
                     column_names=[column.name for column in self._columns],
-                    encoding=_arrow_encoding(self.shape.encoding)),
+                    encoding='utf8' if self.shape.encoding in ('utf-8', 'utf-8-sig')
+                    else self.shape.encoding),
                 parse_options=csv.ParseOptions(
                     delimiter=self.shape.delimiter, invalid_row_handler=on_bad_row,
                     ignore_empty_lines=True),
@@ -369,7 +370,3 @@ class CsvSource(Source):
 
 def _texts(cells: pa.Array) -> NDArray[np.object_]:
     return np.asarray(cells.to_numpy(zero_copy_only=False), dtype=object)
-
-
-def _arrow_encoding(encoding: str) -> str:
-    return 'utf8' if encoding in ('utf-8', 'utf-8-sig') else encoding

@@ -32,7 +32,10 @@ def draft_map(sources: Sequence[Source]) -> Draft:
     columns = [column for source in sources for column in source.columns]
     lines = ['# Draft of a map, made from the columns of the files. Complete every TODO, check',
              '# the rest. A unit is given here only if the file states it.']
-    lines += _csv(sources)
+    settings = next((source.settings() for source in sources if source.settings()), None)
+    if settings is not None:
+        shape = ', '.join(f'{key}: {_quoted(value)}' for key, value in settings.items())
+        lines.append(f'csv: {{{shape}}}')
     lines += ['time:', *(f'  {line}' for line in _time(columns)), 'channels:']
     chosen = _chosen(columns)
     for name in REQUIRED:
@@ -72,13 +75,6 @@ def _timing_in_words(column: Column) -> str:
     start = 'no date' if timing.start is None else f'from {words_of(timing.start)}'
     how = f'{1 / timing.period:g} Hz' if timing.period else f'times in {timing.column}'
     return f', {how} {start}'
-
-
-def _csv(sources: Sequence[Source]) -> Iterator[str]:
-    settings = next((source.settings() for source in sources if source.settings()), None)
-    if settings is not None:
-        entries = ', '.join(f'{key}: {_quoted(value)}' for key, value in settings.items())
-        yield f'csv: {{{entries}}}'
 
 
 def _quoted(value: object) -> str:
