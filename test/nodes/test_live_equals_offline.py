@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.record import TestMetadata
-from saddlering_ros.record.displacement import displacement_of_run
+from saddlering_ros.record.displacement import displacement_of_run, measured_rows, zero_of_run
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 from saddlering_ros.ros.launcher import start_nodes
@@ -53,3 +53,23 @@ def test_displacement_simulation_and_residual_equal_the_offline_ones_bit_for_bit
     assert np.array_equal(residual.stamps, both)
     assert np.array_equal(residual.channels,
                           measured.channels[:, ours] - simulated.channels[:, theirs])
+
+
+def test_rows_without_a_probe_that_dies_before_the_end_equal_the_offline_ones(
+        record, ros_domain: int, tmp_path: Path) -> None:
+    rig, dies = default_rig(), slice(None, 1700)
+    bag = write_bag(tmp_path / 'dies', TestMetadata('dynamic', 50.0), record.stamps, record.load,
+                    [*record.probe_stamps[:3], record.probe_stamps[3][dies]],
+                    [*record.gaps[:3], record.gaps[3][dies]], rig.probes)
+    with client(ros_domain) as heard, start_nodes(
+            bag, domain_id=ros_domain, log_folder=tmp_path / 'log', start_paused=True,
+            nodes=('ring_displacement',)) as group:
+        wait_until(lambda: heard.matched(OUTPUTS[:1]), what='it publishes')
+        assert heard.call(Trigger, '/replay_clock/play').success
+        assert group.wait('replay_clock', 60.0) == 0
+        run = read_run(bag)
+        expected = measured_rows(rig, run, zero_of_run(rig, run), slice(None))
+        wait_until(lambda: len(heard.raw[OUTPUTS[0]]) >= len(expected), what='all rows')
+        measured = heard.heard(OUTPUTS[0])
+    assert np.array_equal(measured.stamps, expected.stamps)
+    assert np.array_equal(measured.channels, expected.channels, equal_nan=True)
