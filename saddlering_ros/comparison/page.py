@@ -136,7 +136,8 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
                        for item in numbers)]
         for name, numbers in change.contact.items()]
     limits: list[list[str | Cell]] = [
-        [name_of(item.effect), number(quantity(item.limit, item.unit)),
+        [name_of(item.effect),
+         number(quantity(max(item.limit, item.material_limit), item.unit)),
          number(quantity(change.limits_alone.get(item.effect), item.unit))]
         for item in change.diagnosis.observability.limits if item.testable]
     html.write_page(path, html.page('What changed', [

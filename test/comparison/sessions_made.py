@@ -44,13 +44,13 @@ def with_size(effects: Sequence[EffectRequest], name: str, size: float) -> list[
 
 def session(
     day: int, effects: Sequence[EffectRequest], *, tests: Sequence[tuple[str, float]] = TESTS,
-    contact: ContactParameters = TRUE_TO_SCALE, ring: str = 'SR-1',
+    contact: ContactParameters = TRUE_TO_SCALE, ring: str = 'SR-1', rollers: int = 7,
 ) -> list[Record]:
-    """Records of a session on a day; the number of the ring's rollers stays the same."""
+    """Records of a session on a day of the ring with rollers of this number."""
     records = []
     for number, (test, degrees) in enumerate(tests):
         physical = PhysicalRig(RIG, contact, math.radians(degrees), tuple(effects),
-                               Scatter(1e-6, 0.02), 7)
+                               Scatter(1e-6, 0.02), rollers)
         schedule = (static_schedule(RIG, hold=2.5) if test == 'static'
                     else dynamic_schedule(RIG, duration=8.0))
         made = record_test(TestPlan(
