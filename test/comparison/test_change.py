@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import pickle
 
 import numpy as np
 import pytest
@@ -35,7 +36,8 @@ def before():
 
 
 @pytest.mark.slow
-def test_what_both_sessions_have_is_not_accused(before):
+def test_what_both_sessions_have_is_not_accused(before, monkeypatch):
+    monkeypatch.setattr('saddlering_ros.comparison.change._limits_alone', lambda *_: {})
     change = compare_records(before, session(2, dirt()), rig=RIG)
     document = change.to_json()
     assert document['verdict'] == 'none'
@@ -46,16 +48,26 @@ def test_what_both_sessions_have_is_not_accused(before):
 
 
 @pytest.fixture(scope='module')
-def shares():
-    """Shares of the progress of `grown`."""
-    return []
+def compared(before, made_once):
+    """Friction that grew by 1500 N, and the progress; compared once for all workers."""
+    def make(folder):
+        shares = []
+        after = session(3, with_size(dirt(), 'radial_friction', 1850.0))
+        change = compare_records(before, after, rig=RIG,
+                                 on_progress=lambda report: shares.append(report.share))
+        (folder / 'change').write_bytes(pickle.dumps((change, shares)))
+    return pickle.loads((made_once.folder('changes/grown', make) / 'change').read_bytes())
 
 
 @pytest.fixture(scope='module')
-def grown(before, shares):
-    """Friction that grew by 1500 N."""
-    return compare_records(before, session(3, with_size(dirt(), 'radial_friction', 1850.0)),
-                           rig=RIG, on_progress=lambda report: shares.append(report.share))
+def grown(compared):
+    return compared[0]
+
+
+@pytest.fixture(scope='module')
+def shares(compared):
+    """Shares of the progress of `grown`."""
+    return compared[1]
 
 
 @pytest.mark.slow
