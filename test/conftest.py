@@ -58,10 +58,12 @@ FOLDERS_WITH_NODES = ('test/nodes', 'test/live', 'test/cli')
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Refuse a test with nodes where the gate would not run it; leave campaigns out.
 
-    All workers have the tests in one order, however they collected them: the slow ones first, so
-    that none is left for one worker while the other has no more to do.
+    All workers have the tests in one order, however they collected them: files with slow ones
+    first, so that none is left for one worker while the other has no more to do. The tests of a
+    file stay together, since they share what its fixtures made.
     """
-    items.sort(key=lambda item: (item.get_closest_marker('slow') is None, item.path))
+    slow = {item.path for item in items if item.get_closest_marker('slow')}
+    items.sort(key=lambda item: (item.path not in slow, item.path))
     if not config.getoption('--campaigns'):
         left_out = [item for item in items if item.get_closest_marker('campaign')]
         config.hook.pytest_deselected(items=left_out)

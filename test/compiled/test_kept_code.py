@@ -122,6 +122,7 @@ def test_the_folder_of_numba_comes_first_if_the_user_named_one(sources: Path,
 
 def test_code_that_nobody_loads_any_more_is_removed(sources: Path, tmp_path: Path) -> None:
     unused = Path(called(sources, str(tmp_path))[2])
+    assert unused.exists()
     os.utime(unused, (time.time() - 100 * 86400.0,) * 2)
     (sources / 'callee.py').write_text(CALLEE.format(factor=3.0))
     called(sources, str(tmp_path))

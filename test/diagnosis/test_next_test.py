@@ -38,6 +38,7 @@ def test_every_cause_of_a_known_ambiguity_gets_an_outcome_of_its_own(group):
 def test_two_effects_that_no_test_separates_act_on_different_channels():
     alike = [pair for pair in combinations(sorted(catalogue()), 2)
              if next_test.between(pair) is None]
+    assert alike
     for pair in alike:
         first, second = (plain_channels(name) for name in pair)
         assert not first & second, pair

@@ -21,6 +21,7 @@ from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
 @pytest.mark.parametrize('name', ['carriage_resonance', 'probe_saturation'])
 def test_every_start_an_effect_holds_worth_trying_is_tried(name):
     effect = catalogue()[name]
+    assert effect.starts
     for form in engine_effects(effect, default_rig()):
         assert all(any(start.items() <= item.items() for item in form.starts)
                    for start in effect.starts)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache
 from itertools import pairwise
 
+from made_once import MadeOnce
 import numpy as np
 from numpy.typing import NDArray
 from pushed import pushed
@@ -81,9 +81,16 @@ CASES = [(one, variant) for one in catalogue().values() for variant in one.varia
 NAMES = [f'{one.id}-{variant.label}' for one, variant in CASES]
 
 
-@lru_cache(maxsize=1)
-def all_changes() -> tuple[Floats, Floats, Floats]:
-    """Largest change (cases, 4) by each case when neutral, typical and at the ends of its bounds.
+@pytest.fixture(scope='module')
+def all_changes(made_once: MadeOnce) -> Floats:
+    """What `measured_changes` gives, computed once for all workers."""
+    folder = made_once.folder('signatures', lambda folder: np.save(folder / 'changes.npy',
+                                                                   measured_changes()))
+    return np.asarray(np.load(folder / 'changes.npy'))
+
+
+def measured_changes() -> Floats:
+    """Largest change (3, cases, 4) by each case: neutral, typical and at the ends of its bounds.
 
     In shares of the channel's range (parity: of delta_x), over a static and a dynamic record of
     the ring pushed, and a static one of the ring pulled (other rollers, other ends of the probes).
@@ -110,20 +117,19 @@ def all_changes() -> tuple[Floats, Floats, Floats]:
         for (kind, number), changed in zip(places, probes[1:], strict=True):
             size = np.abs(channels(changed) - plain).max(axis=1) / extent
             changes[kind, number] = np.maximum(changes[kind, number], size)
-    return changes[0], changes[1], changes[2]
+    return changes
 
 
 @pytest.mark.parametrize('case', range(len(CASES)), ids=NAMES)
-def test_a_neutral_effect_changes_nothing(case: int) -> None:
-    neutral, _, _ = all_changes()
-    assert np.all(neutral[case] == 0.0)
+def test_a_neutral_effect_changes_nothing(all_changes: Floats, case: int) -> None:
+    assert np.all(all_changes[0, case] == 0.0)
 
 
 @pytest.mark.parametrize('case', range(len(CASES)), ids=NAMES)
-def test_an_effect_shows_in_the_channels_it_states_and_in_no_other(case: int) -> None:
-    _, typical, _ = all_changes()
+def test_an_effect_shows_in_the_channels_it_states_and_in_no_other(
+        all_changes: Floats, case: int) -> None:
     one, variant = CASES[case]
-    for name, change in zip(CHANNELS, typical[case], strict=True):
+    for name, change in zip(CHANNELS, all_changes[1, case], strict=True):
         if name in one.channels_of(variant):
             assert change > 1e-4, f'{name} does not show it'
         else:
@@ -131,10 +137,9 @@ def test_an_effect_shows_in_the_channels_it_states_and_in_no_other(case: int) ->
 
 
 @pytest.mark.parametrize('case', range(len(CASES)), ids=NAMES)
-def test_the_simulation_stays_sane_up_to_the_bounds(case: int) -> None:
-    _, _, extreme = all_changes()
-    assert np.all(np.isfinite(extreme[case]))
-    assert np.all(extreme[case] < 10.0)
+def test_the_simulation_stays_sane_up_to_the_bounds(all_changes: Floats, case: int) -> None:
+    assert np.all(np.isfinite(all_changes[2, case]))
+    assert np.all(all_changes[2, case] < 10.0)
 
 
 def branches(channel: Floats, load: Floats) -> tuple[Floats, Floats]:

@@ -57,6 +57,7 @@ def test_what_is_written_are_floats_to_any_yaml_reader(tmp_path: Path) -> None:
     write_parameters(tmp_path / 'p.yaml', FULL)
     document = yaml.safe_load((tmp_path / 'p.yaml').read_text(encoding='utf-8'))
     contact = document['/**']['ros__parameters']['contact']
+    assert len(contact) == 6
     assert all(isinstance(value, float) for value in contact.values())
 
 

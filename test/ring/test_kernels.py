@@ -43,6 +43,10 @@ def test_kernels_import_from_their_own_folder_only() -> None:
     own = 'saddlering_ros.ring.kernels'
     for file in sorted(Path(kernels.__file__).parent.glob('*.py')):
         for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.ImportFrom) and (node.module or '').startswith('saddlering'):
+            if isinstance(node, ast.Import):
+                assert not any('saddlering' in alias.name for alias in node.names), file.name
+            elif isinstance(node, ast.ImportFrom) and 'saddlering' in (node.module or ''):
                 compiler = node.module == 'saddlering_ros' and file.name == 'layout.py'
-                assert compiler or (node.module or '').startswith(own), (file.name, node.module)
+                assert compiler or node.module.startswith(own), (file.name, node.module)
+            elif isinstance(node, ast.ImportFrom):
+                assert not node.level, (file.name, 'a relative import')
