@@ -47,15 +47,21 @@ def test_what_both_sessions_have_is_not_accused(before, monkeypatch):
     assert max(map(abs, apart.values())) < 3.0
 
 
+SHARES = []
+"""Of the progress of the comparison that fixtures share; a change keeps its listener."""
+
+
+def listen(report):
+    SHARES.append(report.share)
+
+
 @pytest.fixture(scope='module')
 def compared(before, made_once):
     """Friction that grew by 1500 N, and the progress; compared once for all workers."""
     def make(folder):
-        shares = []
         after = session(3, with_size(dirt(), 'radial_friction', 1850.0))
-        change = compare_records(before, after, rig=RIG,
-                                 on_progress=lambda report: shares.append(report.share))
-        (folder / 'change').write_bytes(pickle.dumps((change, shares)))
+        change = compare_records(before, after, rig=RIG, on_progress=listen)
+        (folder / 'change').write_bytes(pickle.dumps((change, SHARES[:])))
     return pickle.loads((made_once.folder('changes/grown', make) / 'change').read_bytes())
 
 
