@@ -199,8 +199,9 @@ def repeated_laws(laws: Sequence[str], cosines: Mapping[str, Mapping[str, float]
 
 def for_unseen(effects: Sequence[str]) -> str | None:
     """The test that shows most of the effects that these data cannot show."""
-    scored = [([name for name in effects if _shows(name, test)], test) for test in RIG_TESTS
-              if test.otherwise]
+    scored = [([name for name in effects
+                if outcome(name, test) not in (UNCLEAR, test.otherwise)], test)
+              for test in RIG_TESTS if test.otherwise]
     best, test = max(scored, key=lambda score: len(score[0]), default=([], RIG_TESTS[0]))
     if not best:
         return None
@@ -244,10 +245,6 @@ def for_swing(channel: str, frequency: float) -> str:
 def _first_separated(test: RigTest, effects: Sequence[str]) -> int:
     first, *others = (outcome(name, test) for name in effects)
     return sum(UNCLEAR not in (first, other) and other != first for other in others)
-
-
-def _shows(effect_id: str, test: RigTest) -> bool:
-    return outcome(effect_id, test) not in (UNCLEAR, test.otherwise)
 
 
 def _meanings(test: RigTest, effects: Sequence[str]) -> str:

@@ -284,7 +284,10 @@ class KeptSystem:
 
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
         """Channels (B, C, N); points that were asked for before are not simulated again."""
-        keys = [(run.name, _key(point)) for point in points]
+        keys = [
+            (run.name, f'{point.base.tolist()} '
+                       f'{[(name, *values.items()) for name, values in point.effects.items()]}')
+            for point in points]
         new = {key: point for key, point in zip(keys, points, strict=True)
                if key not in self._readings}
         if new:
@@ -295,11 +298,6 @@ class KeptSystem:
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
         """As the ring."""
         return self._ring.nuisances(runs, point)
-
-
-def _key(point: Point) -> str:
-    effects = [(name, *values.items()) for name, values in point.effects.items()]
-    return f'{point.base.tolist()} {effects}'
 
 
 @one_blas_thread()

@@ -243,7 +243,8 @@ class RingSystem:
         means = probe_batch(
             self.rig, candidates, grid.elevation, grid.time, grid.load, grid.zero_load,
             grid.max_step, (grid.first, grid.last))
-        return np.clip(_finite(means), -10.0 * FAILED, 10.0 * FAILED)
+        known = np.nan_to_num(means, nan=FAILED, posinf=FAILED, neginf=-FAILED)
+        return np.clip(known, -10.0 * FAILED, 10.0 * FAILED)
 
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
         """Nuisance columns: unequal rollers, uncertain clearances and weight, noise of the load.
@@ -398,11 +399,6 @@ def _steep(run: RunBlocks, per_newton: Array) -> NDArray[np.int64]:
     usual = float(np.median(moves[load >= 0.5 * load.max()]))
     steepest = np.argsort(-moves)[:MAX_STEEP]
     return np.sort(steepest[moves[steepest] > STEEP * usual])
-
-
-def _finite(readings: Array) -> Array:
-    """Readings with a distant value where the simulation failed."""
-    return np.nan_to_num(readings, nan=FAILED, posinf=FAILED, neginf=-FAILED)
 
 
 def engine_effects(

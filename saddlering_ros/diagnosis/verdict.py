@@ -275,7 +275,11 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
         'detection_limits': [limit_entry(limit) for limit in diagnosis.observability.limits],
         'immaterial': [_evidence_entry(one) for one in diagnosis.search.immaterial],
         'unexplained': shapes_after[:8],
-        'candidates': [_candidate_entry(one) for one in diagnosis.search.candidates],
+        'candidates': [
+            {**_evidence_entry(one), 'step': one.step, 'delta_bic': one.delta_bic,
+             'misfit': one.misfit,
+             'parameters': {effect: dict(values) for effect, values in one.values.items()}}
+            for one in diagnosis.search.candidates],
         'shapes': {
             'before': [_shape_entry(shape) for shape in diagnosis.residual_before.shapes],
             'after': shapes_after,
@@ -374,16 +378,6 @@ def _simulated_test(separation: Separation) -> SimulatedTestEntry:
 
 def _evidence_entry(one: Evidence) -> dict[str, Any]:
     return {'effects': list(one.effects), 'p_value': one.p_value, 'share_of_range': one.visible}
-
-
-def _candidate_entry(one: Evidence) -> dict[str, Any]:
-    return {
-        **_evidence_entry(one),
-        'step': one.step,
-        'delta_bic': one.delta_bic,
-        'misfit': one.misfit,
-        'parameters': {effect: dict(values) for effect, values in one.values.items()},
-    }
 
 
 def _shape_entry(shape: ShapeTest) -> ShapeEntry:

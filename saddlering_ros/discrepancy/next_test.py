@@ -28,14 +28,7 @@ from saddlering_ros.discrepancy.problem.problem import (
     system_columns,
     timing_columns,
 )
-from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    Effect,
-    Point,
-    Proposal,
-    RunBlocks,
-    Settings,
-)
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Point, Proposal, Settings
 from saddlering_ros.discrepancy.search.comparison import alternative_floor, indistinguishable
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import ModelSpace
@@ -314,9 +307,11 @@ def _whitener(metric: Metric, proposal: Proposal) -> Callable[[Array], Array]:
     alike = min(
         metric.problem.runs,
         key=lambda run: abs(math.log(float(np.median(run.width)) / width)))
+    covariances = [metric.noise[alike.name, channel].covariance(run.time, run.width, run.hold)
+                   for channel in range(run.channels.shape[0])]
     lowers = [
-        cholesky(_covariance(metric, alike.name, channel, run), lower=True)
-        for channel in range(run.channels.shape[0])
+        cholesky(matrix + 1e-9 * float(np.diag(matrix).max()) * np.eye(run.time.size), lower=True)
+        for matrix in covariances
     ]
     deviations = np.array([reading.std for reading in proposal.readings])
 
@@ -330,11 +325,6 @@ def _whitener(metric: Metric, proposal: Proposal) -> Callable[[Array], Array]:
         return np.vstack(parts)
 
     return whiten
-
-
-def _covariance(metric: Metric, name: str, channel: int, run: RunBlocks) -> Array:
-    matrix = metric.noise[name, channel].covariance(run.time, run.width, run.hold)
-    return np.asarray(matrix + 1e-9 * float(np.diag(matrix).max()) * np.eye(run.time.size))
 
 
 @dataclass(frozen=True)

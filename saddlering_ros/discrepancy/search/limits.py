@@ -111,7 +111,10 @@ def detection_limits(
                 material_limit=_value(
                     effect, _nine_in_ten([one.material_limit for one in configurations])),
                 unit=effect.size.unit, testable=share >= MIN_SHARE and bool(np.isfinite(limit)),
-                configurations=tuple(_as_values(effect, one) for one in configurations))
+                configurations=tuple(
+                    replace(one, limit=_value(effect, one.limit),
+                            material_limit=_value(effect, one.material_limit))
+                    for one in configurations))
         )
     return answers
 
@@ -122,15 +125,6 @@ def needed_length(extra: int, rate: float, pairs: int) -> float:
     extra: parameters of the effect; rate: chance of a false cause in one test.
     """
     return float(np.sqrt(extra * fisher_limit(rate, extra, pairs))) + POWER_QUANTILE
-
-
-def _as_values(effect: Effect, configuration: Configuration) -> Configuration:
-    """A configuration with its limits converted from distances to sizes."""
-    return replace(
-        configuration,
-        limit=_value(effect, configuration.limit),
-        material_limit=_value(effect, configuration.material_limit),
-    )
 
 
 def _value(effect: Effect, distance: float) -> float:
@@ -239,7 +233,8 @@ def _confirmed(
     if not np.isfinite(stated.limit) or effect.neutral != 0.0 or not stated.configurations:
         return stated
     settings, pairs = space.settings, space.pairs
-    configuration = _configuration(stated)
+    configuration = min(
+        stated.configurations, key=lambda one: abs(one.limit - stated.limit))
     needed = needed_length(len(effect.ordered), settings.error_rate / trials, pairs)
     reach = max(abs(effect.size.low), abs(effect.size.high))
 
@@ -264,11 +259,6 @@ def _confirmed(
         material_limit=material,
         testable=stated.testable and bool(np.isfinite(limit)),
     )
-
-
-def _configuration(stated: DetectionLimit) -> Configuration:
-    """The configuration with the stated limit."""
-    return min(stated.configurations, key=lambda one: abs(one.limit - stated.limit))
 
 
 def _part(shown: Shown | None, name: str) -> float:

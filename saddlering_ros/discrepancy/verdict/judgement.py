@@ -16,7 +16,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR, Tangent
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
-from saddlering_ros.discrepancy.problem.system import Array, Parameter, RunBlocks
+from saddlering_ros.discrepancy.problem.system import Array, Parameter
 from saddlering_ros.discrepancy.search.comparison import (
     alternative_floor,
     changes_of_effects,
@@ -259,7 +259,10 @@ def judge(
         open_members = [name for name in fit.candidate.ids if alternatives.get(name)]
         doubts = _doubts(space, fit, after, share)
         if open_members and too_many(len(fit.candidate.effects)):
-            doubts.append(_too_many_words(len(fit.candidate.effects), open_members))
+            doubts.append(
+                f'{len(fit.candidate.effects)} effects were needed, and other effects can replace '
+                f'{" and ".join(open_members)}: so many models can fit any misfit, and none of '
+                'them is certain')
         verdict = 'unknown' if doubts else 'ambiguous' if open_members else 'named'
         warnings += doubts
         if after.slow.is_real_and_material(settings) and not doubts:
@@ -276,14 +279,6 @@ def judge(
             f'{fast.run} ({percent(fast.visible)} of range), which no cause explains'
         )
     return Judgement(verdict, share, tuple(warnings))
-
-
-def _too_many_words(effects: int, open_members: Sequence[str]) -> str:
-    return (
-        f'{effects} effects were needed, and other effects can replace '
-        f'{" and ".join(open_members)}: so many models can fit any misfit, and none of them is '
-        'certain'
-    )
 
 
 def _is_left(space: ModelSpace, after: Residual) -> bool:
@@ -332,11 +327,12 @@ def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
         return []  # Judged in each view, against the form error of the effects.
     allowed = allowed_sizes(space)
     least = {view: max(space.settings.materiality, own) for view, own in allowed.items()}
+    names = [run.name for run in problem.runs]
     unexplained = [
         f'{channel} in {run}'
         for (channel, run), chance in after.slow.chances.items()
         if chance < space.settings.error_rate
-        and after.slow.sizes[channel][_number(problem.runs, run)] >= least[channel]
+        and after.slow.sizes[channel][names.index(run)] >= least[channel]
     ]
     unexplained += [
         f'{test.view} along {test.coordinate}'
@@ -346,10 +342,6 @@ def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
     return unexplained
 
 
-def _number(runs: Sequence[RunBlocks], name: str) -> int:
-    return next(number for number, run in enumerate(runs) if run.name == name)
-
-
 def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[str]:
     """Reasons why real causes are not named, one sentence each."""
     settings, assumptions = space.settings, space.problem.assumptions
@@ -357,7 +349,8 @@ def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[
     if _is_left(space, after):
         where = ', '.join(_unexplained(space, after)) or after.slow.where or after.fast.view
         is_exact = assumptions.form_error == 0.0
-        if share < settings.min_total or is_exact or _exceeds_forms(space, fit):
+        if share < settings.min_total or is_exact or space.tests.slow(
+                with_forms(space, fit, fit)).is_real_and_material(settings):
             doubts.append(
                 f'{remaining_words(share)} remains, which is more than noise and '
                 f'model error in {where}: {" and ".join(fit.candidate.ids)} can only be a part '
@@ -371,12 +364,6 @@ def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[
             'can fit any misfit, and none of them is certain'
         )
     return [*doubts, *shapes_at_bounds(space, fit)]
-
-
-def _exceeds_forms(space: ModelSpace, fit: Fit) -> bool:
-    """Whether more remains than any form of the laws of a fit explains."""
-    remaining = space.tests.slow(with_forms(space, fit, fit))
-    return remaining.is_real_and_material(space.settings)
 
 
 def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain, gain_of, plain_fits, PRIOR, Tangent
-from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter
 from saddlering_ros.discrepancy.search.comparison import Comparison
 from saddlering_ros.discrepancy.search.selection import Alternatives
@@ -106,7 +105,9 @@ def publish(
         base=_base_estimates(parameters, model, covariance),
         base_alone=_base_estimates(parameters, base, base_covariance),
         gain=gain_over(base),
-        runs=_predictions(problem, base, model),
+        runs=tuple(
+            RunPrediction(run, *problem.system.predict_many(run, [base.point, model.point]))
+            for run in problem.all_runs),
         fits=PublishedFits(
             metric, base, model, _in_units(parameters, model.theta_unit, covariance)),
         shares=taken.get(base.candidate.key),
@@ -171,12 +172,3 @@ def _effect_estimates(
     for key, value in effect.variants[variant].items():
         estimates[key] = Estimate(float(value), 0.0, '')
     return estimates
-
-
-def _predictions(problem: Problem, before: Fit, after: Fit) -> tuple[RunPrediction, ...]:
-    """Predictions of base and model for every run, held out or not."""
-    answers = []
-    for run in problem.all_runs:
-        both = problem.system.predict_many(run, [before.point, after.point])
-        answers.append(RunPrediction(run, both[0], both[1]))
-    return tuple(answers)

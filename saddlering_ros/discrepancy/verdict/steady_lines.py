@@ -164,7 +164,10 @@ def _is_driven(runs: Sequence[RunBlocks], line: Line, error_rate: float) -> bool
     """
     drives = [next(iter(run.inputs.values()))[None, :] for run in runs]
     usable = [stretch.segment for stretch in stretches_of(runs, drives)]
-    least = _least_swing(runs, drives, line)
+    # The least amplitude of the drive whose linear response is a share of the line.
+    ranges = np.max([np.ptp(run.channels, axis=1) for run in runs], axis=0)
+    shares = line.amplitude[line.own] / np.maximum(ranges[line.own], 1e-300)
+    least = DRIVEN_SHARE * max(float(np.ptp(own)) for own in drives) * float(shares.max())
     for part in range(1, HARMONICS + 1):
         wanted = line.frequency / part
         swing = find_line(usable, error_rate, (0.9 * wanted, 1.1 * wanted)).line
@@ -173,14 +176,6 @@ def _is_driven(runs: Sequence[RunBlocks], line: Line, error_rate: float) -> bool
         if float(swing.amplitude[0]) >= least and _is_steady(usable, swing):
             return True
     return False
-
-
-def _least_swing(runs: Sequence[RunBlocks], drives: Sequence[Array], line: Line) -> float:
-    """Amplitude of the drive whose linear response is a share of the line."""
-    drive = max(float(np.ptp(own)) for own in drives)
-    ranges = np.max([np.ptp(run.channels, axis=1) for run in runs], axis=0)
-    shares = line.amplitude[line.own] / np.maximum(ranges[line.own], 1e-300)
-    return DRIVEN_SHARE * drive * float(shares.max())
 
 
 def _is_steady(segments: Sequence[RestSegment], line: Line) -> bool:
@@ -282,7 +277,10 @@ def find_steady_lines(problem: Problem, trials: int) -> SteadyLines:
         if not effect.line:
             continue
         search = find_line(rest, settings.error_rate / trials)
-        limits.append(_limit(effect, search.limit, _material_limit(problem)))
+        seen = bool(np.isfinite(search.limit))
+        limits.append(DetectionLimit(
+            effect.id, float(seen), search.limit, search.limit, _material_limit(problem),
+            effect.size.unit, seen))
         if search.line is None:
             continue
         cause = _cause(problem, effect, search.line, rest, held_out)
@@ -334,11 +332,6 @@ def _material_limit(problem: Problem) -> float:
         for view, weights in problem.system.views.items()
     )
     return float(problem.settings.materiality * np.sqrt(2.0) / widest)
-
-
-def _limit(effect: Effect, limit: float, material: float) -> DetectionLimit:
-    seen = bool(np.isfinite(limit))
-    return DetectionLimit(effect.id, float(seen), limit, limit, material, effect.size.unit, seen)
 
 
 def _cause(
