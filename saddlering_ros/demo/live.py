@@ -20,11 +20,11 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
 from numpy.typing import NDArray
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
@@ -32,6 +32,7 @@ from saddlering_interfaces.msg import ReplayState, RingDisplacement
 from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.record import Record
+from saddlering_ros.record.displacement import a_pair_reads
 from saddlering_ros.record.samples import Displacements, join
 from saddlering_ros.record.topics import LOAD
 from saddlering_ros.ros.launcher import last_line, NodeGroup, REPLAY_NODES, RING_NODES
@@ -98,15 +99,12 @@ class LiveRig:
         self._start_simulator(None)
         self._group.start('ring_residual')
         for name in SWITCHED:
-            clock = self._clock_settings() if name == 'replay_clock' else {}
+            clock = {'lockstep': True, 'rate': 0.0, 'participants': [
+                *REPLAY_NODES, *RING_NODES, RECORDER]} if name == 'replay_clock' else {}
             self._group.start(name, {**roots, **clock})
         self._group.start('ring_identification', roots)
         self._group.start('ring_diagnosis',
                           {**roots, 'parameters_root': str(self._parameters_root)})
-
-    def _clock_settings(self) -> dict[str, Any]:
-        return {'lockstep': True, 'rate': 0.0,
-                'participants': [*REPLAY_NODES, *RING_NODES, RECORDER]}
 
     def _start_simulator(self, parameters_file: Path | None) -> None:
         settings: dict[str, Any] = {'elevation_deg': self._elevation, 'follow_parameters': True}
@@ -204,9 +202,8 @@ class LiveRig:
                 self._transit(name, Transition.TRANSITION_DEACTIVATE)
                 self._transit(name, Transition.TRANSITION_CLEANUP)
             self._replayed.add(name)
-            parameters = [
-                Parameter(name=key, value=_parameter_value(value)) for key, value in values.items()
-            ]
+            parameters = [Parameter(key, value=value).to_parameter_msg()
+                          for key, value in values.items()]
             answer = self._call(SetParameters, f'/{name}/set_parameters',
                                 SetParameters.Request(parameters=parameters))
             refused = [item.reason for item in answer.results if not item.successful]
@@ -218,13 +215,11 @@ class LiveRig:
                     f'the replay of {bag.name} does not start')
         share, words = self._share()
         while share < 1.0:
-            self._until(partial(self._has_moved, share), f'the replay of {bag.name} is stuck')
+            self._until(partial(lambda before: self._share()[0] != before, share),
+                        f'the replay of {bag.name} is stuck')
             share, words = self._share()
             show(share, words)
         return self._recorder.cut()
-
-    def _has_moved(self, share: float) -> bool:
-        return self._share()[0] != share
 
     def _share(self) -> tuple[float, str]:
         """Share of the replay that is done (-1: no report yet, 1: at its end), and its rate."""
@@ -292,12 +287,6 @@ class LiveRig:
         return result
 
 
-def _parameter_value(value: str | float) -> ParameterValue:
-    if isinstance(value, str):
-        return ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
-    return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
-
-
 class DemoError(SaddleringError):
     """Bags the demo cannot use, or nodes that do not do their part."""
 
@@ -325,8 +314,7 @@ class ReplayRecording:
         Every load has a simulation, and every load at which a pair of probes reads has a
         displacement and a residual.
         """
-        read = np.isfinite(run.gaps)
-        published = int(((read[0] & read[2]) | (read[1] & read[3])).sum())
+        published = int(np.count_nonzero(a_pair_reads(run.gaps)))
         return 2 * (len(run.time) + published) - self.messages
 
     def at(self, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -236,14 +236,14 @@ class Watcher:
         has_ended = self._replay is not None and self._replay['state'] == 'finished'
         if not has_ended or now - self._received_at < LAST_SAMPLES:
             return ''
-        published = self._published_by_stream()
-        taken = sum(flow.received for flow in (*self._streams.values(), *self._sensors.values()))
+        flows = {**self._streams, **self._sensors}
+        taken = sum(flow.received for flow in flows.values())
         if self._counted != taken:
             self._counted, self._received = taken, dict(self.traces.received)
             with contextlib.suppress(LiveError):
                 self._received |= self._received_of_sensors()
         return missing_words(self._received, {
-            name: count for name, count in published.items() if name in self._received})
+            name: self._published.get(flows[name].topic, 0) for name in self._received})
 
     def _received_of_sensors(self) -> dict[str, int]:
         """How many messages of the test that is shown are kept, by gauge."""
@@ -433,10 +433,6 @@ class Watcher:
         with self.lock:
             self._published.update(zip(message.outputs, map(int, message.published),
                                        strict=False))
-
-    def _published_by_stream(self) -> dict[str, int]:
-        return {name: self._published.get(subscription.topic, 0)
-                for name, subscription in {**self._streams, **self._sensors}.items()}
 
     def _on_alarm(self, message: RingAlarm) -> None:
         shown = alarm_as_page(message)
