@@ -224,11 +224,3 @@ def set_probe(values: Four, probe: int, value: float) -> Four:
     """The same tuple with `value` set at probe 1 to 4, or at all probes for 0."""
     changed = [value if probe in (0, index + 1) else old for index, old in enumerate(values)]
     return changed[0], changed[1], changed[2], changed[3]
-
-
-def describe(extension: RingExtension) -> dict[str, Any]:
-    """The extension parameters that differ from neutral, by name."""
-    shared = {item.name: getattr(extension, item.name) for item in shared_parameters()}
-    changed = {name: value for name, value in shared.items()
-               if value != getattr(NO_EXTENSION, name)}
-    return changed | {parameter.name: value for parameter, value in extension.own if value}

@@ -177,9 +177,8 @@ def _half(row: RollerRow) -> tuple[Floats, Floats]:
     return np.cos(2.0 * np.pi * index / row.rollers), twins
 
 
-def _columns_at(
-    rig: Rig, contact: Floats, q: Floats, per_load: Floats
-) -> tuple[Floats, Floats, Floats]:
+def _columns_at(rig: Rig, contact: Floats, q: Floats,
+                per_load: Floats) -> tuple[Floats, Floats, Floats]:
     """Motion (G, 3, k) at q (G, 3) by one standard deviation of every gap and every stiffness.
 
     The second result is the part that the dampers add per rate of the load, where q moves by

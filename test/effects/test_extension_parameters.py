@@ -10,7 +10,6 @@ import pytest
 
 from saddlering_ros.effects import own_parameters, OwnParameter
 from saddlering_ros.effects.extension import (
-    describe,
     Hysteron,
     MOTION,
     NO_EXTENSION,
@@ -97,4 +96,3 @@ def test_an_own_parameter_adds_up_and_is_gone_at_nothing() -> None:
     assert item.of(twice) == 3.0
     assert item.add(twice, -3.0) == NO_EXTENSION
     assert twice.only(MOTION) == NO_EXTENSION
-    assert describe(twice) == {'some': 3.0}

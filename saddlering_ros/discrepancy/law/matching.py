@@ -431,12 +431,3 @@ def _curve_term(misfit: Misfit, fit: BlockFit, left: float) -> Term:
         target=fit.target, coordinate=block.coordinate, law='curve',
         words='a smooth curve, given as a table', parameters={}, at=at,
         values=basis @ coefficients, band=np.sqrt(np.maximum(variance, 0.0)), freedom=fit.freedom)
-
-
-def additions(misfit: Misfit, terms: tuple[Term, ...]) -> Array:
-    """Plain stacked change (n,) of the channels by all terms."""
-    total = np.zeros(misfit.size)
-    for term in terms:
-        shapes = tuple(term.evaluate(run.coordinates)[:, None] for run in misfit.runs)
-        total += families.stacked(misfit.runs, term.target, shapes)[:, 0]
-    return total

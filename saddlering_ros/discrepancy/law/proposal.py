@@ -42,8 +42,6 @@ from saddlering_ros.discrepancy.problem.fits import (
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, System
 
-MAX_BLOCKS = 2
-
 MIN_SHARE = 0.1
 """Smallest share of the misfit that the first family must predict. A law that predicts less is no
 description of the misfit, however significant it is."""

@@ -92,10 +92,7 @@ class Comparison:
     @cached_property
     def p_value(self) -> float:
         """p-value of the likelihood ratio test, with all shapes of the candidate counted."""
-        return self._likelihood_ratio_test(self.gain)
-
-    def _likelihood_ratio_test(self, gain: float) -> float:
-        return self.space.likelihood_ratio_test(gain, self._extra)
+        return self.space.likelihood_ratio_test(self.gain, self._extra)
 
     @property
     def _extra(self) -> int:
@@ -168,7 +165,7 @@ class Comparison:
             return False
         has_no_form = gain >= settings.min_total * self.gain
         rate = settings.error_rate if has_no_form else settings.error_rate**2
-        return self._likelihood_ratio_test(gain) < rate
+        return space.likelihood_ratio_test(gain, self._extra) < rate
 
     def is_another_cause(self, misfit_left: bool) -> bool:
         """Whether the effect is a cause beside those in `less`; misfit_left: they leave some."""
