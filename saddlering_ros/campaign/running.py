@@ -11,14 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import (
-    CancelledError,
-    Executor,
-    FIRST_COMPLETED,
-    Future,
-    ThreadPoolExecutor,
-    wait,
-)
+from concurrent import futures
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 import os
@@ -124,7 +117,7 @@ class Workers:
     local: its slots, where they are of this process.
     """
 
-    executor: Executor
+    executor: futures.Executor
     slots: int
     alive: Callable[[], bool] = lambda: True
     warning: str = ''
@@ -136,7 +129,7 @@ def local_workers(jobs: int | None = None) -> Iterator[Workers]:
     """`jobs` slots of this machine (default: its processors)."""
     count = jobs or len(os.sched_getaffinity(0))
     slots: list[Slot] = []
-    executor = ThreadPoolExecutor(count, thread_name_prefix='slot',
+    executor = futures.ThreadPoolExecutor(count, thread_name_prefix='slot',
                                   initializer=lambda: slots.append(_THREAD.slot))
     try:
         yield Workers(executor, count, local=slots)
@@ -278,7 +271,7 @@ class _Work:
     store: Store
     workers: Workers
     waiting: deque[SessionTask]
-    running: dict[Future[str], SessionTask] = field(default_factory=dict)
+    running: dict[futures.Future[str], SessionTask] = field(default_factory=dict)
     lost: dict[str, int] = field(default_factory=dict)
 
     def next_results(self) -> tuple[list[dict[str, Any]], bool]:
@@ -287,7 +280,8 @@ class _Work:
             task = self.waiting.popleft()
             self.running[self.workers.executor.submit(
                 execute, task.as_dict(), str(self.store.folder.resolve()))] = task
-        finished, _ = wait(self.running, timeout=HEARTBEAT, return_when=FIRST_COMPLETED)
+        finished, _ = futures.wait(
+            self.running, timeout=HEARTBEAT, return_when=futures.FIRST_COMPLETED)
         documents, is_late = [], not finished
         for future in finished:
             task = self.running.pop(future)
@@ -299,13 +293,13 @@ class _Work:
                 documents.append(document)
         return documents, is_late
 
-    def _result(self, future: Future[str], task: SessionTask) -> dict[str, Any] | None:
+    def _result(self, future: futures.Future[str], task: SessionTask) -> dict[str, Any] | None:
         """The result of a finished future; None if the task must be given again."""
         try:
             key = future.result()
         except SaddleringError:
             raise  # the store cannot be written: no other task would fare better
-        except (Exception, CancelledError) as problem:
+        except (Exception, futures.CancelledError) as problem:
             return self._of_lost_worker(task, problem)
         document = self.store.read_result(key)
         if document is None:

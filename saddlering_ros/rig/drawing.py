@@ -11,7 +11,7 @@ from typing import Any
 from saddlering_ros.errors import did_you_mean, plain_number, whole_number
 from saddlering_ros.files import whole_file
 from saddlering_ros.rig.description import FIELDS, Rig, rig_from_parameters, short_digest
-from saddlering_ros.rig.ros_yaml import RigError
+from saddlering_ros.rig.ros_yaml import plain_exponents, RigError
 
 STEEL, FIXED, PROBE, LOAD, SIGN = '#c6d4e3', '#d9d5cc', '#0072B2', '#D55E00', '#222222'
 DRAWN_ELEVATION_DEG = 50.0
@@ -322,11 +322,11 @@ def draft_rig_file(rig: Rig, stated: Sequence[str]) -> tuple[str, Rig]:
         if above and above != section:
             lines.append(f'      {above}:')
         section = above
-        number = _plain_exponents(_text(values[name]))
+        number = plain_exponents(_text(values[name]))
         entry = f'{"        " if above else "      "}{key}: {number}'
         lines.append(f'{entry:<36} # {words}' + ('' if name in given else ' (TO CHECK)'))
     lines.append('    bounds:                  # search range of an identification')
-    lines += [_plain_exponents(f'      {name}: [{low!r}, {high!r}]')
+    lines += [plain_exponents(f'      {name}: [{low!r}, {high!r}]')
               for name, (low, high) in rig.bounds.items()]
     nested: dict[str, Any] = {}
     for name, value in values.items():
@@ -375,11 +375,3 @@ def _parsed(value: str, example: Any, text: str) -> Any:
 
 def _text(value: Any) -> str:
     return repr(value) if not isinstance(value, str) else value
-
-
-def _plain_exponents(line: str) -> str:
-    """Exponents as YAML 1.1 reads them: 4e-05 as 4.0e-05."""
-    import re
-
-    line = re.sub(r'(?<![\d.])(\d+)e([+-]?\d+)', r'\1.0e\2', line)
-    return re.sub(r'(\d\.\d+)e(\d)', r'\1e+\2', line)

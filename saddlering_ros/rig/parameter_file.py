@@ -14,7 +14,8 @@ import yaml
 
 from saddlering_ros.errors import refuse_unknown_keys
 from saddlering_ros.files import Origin, write_text
-from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters, RigError
+from saddlering_ros.rig import ros_yaml
+from saddlering_ros.rig.ros_yaml import check_sections, plain_exponents, RigError
 from saddlering_ros.rig.units import stiffness_per_millimetre
 
 EXPONENTS = (0.5, 5.0)
@@ -119,7 +120,7 @@ class ParameterSet:
 
 def read_parameters(path: Path | str) -> ParameterSet:
     """Read a parameter file; RigError (one line) when something in it cannot be used."""
-    return parameters_from_mapping(read_ros_parameters(Path(path), RigError), str(path))
+    return parameters_from_mapping(ros_yaml.read_ros_parameters(Path(path), RigError), str(path))
 
 
 def parameters_from_mapping(parameters: Mapping[str, Any], where: str) -> ParameterSet:
@@ -210,30 +211,23 @@ def _texts(section: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
 
 def parameters_to_mapping(parameters: ParameterSet) -> dict[str, Any]:
     """The nested dictionary that a parameter file holds below `ros__parameters`."""
-    contact = parameters.contact
-    source: dict[str, Any] = {'method': parameters.source.method}
-    if parameters.source.bags:
-        source['bags'] = list(parameters.source.bags)
-    if any(parameters.source.sha256):
-        source['sha256'] = list(parameters.source.sha256)
-    if parameters.source.versions:
-        source['versions'] = parameters.source.versions
-    if parameters.source.objective is not None:
-        source['objective'] = float(parameters.source.objective)
-    covariance = parameters.source.covariance
-    if covariance is not None and np.all(np.isfinite(covariance)):
-        source['covariance'] = [float(value) for value in np.ravel(covariance)]
-    if parameters.source.rig_hash:
-        source['rig_hash'] = parameters.source.rig_hash
-    if parameters.source.undetermined:
-        source['undetermined'] = [
-            f'{name}: {reason}' for name, reason in parameters.source.undetermined.items()]
-    source['note'] = parameters.source.note
-    source['K1_in_N_per_mm_n'] = stiffness_per_millimetre(contact.K1, contact.n1)
-    source['K2_in_N_per_mm_n'] = stiffness_per_millimetre(contact.K2, contact.n2)
+    contact, source = parameters.contact, parameters.source
+    covariance = np.empty(0) if source.covariance is None else source.covariance
+    stated = {
+        'bags': list(source.bags), 'sha256': list(source.sha256) if any(source.sha256) else [],
+        'versions': source.versions,
+        'objective': None if source.objective is None else float(source.objective),
+        'covariance': covariance.ravel().tolist() if np.isfinite(covariance).all() else [],
+        'rig_hash': source.rig_hash,
+        'undetermined': [f'{name}: {reason}' for name, reason in source.undetermined.items()]}
     result: dict[str, Any] = {
         'contact': {name: float(getattr(contact, name)) for name in PARAMETER_NAMES},
-        'source': source,
+        'source': {
+            'method': source.method,
+            **{name: value for name, value in stated.items() if value not in (None, '', [])},
+            'note': source.note,
+            'K1_in_N_per_mm_n': stiffness_per_millimetre(contact.K1, contact.n1),
+            'K2_in_N_per_mm_n': stiffness_per_millimetre(contact.K2, contact.n2)},
     }
     if parameters.effects:
         result['effects'] = {
@@ -248,13 +242,7 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
-    text = repr(value)
-    if 'e' in text and '.' not in text:
-        mantissa, exponent = text.split('e')
-        text = f'{mantissa}.0e{exponent}'
-    if 'e' in text and 'e-' not in text and 'e+' not in text:
-        text = text.replace('e', 'e+')
-    return dumper.represent_scalar('tag:yaml.org,2002:float', text)
+    return dumper.represent_scalar('tag:yaml.org,2002:float', plain_exponents(repr(value)))
 
 
 _Dumper.add_representer(float, _represent_float)

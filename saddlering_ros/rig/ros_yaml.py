@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+import re
 from typing import Any
 
 from saddlering_ros.errors import did_you_mean, refuse_unknown_keys, SaddleringError
@@ -113,3 +114,9 @@ def _number(value: Any) -> Any:
 
 class RigError(SaddleringError):
     """A rig or parameter file that cannot be used; one line: fault, place, remedy."""
+
+
+def plain_exponents(line: str) -> str:
+    """Exponents as ROS and YAML 1.1 read them: 4e-05 as 4.0e-05, 1.5e16 as 1.5e+16."""
+    line = re.sub(r'(?<![\d.])(\d+)e([+-]?\d+)', r'\1.0e\2', line)
+    return re.sub(r'(\d\.\d+)e(\d)', r'\1e+\2', line)
