@@ -135,7 +135,7 @@ class Track:
         if start // BLOCK != self.place // BLOCK:
             forget(self.raw.stamps, self.raw.values)
         return Samples(self.raw.stamps[rows], self.raw.values[rows], self.raw.min_range,
-                               self.raw.max_range)
+                       self.raw.max_range)
 
     def at_end(self) -> bool:
         """Whether everything has been given out."""
@@ -172,7 +172,7 @@ class ReplayNode(BagNode):
         self._tracks = [one for one in tracks_of(record, self.NAME) if one.topic.name != absent]
         self._now = 0
         self._heard = time.monotonic()
-        self._jumps = self._dropped = 0
+        self._jumps = 0
         self.tasks = [FunctionTask('replay', self._task_status), self._agreement,
                       SourcesTask(self.sources)]
 

@@ -23,12 +23,11 @@ from types import TracebackType
 from typing import Any, IO
 
 from saddlering_ros.files import share_directory, temporary_folder
-from saddlering_ros.ros.names import ACTION, ALARM, names, NodeError, NODES, REPLAY, RING
+from saddlering_ros.ros.names import ALARM, names, NodeError, NODES, REPLAY, RING
 
 REPLAY_NODES = names(REPLAY)
 RING_NODES = names(RING)
 ALARM_NODES = names(ALARM)
-ACTION_NODES = names(ACTION)
 DOMAINS = range(1, 100)
 LOG_PREFIX = 'saddlering_node_logs_'
 """Of the temporary folder of the logs of nodes; one of a killed launcher is removed later."""
