@@ -215,6 +215,8 @@ def _beside_error(strict: Answer) -> Answer:
         if not doubts:
             return answer
         unknown = strict if has_forms else unknown or answer
+        if len(fit.candidate.effects) == 1:
+            return unknown
         least = min(published.causes, key=lambda cause: cause.visible)
         search, process = learnt_again(search, space.without(fit, least.effect))
     return unknown or strict
