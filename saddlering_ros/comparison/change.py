@@ -40,6 +40,7 @@ from saddlering_ros.discrepancy import (
     Cause,
     diagnose_system,
     Diagnosis,
+    Estimate,
     observed,
     prepare,
     Problem,
@@ -77,14 +78,6 @@ class ComparisonError(SaddleringError):
 
 
 @dataclass(frozen=True)
-class Number:
-    """A number with its standard deviation, both in SI."""
-
-    value: float
-    std: float
-
-
-@dataclass(frozen=True)
 class Change:
     """What changed between two sessions.
 
@@ -98,7 +91,7 @@ class Change:
     diagnosis: Diagnosis
     before: tuple[PreparedRecord, ...]
     after: tuple[PreparedRecord, ...]
-    contact: Mapping[str, tuple[Number, Number, Number]]
+    contact: Mapping[str, tuple[Estimate, Estimate, Estimate]]
     limits_alone: Mapping[str, float]
     maker: tuple[MakerFigures, MakerFigures] | None
     notes: tuple[str, ...]
@@ -207,7 +200,10 @@ def compare_records(
     sessions = {
         session: tuple(_named(build_record(rig, record, held_out=False), session, number)
                        for number, record in enumerate(records, start=1))
-        for session, records in _by_name(before, between, after).items()}
+        for session, records in (
+            ('before', before),
+            *((f'session {number}', own) for number, own in enumerate(between, start=2)),
+            ('after', after))}
     earlier, later = sessions['before'], sessions['after']
     watch.progress('contact parameters', 0.0)
     start = dict(zip(PARAMETER_NAMES, identify(
@@ -221,7 +217,6 @@ def compare_records(
                                 is_persistent=True),
         start=start, proposals=propose(rig, [item.run for item in later]),
         on_progress=on_progress, is_cancelled=is_cancelled)
-    watch.progress('limits of the later session alone', 0.95)
     notes += [*said, *check_set([*earlier, *later], rig), *found.warnings,
               *certificate_notes(rig, found.causes), *assumed_notes(rig)]
     contact = contact_of_sessions(found, system)
@@ -232,18 +227,11 @@ def compare_records(
     if not found.complete:
         notes.append(f'{100.0 * left:.2g} % of range differs between the sessions and fits no '
                      'cause: it may be the interplay of the change with errors that both share')
+    watch.progress('limits of the later session alone', 0.95)
     return Change(
         found, earlier, later, contact, _limits_alone(rig, later, start, seed, watch),
         _maker(rig, before, after), (*doubts, *notes), _next_test(found, doubts), rig, seed,
         series_of(rig, sessions, start, watch) if between else None)
-
-
-def _by_name(
-    before: Sequence[Record], between: Sequence[Sequence[Record]], after: Sequence[Record],
-) -> dict[str, Sequence[Record]]:
-    """The sessions in order of time, by the name that their runs get."""
-    numbered = {f'session {number}': records for number, records in enumerate(between, start=2)}
-    return {'before': before, **numbered, 'after': after}
 
 
 def check_sessions(
@@ -267,20 +255,18 @@ def check_sessions(
             int(record.stamps[0]) for record in after):
         raise ComparisonError('every bag of before was recorded later than those of after: '
                               'exchange the sessions')
-    doubts = {reason: test for key, (reason, test) in DOUBTS.items()
-              if _differ([{record.details.get(key, '') for record in records} - {''}
-                          for records in (before, after)])}
+    doubts = {}
+    for key, (reason, test) in DOUBTS.items():
+        first, second = ({record.details.get(key, '') for record in records} - {''}
+                         for records in (before, after))
+        if first and second and first != second:
+            doubts[reason] = test
     kinds = [{(record.test, round(math.degrees(record.elevation))) for record in records}
              for records in (before, after)]
     notes = [f'after: {test} at {degrees} deg has no counterpart in the earlier session; errors '
              'that belong to this test alone do not cancel'
              for test, degrees in sorted(kinds[1] - kinds[0])]
     return notes, doubts
-
-
-def _differ(stated: Sequence[set[str]]) -> bool:
-    """Whether both sessions state something, and not the same."""
-    return bool(stated[0] and stated[1] and stated[0] != stated[1])
 
 
 def renewed_between(
@@ -349,7 +335,7 @@ def _limits_alone(
 
 def contact_of_sessions(
     found: Diagnosis, system: TwoSessions,
-) -> dict[str, tuple[Number, Number, Number]]:
+) -> dict[str, tuple[Estimate, Estimate, Estimate]]:
     """Contact parameters before, after, and their change, each with its standard deviation.
 
     One linear step from the fit with the causes, in which each session has a contact law of its
@@ -375,7 +361,9 @@ def contact_of_sessions(
     covariance = np.linalg.inv(precision)
     step = covariance @ (columns.T @ residual)
     answers = {}
-    changed = _contact_factors(fit.point.effects)
+    moved = fit.point.effects.get(CONTACT_CHANGE)
+    changed = {} if moved is None else {
+        QUANTITIES[round(moved['quantity'])]: 1.0 + moved['change']}
     for index, item in enumerate(parameters):
         unit = float(fit.theta_unit[index])
         slope = item.slope(unit)
@@ -384,16 +372,11 @@ def contact_of_sessions(
         later = value * changed.get(item.name, 1.0) + slope * float(step[count + index])
         both = slope**2 * covariance[np.ix_([index, count + index], [index, count + index])]
         answers[item.name] = (
-            Number(earlier, math.sqrt(both[0, 0])), Number(later, math.sqrt(both[1, 1])),
-            Number(later - earlier, math.sqrt(both[0, 0] + both[1, 1] - 2.0 * both[0, 1])))
+            Estimate(earlier, math.sqrt(both[0, 0]), item.unit),
+            Estimate(later, math.sqrt(both[1, 1]), item.unit),
+            Estimate(later - earlier, math.sqrt(both[0, 0] + both[1, 1] - 2.0 * both[0, 1]),
+                     item.unit))
     return answers
-
-
-def _contact_factors(effects: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-    """Factors of the contact parameters in the later session by a cause of that kind."""
-    values = effects.get(CONTACT_CHANGE)
-    return {} if values is None else {
-        QUANTITIES[round(values['quantity'])]: 1.0 + values['change']}
 
 
 def _seen(found: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
