@@ -194,11 +194,6 @@ def _split(observations: Sequence[Observation]) -> tuple[list[Observation], list
     return static, [one for one in observations if one.dynamic]
 
 
-def _fastest(dynamic: Sequence[Observation]) -> list[Observation]:
-    """The run whose load moves fastest: it shows the damping well enough for a start."""
-    return [max(dynamic, key=lambda one: float(np.ptp(one.load) / np.ptp(one.time)))]
-
-
 def _start(bounds: Bounds) -> ContactParameters:
     """The true-to-scale parameters, pulled into the bounds."""
     low, high = np.array([bounds[name] for name in PARAMETER_NAMES]).T
@@ -240,12 +235,12 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Outcom
             search.space(STATIC_NAMES, contact, log=True),
         )
     if dynamic and not search.cancelled:
+        # The run whose load moves fastest shows the damping well enough for a start.
+        shown = [max(dynamic, key=lambda one: float(np.ptp(one.load) / np.ptp(one.time)))]
         contact, best = search.run_swarm(
             'dynamic swarm',
             WeightedObjective(
-                search.rig,
-                [thinned(one) for one in (_fastest(dynamic) if static else dynamic)],
-                channels),
+                search.rig, [thinned(one) for one in (shown if static else dynamic)], channels),
             search.space(DAMPING_NAMES if static else PARAMETER_NAMES, contact, log=True),
         )
     searched = PARAMETER_NAMES if dynamic else STATIC_NAMES

@@ -220,6 +220,10 @@ def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
     lasting = one.interval * np.array([stop - start for start, stop in one.rests], dtype=float)
     step = max(1, int(round(SETTLING_STEP / one.interval)),
                -(-len(measured.load) // MAX_SIMULATED))
+    # Start and stop (N, 2) of each plateau among blocks of `step` samples, at least one each.
+    edges = np.array(one.rests, dtype=np.intp)
+    starts = np.minimum(-(-edges[:, 0] // step), len(measured.load) // step - 1)
+    spans = np.stack([starts, np.maximum(edges[:, 1] // step, starts + 1)], axis=1)
     zero_error = _zero_error(one, noise)
     error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
     return Observation(
@@ -231,16 +235,8 @@ def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
         correlation=noise.correlation, zero_error=zero_error,
         standard_error=np.hypot(error, zero_error[:, None]),
         fine_time=block_means(measured.time, step),
-        fine_load=block_means(measured.load, step), spans=_grid_spans(one, step),
+        fine_load=block_means(measured.load, step), spans=spans,
     )
-
-
-def _grid_spans(one: PreparedRun, size: int) -> NDArray[np.intp]:
-    """Start and stop (N, 2) of each plateau among blocks of `size` samples, at least one each."""
-    blocks = len(one.measured.load) // size
-    edges = np.array(one.rests, dtype=np.intp)
-    starts = np.minimum(-(-edges[:, 0] // size), blocks - 1)
-    return np.stack([starts, np.maximum(edges[:, 1] // size, starts + 1)], axis=1)
 
 
 def _observe_dynamic(one: PreparedRun, noise: NoiseModel, fit_rate: float | None) -> Observation:

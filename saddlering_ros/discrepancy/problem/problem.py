@@ -455,7 +455,13 @@ def model_error_columns(problem: Problem, prior: ModelErrorPrior) -> Array:
             still = np.zeros(run.time.size)
             rate = (still if run.rate is None else run.rate) / fastest
             direction = still if run.direction is None else run.direction
-            shapes[run.name] = _error_shapes(prior, place, direction, rate)
+            # Each times its spread: smooth over the drive, with its direction, with its rate.
+            shapes[run.name] = [
+                *(prior.smooth * np.cos(np.pi * wave * place)
+                  for wave in range(1, prior.degree + 1)),
+                prior.loop * direction * 4.0 * place * (1.0 - place),
+                *(prior.rate * rate * np.cos(np.pi * wave * place) for wave in range(RATE_SHAPES)),
+            ]
         for channel, span in enumerate(problem.channel_ranges):
             scale = max(float(span), 0.2 * float(widest))
             for number in range(prior.degree + 1 + RATE_SHAPES):
@@ -466,16 +472,6 @@ def model_error_columns(problem: Problem, prior: ModelErrorPrior) -> Array:
                         column[part] = scale * shapes[run.name][number]
                 columns.append(column)
     return np.column_stack(columns)
-
-
-def _error_shapes(
-    prior: ModelErrorPrior, place: Array, direction: Array, rate: Array
-) -> list[Array]:
-    """Shapes (N,) of model error at positions of the drive (0 to 1), each times its spread."""
-    smooth = [prior.smooth * np.cos(np.pi * wave * place) for wave in range(1, prior.degree + 1)]
-    loop = prior.loop * direction * 4.0 * place * (1.0 - place)
-    rates = [prior.rate * rate * np.cos(np.pi * wave * place) for wave in range(RATE_SHAPES)]
-    return [*smooth, loop, *rates]
 
 
 def timing_columns(problem: Problem, prior: ModelErrorPrior, prediction: Array) -> Array:

@@ -396,7 +396,8 @@ def changes_of_effects(problem: Problem, fit: Fit) -> Array:
 def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:
     """The change of an effect (C, N) per run, times each shape."""
     runs = problem.runs
-    drives = [_drive(run) for run in runs]
+    # The first coordinate (N,), or time if a run has none.
+    drives = [next(iter(run.inputs.values()), run.time - run.time[0]) for run in runs]
     low = min(float(drive.min()) for drive in drives)
     high = max(float(drive.max()) for drive in drives)
     places = [(drive - low) / max(high - low, 1e-300) for drive in drives]
@@ -423,11 +424,6 @@ def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:
         shapes.append([
             _lagged(part, run, lag) - part for part, run in zip(change, runs, strict=True)])
     return shapes
-
-
-def _drive(run: RunBlocks) -> Array:
-    """The first coordinate (N,), or time if a run has none."""
-    return next(iter(run.inputs.values()), run.time - run.time[0])
 
 
 def _lagged(change: Array, run: RunBlocks, lag: float) -> Array:
