@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 
 TWO, THREE = 'static_50,dynamic_50', 'static_50,dynamic_50,static_70'
 SHORT = ('--hold', '2', '--duration', '8',
-         '--dynamic-rate', '500', '--sizes', '0.7', '1')
+         '--dynamic-rate', '250', '--sizes', '0.7', '1')
 
 
 def diagnosed(folder: Path, kind: str, seed: int, *effects: str, runs: str = TWO) -> str:
