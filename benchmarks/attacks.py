@@ -311,7 +311,7 @@ def odd_goals(make: Any) -> list[Any]:
 
 
 def main() -> int:
-    args = arguments(__doc__, {'only': ['numbers_made_to_hurt', 'full_disks', 'two_users']},
+    args = arguments(__doc__, {'only': ['full_disks', 'two_users']},
                      only=(), bags=500)
     attacks: dict[str, Callable[[Path], Tries]] = {
         one.__name__: one for one in (numbers_made_to_hurt, logger_files, full_disks,

@@ -9,7 +9,7 @@ relaxations, a worn arc is a cosine, saturation is soft. SI units.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 import math
 
@@ -372,7 +372,6 @@ class Record:
     load: Array
     probe_times: tuple[Array, ...]
     d: Array
-    extra: Mapping[str, float] = field(default_factory=dict)
 
 
 def record(ring: Ring, fault: Fault, course: Course, seed: int, noise: Noise | None = None,

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from frame import wilson
 import numpy as np
 from numpy.typing import NDArray
 
 BINS = 10
 REPEATS = 1000
 """Draws for the uncertainty of the calibration error."""
-
-Z = 1.96
-"""Standard deviations of a 95 % interval."""
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -80,11 +78,8 @@ def diagram(chances: Array, hits: Array) -> Array:
     bins = []
     for place in np.unique(places):
         own = places == place
-        count, true = int(own.sum()), float(hits[own].mean())
-        whole = Z**2 / count
-        middle = (true + whole / 2.0) / (1.0 + whole)
-        half = np.sqrt(whole * (true * (1.0 - true) + whole / 4.0)) / (1.0 + whole)
-        bins.append((chances[own].mean(), true, middle - half, middle + half, count))
+        low, high = wilson(int(hits[own].sum()), int(own.sum()))
+        bins.append((chances[own].mean(), hits[own].mean(), low, high, own.sum()))
     return np.array(bins)
 
 
