@@ -135,8 +135,7 @@ class Change:
             'remainder': [vars(rest) for rest in found.remainder],
             'probabilities': found.probabilities,
             'stability': found.stability,
-            'causes': [] if self.verdict == 'none' else [
-                _cause_document(cause, self.verdict == 'unknown') for cause in found.causes],
+            'causes': [] if self.verdict == 'none' else [cause.entry() for cause in found.causes],
             'runs': [
                 {'bag': str(record.test_run.path), 'session': session, 'held_out': False,
                  'elevation_deg': math.degrees(record.test_run.elevation),
@@ -399,17 +398,6 @@ def _seen(found: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
                 'nrmse_after': math.sqrt(problem.mean_square(after, run, view)) / span,
                 'noise_floor': noise / span}
     return answers
-
-
-def _cause_document(cause: Cause, is_partial: bool) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        'effect': cause.effect, 'group': list(cause.group), 'title': cause.definition.title,
-        'parameters': {name: {'value': item.value, 'std': item.std, 'unit': item.unit}
-                       for name, item in cause.parameters.items()},
-        'evidence': {'p_value': cause.p_value, 'delta_bic': cause.delta_bic},
-        'gain': {'fit': cause.gain.fit, 'held_out': cause.gain.held_out},
-        'share_of_range': cause.visible}
-    return {**document, 'partial': True} if is_partial else document
 
 
 def _maker(

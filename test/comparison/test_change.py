@@ -83,6 +83,7 @@ def test_friction_that_grew_is_named_with_the_growth_and_not_with_its_size(grown
     force = cause['parameters']['force']
     assert abs(force['value'] - 1500.0) < 2.0 * force['std']
     assert force['std'] < 250.0
+    assert force['interval'][0] < 1500.0 < force['interval'][1]
     assert SESSION not in cause['parameters']
     assert shares[-1] == max(shares) > 0.9
 
