@@ -6,7 +6,8 @@ DIR is another checkout of the repository. Blind rigs are drawn once into out/ve
 versions identify and diagnose the bags of each, and the shipped ones, in turn and each in a
 process of its own on one thread; the least of the rounds counts. Start and reading are part of
 the time. Without --before the times of this version alone are printed. A number is unchanged if it
-moves by less than a tenth of its standard deviation. Status 1 if anything differs.
+moves by less than a tenth of its standard deviation. The second table states what an `unknown`
+verdict takes beside a name. Status 1 if anything differs.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import json
 import math
 from pathlib import Path
 import shutil
+import statistics
 import sys
 from typing import Any
 
@@ -84,6 +86,7 @@ def main() -> int:
     args = arguments(__doc__, {'draws': 0}, before=Path, draws=60, seed=150_000, rounds=1)
     trees = {'now': ROOT} if args.before is None else {'before': args.before, 'now': ROOT}
     total: dict[tuple[str, str], float] = {}
+    by_verdict: dict[tuple[str, str], list[float]] = {}
     rigs, differing = [*drawn_rigs(args.draws, args.seed), ROOT / 'bags'], 0
     for rig in rigs:
         least: dict[tuple[str, str], float] = {}
@@ -101,12 +104,20 @@ def main() -> int:
         differing += bool(notes)
         print(f'{rig.name}: {verdicts["now"]["verdict"]}; {"; ".join(notes) or "alike"}',
               flush=True)
+        for version, verdict in verdicts.items():
+            by_verdict.setdefault((version, verdict['verdict']), []).append(
+                least['diagnose', version])
         for key, spent in least.items():
             total[key] = total.get(key, 0.0) + spent
     table(f'{len(rigs)} rigs, {differing} differ; processor time with start and reading',
           ('command', 'version', 'time [s]', 'ratio'),
           [(command, version, seconds, seconds / total[command, next(iter(trees))])
            for (command, version), seconds in total.items()])
+    medians = {key: statistics.median(times) for key, times in by_verdict.items()}
+    table('diagnose by verdict', ('version', 'verdict', 'rigs', 'median [s]', 'over a name'),
+          [(version, verdict, len(times), medians[version, verdict],
+            medians[version, verdict] / medians.get((version, 'named'), math.nan))
+           for (version, verdict), times in by_verdict.items()])
     return 1 if differing else 0
 
 

@@ -19,7 +19,7 @@ from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 sys.path.insert(0, os.environ.get('FLOBAROID', '.'))
 faults = importlib.import_module('simulationEffects')
 
-HERTZ, COUNT = 100.0, 900
+HERTZ, COUNT = 50.0, 450
 JOINTS = ('shoulder', 'elbow')
 WEIGHTS = np.array([1.0, 0.4])
 """Sizes in both joints, in proportion to the torque that each can hold."""
