@@ -9,7 +9,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.comparison.judgement import (
     in_doubt,
@@ -58,11 +57,8 @@ from saddlering_ros.record import Record
 from saddlering_ros.rig import Instruments, PARAMETER_NAMES, Rig
 from saddlering_ros.rig.instruments import difference_of, NAMES, stated_by
 
-Array = NDArray[np.float64]
-
 DRAWN_DATES = 'virtual rig'
 """Bags of the virtual rig state this as their rig; their dates are drawn."""
-
 
 DOUBTS = {
     'rig_hash': ('the sessions state different rig files: a changed dimension looks like a '
@@ -190,10 +186,10 @@ def compare_records(
     between: sessions in order of time between the two, for the evidence of the whole series.
     ComparisonError (one line) if the sessions cannot be compared.
     """
-    notes, doubts = check_sessions(before, after)
     every = [before, *between, after]
     refuse_repeats([record for records in every for record in records])
-    for first, second in pairwise(every):
+    notes, doubts = check_sessions(before, after)
+    for first, second in pairwise(every if between else ()):
         doubts |= check_sessions(first, second)[1]
     watch = Watch('compare', on_progress, is_cancelled)
     sessions = {
@@ -243,7 +239,6 @@ def check_sessions(
     for name, records in (('before', before), ('after', after)):
         if not records:
             raise ComparisonError(f'{name}: no bags: give at least one bag of each session')
-    refuse_repeats([*before, *after])
     rings = [{record.rig for record in records if record.rig} for records in (before, after)]
     if rings[0] and rings[1] and not rings[0] & rings[1]:
         raise ComparisonError(
