@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 import json
 import os
 from pathlib import Path
-import signal
-import threading
 from typing import Any
 
 from saddlering_ros.demo.live import DemoError
@@ -20,6 +16,7 @@ from saddlering_ros.quantities import percent
 from saddlering_ros.report import background, chapters, parameters
 from saddlering_ros.report.background import quality_of
 from saddlering_ros.rig import write_parameters
+from saddlering_ros.ros.launcher import signals_held
 
 
 def check_folder(folder: Path) -> None:
@@ -48,7 +45,7 @@ def write_all(outcome: DemoOutcome, folder: Path, command: str) -> list[Path]:
             write_parameters(staging / 'parameters_identified.yaml', outcome.identified)
             write_parameters(staging / 'parameters_extended.yaml', outcome.extended)
             files = sorted(staging.iterdir())
-            with _uninterrupted():
+            with signals_held():  # Ctrl-C waits until the files are in place
                 folder.mkdir(exist_ok=True)
                 for file in files:
                     file.replace(folder / file.name)
@@ -72,20 +69,6 @@ def numbers_of(outcome: DemoOutcome) -> dict[str, Any]:
         },
         'seconds': outcome.seconds,
     }
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Ctrl-C waits until the files are in place."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    signals = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
-    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, signals)
 
 
 FOUND_BY = ('The result of /identify_ring, before the diagnosis. The missing cause biases these '

@@ -322,11 +322,15 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextlib.contextmanager
 def signals_held() -> Iterator[None]:
-    """A signal that this program handles acts when the block is done, not within it."""
+    """A signal that would end this program acts when the block is done, not within it.
+
+    Handlers hold it, and no mask, which a process that the block starts would inherit.
+    """
     came: list[signal.Signals] = []
-    handlers = {number: signal.getsignal(number) for number in SIGNALS
+    handlers = {number: signal.getsignal(number) for number in (*SIGNALS, signal.SIGHUP)
                 if threading.current_thread() is threading.main_thread()}
-    held = {number: handler for number, handler in handlers.items() if callable(handler)}
+    held = {number: handler for number, handler in handlers.items()
+            if handler not in (None, signal.SIG_IGN)}
     for number in held:
         signal.signal(number, lambda number, _: came.append(signal.Signals(number)))
     try:
