@@ -9,18 +9,13 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-
-from saddlering_ros.virtual_rig.campaign import (
-    draw_truth,
-    DrawSettings,
-    RecordSettings,
-    RUNS,
-    SINGLE,
-    Truth,
-    write_campaign,
-)
+import sys
 
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / 'benchmarks'))
+
+from examiner import draw_truth, DrawSettings, RecordSettings, RUNS, SINGLE, Truth, write_campaign  # noqa: E402
+
 SEED = 2080
 
 CANDIDATES = ('bolt_opening', 'film_creep', 'probe_gain', 'probe_nonlinearity', 'radial_friction',

@@ -18,6 +18,7 @@ import math
 from pathlib import Path
 import tempfile
 
+from examiner import draw_truth
 from frame import arguments, table
 import numpy as np
 from rigs import NO_SCATTER, RIG
@@ -49,7 +50,6 @@ from saddlering_ros.virtual_rig import (
     TestPlan,
     write_record,
 )
-from saddlering_ros.virtual_rig.campaign import draw_truth
 
 BLOCK = 0.02
 CHANNELS = 3

@@ -5,7 +5,7 @@
 
 Every trial is a row of FILE, so that a campaign that was cut off goes on where it stopped; --table
 prints the table of what is there. One run is held out of every trial. The status is 1 if a
-promised rate is broken (saddlering_ros/virtual_rig/blind.py).
+promised rate is broken (benchmarks/examiner.py).
 """
 
 from __future__ import annotations
@@ -27,17 +27,18 @@ import tempfile
 import time
 from typing import Any
 
-from frame import arguments, keep, kept_rows, run, share
+from examiner import broken_promises, open_seal, score, SEALED
+from frame import arguments, keep, kept_rows, ROOT, run, share
 import numpy as np
 
 from saddlering_ros import diagnose
 from saddlering_ros.effects import effect as catalogued
-from saddlering_ros.virtual_rig.blind import broken_promises, open_seal, score, SEALED
 from saddlering_ros.virtual_rig.effects import find_effect
 
 SHARES = {'clean': 0.2, 'single': 0.5, 'pair': 0.15, 'outside': 0.15}
 """Kinds of rigs, and their shares of all draws."""
 
+EXAMINER = ROOT / 'benchmarks' / 'examiner.py'
 HELD_OUT = 'dynamic_70'
 TWICE = 2.0
 """Targets are for effects of so many times their detection limit."""
@@ -70,8 +71,7 @@ class Trial:
 def trial(kind: str, seed: int) -> Trial:
     """Draw, seal, diagnose, open, score."""
     with tempfile.TemporaryDirectory(prefix='blind_') as folder:
-        drawn = run(['-m', 'saddlering_ros.virtual_rig.blind', '--seed', str(seed), '--kind',
-                     kind, '--out', f'{folder}/rig'])
+        drawn = run([str(EXAMINER), '--seed', str(seed), '--kind', kind, '--out', f'{folder}/rig'])
         told = json.loads(drawn.said.strip().splitlines()[-1])
         fitted = [bag for bag in told['bags'] if Path(bag).name != HELD_OUT]
         held_out = [bag for bag in told['bags'] if Path(bag).name == HELD_OUT]

@@ -33,6 +33,7 @@ from rigs import course_bag, RIG
 
 sys.path.append(str(ROOT / 'test' / 'bags'))
 
+from examiner import draw_truth, DrawSettings, RecordSettings, write_campaign
 from test_fuzzed_bags import edited
 
 from saddlering_ros.bags import bag_info, read_run
@@ -40,12 +41,6 @@ from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.wiring import wiring_findings
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import Record
-from saddlering_ros.virtual_rig.campaign import (
-    draw_truth,
-    DrawSettings,
-    RecordSettings,
-    write_campaign,
-)
 from saddlering_ros.virtual_rig.effects import EFFECTS
 
 SLOWEST = 10.0

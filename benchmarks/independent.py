@@ -24,6 +24,7 @@ import time
 from typing import Any
 
 from blind import size_over_limit
+from examiner import score
 from frame import arguments, keep, kept_rows, share
 from independent_faults import EFFECTS, fault_of, OUTSIDE
 from independent_ring import (
@@ -47,7 +48,6 @@ from saddlering_ros.diagnosis.proposed_law import write_effect_files
 from saddlering_ros.discrepancy.problem.fits import mean_square
 from saddlering_ros.effects import FOLDER_VARIABLE, use_folder
 from saddlering_ros.record import TestMetadata
-from saddlering_ros.virtual_rig.blind import score
 
 BEGIN = 1_800_000_000_000_000_000
 """Stamp [ns] of the first record."""

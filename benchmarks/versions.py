@@ -39,7 +39,7 @@ def drawn_rigs(draws: int, seed: int) -> list[Path]:
         for number in range(round(draws * share)):
             folders.append(OUT / 'bags' / f'{kind}_{seed + number}')
             if not folders[-1].exists():
-                run(['-m', 'saddlering_ros.virtual_rig.blind', '--kind', kind, '--seed',
+                run([str(ROOT / 'benchmarks' / 'examiner.py'), '--kind', kind, '--seed',
                      str(seed + number), '--out', str(folders[-1])], **ONE_THREAD)
     return folders
 

@@ -17,6 +17,10 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'benchmarks'))
+
+from examiner import draw_truth, DrawSettings, RecordSettings, write_campaign
+
 from saddlering_ros import diagnose
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import STAGES
@@ -25,12 +29,6 @@ from saddlering_ros.pages.html import png
 from saddlering_ros.report.curves import curves_of, RunCurves
 from saddlering_ros.report.figures import MICRO, SYMBOLS
 from saddlering_ros.rig import CHANNELS, MICRO_UNITS
-from saddlering_ros.virtual_rig.campaign import (
-    draw_truth,
-    DrawSettings,
-    RecordSettings,
-    write_campaign,
-)
 from saddlering_ros.virtual_rig.effects import EFFECTS
 
 IMAGES = Path(__file__).resolve().parent / 'images'

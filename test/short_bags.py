@@ -8,7 +8,7 @@ from pathlib import Path
 
 from made_once import MadeOnce
 
-from saddlering_ros.virtual_rig.campaign import (
+from benchmarks.examiner import (
     draw_truth,
     DrawSettings,
     RecordSettings,

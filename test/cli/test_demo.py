@@ -17,13 +17,8 @@ from unittest import mock
 from browser import browser_page
 import pytest
 
+from benchmarks.examiner import draw_truth, DrawSettings, RecordSettings, write_campaign
 from saddlering_ros.cli.main import main
-from saddlering_ros.virtual_rig.campaign import (
-    draw_truth,
-    DrawSettings,
-    RecordSettings,
-    write_campaign,
-)
 
 SHORTER = RecordSettings(hold=1.2, static_rate=25.0, duration=8.0, dynamic_rate=250.0)
 """Bags whose replay takes half the steps of those of other tests."""

@@ -14,11 +14,12 @@ import sys
 
 import pytest
 
+from benchmarks.examiner import open_seal, score, SEALED
 from saddlering_ros import diagnose
-from saddlering_ros.virtual_rig.blind import open_seal, score, SEALED
 
 pytestmark = pytest.mark.slow
 
+EXAMINER = str(Path(__file__).parents[2] / 'benchmarks' / 'examiner.py')
 TWO, THREE = 'static_50,dynamic_50', 'static_50,dynamic_50,static_70'
 SHORT = ('--hold', '2', '--duration', '8',
          '--dynamic-rate', '250', '--sizes', '0.7', '1')
@@ -26,7 +27,7 @@ SHORT = ('--hold', '2', '--duration', '8',
 
 def diagnosed(folder: Path, kind: str, seed: int, *effects: str, runs: str = TWO) -> str:
     """How the verdict on a draw counts: drawn and sealed in another process, then opened."""
-    command = [sys.executable, '-m', 'saddlering_ros.virtual_rig.blind', '--seed', str(seed),
+    command = [sys.executable, EXAMINER, '--seed', str(seed),
                '--kind', kind, '--out', str(folder / 'rig'), '--runs', runs, *SHORT]
     for effect in effects:
         command += ['--effect', effect]

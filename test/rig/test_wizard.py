@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.examiner import draw_truth, plan_run, RecordSettings, RunPlan
 from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.doubts.finding import lines
@@ -16,7 +17,6 @@ from saddlering_ros.doubts.on_rig import check_rig
 from saddlering_ros.rig import default_rig, load_rig, Rig, RigError
 from saddlering_ros.rig.drawing import draft_rig_file, drawing_svg, ENTRIES, save_drawing
 from saddlering_ros.virtual_rig import record_test, write_record
-from saddlering_ros.virtual_rig.campaign import draw_truth, plan_run, RecordSettings, RunPlan
 
 RIG = default_rig()
 BAG = Path(__file__).resolve().parents[2] / 'bags' / 'static_70'

@@ -11,26 +11,28 @@ import numpy as np
 import pytest
 import zstandard
 
-from saddlering_ros.bags import read_run
-from saddlering_ros.virtual_rig import EFFECTS, VirtualRigError
-from saddlering_ros.virtual_rig.blind import open_seal, SEALED
-from saddlering_ros.virtual_rig.campaign import (
+from benchmarks.examiner import (
     CLEAN,
     draw_truth,
     DrawSettings,
     KINDS,
+    open_seal,
     OUTSIDE,
     PAIR,
     RecordSettings,
+    SEALED,
     SINGLE,
     write_campaign,
 )
+from saddlering_ros.bags import read_run
+from saddlering_ros.virtual_rig import EFFECTS, VirtualRigError
 
+EXAMINER = Path(__file__).parents[2] / 'benchmarks' / 'examiner.py'
 SMALL = ['--runs', 'dynamic_50', '--duration', '2.5', '--dynamic-rate', '100']
 
 
 def examine(out, *more):
-    command = [sys.executable, '-m', 'saddlering_ros.virtual_rig.blind', '--out', str(out), *SMALL]
+    command = [sys.executable, EXAMINER, '--out', str(out), *SMALL]
     return subprocess.run([*command, *more], capture_output=True, text=True, check=False)
 
 
@@ -70,13 +72,6 @@ def test_neither_bags_nor_sealed_file_name_the_effect(blind):
                   if isinstance(record, Chunk)]
         assert chunks
         assert not any(name in chunk for chunk in chunks)
-
-
-def test_an_unknown_effect_is_refused_in_one_line(tmp_path):
-    done = examine(tmp_path / 'none', '--seed', '5', '--effect', 'rust')
-    assert done.returncode == 2
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert not (tmp_path / 'none').exists()
 
 
 @pytest.mark.parametrize('kind', KINDS)

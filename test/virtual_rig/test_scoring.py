@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from saddlering_ros.virtual_rig.blind import broken_promises, score
+from benchmarks.examiner import broken_promises, score
 from saddlering_ros.virtual_rig.effects import EFFECTS
 
 NAMES = tuple(sorted(name for name, effect in EFFECTS.items() if effect.in_catalogue))

@@ -8,12 +8,12 @@ import sys
 import numpy as np
 import pytest
 
+from benchmarks.examiner import RUNS, write_campaign
 from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.monitoring.monitor import SHORT_REST
 from saddlering_ros.monitoring.noise import RestLearner
 from saddlering_ros.record import displacement_of_run, plateaus
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig.campaign import RUNS, write_campaign
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
 
@@ -76,8 +76,9 @@ def test_the_fault_stands_in_no_file_beside_the_bags(make_bags):
 
 
 def test_the_virtual_rig_never_sees_the_simulator_nor_the_catalogue():
-    code = ('import sys, saddlering_ros.virtual_rig.blind; '
+    code = ('import sys, benchmarks.examiner; '
             'print([m for m in sys.modules if m.startswith(("saddlering_ros.ring", '
             '"saddlering_ros.effects", "saddlering_ros.discrepancy"))])')
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True,
+                          cwd=BAGS.parent)
     assert done.stdout.strip() == '[]'

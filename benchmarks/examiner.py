@@ -1,16 +1,30 @@
-"""A campaign on one virtual rig: its hidden causes are drawn, then its bags are made."""
+"""The examiner: draws a rig with hidden faults, writes its bags, seals the truth, prints the seal.
+
+    python benchmarks/examiner.py --seed N --out DIR
+
+It runs as a process of its own, writes DIR/<run>/ (bags) and DIR/truth.sealed, and prints one line
+of JSON with the bags and the SHA-256 of the sealed file. `open_seal` gives the truth to who can
+show that digest. The score of a verdict after the seal is opened stands here too: benchmarks and
+tests share this rule.
+"""
 
 from __future__ import annotations
 
+import argparse
+import base64
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+import json
 import math
 from pathlib import Path
 from typing import Any
+import zlib
 
 import numpy as np
+from scipy.stats import binom
 
 from saddlering_ros.errors import VirtualRigError
+from saddlering_ros.files import sha256_of_file, write_text
 from saddlering_ros.rig import ContactParameters, default_rig, Rig, size_factor, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig import recording
 from saddlering_ros.virtual_rig.effects import EffectRequest, EFFECTS, request, RigEffect, TrueSize
@@ -109,10 +123,6 @@ def draw_truth(seed: int, kind: str, settings: DrawSettings | None = None,
 
     Forces, moments and compliances that are drawn follow the size of the rig.
     """
-    if kind not in KINDS:
-        raise VirtualRigError(f'kind is {kind!r}: give one of {", ".join(KINDS)}')
-    if seed < 0:
-        raise VirtualRigError(f'seed is {seed}: give a whole number from 0 up')
     settings, rig = settings or DrawSettings(), rig or default_rig()
     chance = np.random.default_rng([seed, KINDS.index(kind)])
     noise = math.exp(chance.uniform(math.log(0.2e-6), math.log(0.45e-6)))
@@ -128,9 +138,6 @@ def write_campaign(truth: Truth, out: Path, runs: Sequence[str] = tuple(RUNS),
                    settings: RecordSettings | None = None, rig: Rig | None = None, *,
                    overwrite: bool = False) -> list[Path]:
     """Carry out the runs on the rig of `truth` and write their bags into the folder `out`."""
-    unknown = [name for name in runs if name not in RUNS]
-    if unknown:
-        raise VirtualRigError(f'run {unknown[0]!r} does not exist: give some of {", ".join(RUNS)}')
     rig = rig or default_rig()
     settings = settings or RecordSettings()
     return [
@@ -172,15 +179,9 @@ def _draw_effects(chance: np.random.Generator, kind: str,
                   settings: DrawSettings) -> list[RigEffect]:
     if kind == CLEAN:
         return []
-    named = [name for name in settings.effects if name not in EFFECTS]
-    if named:
-        raise VirtualRigError(f'effect {named[0]!r} does not exist: there are '
-                              f'{", ".join(sorted(EFFECTS))}')
     pool = [effect for name, effect in sorted(EFFECTS.items())
             if effect.in_catalogue == (kind != OUTSIDE)
             and (not settings.effects or name in settings.effects)]
-    if len(pool) < (2 if kind == PAIR else 1):
-        raise VirtualRigError(f'too few effects are left to draw a {kind} from: name others')
     first = pool[int(chance.integers(len(pool)))]
     if kind != PAIR:
         return [first]
@@ -213,3 +214,108 @@ def _draw_value(chance: np.random.Generator, parameter: TrueSize) -> float:
         return math.exp(chance.uniform(low, high))
     size = float(chance.uniform(parameter.low, parameter.high))
     return -size if parameter.signed and chance.random() < 0.5 else size
+
+
+SEALED = 'truth.sealed'
+
+
+def seal(path: Path, truth: Truth) -> str:
+    """Write the truth so that no one reads it by accident; return the digest of the file."""
+    text = json.dumps(truth.to_json(), sort_keys=True)
+    write_text(path, base64.b85encode(zlib.compress(text.encode(), 9)).decode() + '\n')
+    return sha256_of_file(path)
+
+
+def open_seal(path: Path, digest: str) -> dict[str, Any]:
+    """The truth of a sealed file; VirtualRigError if it is not the one that was sealed."""
+    if sha256_of_file(path) != digest:
+        raise VirtualRigError(f'{path}: the seal is broken: this is not the file that was sealed')
+    truth: dict[str, Any] = json.loads(zlib.decompress(base64.b85decode(path.read_text().strip())))
+    return truth
+
+
+MAX_GROUP = 4
+"""A group of more look-alikes than this is no answer."""
+
+
+def score(
+    kind: str, hidden: Sequence[str], verdict: str, groups: Sequence[Sequence[str]]
+) -> tuple[str, int]:
+    """How a verdict counts, and how many hidden effects are in its groups.
+
+    right: every group holds a hidden effect, none is larger than four, and all effects are found;
+    part: the same with some not found; wrong: a single name that is not hidden, beside a right one
+    too; missed: `none` for something; false: anything on a clean rig; unknown: said of an effect
+    of the catalogue; vague: groups too large or that miss.
+    """
+    found = sum(any(name in group for group in groups) for name in hidden)
+    if kind == CLEAN:
+        return ('right' if verdict == 'none' else 'false'), 0
+    if verdict == 'none':
+        return 'missed', 0
+    if verdict == 'unknown':
+        return ('right' if kind == OUTSIDE else 'unknown'), found
+    strays = [group for group in groups if not any(name in group for name in hidden)]
+    if strays:
+        return ('wrong' if any(len(group) == 1 for group in strays) else 'vague'), found
+    if any(len(group) > MAX_GROUP for group in groups):
+        return 'vague', found
+    return ('right' if found == len(hidden) else 'part'), found
+
+
+@dataclass(frozen=True)
+class Promise:
+    """How often verdicts of some kinds of rig may (or must) have a score."""
+
+    words: str
+    kinds: tuple[str, ...]
+    score: str
+    rate: float
+    is_minimum: bool
+
+
+PROMISES = (
+    Promise('sound rigs with a cause', (CLEAN,), 'false', 0.02, False),
+    Promise('faults with a wrong name', (SINGLE, PAIR, OUTSIDE), 'wrong', 0.02, False),
+    Promise('single effects found', (SINGLE,), 'right', 0.8, True),
+    Promise('effects outside the catalogue called unknown', (OUTSIDE,), 'right', 0.85, True),
+)
+CHANCE = 1e-3
+"""At which a program that just keeps a promise fails it."""
+
+
+def broken_promises(scores: Sequence[tuple[str, str]]) -> list[str]:
+    """Return each promise that a campaign of (kind, score) breaks, in words with its figures."""
+    broken = []
+    for promise in PROMISES:
+        own = [score for kind, score in scores if kind in promise.kinds]
+        count = own.count(promise.score)
+        unlikely = (binom.cdf(count, len(own), promise.rate) if promise.is_minimum
+                    else binom.sf(count - 1, len(own), promise.rate))
+        if own and unlikely < CHANCE:
+            broken.append(f'{promise.words}: {count} of {len(own)}, promised '
+                          f'{"at least" if promise.is_minimum else "at most"} {promise.rate:.0%}')
+    return broken
+
+
+def main() -> None:
+    """Draw, write, seal, print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seed', type=int, required=True)
+    parser.add_argument('--out', type=Path, required=True)
+    parser.add_argument('--kind', choices=KINDS, default=SINGLE)
+    parser.add_argument('--effect', action='append', default=[], choices=sorted(EFFECTS))
+    parser.add_argument('--sizes', type=float, nargs=2, default=DrawSettings.sizes)
+    parser.add_argument('--runs', default=','.join(RUNS))
+    for name, value in asdict(RecordSettings()).items():
+        parser.add_argument(f'--{name.replace("_", "-")}', type=float, default=value)
+    args = parser.parse_args()
+    truth = draw_truth(args.seed, args.kind, DrawSettings(tuple(args.effect), tuple(args.sizes)))
+    record = RecordSettings(**{name: getattr(args, name) for name in asdict(RecordSettings())})
+    bags = write_campaign(truth, args.out, args.runs.split(','), record)
+    digest = seal(args.out / SEALED, truth)
+    print(json.dumps({'seed': args.seed, 'bags': [str(bag) for bag in bags], 'seal': digest}))
+
+
+if __name__ == '__main__':
+    main()
