@@ -24,6 +24,7 @@ from saddlering_ros.discrepancy.problem.system import (
     System,
 )
 from saddlering_ros.discrepancy.search.signatures import effect_starts, MIN_SHARE, orthonormal
+from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, Remainder, RunPrediction
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.quantities import percent
@@ -110,15 +111,10 @@ def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
     for name, rest in largest.items():
         declared = system.model.channels[name].model_error
         if declared > 0.0:
-            warnings.append(
-                f'{name} in {rest.run}: {percent(rest.share_of_range)} of range is left, more '
-                f'than the declared model error of {percent(declared)}')
+            warnings.append(wording.beyond_declared_words(name, rest, declared))
     warnings += system.failure_sentences()
     if not diagnosis.converged:
-        warnings.append(
-            'a fit on which the verdict rests had not converged: give more rounds by '
-            'Settings(max_rounds=...), narrower bounds or better starts'
-        )
+        warnings.append(wording.NOT_CONVERGED)
     predictions = tuple(_in_units(prediction, system) for prediction in diagnosis.runs)
     return replace(diagnosis, warnings=tuple(warnings), runs=predictions)
 

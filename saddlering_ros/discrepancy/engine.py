@@ -18,8 +18,14 @@ from saddlering_ros.discrepancy.search.limits import observed
 from saddlering_ros.discrepancy.search.model_error import learnt_again, search_beside_error
 from saddlering_ros.discrepancy.search.selection import check_alternatives, Search, search_about
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
-from saddlering_ros.discrepancy.verdict import established, results
-from saddlering_ros.discrepancy.verdict.established import doubts_of, remainder_of
+from saddlering_ros.discrepancy.verdict import established, results, wording
+from saddlering_ros.discrepancy.verdict.certainty import probabilities_of, stability_of
+from saddlering_ros.discrepancy.verdict.established import (
+    doubts_of,
+    Publication,
+    publish,
+    remainder_of,
+)
 from saddlering_ros.discrepancy.verdict.judgement import (
     allowed_sizes,
     explained_share_of,
@@ -28,11 +34,8 @@ from saddlering_ros.discrepancy.verdict.judgement import (
     Judgement,
     residual_of,
 )
-from saddlering_ros.discrepancy.verdict.publication import Publication, publish
 from saddlering_ros.discrepancy.verdict.results import Cause, Diagnosis, Residual, Verdict
-from saddlering_ros.discrepancy.verdict.stability import stability_of
 from saddlering_ros.discrepancy.verdict.steady_lines import find_steady_lines, find_swings
-from saddlering_ros.discrepancy.verdict.wording import free_test_words
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 
 PARTIAL_SUBJECT = 0.5
@@ -95,8 +98,7 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         key=lambda cause: -cause.visible)
     # A steady line that is found takes itself whole.
     taken = answer.taken if published.causes else float(bool(steady))
-    stability = stability_of(space, fit, alternatives, None if answer.process is None else taken,
-                             established.MIN_TAKEN)
+    stability = stability_of(space, fit, alternatives, None if answer.process is None else taken)
     return Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
@@ -105,7 +107,7 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         gain=published.gain,
         explained=judgement.explained,
         next_test=' '.join(filter(None, (
-            free_test_words(parted.by_held_out),
+            wording.free_test_words(parted.by_held_out),
             parted.separations[0].proposal.sentence if parted.separations else ''))) or None,
         separations=parted.separations,
         warnings=judgement.warnings,
@@ -121,7 +123,7 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         seconds=clock.monotonic() - began,
         complete=not answer.remainder and verdict != 'unknown',
         remainder=answer.remainder,
-        probabilities=established.probabilities_of(verdict, causes, taken),
+        probabilities=probabilities_of(verdict, causes, taken),
         refits=stability.refits,
         near_limit=stability.near_limit,
         influence=stability.influence,
@@ -170,7 +172,8 @@ def _answer(search: Search) -> Answer:
     taken = 0.0 if published.shares is None else published.shares.best
     doubts = list(published.doubts)
     if is_declared and published.shares is not None and taken < established.MIN_TAKEN:
-        doubts.append(established.weak_words(' and '.join(fit.candidate.ids), published.shares))
+        doubts.append(wording.weak_words(
+            ' and '.join(fit.candidate.ids), taken, established.MIN_TAKEN))
     if doubts:
         judgement = replace(judgement, verdict='unknown', warnings=(*judgement.warnings, *doubts))
     return Answer(search, judgement, before, after, published, remainder_of(space, fit, after),
@@ -209,9 +212,10 @@ def _beside_error(strict: Answer) -> Answer:
         is_open = any(alternatives.get(name) for name in fit.candidate.ids)
         verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'
         share = explained_share_of(strict.before, left)
-        answer = Answer(search, Judgement(verdict, share, tuple(doubts or [REST_WARNING])),
-                        strict.before, left, published, remainder_of(noise_alone, seen, left),
-                        published.shares.best, process)
+        warnings = tuple(doubts or [wording.REST_IS_ERROR])
+        answer = Answer(search, Judgement(verdict, share, warnings), strict.before, left,
+                        published, remainder_of(noise_alone, seen, left), published.shares.best,
+                        process)
         if not doubts:
             return answer
         unknown = strict if has_forms else unknown or answer
@@ -227,10 +231,6 @@ def _weakest(published: Publication) -> str | None:
     weak = {name: shares.best for name, shares in published.member_shares.items()
             if shares.best < established.MIN_TAKEN}
     return min(weak, key=lambda name: weak[name]) if weak else None
-
-
-REST_WARNING = ('what remains is more than noise and fits no cause: every interval and comparison '
-                'of causes counts it as error of the model')
 
 
 def _without_slow_lines(space: ModelSpace) -> tuple[ModelSpace, tuple[Cause, ...]]:

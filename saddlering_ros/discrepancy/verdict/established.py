@@ -1,9 +1,10 @@
-"""Whether causes are established, and what they leave.
+"""The published numbers, whether causes are established, and what they leave.
 
-A stand-in for a law that is in no catalogue explains a part of the misfit too, and no likelihood
-ratio tells: with the noise of the sensors alone it is beyond doubt. What tells is how much of the
-misfit beyond noise a cause takes in a view, on fitted runs and on runs that it predicts. The model
-error of the machine is in the metric in which likelihood ratios and alternatives are judged.
+The selected models are refitted without nuisance parameters. A stand-in for a law that is in no
+catalogue explains a part of the misfit too, and no likelihood ratio tells: with the noise of the
+sensors alone it is beyond doubt. What tells is how much of the misfit beyond noise a cause takes
+in a view, on fitted runs and on runs that it predicts. The model error of the machine is in the
+metric in which likelihood ratios and alternatives are judged.
 """
 
 from __future__ import annotations
@@ -13,18 +14,33 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import Fit, left_out_residuals
+from saddlering_ros.discrepancy.problem.fits import (
+    Fit,
+    Gain,
+    gain_of,
+    left_out_residuals,
+    plain_fits,
+    PRIOR,
+    Tangent,
+)
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, RunBlocks
 from saddlering_ros.discrepancy.search.comparison import Comparison, crowded
 from saddlering_ros.discrepancy.search.selection import Alternatives, stopped_sizes
 from saddlering_ros.discrepancy.search.signatures import effect_starts, orthonormal
-from saddlering_ros.discrepancy.search.space import ModelSpace
+from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
+from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.judgement import allowed_sizes, shapes_at_bounds
-from saddlering_ros.discrepancy.verdict.results import Cause, Remainder, Residual, Verdict
-from saddlering_ros.discrepancy.verdict.stability import STRETCHES
+from saddlering_ros.discrepancy.verdict.results import (
+    Cause,
+    Estimate,
+    PublishedFits,
+    Remainder,
+    Residual,
+    RunPrediction,
+)
+from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.estimation.process import ChannelNoise
-from saddlering_ros.quantities import percent, quantity
 
 MIN_TAKEN = 0.85
 """Share of the power of a view's misfit beyond noise that an established cause takes, both where
@@ -40,6 +56,8 @@ MAX_OWN_KIND = 0.7
 DRAWS = 400
 """Draws of stretches for the interval of a reduction."""
 
+STRETCHES = 4
+"""Stretches of a run whose part of the evidence is told, and which are drawn again."""
 
 Noises = Mapping[tuple[str, int], ChannelNoise]
 """Noise by run name and channel."""
@@ -186,34 +204,25 @@ def doubts_of(
     doubts = [*shapes_at_bounds(space, fit), *sizes_at_bounds(space.problem, fit)]
     for name, own in {' and '.join(fit.candidate.ids): whole, **members}.items():
         if own.best < MIN_TAKEN:
-            doubts.append(weak_words(name, own))
+            doubts.append(wording.weak_words(name, own.best, MIN_TAKEN))
     view, least = whole.worst_view
     if least < 0.0:
-        doubts.append(f'in {view}, where the causes move most, the misfit is larger with them')
+        doubts.append(wording.worse_view_words(view))
     if whole.interval is None:
-        doubts.append('one run only: that the causes predict other runs is not shown')
+        doubts.append(wording.ONE_RUN)
     elif whole.interval[0] <= 0.0:
-        doubts.append(
-            f'on runs that it predicts, the reduction of the misfit is between '
-            f'{percent(whole.interval[0])} and {percent(whole.interval[1])}')
+        doubts.append(wording.uncertain_gain_words(*whole.interval))
     if whole.worst_run < 0.0:
-        doubts.append('in one of the fitted runs the misfit is larger with the causes')
+        doubts.append(wording.WORSE_RUN)
     explained = [Comparison(space, space.without(fit, name), fit) for name in fit.candidate.ids]
     if not all(item.is_real for item in explained):
-        doubts.append('an error like the one that remains could be this large by chance')
+        doubts.append(wording.BY_CHANCE)
     if crowded([item.added for item in explained], space.settings):
-        doubts.append('three effects act in one channel: so many can fit any misfit')
+        doubts.append(wording.THREE_EFFECTS)
     open_members = [name for name in fit.candidate.ids if alternatives.get(name)]
     if open_members and len(fit.candidate.effects) > 1:
-        doubts.append(f'beside another cause, other effects can replace {open_members[0]}')
+        doubts.append(wording.replaced_words(open_members[0]))
     return doubts
-
-
-def weak_words(name: str, shares: Shares) -> str:
-    """That causes take too little of the misfit to be established."""
-    return (f'{name} takes {percent(max(shares.best, 0.0))} of the power of the misfit beyond '
-            f'noise, less than the {percent(MIN_TAKEN)} that a cause takes which nothing else '
-            'could stand for')
 
 
 def under_declared_error(space: ModelSpace, fit: Fit) -> list[str]:
@@ -237,8 +246,7 @@ def own_kind_left(space: ModelSpace, fit: Fit, residual: Residual) -> list[str]:
     whole = max(fit.misfit - space.metric.free_count, sum(families), 1.0)
     if max(own, default=0.0) < MAX_OWN_KIND * whole:
         return []
-    return [f'{percent(min(max(own) / whole, 1.0))} of what remains goes along the coordinates of '
-            f'{" and ".join(fit.candidate.ids)} itself: the law is another one']
+    return [wording.own_kind_words(fit.candidate.ids, min(max(own) / whole, 1.0))]
 
 
 def shared_directions(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> list[str]:
@@ -270,21 +278,15 @@ def shared_directions(space: ModelSpace, fit: Fit, alternatives: Alternatives) -
         shares = (left[:, 0] @ left[:, 1:]) ** 2
         share = float(shares.max())
         if share > MIN_TAKEN:
-            name = asked[int(shares.argmax())][0].id
-            sentences.append(
-                f'{name}, of another size or sign, has {percent(share)} of the power of what '
-                f'{effect.id} changes beyond the base: an effect that is not in the catalogue '
-                'could have as much')
+            other = asked[int(shares.argmax())][0]
+            sentences.append(wording.shared_direction_words(effect.id, other.id, share))
     return sentences
 
 
 def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
     """A sentence for every effect whose size is at its bound, which is no name."""
-    return [
-        f'{effect.id}: its {effect.size.name} is at the bound of '
-        f'{quantity(value, effect.size.unit)}: the size exceeds the expected range, or another '
-        'cause contributes, so that it is not named'
-        for effect, value in stopped_sizes(problem, fit)]
+    return [wording.size_at_bound_words(effect.id, effect.size, value)
+            for effect, value in stopped_sizes(problem, fit)]
 
 
 def remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Remainder, ...]:
@@ -338,35 +340,148 @@ def as_seen_in(space: ModelSpace, fit: Fit) -> Fit:
     return replace(fit, whitened=whitened, misfit=float(whitened @ whitened))
 
 
-HALF_LEFT, STEEPNESS = 0.3, 2.5
-"""Share of the misfit's power beyond noise that a first cause leaves when it is half as often
-right as at best, and the power of that share with which its chance falls. Maximum likelihood on
-the development draws of docs/benchmarks (0.29 and 2.3); a quarter has the true law taken out."""
+@dataclass(frozen=True)
+class Publication:
+    """Numbers for the reader, of the selected model and of the base alone.
 
-SUREST = 0.96
-"""How often a first cause that leaves nothing was right in those draws: 99 of 103. The others are
-look-alikes of a law that was taken out."""
-
-NOTHING = 0.97
-"""How often nothing was there if no misfit beyond noise was found in those draws: 113 of 115."""
-
-
-def probabilities_of(
-    verdict: Verdict, causes: Sequence[Cause] = (), taken: float = 0.0
-) -> dict[str, float]:
-    """Probability of each cause or group, of none, and of a cause not listed; they sum to 1.
-
-    The chance of the causes falls with a power of the share of the misfit that they leave (1 less
-    `taken`). Causes that are not established count as if they left at least what established ones
-    may. Several causes share by the power that each moves, as the main one.
+    shares: what all causes together take of the misfit, None without causes; member_shares: what
+    each of several takes of the misfit without it; doubts: sentences on sizes at their bounds and
+    on runs that are predicted worse; converged: whether all fits converged.
     """
-    if verdict == 'none':
-        return {'none': NOTHING, 'unknown': 1.0 - NOTHING}
-    left = max(1.0 - taken, 1.0 - MIN_TAKEN if verdict == 'unknown' else 0.0)
-    chance = SUREST / (1.0 + (left / HALF_LEFT) ** STEEPNESS)
-    powers = [cause.visible**2 for cause in causes]
-    answer: dict[str, float] = {}
-    for cause, power in zip(causes, powers, strict=True):
-        name = ' or '.join(cause.group)
-        answer[name] = answer.get(name, 0.0) + chance * power / max(sum(powers), 1e-300)
-    return {**answer, 'none': 0.0, 'unknown': 1.0 - sum(answer.values())}
+
+    causes: tuple[Cause, ...]
+    base: Mapping[str, Estimate]
+    base_alone: Mapping[str, Estimate]
+    gain: Gain
+    runs: tuple[RunPrediction, ...]
+    fits: PublishedFits
+    shares: Shares | None
+    member_shares: Mapping[str, Shares]
+    doubts: tuple[str, ...]
+    converged: bool
+
+
+def publish(
+    space: ModelSpace, fit: Fit, alternatives: Alternatives, before: Residual, after: Residual,
+    process: Array | None = None,
+) -> Publication:
+    """Refit the selected models with no other freedom than the offsets of the runs.
+
+    During naming, parameters and nuisance parameters share a misfit, but a parameter file
+    holds parameters only. This fit therefore gives the published values, predictions and
+    gains. The part that nuisance parameters would have explained adds to the uncertainty of
+    the published values. process: model error in the metric of the fits, if it was learnt.
+    """
+    problem, rate = space.problem, space.settings.error_rate
+    parameters = problem.system.base_parameters
+    is_persistent = problem.assumptions.is_persistent
+    metric = space.metric if is_persistent else space.metric.with_offsets(process)
+    less = {name: space.without(fit, name) for name in fit.candidate.ids}
+    judged = [space.base, fit, *less.values()]
+    base, model, *others = refit_full_jacobian(metric, judged, space.settings.max_rounds)
+    base_covariance = _covariance(
+        space.tangent_of(space.base), before, base.theta_unit - space.base.theta_unit, rate)
+    covariance = _covariance(
+        space.tangent_of(fit), after, model.theta_unit - fit.theta_unit, rate)
+    refitted = {refit.candidate.key: refit for refit in (base, model, *others)}
+    plain = dict(zip(refitted, plain_fits(problem, list(refitted.values())), strict=True))
+
+    prediction = Prediction(problem, space.metric.noise)
+    taken = {
+        key: prediction.shares(other, plain[model.candidate.key])
+        for key, other in plain.items() if key != model.candidate.key
+    }
+
+    def gain_over(other: Fit) -> Gain:
+        key = other.candidate.key
+        gain = gain_of(problem, plain[key], plain[model.candidate.key])
+        known = gain.held_out is not None and key in taken
+        return replace(gain, interval=taken[key].interval) if known else gain
+
+    causes = []
+    for effect, variant, part in model.candidate.slices(len(parameters)):
+        evidence = Comparison(space, less[effect.id], fit).evidence()
+        others_named = {
+            other
+            for alternative in alternatives.get(effect.id, ())
+            for other in alternative.candidate.ids
+            if other not in model.candidate.ids
+        }
+        deviations = np.sqrt(np.diag(covariance)[part])
+        causes.append(Cause(
+            effect=effect.id, definition=effect, variant=variant,
+            group=(effect.id, *sorted(others_named)),
+            parameters=_effect_estimates(effect, variant, model.theta_unit[part], deviations),
+            p_value=evidence.p_value, delta_bic=evidence.delta_bic, visible=evidence.visible,
+            gain=gain_over(less[effect.id])))
+    return Publication(
+        causes=tuple(causes),
+        base=_base_estimates(parameters, model, covariance),
+        base_alone=_base_estimates(parameters, base, base_covariance),
+        gain=gain_over(base),
+        runs=tuple(
+            RunPrediction(run, *problem.system.predict_many(run, [base.point, model.point]))
+            for run in problem.all_runs),
+        fits=PublishedFits(
+            metric, base, model, _in_units(parameters, model.theta_unit, covariance)),
+        shares=taken.get(base.candidate.key),
+        member_shares={} if len(less) < 2 else {
+            name: taken[other.candidate.key] for name, other in less.items()},
+        doubts=(*sizes_at_bounds(problem, model), *_failed_predictions(gain_over(base), causes)),
+        converged=all(refit.converged for refit in [*refitted.values(), *plain.values()]),
+    )
+
+
+def _failed_predictions(whole: Gain, causes: Sequence[Cause]) -> list[str]:
+    """A sentence if the causes predict other runs worse than the base, or one surely does."""
+    gains = {' and '.join(cause.effect for cause in causes): whole}
+    gains.update({
+        cause.effect: cause.gain for cause in causes
+        if cause.gain.interval is not None and cause.gain.interval[1] < 0.0})
+    return [
+        wording.worse_prediction_words(name, -gain.held_out, is_held_out=gain.how == 'held out')
+        for name, gain in gains.items() if gain.held_out is not None and gain.held_out < 0.0
+    ][:1]
+
+
+def _covariance(
+    sensitivities: Tangent, residual: Residual, moved: Array, error_rate: float
+) -> Array:
+    """Covariance in bound-scaled coordinates, widened by misfit and nuisance parameters."""
+    fitted = covariance(sensitivities.white, PRIOR) * residual.inflation(error_rate)
+    return np.asarray(fitted + np.diag(moved**2))
+
+
+def _in_units(parameters: Sequence[Parameter], theta_unit: Array, covariance: Array) -> Array:
+    """Covariance (B, B) of the base parameters in their units."""
+    count = len(parameters)
+    slopes = np.array([parameter.slope(float(u)) for parameter, u in
+                       zip(parameters, theta_unit[:count], strict=True)])
+    return np.asarray(covariance[:count, :count] * np.outer(slopes, slopes))
+
+
+def _base_estimates(
+    parameters: Sequence[Parameter], fit: Fit, covariance: Array
+) -> dict[str, Estimate]:
+    deviations = np.sqrt(np.diag(_in_units(parameters, fit.theta_unit, covariance)))
+    base = fit.theta_unit[: len(parameters)]
+    return {
+        parameter.name: Estimate(parameter.from_unit(float(u)), float(std), parameter.unit)
+        for parameter, u, std in zip(parameters, base, deviations, strict=True)
+    }
+
+
+def _effect_estimates(
+    effect: Effect, variant: int, theta_unit: Array, deviations: Array
+) -> dict[str, Estimate]:
+    """An effect's parameters, and the fixed values of its variant."""
+    estimates = {}
+    for parameter, u, deviation in zip(effect.ordered, theta_unit, deviations, strict=True):
+        value = parameter.from_unit(float(u))
+        std = float(deviation) * parameter.slope(float(u))
+        if parameter is effect.size:
+            std = float(np.hypot(std, effect.form * (value - effect.neutral)))
+        estimates[parameter.name] = Estimate(value, std, parameter.unit)
+    for key, value in effect.variants[variant].items():
+        estimates[key] = Estimate(float(value), 0.0, '')
+    return estimates

@@ -28,11 +28,10 @@ from saddlering_ros.discrepancy.search.comparison import (
 from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest, SlowResidual
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import AT_BOUND, ModelSpace
+from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.results import Residual, Verdict
-from saddlering_ros.discrepancy.verdict.wording import remaining_words
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.estimation.statistics import fisher_chance
-from saddlering_ros.quantities import percent, quantity
 
 CAUSE_WAVES, PARAMETER_WAVES, STATE_WAVES = 2, 1, 3
 """Half waves over a state: for the change of a cause, the sensitivities, a channel. Families stay
@@ -259,25 +258,15 @@ def judge(
         open_members = [name for name in fit.candidate.ids if alternatives.get(name)]
         doubts = _doubts(space, fit, after, share)
         if open_members and too_many(len(fit.candidate.effects)):
-            doubts.append(
-                f'{len(fit.candidate.effects)} effects were needed, and other effects can replace '
-                f'{" and ".join(open_members)}: so many models can fit any misfit, and none of '
-                'them is certain')
+            doubts.append(wording.too_many_words(len(fit.candidate.effects), open_members))
         verdict = 'unknown' if doubts else 'ambiguous' if open_members else 'named'
         warnings += doubts
         if after.slow.is_real_and_material(settings) and not doubts:
-            warnings.append(
-                f'{remaining_words(share)} remains with the extension, most of it '
-                f'in {after.slow.where}: the law of the cause has another form, which explains it'
-            )
+            warnings.append(wording.other_form_words(share, after.slow.where))
     elif left:
         verdict = 'unknown'
     if after.fast.is_real_and_material(settings):
-        fast = after.fast
-        warnings.append(
-            f'{fast.view} oscillates at about {quantity(fast.frequency, "Hz", digits=2)} in '
-            f'{fast.run} ({percent(fast.visible)} of range), which no cause explains'
-        )
+        warnings.append(wording.oscillation_words(after.fast))
     return Judgement(verdict, share, tuple(warnings))
 
 
@@ -351,18 +340,11 @@ def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[
         is_exact = assumptions.form_error == 0.0
         if share < settings.min_total or is_exact or space.tests.slow(
                 with_forms(space, fit, fit)).is_real_and_material(settings):
-            doubts.append(
-                f'{remaining_words(share)} remains, which is more than noise and '
-                f'model error in {where}: {" and ".join(fit.candidate.ids)} can only be a part '
-                'of the cause'
-            )
+            doubts.append(wording.partial_words(fit.candidate.ids, share, where))
     members = [Comparison(space, space.without(fit, name), fit).added
                for name in fit.candidate.ids]
     if crowded(members, settings):
-        doubts.append(
-            f'{len(fit.candidate.effects)} effects were needed for one channel: so many effects '
-            'can fit any misfit, and none of them is certain'
-        )
+        doubts.append(wording.crowded_words(len(fit.candidate.effects)))
     return [*doubts, *shapes_at_bounds(space, fit)]
 
 
@@ -389,11 +371,7 @@ def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
             allowed = max(floor, problem.assumptions.form_error * taken)
             if beyond > allowed and _is_at_bound(parameter, float(theta_unit)):
                 value = parameter.from_unit(float(theta_unit))
-                sentences.append(
-                    f'{effect.id}: its {parameter.name} is at the bound of '
-                    f'{quantity(value, parameter.unit)}: the cause has another shape than the '
-                    'bounds allow, so that it is not named'
-                )
+                sentences.append(wording.shape_at_bound_words(effect.id, parameter, value))
     return sentences
 
 

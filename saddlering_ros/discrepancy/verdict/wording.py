@@ -1,11 +1,19 @@
-"""Sentences of a verdict, for a ring and for a declared model alike, and the latter's summary."""
+"""Every sentence of a verdict, for a ring and for a declared model, and the latter's summary."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 from saddlering_ros.discrepancy.next_test import HeldOutEvidence
-from saddlering_ros.discrepancy.verdict.results import CauseEntry, Diagnosis, Estimate
+from saddlering_ros.discrepancy.problem.system import Parameter
+from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual
+from saddlering_ros.discrepancy.verdict.results import (
+    CauseEntry,
+    Diagnosis,
+    Estimate,
+    Refit,
+    Remainder,
+)
 from saddlering_ros.quantities import (
     CHANCE,
     compact,
@@ -164,6 +172,146 @@ def remaining_words(explained: float) -> str:
     """What a share of the misfit leaves: '12 % of the misfit'; '< 1 %' is never '0 %'."""
     left = 100.0 * (1.0 - explained)
     return f'{left:.0f} % of the misfit' if left >= 0.5 else '< 1 % of the misfit'
+
+
+# Warnings: why causes have no name.
+
+ONE_RUN = 'one run only: that the causes predict other runs is not shown'
+WORSE_RUN = 'in one of the fitted runs the misfit is larger with the causes'
+BY_CHANCE = 'an error like the one that remains could be this large by chance'
+THREE_EFFECTS = 'three effects act in one channel: so many can fit any misfit'
+
+
+def partial_words(ids: Sequence[str], explained: float, where: str) -> str:
+    """That a misfit remains beside the causes; where: channels and runs."""
+    return (f'{remaining_words(explained)} remains, which is more than noise and model error in '
+            f'{where}: {" and ".join(ids)} can only be a part of the cause')
+
+
+def crowded_words(count: int) -> str:
+    """That a number of effects was needed for one channel."""
+    return (f'{count} effects were needed for one channel: so many effects can fit any misfit, '
+            'and none of them is certain')
+
+
+def too_many_words(count: int, replaced: Sequence[str]) -> str:
+    """That a number of effects was needed, of which some can be replaced."""
+    return (f'{count} effects were needed, and other effects can replace '
+            f'{" and ".join(replaced)}: so many models can fit any misfit, and none of them is '
+            'certain')
+
+
+def replaced_words(name: str) -> str:
+    """That one of several causes beside model error has alternatives."""
+    return f'beside another cause, other effects can replace {name}'
+
+
+def shape_at_bound_words(name: str, shape: Parameter, value: float) -> str:
+    """That a shape of a cause is at a bound, `value`."""
+    return (f'{name}: its {shape.name} is at the bound of {quantity(value, shape.unit)}: the '
+            'cause has another shape than the bounds allow, so that it is not named')
+
+
+def size_at_bound_words(name: str, size: Parameter, value: float) -> str:
+    """That the size of a cause is at a bound, `value`."""
+    return (f'{name}: its {size.name} is at the bound of {quantity(value, size.unit)}: the size '
+            'exceeds the expected range, or another cause contributes, so that it is not named')
+
+
+def weak_words(name: str, taken: float, needed: float) -> str:
+    """That causes take too small a share of the misfit's power to be established."""
+    return (f'{name} takes {percent(max(taken, 0.0))} of the power of the misfit beyond noise, '
+            f'less than the {percent(needed)} that a cause takes which nothing else could stand '
+            'for')
+
+
+def worse_view_words(view: str) -> str:
+    """That the causes make worse what they mainly move."""
+    return f'in {view}, where the causes move most, the misfit is larger with them'
+
+
+def uncertain_gain_words(low: float, high: float) -> str:
+    """That the interval of the misfit reduction on predicted runs contains 0."""
+    return (f'on runs that it predicts, the reduction of the misfit is between {percent(low)} and '
+            f'{percent(high)}')
+
+
+def worse_prediction_words(name: str, rise: float, *, is_held_out: bool) -> str:
+    """That causes predict runs worse than the simulator without them."""
+    runs = 'held-out runs' if is_held_out else 'runs held out in turn'
+    return (f'{name} predicts {runs} worse: the misfit there rises by {percent(rise)}, so that it '
+            'is not named')
+
+
+def own_kind_words(ids: Sequence[str], share: float) -> str:
+    """That a share of the remainder goes as the causes act."""
+    return (f'{percent(share)} of what remains goes along the coordinates of {" and ".join(ids)} '
+            'itself: the law is another one')
+
+
+def shared_direction_words(name: str, other: str, share: float) -> str:
+    """That another effect would act as the cause `name` does."""
+    return (f'{other}, of another size or sign, has {percent(share)} of the power of what {name} '
+            'changes beyond the base: an effect that is not in the catalogue could have as much')
+
+
+# Warnings beside a name.
+
+NOT_CONVERGED = ('a fit on which the verdict rests had not converged: give more rounds by '
+                 'Settings(max_rounds=...), narrower bounds or better starts')
+REST_IS_ERROR = ('what remains is more than noise and fits no cause: every interval and '
+                 'comparison of causes counts it as error of the model')
+
+
+def beyond_declared_words(name: str, rest: Remainder, declared: float) -> str:
+    """That more is left in a channel than its declared model error, a share of its range."""
+    return (f'{name} in {rest.run}: {percent(rest.share_of_range)} of range is left, more than '
+            f'the declared model error of {percent(declared)}')
+
+
+def other_form_words(explained: float, where: str) -> str:
+    """That the form error of a cause explains what remains."""
+    return (f'{remaining_words(explained)} remains with the extension, most of it in {where}: the '
+            'law of the cause has another form, which explains it')
+
+
+def oscillation_words(fast: FastResidual) -> str:
+    """That a fast residual remains."""
+    return (f'{fast.view} oscillates at about {quantity(fast.frequency, "Hz", digits=2)} in '
+            f'{fast.run} ({percent(fast.visible)} of range), which no cause explains')
+
+
+# Why a verdict is near its limit.
+
+
+def one_run_words(refit: Refit) -> str:
+    """That the first cause hangs on the run that a refit leaves out."""
+    return f'{refit.change} the first cause is {refit.first or "none"}: it hangs on that run'
+
+
+def unstable_words(others: Sequence[Refit], count: int) -> str:
+    """That too many of `count` refits end in another first cause."""
+    return f'{len(others)} of {count} refits end in another first cause: ' + '; '.join(
+        f'{refit.change}: {refit.first or "none"}' for refit in others[:3])
+
+
+def almost_a_cause_words(name: str, share: float) -> str:
+    """That an effect almost has the evidence of a cause."""
+    return f'{name} reaches {percent(share)} of the evidence at which it would be a cause'
+
+
+def barely_real_words(name: str, times: float) -> str:
+    """That a cause has little more evidence than it needs."""
+    return f'{name} has {times:.1f} times the evidence at which a cause is real'
+
+
+def barely_taken_words(taken: float, needed: float) -> str:
+    """That the causes take little more than established ones must."""
+    return (f'the causes take {percent(taken)} of the misfit beyond noise; with less than '
+            f'{percent(needed)} they would not be established')
+
+
+# The summary of a declared model.
 
 
 def summary_text(diagnosis: Diagnosis) -> str:
