@@ -14,7 +14,6 @@ name; benchmarks/machines-requirements.txt has the programs.
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -22,6 +21,7 @@ import importlib
 import time
 from typing import Any
 
+from frame import arguments, table
 from machines.examples import ALSO_HIDDEN
 from machines.examples import machine as example
 from machines.machine import Machine, without
@@ -176,7 +176,7 @@ def count_numbers(
 ) -> None:
     """Intervals and gain of a cause that was named rightly."""
     cause = found.causes[0]
-    counts['isolation x 100'] += round(100 / len(cause.group))
+    counts['isolation'] += 1.0 / len(cause.group)  # type: ignore[assignment]
     if cause.effect != case.effect:
         return
     numbers = {name: (item, truth[name]) for name, item in found.base.items()}
@@ -247,42 +247,33 @@ def trial(machine: Machine, case: Case, seed: int, units: bool, counts: Counter[
                   f'units {again.verdict} {[item.effect for item in again.causes]}')
 
 
-def report(name: str, counts: Counter[str]) -> None:
-    """The four figures of the DX competitions and the other targets, as shares."""
-
-    def share(part: str, whole: str) -> str:
-        return f'{counts[part]}/{counts[whole]}'
-
-    print(f'{name}: right {share("right", "cases")}; '
-          f'detection {share("alarms, present", "present")}; '
-          f'false alarms {share("alarms, null", "null")}; '
-          f'isolation {counts["isolation x 100"] / 100:g}/{counts["present"]}; '
-          f'unknown recall {share("removed right", "removed")}; '
-          f'wrong names {counts["wrong names"]}, {counts["wrong names within noise"]} of them '
-          f'within noise; missed under the stated limit {counts["under the stated limit"]}; '
-          f'truth and more {counts["truth and more"]}; '
-          f'intervals {share("intervals that hold", "intervals")}; '
-          f'gains {share("gains within 0.05", "gains")}; '
-          f'units {share("the same in other units", "in other units")}; '
-          f'not converged {counts["not converged"]}', flush=True)
+COLUMNS = {
+    'right': ('right', 'cases'), 'detection': ('alarms, present', 'present'),
+    'false alarms': ('alarms, null', 'null'), 'isolation': ('isolation', 'present'),
+    'unknown recall': ('removed right', 'removed'), 'wrong names': ('wrong names', 'cases'),
+    'of them within noise': ('wrong names within noise', 'wrong names'),
+    'missed under the stated limit': ('under the stated limit', 'cases'),
+    'truth and more': ('truth and more', 'cases'),
+    'intervals': ('intervals that hold', 'intervals'),
+    'gains within 0.05': ('gains within 0.05', 'gains'),
+    'units': ('the same in other units', 'in other units'),
+    'not converged': ('not converged', 'cases')}
+"""The figures of the DX competitions and the other targets, as shares of counts."""
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--machines', nargs='*', default=[*OTHERS, *ALSO_HIDDEN])
-    parser.add_argument('--seeds', nargs='*', type=int, default=[1, 2])
-    parser.add_argument('--units', action='store_true')
-    args = parser.parse_args()
-    total: Counter[str] = Counter()
+    args = arguments(__doc__, {'machines': ['mask'], 'seeds': [1]},
+                     machines=(*OTHERS, *ALSO_HIDDEN), seeds=(1, 2), units=False)
+    found = {}
     for machine in machines(args.machines):
-        counts: Counter[str] = Counter()
-        began = time.process_time()
+        counts = found[machine.name] = Counter[str]()
         for seed in args.seeds:
             for case in cases(machine, seed):
                 trial(machine, case, seed, args.units, counts)
-        report(f'{machine.name} ({time.process_time() - began:.0f} s)', counts)
-        total += counts
-    report('all', total)
+    found['all'] = sum(found.values(), Counter[str]())
+    table('Verdicts', ['machine', *COLUMNS], [
+        [name, *(f'{counts[part]:g}/{counts[whole]}' for part, whole in COLUMNS.values())]
+        for name, counts in found.items()])
 
 
 if __name__ == '__main__':

@@ -7,10 +7,9 @@
 The records come from richer simulators than the model that is diagnosed, or from a real machine.
 Each effect is hidden in turn, then hidden while it is not in the catalogue, and once nothing is
 hidden. Three runs are fitted, a fourth is held out. A cause is over the limit if it makes the
-misfit of the base three times that of the sound twin. Counted is a name for a cause that is
-established; seeds 1 to 9 are for development, 11 to 19 are sealed. --draws takes one trial of one
-machine for each number and appends what is not in the file yet: a quarter has the true law taken
-out, 15 % nothing hidden. Cranfield's records are read from the folder in the variable CRANFIELD.
+misfit of the base three times the median of the machine's sound trials. --draws takes one trial of
+one machine for each number and appends what is not in the file yet: a quarter has the true law
+taken out, 15 % nothing hidden.
 """
 
 from __future__ import annotations
@@ -19,17 +18,15 @@ import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')
 
-import argparse
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 import importlib
-import json
 from pathlib import Path
 import time
 from typing import Any
 
 from any_simulator import Case, cases
+import frame
 from machines.examples import ALSO_HIDDEN
 from machines.examples import machine as example
 from machines.machine import Machine, Records, Trial
@@ -45,7 +42,7 @@ EXACT = ('predator_prey', 'pendulum', 'cart_pole', *ALSO_HIDDEN)
 """Machines of other people whose records follow the model itself."""
 
 OVER = 3.0
-"""Misfit of the base over that of the sound twin above which a cause is over the limit."""
+"""Misfit of the base over that of sound trials above which a cause is over the limit."""
 
 SHARES = {'removed': 0.25, 'sound': 0.15, 'hidden': 0.6}
 """Shares of the kinds of trials among draws."""
@@ -113,24 +110,13 @@ def say(row: dict[str, Any]) -> None:
           f'out {row["held_out"]}, {row["seconds"]:.1f} s', flush=True)
 
 
-def all_rows(name: str, seed: int) -> Iterator[dict[str, Any]]:
-    """Every trial of a machine; its first one is sound."""
-    sound = 0.0
-    for trial in trials(name, seed):
-        row = row_of(trial)
-        sound = sound or row['misfit']
-        yield {**row, 'over': row['misfit'] >= OVER * sound}
-
-
 def append_draws(names: Sequence[str], first: int, count: int, out: Path) -> None:
     """Rows of numbered draws that are not in the file yet, the machines in turn."""
-    there = {json.loads(line)['seed'] for line in out.read_text().splitlines()} if (
-        out.exists()) else set()
+    there = {row['seed'] for row in frame.kept_rows(out)}
     for draw in sorted({*range(first, first + count)} - there):
         row = row_of(drawn(names[draw % len(names)], draw))
         say(row)
-        with out.open('a') as file:
-            file.write(f'{json.dumps(row)}\n')
+        frame.keep(out, row)
 
 
 def is_named(row: dict[str, Any]) -> bool:
@@ -144,50 +130,57 @@ def is_right(row: dict[str, Any]) -> bool:
     return bool(set(row['truth']) & set(first))
 
 
+COLUMNS: dict[str, tuple[str, Callable[[dict[str, Any]], bool]]] = {
+    'over the limit: established, right': ('over', lambda row: is_named(row) and is_right(row)),
+    'hidden: first cause right': ('hidden', is_right),
+    'established, right': ('hidden', lambda row: is_named(row) and is_right(row)),
+    'established, wrong': ('hidden', lambda row: is_named(row) and not is_right(row)),
+    'true law removed: established': ('removed', is_named),
+    'sound: named': ('sound', is_named),
+    'a second name': ('all', lambda row: is_named(row) and len(row['groups']) > 1),
+}
+"""Which rows a column is about, and what is counted of them."""
+
+
 def table(rows: Sequence[dict[str, Any]]) -> None:
     """The figures of docs/benchmarks, by machine and in all."""
-    for name in (*sorted({row['machine'] for row in rows}), 'all'):
+    names = sorted({row['machine'] for row in rows})
+    sound = {name: [row['misfit'] for row in rows if row['kind'] == 'sound'
+                    and row['machine'] == name] for name in names}
+    limits = {name: OVER * np.median(own) if own else np.inf for name, own in sound.items()}
+    shown = []
+    for name in (*names, 'all'):
         own = [row for row in rows if name in (row['machine'], 'all')]
-        count: Counter[str] = Counter()
-        for row in own:
-            named, right, kind = is_named(row), is_right(row), row['kind']
-            size = {True: ', over', False: ', under'}.get(row.get('over'), '')
-            size = size if kind == 'hidden' else ''
-            count[f'{kind}{size}'] += 1
-            count[f'{kind}{size}: first cause right'] += right
-            count[f'{kind}{size}: established, right'] += named and right
-            count[f'{kind}{size}: established, wrong'] += named and not right
-            count['a second name'] += named and len(row['groups']) > 1
-        print(f'{name}: ' + ', '.join(
-            f'{key} {value}' for key, value in sorted(count.items()) if value)
-            + f'; median {np.median([row["seconds"] for row in own]):.1f} s')
+        kinds = {kind: [row for row in own if row['kind'] == kind] for kind in SHARES}
+        kinds['over'] = [row for row in kinds['hidden']
+                         if row['misfit'] >= limits[row['machine']]]
+        kinds['all'] = own
+        shown.append([name, *(
+            f'{sum(map(counts, kinds[kind]))}/{len(kinds[kind])}'
+            for kind, counts in COLUMNS.values()),
+            float(np.median([row['seconds'] for row in own]))])
+    frame.table('Verdicts', ['machine', *COLUMNS, 'median [s]'], shown)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--machines', nargs='*', default=[])
-    parser.add_argument('--seeds', nargs='*', type=int, default=[1, 2, 3])
-    parser.add_argument('--draws', nargs=2, type=int)
-    parser.add_argument('--out', type=Path)
-    parser.add_argument('--table', nargs='*', type=Path)
-    parser.add_argument('--picture', type=Path)
-    args = parser.parse_args()
+    args = frame.arguments(
+        __doc__, {'machines': ['oscillator'], 'seeds': [1]}, machines=(), seeds=(1, 2, 3),
+        draws=(0, 0), out=Path, table=(), picture=Path)
     if args.table:
-        rows = [json.loads(line) for path in args.table for line in path.read_text().splitlines()]
+        rows = [row for path in args.table for row in frame.kept_rows(Path(path))]
         table(rows)
         report(rows, args.picture)
-    elif args.draws:
+    elif args.draws[1]:
         first, count = args.draws
         append_draws(args.machines or [*RICH, *EXACT], first, count, args.out)
     else:
         rows = []
         for name in args.machines or RICH:
-            for seed in args.seeds:
-                for row in all_rows(name, seed):
-                    say(row)
-                    rows.append(row)
-        if args.out:
-            args.out.write_text(''.join(f'{json.dumps(row)}\n' for row in rows))
+            for trial in (trial for seed in args.seeds for trial in trials(name, seed)):
+                rows.append(row_of(trial))
+                say(rows[-1])
+                if args.out:
+                    frame.keep(args.out, rows[-1])
         table(rows)
 
 

@@ -21,12 +21,11 @@ from frame import ROOT
 SHORT: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(('simulator', 'reading', 'versions', 'ros_speed', 'faults',
                      'alarm', 'sound_bags', 'logger_faults', 'fuzz', 'attacks',
-                     'identification', 'fleet', 'blind', 'independent'), ('--short',)),
+                     'identification', 'fleet', 'blind', 'independent', 'any_simulator',
+                     'real_faults'), ('--short',)),
     'dirty_ring': ('--seeds', '1', '--effects', 'none'),
     'changes': ('--seeds', '1', '--effects', 'none'),
     'certificates': ('coverage', '--rigs', '3'),
-    'any_simulator': ('--machines', 'mask', '--seeds', '1'),
-    'real_faults': ('--machines', 'oscillator', '--seeds', '1'),
 }
 """Benchmarks, and the options of their short forms."""
 
