@@ -11,10 +11,9 @@ from saddlering_ros.demo.live import DemoError
 from saddlering_ros.demo.story import DemoOutcome, misfit_table, overall_misfit
 from saddlering_ros.files import temporary_folder
 from saddlering_ros.pages import html
-from saddlering_ros.pages.html import Cell, number, pictures_of
+from saddlering_ros.pages.html import number, pictures_of
 from saddlering_ros.quantities import percent
 from saddlering_ros.report import background, chapters, parameters
-from saddlering_ros.report.background import quality_of
 from saddlering_ros.rig import write_parameters
 from saddlering_ros.ros.launcher import signals_held
 
@@ -101,7 +100,7 @@ def demo_page(outcome: DemoOutcome, command: str) -> str:
         chapters.look_alikes(outcome.verdict),
         chapters.detection_limits(outcome.verdict),
         _replays(outcome),
-        background.data_quality([quality_of(run, outcome.rig) for run in outcome.plan.runs]),
+        background.data_quality(outcome.plan.runs, outcome.rig),
         chapters.notes(outcome.verdict),
         background.reproduction(outcome.verdict, command),
     ])
@@ -129,11 +128,9 @@ def _tiles(outcome: DemoOutcome) -> str:
 
 
 def _replays(outcome: DemoOutcome) -> str:
-    rows: list[list[str | Cell]] = [[
-        item.bag, item.parameters, number(str(item.messages)), number(str(item.lost or '–')),
-        number(f'{item.seconds:.1f}'), number(f'{item.speed:.2g}')] for item in outcome.replays]
+    rows = [[item.bag, item.parameters, str(item.messages), str(item.lost or '–'),
+             f'{item.seconds:.1f}', f'{item.speed:.2g}'] for item in outcome.replays]
     return html.section('Replays', html.table(
-        ['bag', 'simulated with', number('messages received'), number('not received'),
-         number('seconds'),
-         number('times real time')], rows,
+        ['bag', 'simulated with', *map(number, (
+            'messages received', 'not received', 'seconds', 'times real time'))], rows,
         'In lockstep: the clock waits until every node has processed all messages.'))

@@ -230,13 +230,17 @@ def tiles(items: Sequence[tuple[str, str]]) -> str:
 def table(
     head: Sequence[str | Cell], rows: Sequence[Sequence[str | Cell]], caption: str = ''
 ) -> str:
-    """A table without its empty columns; empty if there are no rows."""
+    """A table without its empty columns; empty if there are no rows.
+
+    A column under a `number` holds numbers; only those with a mark need to say so themselves.
+    """
     if not rows:
         return ''
     shown = [column for column in range(len(head))
              if any(_text(row[column]) not in NOTHING for row in rows)]
     head = [head[column] for column in shown]
-    rows = [[row[column] for column in shown] for row in rows]
+    rows = [[_below(title, row[column]) for title, column in zip(head, shown, strict=True)]
+            for row in rows]
     title = f'<caption>{escape(caption)}</caption>' if caption else ''
     top = ''.join(_cell(item, 'th') for item in head)
     columns = [[_plain(row[column]) for row in rows] for column in range(len(head))]
@@ -248,6 +252,11 @@ def table(
     kind = ' class="wide"' if is_wide else ''
     return (f'<div class="scroll"><table{kind}>{title}<thead><tr>{top}</tr></thead>'
             f'<tbody>{body}</tbody></table></div>')
+
+
+def _below(title: str | Cell, item: str | Cell) -> str | Cell:
+    """A cell as the title of its column declares it."""
+    return number(item) if isinstance(title, Cell) and isinstance(item, str) else item
 
 
 def picture(chart: Chart, name: str, caption: str) -> str:

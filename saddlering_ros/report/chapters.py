@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 from saddlering_ros.diagnosis import wording
 from saddlering_ros.diagnosis.wording import signature_words, value_words, VerdictDocument
@@ -79,11 +79,9 @@ def causes(document: VerdictDocument) -> str:
 
 def simulated_tests(document: VerdictDocument) -> str:
     """Possible next tests with how often each leaves the true cause alone, the best first."""
-    rows: list[list[str | Cell]] = [
-        [item['test'], number(percent(item['share_alone'])),
-         number(f'{percent(item["interval_95"][0])} to {percent(item["interval_95"][1])}'),
-         number(percent(item['share_kept']))]
-        for item in (document.get('simulated_tests') or [])[:TESTS_SHOWN]]
+    rows = [[item['test'], percent(item['share_alone']),
+             ' to '.join(map(percent, item['interval_95'])), percent(item['share_kept'])]
+            for item in (document.get('simulated_tests') or [])[:TESTS_SHOWN]]
     return html.table(
         ['possible next test', number('leaves the true cause alone'), number('95 % interval'),
          number('keeps the true cause')], rows,
@@ -94,65 +92,47 @@ def _look_alike_rows(cause: CauseEntry, document: VerdictDocument) -> list[list[
     """The alternatives to this cause, each with the measurement that separates it."""
     evidence = {item['effects'][-1]: item['delta_bic'] for item in reversed(
         document.get('candidates') or []) if item['effects']}
-    rows: list[list[str | Cell]] = []
-    for effect_id in cause['group']:
-        effect = catalogue().get(effect_id)
-        delta_bic = evidence.get(effect_id)
-        rows.append([
-            wording.title_of(effect_id), code(effect_id), number(compact(delta_bic, 4)),
-            '' if effect is None else effect.settled_by])
-    return rows
+    known = catalogue()
+    return [[wording.title_of(name), code(name), compact(evidence.get(name), 4),
+             known[name].settled_by if name in known else ''] for name in cause['group']]
 
 
 def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
-    effect_id = cause['effect']
+    effect_id, title = cause['effect'], wording.title_of(cause['effect'])
     effect = catalogue().get(effect_id)
-    rows = _cause_parameters(cause)
     evidence, gain = cause['evidence'], cause['gain']
     partial = ' – explains part of the misfit only' if cause.get('partial') else ''
+    is_alone = len(cause['group']) == 1
+    is_next = wording.lowered(title) in (document.get('next_test') or '')
     return '\n'.join([
-        f'<h3>{html.escape(wording.title_of(effect_id))} <code>{html.escape(effect_id)}</code>'
-        f'{html.escape(partial)}</h3>',
+        f'<h3>{html.escape(title)} <code>{html.escape(effect_id)}</code>{html.escape(partial)}'
+        '</h3>',
         html.paragraph('' if effect is None else effect.words),
-        html.table(['parameter', number('value ± standard deviation'), ''], rows),
-        html.table(
-            ['', number('')],
-            [['misfit reduction on fitted runs', number(percent(gain['fit']))],
-             ['misfit reduction on held-out runs', number(percent(gain['held_out']))],
-             ["largest share of a channel's range", number(percent(cause['share_of_range']))],
-             ['probability by chance alone', number(probability(evidence['p_value']))],
-             ['evidence (ΔBIC)', number(compact(evidence['delta_bic']))]]),
+        html.table(['parameter', number('value ± standard deviation'), ''],
+                   _cause_parameters(cause)),
+        html.table(['', number('')], [
+            ['misfit reduction on fitted runs', percent(gain['fit'])],
+            ['misfit reduction on held-out runs', percent(gain['held_out'])],
+            ["largest share of a channel's range", percent(cause['share_of_range'])],
+            ['probability by chance alone', probability(evidence['p_value'])],
+            ['evidence (ΔBIC)', compact(evidence['delta_bic'])]]),
         html.table(['alternatives for these data', 'id', number('evidence (ΔBIC)'),
                     'measurement that tells them apart'],
-                   _look_alike_rows(cause, document) if len(cause['group']) > 1 else []),
-        html.paragraph(_confirmation(cause, document), 'note'),
+                   [] if is_alone else _look_alike_rows(cause, document)),
+        html.paragraph(f'To confirm it: {effect.settled_by}'
+                       if effect is not None and is_alone and not is_next else '', 'note'),
     ])
 
 
-def _confirmation(cause: CauseEntry, document: VerdictDocument) -> str:
-    """The measurement that confirms a cause, unless it is the next test."""
-    effect = catalogue().get(cause['effect'])
-    title = wording.lowered(wording.title_of(cause['effect']))
-    is_next = title in (document.get('next_test') or '')
-    if effect is None or len(cause['group']) > 1 or is_next:
-        return ''
-    return f'To confirm it: {effect.settled_by}'
-
-
-def _cause_parameters(cause: CauseEntry) -> list[list[str | Cell]]:
+def _cause_parameters(cause: CauseEntry) -> list[list[str]]:
     """Where the cause acts, and each fitted parameter with its meaning."""
-    effect_id = cause['effect']
-    effect = catalogue().get(effect_id)
+    effect_id, where = cause['effect'], wording.place_of(cause)
+    effect, choices = catalogue().get(effect_id), wording.choices_of(effect_id)
     words = {} if effect is None else {item.name: item.words for item in effect.parameters}
-    choices = wording.choices_of(effect_id)
-    rows: list[list[str | Cell]] = []
-    if wording.place_of(cause):
-        rows.append(['where', number(wording.place_of(cause)), ''])
-    rows += [
-        [name, number(value_words(effect_id, name, item['value'], item['unit'], item['std'])),
+    return [*([['where', where, '']] if where else []), *(
+        [name, value_words(effect_id, name, item['value'], item['unit'], item['std']),
          words.get(name, '')]
-        for name, item in cause['parameters'].items() if name not in choices]
-    return rows
+        for name, item in cause['parameters'].items() if name not in choices)]
 
 
 OFFSETS = 'A constant offset of each probe is fitted. '
@@ -168,14 +148,11 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
     rows: list[list[str | Cell]] = []
     for run in runs:
         for name, item in run['channels'].items():
+            shares = (_share(item['nrmse_before'], item), _share(item['nrmse_after'], item))
             rows.append([
-                _short(run['bag']), run['test'], number(f'{run["elevation_deg"]:g}°'),
-                'held out' if run['held_out'] else 'fitted', code(name),
-                number(percent(item['nrmse_before']), _mark(item['nrmse_before'], item)),
-                number(percent(item['nrmse_after']) if is_extended else '',
-                       _mark(item['nrmse_after'], item) if is_extended else ''),
-                number(percent(item['noise_floor'])),
-            ])
+                _short(run['bag']), run['test'], f'{run["elevation_deg"]:g}°',
+                'held out' if run['held_out'] else 'fitted', code(name), shares[0],
+                shares[1] if is_extended else '', percent(item['noise_floor'])])
     return html.section(
         'Misfit by run and channel',
         html.picture(
@@ -190,11 +167,12 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
     )
 
 
-def _mark(value: float | None, item: wording.ChannelEntry) -> str:
+def _share(value: float | None, item: wording.ChannelEntry) -> Cell:
+    """A misfit, marked by whether noise allows it."""
     floor = item['noise_floor']
     if value is None or floor is None:
-        return ''
-    return 'bad' if value > allowed_misfit(floor) else 'good'
+        return number(percent(value))
+    return number(percent(value), 'bad' if value > allowed_misfit(floor) else 'good')
 
 
 def paper_split(curves: Sequence[RunCurves]) -> str:
@@ -225,8 +203,7 @@ def residual_map(curves: Sequence[RunCurves]) -> str:
     return html.section('Residual map', html.picture(
         figures.residual_map(curves), 'residual_map', 'Mean of measured minus simulated in '
         'units of the noise floor. Columns: load. Rows: run and branch. White: no more than '
-        'noise; '
-        'brown: simulation too large; violet: simulation too small; grey: not measured.'))
+        'noise; brown: simulation too large; violet: simulation too small; grey: not measured.'))
 
 
 def residuals(curves: Sequence[RunCurves]) -> str:
@@ -234,9 +211,9 @@ def residuals(curves: Sequence[RunCurves]) -> str:
     parts = [
         html.folded(run.label, html.picture(
             figures.residuals(run), f'misfit_{run.name}', 'Measured minus simulated. Columns: '
-            'over load (triangles up: load rising); mean and half-difference of both '
-            'branches; over time; '
-            + ('' if run.test == 'static' else 'over load rate; ') + 'amplitude spectrum.'))
+            'over load (triangles up: load rising); mean and half-difference of both branches; '
+            'over time; ' + ('' if run.test == 'static' else 'over load rate; ')
+            + 'amplitude spectrum.'))
         for run in curves
     ]
     return html.section('Misfit, run by run', html.paragraph(
@@ -249,15 +226,13 @@ def shape_tests(document: VerdictDocument) -> str:
     shapes = document.get('shapes')
     if not shapes:
         return ''
-    before = {(item['channel'], item['coordinate']): item for item in shapes['before']}
-    after = {(item['channel'], item['coordinate']): item for item in shapes['after']}
+    before, after = ({(item['channel'], item['coordinate']): item for item in shapes[key]}
+                     for key in ('before', 'after'))
     coordinates = sorted({coordinate for _, coordinate in before})
-    rows: list[list[str | Cell]] = []
-    for channel in CHANNELS:
-        if not any(channel_of_test == channel for channel_of_test, _ in before):
-            continue  # The parity, if a probe is absent.
-        pairs = [(before.get((channel, name)), after.get((channel, name))) for name in coordinates]
-        rows.append([code(channel), *(_shape_cell(*pair) for pair in pairs)])
+    tested = {channel for channel, _ in before}  # Not the parity, if a probe is absent.
+    rows = [[code(channel), *(_shape_cell(before.get((channel, name)), after.get((channel, name)))
+                              for name in coordinates)]
+            for channel in CHANNELS if channel in tested]
     return html.section(
         'Dependence of the misfit on load, direction, rate and time',
         html.table(['channel', *(number(f'on {name}') for name in coordinates)], rows,
@@ -314,8 +289,8 @@ def _candidate(item: wording.CandidateEntry) -> list[str | Cell]:
     return [
         Cell(' + '.join(f'<code>{html.escape(name)}</code>' for name in item['effects']),
              is_html=True),
-        _fitted_words(last, values), number(compact(item['delta_bic'], 4)),
-        number(probability(item['p_value'])), number(percent(item['share_of_range'])),
+        _fitted_words(last, values), compact(item['delta_bic'], 4),
+        probability(item['p_value']), percent(item['share_of_range']),
     ]
 
 
@@ -328,21 +303,9 @@ def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
                               for name, value in values.items() if name in units])
 
 
-def _found_from(limits: wording.LimitEntry) -> str:
-    """The size found nine times in ten, and the number of configurations that never show."""
-    if not limits['testable']:
-        return 'cannot be seen'
-    dark = sum(place['limit'] is None for place in limits['places'])
-    found = _limit(limits, 'limit')
-    return f'{found}; never in {dark} of {len(limits["places"])} configurations' if dark else found
-
-
-def _limit(
-    limits: wording.LimitEntry, key: Literal['limit', 'best_limit', 'material_limit'],
-) -> str:
+def _limit(limits: wording.LimitEntry, size: float | None) -> str:
     """A size of an effect's first parameter as people read it."""
     effect = catalogue().get(limits['effect'])
-    size = limits[key]
     if size is None or effect is None:
         return quantity(size, limits['unit'])
     return value_words(limits['effect'], effect.parameters[0].name, size, limits['unit'])
@@ -352,22 +315,23 @@ def detection_limits(document: VerdictDocument) -> str:
     """The smallest size of every effect that these data could have shown."""
     rows: list[list[str | Cell]] = []
     for item in document.get('detection_limits') or []:
+        dark, places = sum(place['limit'] is None for place in item['places']), item['places']
+        never = f'; never in {dark} of {len(places)} configurations' if dark else ''
         rows.append([
             wording.title_of(item['effect']), code(item['effect']),
-            number(_found_from(item), '' if item['testable'] else 'bad'),
-            number(_limit(item, 'best_limit') if item['testable'] else ''),
-            number(_limit(item, 'material_limit')),
-            number(percent(item['share'])),
-        ])
+            _limit(item, item['limit']) + never if item['testable'] else
+            number('cannot be seen', 'bad'),
+            _limit(item, item['best_limit']) if item['testable'] else '',
+            _limit(item, item['material_limit']), percent(item['share'])])
     return html.section('Detection limits of these data', html.folded(
         'Detection limit of every cause in the catalogue',
         html.table(
-            ['cause', 'id', number('detection limit'), number('limit, best configuration'),
-             number('material from'), number('own share of signature')], rows,
+            ['cause', 'id', *map(number, (
+                'detection limit', 'limit, best configuration', 'material from',
+                'own share of signature'))], rows,
             'Detection limit: size of the first parameter that is found nine times in ten, in '
-            'nine '
-            'of ten configurations (probe, arc) in which the cause shows. Material: changes a '
-            'channel by 0.1 % of its range. The last column is the share of the signature that '
+            'nine of ten configurations (probe, arc) in which the cause shows. Material: changes '
+            'a channel by 0.1 % of its range. The last column is the share of the signature that '
             'contact parameters cannot imitate.'))) if rows else ''
 
 
@@ -424,7 +388,7 @@ def proposal(document: VerdictDocument, force_unit: str = 't') -> str:
 
 def _term(term: Mapping[str, Any], place: int, force_unit: str) -> list[str]:
     rows: list[list[str | Cell]] = [
-        [code(name), number(quantity(item['value'], item['unit'], item['std']))]
+        [code(name), quantity(item['value'], item['unit'], item['std'])]
         for name, item in term['parameters'].items()]
     words = f'{term["channel"]} += {term["law"]} in {term["coordinate"]}'
     return [

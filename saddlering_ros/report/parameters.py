@@ -37,13 +37,13 @@ def identified(found: Mapping[str, Any], words: str = '') -> str:
     for name in PARAMETER_NAMES:
         item = found['parameters'][name]
         rows.append([
-            code(name), number(quantity(item['value'], item['unit'], item['std'])),
-            number(span(*item['interval']) if item['interval'] else '–'),
+            code(name), quantity(item['value'], item['unit'], item['std']),
+            span(*item['interval']) if item['interval'] else '–',
             f'not determined by these data: {item["reason"]}' if item['reason'] else
             ('at its bound' if item['at_bound'] else '')])
     for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
         values = [found['parameters'][key]['value'] for key in (name, exponent)]
-        rows.append([code(name), number(_per_millimetre(*values)), '', ''])
+        rows.append([code(name), _per_millimetre(*values), '', ''])
     covariance = np.array([[math.nan if value is None else value for value in row]
                            for row in found.get('covariance') or []])
     return html.section(
@@ -74,22 +74,19 @@ def before_and_after(
                    f'{abs(first[name] - last[name]) / std:.1f}' if std else '–')
         was, moved, ratio = changed if is_extended else ('', '', '')
         rows.append([
-            code(name), number(was),
-            number(_contact(name, last[name], std)), number(interval(last[name], std)),
-            number(moved), number(ratio),
-            f'not determined by these data: {reasons[name]}' if name in reasons else '',
+            code(name), was, _contact(name, last[name], std), interval(last[name], std), moved,
+            ratio, f'not determined by these data: {reasons[name]}' if name in reasons else '',
         ])
     for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
         if name in first and name in last:
             stiffness = [_per_millimetre(item[name], item[exponent]) for item in (first, last)]
-            rows.append([code(name), number(stiffness[0] if is_extended else ''),
-                         number(stiffness[1]), *[number('')] * 4])
+            rows.append([code(name), stiffness[0] if is_extended else '', stiffness[1],
+                         *[''] * 4])
     return html.section(
         'Contact parameters',
-        html.table(['parameter', number(before),
-                    number(f'{after if is_extended else "value"} ± standard deviation'),
-                    number('95 % interval'), number('bias removed'), number('bias / std'),
-                    ''], rows),
+        html.table(['parameter', *map(number, (
+            before, f'{after if is_extended else "value"} ± standard deviation', '95 % interval',
+            'bias removed', 'bias / std')), ''], rows),
         correlation(covariance),
         html.paragraph(ASSUMPTION + ' K and n of a row are strongly correlated: judge them '
                        'together.', 'note'),
@@ -126,14 +123,13 @@ def of_file(parameters: ParameterSet) -> str:
         value = float(getattr(parameters.contact, name))
         reason = parameters.source.undetermined.get(name)
         shown_std = std if reason is None else None
-        rows.append([code(name), number(_contact(name, value, shown_std)),
-                     number(interval(value, shown_std)),
+        rows.append([code(name), _contact(name, value, shown_std), interval(value, shown_std),
                      '' if reason is None else f'not determined by these data: {reason}'])
     contact = parameters.contact
     for name, value, power in (('K1', contact.K1, contact.n1), ('K2', contact.K2, contact.n2)):
-        rows.append([code(name), number(_per_millimetre(value, power)), '', ''])
+        rows.append([code(name), _per_millimetre(value, power), '', ''])
     for effect, values in parameters.effects.items():
-        rows += [[code(f'{effect}.{name}'), number(f'{compact(value, 5)} (SI)'), '', '']
+        rows += [[code(f'{effect}.{name}'), f'{compact(value, 5)} (SI)', '', '']
                  for name, value in values.items()]
     source = parameters.source
     words = 'As given' if source.method == 'given' else f'By {source.method}'

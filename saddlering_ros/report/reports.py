@@ -11,7 +11,6 @@ import numpy as np
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.diagnosis.wording import lowered, title_of, VerdictDocument
 from saddlering_ros.files import whole_file
-from saddlering_ros.identification.figures import ChannelFigures, RunValidation
 from saddlering_ros.identification.validation import judge, Validation
 from saddlering_ros.pages import html, ReportError
 from saddlering_ros.pages.certainty import certainty
@@ -20,8 +19,8 @@ from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import allowed_misfit, percent, quantity
 from saddlering_ros.record import Record
 from saddlering_ros.report import background, chapters, figures, parameters
-from saddlering_ros.report.background import Background, head, head_line, quality_of
 from saddlering_ros.report.curves import (
+    Array,
     curves_of,
     curves_of_run,
     curves_path,
@@ -29,9 +28,10 @@ from saddlering_ros.report.curves import (
     write_curves,
 )
 from saddlering_ros.report.figures import SYMBOLS
-from saddlering_ros.rig import CHANNELS, ParameterSet, Rig
+from saddlering_ros.rig import CHANNELS, Rig
 
-NOTHING = Background()
+DIAGNOSIS = 'What the ring simulation lacks'
+VALIDATION = 'How well the parameters predict'
 
 
 def write_diagnosis_report(
@@ -41,56 +41,48 @@ def write_diagnosis_report(
 
     command: the command line that makes the page.
     """
-    surroundings = Background(
-        covariance=verdict.extended_parameters().source.covariance,
-        quality=[quality_of(figures.record.test_run, verdict.rig) for figures in verdict.runs],
-        command=command, curves_file=curves_path(path).name,
-        force_unit=verdict.rig.force_unit)
-    tests = [head_line(figures.record.test_run, held_out=figures.record.run.held_out)
-             for figures in verdict.runs]
-    curves = curves_of(verdict)
-    top = head(TITLE, verdict.rig, tests)
-    html.write_page(path, diagnosis_page(verdict.to_json(), curves, surroundings, top))
-    write_curves(curves_path(path), curves)
-    return Path(path), curves_path(path)
-
-
-TITLE = 'What the ring simulation lacks'
+    beside, curves = curves_path(path), curves_of(verdict)
+    tests = [(run.record.test_run, run.record.run.held_out) for run in verdict.runs]
+    html.write_page(path, diagnosis_page(
+        verdict.to_json(), curves, verdict.extended_parameters().source.covariance,
+        top=background.head(DIAGNOSIS, verdict.rig, tests),
+        quality=background.data_quality([run for run, _ in tests], verdict.rig),
+        command=command, curves_file=beside.name))
+    write_curves(beside, curves)
+    return Path(path), beside
 
 
 def diagnosis_page(
-    document: VerdictDocument, curves: Sequence[RunCurves], surroundings: Background = NOTHING,
-    top: str = f'<h1>{TITLE}</h1>',
+    document: VerdictDocument, curves: Sequence[RunCurves],
+    covariance: Array | None = None, *, top: str = f'<h1>{DIAGNOSIS}</h1>',
+    quality: str = '', command: str = '', curves_file: str = '',
 ) -> str:
-    """The page of a verdict's JSON and the curves of its runs, below a head."""
+    """The page of a verdict's JSON and the curves of its runs, most important first.
+
+    covariance (6, 6) of the contact parameters in the order of PARAMETER_NAMES; top: the head;
+    quality: the chapter on the data; command: the command line that makes the page; curves_file:
+    the name of the file of its curves.
+    """
     return html.page('Diagnosis of the ring simulation', [
-        top, chapters.verdict_banner(document, curves),
-        *diagnosis_chapters(document, curves, surroundings),
-    ])
-
-
-def diagnosis_chapters(
-    document: VerdictDocument, curves: Sequence[RunCurves], surroundings: Background = NOTHING,
-) -> list[str]:
-    """Everything below the verdict, most important first."""
-    return [
+        top,
+        chapters.verdict_banner(document, curves),
         certainty(document, lambda name: lowered(title_of(name))),
         chapters.causes(document),
-        chapters.proposal(document, surroundings.force_unit),
+        chapters.proposal(document, curves[0].force_unit if curves else 't'),
         background.misfit_reductions(document),
         chapters.misfit(document),
         chapters.paper_split(curves),
         chapters.residual_map(curves),
-        parameters.before_and_after(document, covariance=surroundings.covariance),
+        parameters.before_and_after(document, covariance=covariance),
         chapters.candidates(document),
         chapters.shape_tests(document),
         chapters.residuals(curves),
         chapters.look_alikes(document),
         chapters.detection_limits(document),
-        background.data_quality(surroundings.quality),
+        quality,
         chapters.notes(document),
-        background.reproduction(document, surroundings.command, surroundings.curves_file),
-    ]
+        background.reproduction(document, command, curves_file),
+    ])
 
 
 def write_validation_report(
@@ -101,62 +93,42 @@ def write_validation_report(
 
     `runs` are those validated, in order; `identification` is the JSON of an identification.
     """
-    beside = curves_path(path)
-    html.write_page(
-        path, validation_page(validation, runs, rig, identification, command, beside.name))
-    write_curves(beside, curves_of_validation(validation, runs, rig.force_unit))
-    return Path(path), beside
-
-
-def validation_page(
-    validation: Validation, runs: Sequence[Record], rig: Rig,
-    identification: Mapping[str, Any] | None = None, command: str = '', curves_file: str = '',
-) -> str:
-    """The whole page; curves_file: the name of the file that holds its curves."""
-    curves = curves_of_validation(validation, runs, rig.force_unit)
-    found_by = ('' if identification is None else parameters.identified(identification))
-    return html.page('How well the parameters predict', [
-        head('How well the parameters predict', rig, [
-            head_line(run, held_out=shown.held_out)
-            for run, shown in zip(runs, curves, strict=True)]),
+    beside, curves = curves_path(path), curves_of_validation(validation, runs, rig.force_unit)
+    tests = [(run, shown.held_out) for run, shown in zip(runs, curves, strict=True)]
+    html.write_page(path, html.page(VALIDATION, [
+        background.head(VALIDATION, rig, tests),
         _banner(validation, curves),
-        found_by or parameters.of_file(validation.parameters),
+        parameters.of_file(validation.parameters) if identification is None else
+        parameters.identified(identification),
         _criteria(validation),
         _figures(validation),
         chapters.paper_split(curves),
         chapters.residual_map(curves),
         chapters.residuals(curves),
-        background.data_quality([quality_of(run, rig) for run in runs]),
-        background.reproduction(validation.to_json(), command, curves_file),
-    ])
+        background.data_quality(runs, rig),
+        background.reproduction(validation.to_json(), command, beside.name),
+    ]))
+    write_curves(beside, curves)
+    return Path(path), beside
 
 
 def curves_of_validation(
     validation: Validation, runs: Sequence[Record], force_unit: str,
 ) -> list[RunCurves]:
     """The curves of the validated runs, in order."""
-    return [_curves(found, run, validation.parameters, force_unit)
-            for found, run in zip(validation.runs, runs, strict=True)]
-
-
-def _curves(
-    validated: RunValidation, run: Record, parameters: ParameterSet, force_unit: str,
-) -> RunCurves:
-    fitted_bags = {Path(bag).name for bag in parameters.source.bags}
-    floors = {name: item.noise_floor for name, item in validated.channels.items()}
-    return curves_of_run(run, validated.measured, validated.simulated, validated.simulated, floors,
-                         held_out=run.path.name not in fitted_bags, force_unit=force_unit)
-
-
-def _worst(validation: Validation) -> tuple[RunValidation, str, ChannelFigures]:
-    """The channel that is predicted worst, by its misfit over its noise floor."""
-    cases = [(run, name, run.channels[name]) for run in validation.runs for name in CHANNELS[:3]]
-    return max(cases, key=lambda case: (case[2].nrmse or 0.0) / max(
-        case[2].noise_floor or 0.0, 1e-4))
+    fitted_bags = {Path(bag).name for bag in validation.parameters.source.bags}
+    return [
+        curves_of_run(run, found.measured, found.simulated, found.simulated,
+                      {name: item.noise_floor for name, item in found.channels.items()},
+                      held_out=run.path.name not in fitted_bags, force_unit=force_unit)
+        for found, run in zip(validation.runs, runs, strict=True)]
 
 
 def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
-    run, name, item = _worst(validation)
+    """Whether every channel is within its noise, and the one that is predicted worst."""
+    cases = [(run, name, run.channels[name]) for run in validation.runs for name in CHANNELS[:3]]
+    run, name, item = max(cases, key=lambda case: (case[2].nrmse or 0.0) / max(
+        case[2].noise_floor or 0.0, 1e-4))
     misfit, floor = item.nrmse or 0.0, item.noise_floor or 0.0
     is_good = misfit <= allowed_misfit(floor)
     said = ('These parameters predict every channel of every run within its noise.' if is_good
@@ -171,14 +143,11 @@ def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
 
 def _criteria(validation: Validation) -> str:
     """Every criterion with the run and channel that meets it worst."""
-    rows: list[list[str | Cell]] = []
-    for item in judge(validation.runs):
-        rows.append([
-            item.words, f'{item.bag}, {SYMBOLS[item.channel]}',
-            number(item.value_words, 'good' if item.is_met else 'bad'),
-            number(item.limit_words)])
     return html.section('Criteria', html.table(
-        ['criterion', 'worst channel', number('value'), number('limit')], rows))
+        ['criterion', 'worst channel', number('value'), number('limit')],
+        [[item.words, f'{item.bag}, {SYMBOLS[item.channel]}',
+          number(item.value_words, 'good' if item.is_met else 'bad'), item.limit_words]
+         for item in judge(validation.runs)]))
 
 
 def _figures(validation: Validation) -> str:
@@ -190,18 +159,16 @@ def _figures(validation: Validation) -> str:
             mark = '' if misfit is None or name == 'parity' else (
                 'bad' if misfit > allowed_misfit(item.noise_floor) else 'good')
             rows.append([
-                Path(run.name).name, run.test, number(f'{np.degrees(run.elevation):g}°'),
-                code(name), number(quantity(item.rmse, item.unit)),
-                number(percent(misfit), mark), number(percent(item.noise_floor)),
-                number(quantity(item.maximum, item.unit)), number(quantity(item.bias, item.unit)),
-                number(quantity(item.slope_ratio)), number(percent(item.loop_area)),
-                number(quantity(item.time_shift, 's')), number(quantity(item.iso18571)),
-                number(quantity(item.e_over_uval))])
+                Path(run.name).name, run.test, f'{np.degrees(run.elevation):g}°', code(name),
+                quantity(item.rmse, item.unit), number(percent(misfit), mark),
+                percent(item.noise_floor), quantity(item.maximum, item.unit),
+                quantity(item.bias, item.unit), quantity(item.slope_ratio),
+                percent(item.loop_area), quantity(item.time_shift, 's'),
+                quantity(item.iso18571), quantity(item.e_over_uval)])
     return html.section('In numbers', html.table(
-        ['run', 'test', number('elevation'), 'channel', number('rms misfit'),
-         number('of range'), number('noise'), number('largest'), number('bias'),
-         number('slope ratio'), number('loop'), number('shift'), number('ISO 18571'),
-         number('E / u_val')], rows,
+        ['run', 'test', number('elevation'), 'channel', *map(number, (
+            'rms misfit', 'of range', 'noise', 'largest', 'bias', 'slope ratio', 'loop', 'shift',
+            'ISO 18571', 'E / u_val'))], rows,
         'Red: more than twice the noise floor and more than 0.1 % of range. Loop: missing '
         'area over load, as a share of load range times channel range. E / u_val: comparison '
         'error over validation uncertainty (ASME V&V 20).'))

@@ -1,7 +1,11 @@
 """A verdict's JSON and curves small enough to see, for claims about reports."""
 
+import math
+from pathlib import Path
+
 import numpy as np
 
+from saddlering_ros.record import Record
 from saddlering_ros.report.curves import RunCurves
 from saddlering_ros.rig import CHANNELS, TONNE
 
@@ -62,3 +66,14 @@ def run_curves(test='static', degrees=50.0, *, held_out=False):
         measured=plain + loop + noise, before=plain, after=plain + loop,
         noise=dict.fromkeys(CHANNELS, NOISE),
     )
+
+
+def record(**changes):
+    """A static test at 50 deg whose stamps have one gap of 3 s."""
+    time = np.arange(200.0) * 0.01 + np.where(np.arange(200) < 100, 0.0, 2.99)
+    return Record(**{
+        'name': 'static_50', 'path': Path('static_50'), 'test': 'static',
+        'elevation': math.radians(50.0), 'rig': 'SR-017', 'run': 'third',
+        'stamps': np.round(1e9 * time).astype(np.int64), 'time': time,
+        'load': 0.5 * TONNE + 10.0 * np.arange(200.0),
+        'gaps': np.full((4, 200), 1e-3) + 1e-8 * np.arange(200.0), 'notes': ['a note'], **changes})

@@ -6,13 +6,12 @@ import re
 from unittest import mock
 
 from colour_vision import APART, smallest_difference
-from documents import document, run_curves
+from documents import document, record, run_curves
 import numpy as np
 import pytest
 import scipy.signal
 from shared_pictures import DRAWN, shared_drawn
 
-from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.diagnosis.wording import document_text, gain_sentence, headline, tried
 from saddlering_ros.discrepancy.verdict.wording import remaining_words
 from saddlering_ros.pages import charts, html
@@ -21,10 +20,9 @@ from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import pictures_of
 from saddlering_ros.pages.interactive import chart_of
 from saddlering_ros.quantities import shares_in_words
-from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.report import figures, parameters
-from saddlering_ros.report.background import date_of, head, head_line, HeadLine, misfit_reductions
+from saddlering_ros.report.background import date_of, head, misfit_reductions
 from saddlering_ros.report.chapters import proposal
 from saddlering_ros.report.curves import branches, curves_path, spectrum, welch, write_curves
 from saddlering_ros.report.reports import diagnosis_page
@@ -206,26 +204,14 @@ def test_a_gain_within_the_noise_stands_in_brackets():
     assert '>97 %<' in shown
 
 
-def test_the_head_names_rig_hash_dimensions_dates_and_who_may_be_there():
+def test_the_head_names_rig_hash_dimensions_and_what_the_bag_states():
     rig = default_rig()
-    line = HeadLine('static_50', 'static', 50.0, 'SR-017', 'third', '2026-11-20 08:00 UTC',
-                    'A. Engineer', held_out=True)
-    shown = head('A title', rig, [line])
-    for words in ('A title', 'SR-017', rig.digest[:12], rig.digest, '2026-11-20 08:00 UTC',
-                  'A. Engineer', 'held out', '600 mm', '97', '25.0 t'):
+    run = record(details={'operator': 'A. Engineer', 'date': '2026-11-20'})
+    shown = head('A title', rig, [(run, True)])
+    for words in ('A title', 'SR-017', rig.digest[:12], rig.digest, '2026-11-20', 'third',
+                  'A. Engineer', 'held out', '50°', '600 mm', '97', '25.0 t'):
         assert words in shown
-    assert 'operator' not in head('A title', rig, [replace(line, operator='')])
-
-
-def test_date_and_operator_come_from_the_bag(tmp_path):
-    facts = TestMetadata('static', 50.0, 'SR-017', details={'operator': 'A. Engineer',
-                                                         'date': '2026-11-20'})
-    stamps = np.arange(200, dtype=np.int64) * 10_000_000
-    gaps = [np.full(200, 1e-3) + 1e-8 * np.arange(200)] * 4
-    path = write_bag(tmp_path / 'bag', facts, stamps, 5e3 + np.arange(200.0), [stamps] * 4, gaps,
-                     default_rig().probes)
-    found = head_line(read_run(path), held_out=False)
-    assert (found.date, found.operator, found.rig) == ('2026-11-20', 'A. Engineer', 'SR-017')
+    assert 'operator' not in head('A title', rig, [(record(), False)])
 
 
 def test_a_stamp_that_is_no_date_gives_none():

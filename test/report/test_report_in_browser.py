@@ -3,15 +3,15 @@
 from unittest import mock
 
 from browser import browser_page
-from documents import document, run_curves
+from documents import document, record, run_curves
 import numpy as np
 import pytest
 from shared_pictures import DRAWN, shared_drawn
 
 from saddlering_ros.files import Origin, Provenance
-from saddlering_ros.report.background import Background, RunQuality
+from saddlering_ros.report.background import data_quality
 from saddlering_ros.report.reports import diagnosis_page
-from saddlering_ros.rig import CHANNELS, TONNE
+from saddlering_ros.rig import default_rig
 
 HASH = 64 * 'a'
 COMMAND = 'saddlering diagnose static_50 --report page.html'
@@ -22,12 +22,11 @@ def whole_page():
     made = Provenance((Origin('static_50', HASH),), versions={'saddlering_ros': '0.1.0'})
     said = document('ambiguous', causes=[alike], next_test='Load twice as fast.',
                     provenance=made.as_dict())
-    quality = RunQuality('static_50', 'static', 50.0, 80, 400.0, 0.2, (0.5 * TONNE, 25 * TONNE), 0,
-                         1, 3.0, 0.5 * TONNE, True, dict.fromkeys(CHANNELS, 2e-7), ('a note',))
     covariance = np.diag([1e12, 1e-4, 1e9, 1e12, 1e-4, 1e9])
     covariance[0, 1] = covariance[1, 0] = -0.95e4
     return diagnosis_page(said, [run_curves(), run_curves(degrees=70.0, held_out=True)],
-                          Background(covariance, [quality], COMMAND))
+                          covariance, quality=data_quality([record()], default_rig()),
+                          command=COMMAND)
 
 
 @pytest.fixture(scope='module')
