@@ -16,7 +16,7 @@ from catalogue_page import catalogue_page
 from troubleshooting_page import troubleshooting_page
 
 import saddlering_ros
-from saddlering_ros.cli.main import build_parser
+from saddlering_ros.cli.main import build_parser, examples_of
 from saddlering_ros.record.topics import TOPICS as RIG
 from saddlering_ros.ros import names as ros_names
 
@@ -113,7 +113,7 @@ def commands_page() -> str:
         parts += [f'## {name}', '', f'{_sentence(found.description or words[name])}', '',
                   '```text', _usage(found), '```', '', '| option | meaning |', '|---|---|']
         parts += [_option(item) for item in found._actions if item.dest != 'help']
-        examples = [f'# {text}\n{line}' for line, text in modules[name].EXAMPLES]
+        examples = [f'# {text}\n{line}' for line, text in examples_of(modules[name], name)]
         parts += ['', '```text', *examples, '```', '']
     return '\n'.join(parts)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.api import inputs
-from saddlering_ros.api.inputs import Bag, BagLike, Inputs, ParametersLike, RigLike
+from saddlering_ros.api.inputs import Bag, BagLike, ParametersLike, RigLike
 from saddlering_ros.bags.samples import displacement_columns, write_samples
 from saddlering_ros.files import bag_folder, Provenance, spare_bags
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
-from saddlering_ros.record.displacement import measured_blocks, zero_of_run
+from saddlering_ros.record.displacement import measured_stretches
 from saddlering_ros.record.residual import residual_stretches
-from saddlering_ros.record.samples import Displacements, join
+from saddlering_ros.record.samples import join
 from saddlering_ros.record.simulation import simulated_stretches
-from saddlering_ros.rig import CHANNELS, MICRO_UNITS, ParameterSet
+from saddlering_ros.rig import CHANNELS, MICRO_UNITS
 
 if TYPE_CHECKING:
     import pandas
@@ -118,14 +118,8 @@ def displacement(
 
     The arguments are those of `identify`, for one bag.
     """
-    given = inputs.inputs_of([bag], rig=rig, trust_rig=trust_rig, on_progress=on_progress,
-                             is_cancelled=is_cancelled)
-    run = given.bags[0].run
-    zero = zero_of_run(given.rig, run)
-    notes = [] if zero.reading.near_preload else [
-        'the record has no steady start near the preload; its zero is at another load']
-    shares = _shares('displacement', run.name, on_progress, is_cancelled)
-    return _curves('measured', given, measured_blocks(given.rig, run, zero, shares), notes)
+    return _curves('measured', measured_stretches, bag, None, rig, trust_rig, on_progress,
+                   is_cancelled)
 
 
 def simulate(
@@ -136,8 +130,8 @@ def simulate(
 
     parameters: a `ParameterSet`, a parameter file, or the result of `identify` or `diagnose`.
     """
-    return _of_model('simulated', simulated_stretches, bag, parameters, rig, trust_rig,
-                     on_progress, is_cancelled)
+    return _curves('simulated', simulated_stretches, bag, parameters, rig, trust_rig,
+                   on_progress, is_cancelled)
 
 
 def residual(
@@ -145,40 +139,27 @@ def residual(
     on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
 ) -> Curves:
     """Measured minus simulated displacement of a test; the arguments are those of `simulate`."""
-    return _of_model('measured minus simulated', residual_stretches, bag, parameters, rig,
-                     trust_rig, on_progress, is_cancelled)
-
-
-def _of_model(
-    kind: str, stretches_of: Callable[..., Any], bag: BagLike, parameters: ParametersLike,
-    rig: RigLike, trust_rig: bool, on_progress: OnProgress | None,
-    is_cancelled: IsCancelled | None,
-) -> Curves:
-    law: ParameterSet = inputs.as_parameters(parameters)
-    given = inputs.inputs_of([bag], rig=rig, trust_rig=trust_rig, parameters=parameters,
-                             on_progress=on_progress, is_cancelled=is_cancelled)
-    run, notes = given.bags[0].run, list[str]()
-    stretches, _ = stretches_of(given.rig, run, law, notes,
-                                _shares('simulate', run.name, on_progress, is_cancelled))
-    return _curves(kind, given, stretches, notes)
-
-
-def _shares(
-    task: str, name: str, on_progress: OnProgress | None, is_cancelled: IsCancelled | None,
-) -> Callable[[float], None]:
-    """Callback of a share of the work that reports it and asks whether to stop."""
-    def share_is_done(share: float) -> None:
-        check(is_cancelled, task)
-        if on_progress is not None:
-            on_progress(Progress(task, name, share))
-
-    return share_is_done
+    return _curves('measured minus simulated', residual_stretches, bag, parameters, rig,
+                   trust_rig, on_progress, is_cancelled)
 
 
 def _curves(
-    kind: str, given: Inputs, stretches: Iterable[Displacements], notes: list[str],
+    kind: str, stretches_of: Callable[..., Any], bag: BagLike, parameters: ParametersLike | None,
+    rig: RigLike, trust_rig: bool, on_progress: OnProgress | None,
+    is_cancelled: IsCancelled | None,
 ) -> Curves:
-    bag = given.bags[0]
-    columns = displacement_columns(bag.run, join(list(stretches)))
-    return Curves(bag, kind, **columns, notes=(*bag.run.notes, *notes),
-                  provenance=Provenance((bag.run.origin,), given.files))
+    given = inputs.inputs_of([bag], rig=rig, trust_rig=trust_rig, parameters=parameters,
+                             on_progress=on_progress, is_cancelled=is_cancelled)
+    of = given.bags[0]
+    task, notes = 'displacement' if given.parameters is None else 'simulate', list[str]()
+
+    def share_is_done(share: float) -> None:
+        check(is_cancelled, task)
+        if on_progress is not None:
+            on_progress(Progress(task, of.name, share))
+
+    model = () if given.parameters is None else (given.parameters,)
+    stretches, _ = stretches_of(given.rig, of.run, *model, notes, share_is_done)
+    columns = displacement_columns(of.run, join(list(stretches)))
+    return Curves(of, kind, **columns, notes=(*of.run.notes, *notes),
+                  provenance=Provenance((of.run.origin,), given.files))

@@ -1,15 +1,17 @@
-"""Arguments of the commands: roles of paths and their guard, shared options, one-line errors."""
+"""Arguments of the commands: roles of paths and their guard, shared options, what they name."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+import contextlib
 from dataclasses import dataclass
 import os
 from pathlib import Path
 import re
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TYPE_CHECKING
 
+from saddlering_ros.cli._terminal import Bar
 from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError, whole_number
 from saddlering_ros.files import (
     BAG_FILES,
@@ -22,6 +24,11 @@ from saddlering_ros.files import (
     spare_bags,
     spare_files,
 )
+
+if TYPE_CHECKING:
+    from saddlering_ros import Bag, Rig
+    from saddlering_ros.record import Record
+    from saddlering_ros.rig import ParameterSet
 
 UNUSABLE = 2
 MAX_DOMAIN = 232
@@ -63,7 +70,7 @@ class OneLineParser(argparse.ArgumentParser):
 
     def path_arguments(self) -> list[argparse.Action]:
         """The arguments that name files or folders, by their type."""
-        return [action for action in self._actions if action.type in ROLES]
+        return [action for action in self._actions if isinstance(action.type, Role)]
 
     def error(self, message: str) -> NoReturn:
         """Print the error and how to get help; exit with status 2."""
@@ -93,50 +100,40 @@ def examples_text(examples: Sequence[tuple[str, str]]) -> str:
 
 # -- roles of paths: the type of an argument declares what the command does with its path --------
 
-def bag_read(text: str) -> str:
-    """Type of an argument that names a bag."""
-    return text
+@dataclass(frozen=True, eq=False)
+class Role:
+    """Type of an argument that names a path: what the command does with it.
+
+    kind: of the value; is_bag: it is, or holds, bags; is_written: it is written, else read.
+    """
+
+    kind: type[Path] | type[str] = Path
+    is_bag: bool = False
+    is_written: bool = False
+
+    def __call__(self, text: str) -> Path | str:
+        return self.kind(text)
 
 
-def bags_below(text: str) -> Path:
-    """Type of an argument that names a folder with bags below it."""
-    return Path(text)
+bag_read = Role(str, is_bag=True)
+bags_below = Role(is_bag=True)
+"""A folder with bags below it."""
 
+file_read = Role()
+effects_read = Role()
+"""A folder of effect files."""
 
-def file_read(text: str) -> Path:
-    """Type of an argument that names a file that is read."""
-    return Path(text)
+file_written = Role(is_written=True)
+"""A file, or a bag, that is written as a whole."""
 
+page_written = Role(is_written=True)
+"""A page (HTML)."""
 
-def effects_read(text: str) -> Path:
-    """Type of an argument that names a folder of effect files."""
-    return Path(text)
+text_written = Role(str, is_written=True)
+"""A file; '-' is standard output."""
 
-
-def file_written(text: str) -> Path:
-    """Type of an argument that names a file, or a bag, that is written as a whole."""
-    return Path(text)
-
-
-def page_written(text: str) -> Path:
-    """Type of an argument that names a page (HTML) that is written."""
-    return Path(text)
-
-
-def text_written(text: str) -> str:
-    """Type of an argument that names a file that is written; '-' is standard output."""
-    return text
-
-
-def folder_filled(text: str) -> Path:
-    """Type of an argument that names a folder for files; the files that it holds already stay."""
-    return Path(text)
-
-
-BAGS_READ = (bag_read, bags_below)
-FILES_READ = (file_read, effects_read)
-WRITTEN = (file_written, page_written, text_written, folder_filled)
-ROLES: tuple[Any, ...] = (*BAGS_READ, *FILES_READ, *WRITTEN)
+folder_filled = Role(is_written=True)
+"""A folder for files; the files that it holds already stay."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +142,7 @@ class _Named:
 
     path: Path
     words: str
-    role: Callable[[str], Any]
+    role: Role
 
 
 def check_files(args: argparse.Namespace, arguments: Sequence[argparse.Action]) -> None:
@@ -154,9 +151,9 @@ def check_files(args: argparse.Namespace, arguments: Sequence[argparse.Action]) 
     arguments: those of the command that name paths.
     """
     named = [path for action in arguments for path in _named(args, action)]
-    outputs = [path for path in named if path.role in WRITTEN]
-    files = [path for path in named if path.role in FILES_READ]
-    bags = [bag for path in named if path.role in BAGS_READ for bag in _bags(path)]
+    outputs = [path for path in named if path.role.is_written]
+    files = [path for path in named if not (path.role.is_written or path.role.is_bag)]
+    bags = [bag for path in named if path.role.is_bag for bag in _bags(path)]
     files_and_words = [*((file.path, file.words) for file in files), *_effects_of_environment()]
     for number, output in enumerate(outputs):
         for other in outputs[:number]:
@@ -191,8 +188,9 @@ def _named(args: argparse.Namespace, action: argparse.Action) -> Iterator[_Named
         if text is None or str(text) == '-':
             continue
         path = Path(text)
-        if _exists(path) and not (path.is_file() or path.is_dir()):
-            continue
+        with contextlib.suppress(OSError):  # such as of a name that is too long
+            if path.exists() and not (path.is_file() or path.is_dir()):
+                continue
         option = ''.join(f'{name} ' for name in action.option_strings[-1:])
         role: Any = action.type
         if role is effects_read and path.is_dir():
@@ -207,13 +205,6 @@ def _bags(named: _Named) -> Iterator[_Named]:
                     for file in sorted(named.path.rglob(BAG_FILES[0])))
     else:
         yield _Named(bag_folder(named.path), named.words, named.role)
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except OSError:
-        return False
 
 
 # -- options that several commands share ---------------------------------------------------------
@@ -231,13 +222,6 @@ def add_json_option(
 ) -> None:
     """The place of the figures as JSON; words: say that - stands for standard output."""
     parser.add_argument('--json', type=text_written, metavar='FILE', help=words)
-
-
-def add_bag_options(parser: argparse.ArgumentParser) -> None:
-    """One bag, and the options for reading it."""
-    parser.add_argument('bag', type=bag_read, metavar='BAG',
-                        help='rosbag2 directory or .mcap file')
-    add_reading_options(parser)
 
 
 def add_bags_options(parser: argparse.ArgumentParser, words: str) -> None:
@@ -285,21 +269,6 @@ def add_effects_option(parser: argparse.ArgumentParser) -> None:
                         help='folder of your own effects, one YAML file each')
 
 
-def take_effects(args: argparse.Namespace) -> None:
-    """Take the user's own effects into the catalogue, if a folder is given."""
-    from saddlering_ros.effects import use_folder
-
-    if args.effects is not None:
-        use_folder(args.effects)
-
-
-def add_output_options(parser: argparse.ArgumentParser) -> None:
-    """Options for the output of samples."""
-    parser.add_argument('--out', type=text_written, metavar='FILE',
-                        help='write the samples here (.csv or .parquet); - for CSV on stdout')
-    add_json_option(parser)
-
-
 def add_network_options(parser: argparse.ArgumentParser) -> None:
     """The ROS domain and the namespace of the rig."""
     parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
@@ -330,3 +299,50 @@ def radians(degrees: float | None) -> float | None:
     import math
 
     return None if degrees is None else math.radians(degrees)
+
+
+# -- what the options name -----------------------------------------------------------------------
+
+def take_effects(args: argparse.Namespace) -> None:
+    """Take the user's own effects into the catalogue, if a folder is given."""
+    from saddlering_ros.effects import use_folder
+
+    if args.effects is not None:
+        use_folder(args.effects)
+
+
+def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Bag]:
+    """The bags at these paths, read once, with the metadata of the options."""
+    from saddlering_ros import read_bag
+
+    with Bar() as bar:
+        return [read_bag(path, rig=rig, test=args.test, elevation_deg=args.elevation,
+                         on_progress=bar.tell)
+                for path in paths]
+
+
+def read_shown(args: argparse.Namespace, bag: str, rig: Rig) -> Record:
+    """The test of one bag of a command, with a bar of how much was read.
+
+    BagError if the bag states another rig, unless --trust-rig.
+    """
+    from saddlering_ros.bags import read_run
+    from saddlering_ros.doubts import refuse_other_rig
+
+    with Bar() as bar:
+        run = read_run(bag, test=args.test, elevation=radians(args.elevation), rig=rig,
+                       on_progress=bar.reading(bag))
+    if not args.trust_rig:
+        refuse_other_rig([run], rig)
+    return run
+
+
+def read_model(args: argparse.Namespace) -> tuple[Rig, ParameterSet]:
+    """The rig and the parameters of a command; RigError if these belong to another rig."""
+    from saddlering_ros.doubts import refuse_parameters_of_other_rig
+    from saddlering_ros.rig import load_rig, read_parameters
+
+    rig, parameters = load_rig(args.rig), read_parameters(args.params)
+    if not args.trust_rig:
+        refuse_parameters_of_other_rig(parameters, rig)
+    return rig, parameters

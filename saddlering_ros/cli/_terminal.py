@@ -8,6 +8,8 @@ from types import TracebackType
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     from rich.console import Console
 
     from saddlering_ros.api.results import Result
@@ -28,6 +30,21 @@ def stdout_console() -> Console:
     return Console(width=PIPED_WIDTH, markup=False, highlight=False, soft_wrap=True)
 
 
+def show_table(
+    titles: Sequence[str], rows: Iterable[Sequence[str]], *, texts: int = 1,
+) -> None:
+    """Print a table; the first `texts` columns hold words, the others numbers."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD)
+    for place, title in enumerate(titles):
+        table.add_column(title, justify='left' if place < texts else 'right', overflow='fold')
+    for row in rows:
+        table.add_row(*row)
+    stdout_console().print(table)
+
+
 def tell_json(args: argparse.Namespace, told: Any) -> bool:
     """Write `told` to the place of --json, if given; whether this is standard output."""
     import json
@@ -45,11 +62,13 @@ def tell_json(args: argparse.Namespace, told: Any) -> bool:
 
 
 def finish(args: argparse.Namespace, result: Result, *written: Path | None) -> int:
-    """Print a result of the API as JSON, or as a summary with the written files; the status."""
+    """Write the report; print a result of the API as JSON, or as summary and files; the status."""
+    pages = () if args.report is None else result.write_report(
+        args.report, command=args.command_line)
     if args.json is not None and tell_json(args, result.to_json()):
         return 0
     print(result.summary())
-    for path in written:
+    for path in (*written, *pages):
         if path is not None:
             print(f'written: {path}')
     return 0

@@ -6,7 +6,6 @@ import argparse
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._samples import bags_of
 from saddlering_ros.cli._terminal import Bar, finish
 
 EXAMPLES = (
@@ -41,10 +40,9 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros import compare, load_rig
 
     rig = load_rig(args.rig)
-    before, *between, after = (bags_of(args, bags, rig) for bags in (args.before, *args.after))
+    before, *between, after = (
+        arguments.bags_of(args, bags, rig) for bags in (args.before, *args.after))
     with Bar() as bar:
         result = compare(before, after, between=between, rig=args.rig, seed=args.seed,
                          trust_rig=args.trust_rig, on_progress=bar.tell)
-    pages = () if args.report is None else result.write_report(
-        args.report, command=args.command_line)
-    return finish(args, result, *pages)
+    return finish(args, result)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._samples import bags_of
 from saddlering_ros.cli._terminal import Bar, finish
 
 EXAMPLES = (
@@ -46,7 +45,8 @@ def run(args: argparse.Namespace) -> int:
 
     arguments.take_effects(args)
     rig = load_rig(args.rig)
-    fitted, held_out = bags_of(args, args.bags, rig), bags_of(args, args.hold_out, rig)
+    fitted, held_out = (
+        arguments.bags_of(args, bags, rig) for bags in (args.bags, args.hold_out))
     with Bar() as bar:
         found = diagnose(fitted, hold_out=held_out, rig=args.rig, parameters=args.params,
                          seed=args.seed, trust_rig=args.trust_rig,
@@ -56,9 +56,7 @@ def run(args: argparse.Namespace) -> int:
         found = found.with_effect_files(folder)
     if args.out is not None:
         found.save_parameters(args.out)
-    pages = () if args.report is None else found.write_report(
-        args.report, command=args.command_line)
-    return finish(args, found, args.out, *pages)
+    return finish(args, found, args.out)
 
 
 def _effect_folder(args: argparse.Namespace) -> Path | None:

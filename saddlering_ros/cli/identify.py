@@ -6,7 +6,6 @@ import argparse
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._samples import bags_of
 from saddlering_ros.cli._terminal import Bar, finish
 from saddlering_ros.errors import plain_number
 
@@ -55,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
 
     bounds, rig = parse_bounds(args.bounds), load_rig(args.rig)
     IdentificationSettings(bounds=bounds).bounds_for(rig)  # a fault is reported before any reading
-    bags = bags_of(args, args.bags, rig)
+    bags = arguments.bags_of(args, args.bags, rig)
     with Bar() as bar:
         found = identify(
             bags, rig=args.rig, method=args.method, bounds=bounds, particles=args.particles,
@@ -65,9 +64,7 @@ def run(args: argparse.Namespace) -> int:
             on_progress=bar.tell)
     if args.out is not None:
         found.save_parameters(args.out)
-    pages = () if args.report is None else found.write_report(
-        args.report, command=args.command_line)
-    return finish(args, found, args.out, *pages)
+    return finish(args, found, args.out)
 
 
 def parse_bounds(texts: list[str]) -> dict[str, tuple[float, float]]:

@@ -6,7 +6,7 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._terminal import Bar, stdout_console, tell_json
+from saddlering_ros.cli._terminal import Bar, show_table, stdout_console, tell_json
 from saddlering_ros.errors import BagError, printable
 
 if TYPE_CHECKING:
@@ -67,10 +67,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print_info(bag: str, info: BagInfo, rig: Rig) -> None:
-    from rich import box
     from rich.table import Table
     from rich.text import Text
-
 
     console = stdout_console()
     console.print(Text(bag, style='bold'))
@@ -78,14 +76,8 @@ def _print_info(bag: str, info: BagInfo, rig: Rig) -> None:
     for name, value in _facts(info, rig):
         facts.add_row(name, value)
     console.print(facts)
-    topics = Table(box=box.SIMPLE_HEAD)
-    for title in ('topic', 'type'):
-        topics.add_column(title, overflow='fold')
-    for title in ('messages', 'rate', 'from', 'to', 'gaps', 'lowest', 'highest'):
-        topics.add_column(title, justify='right')
-    for topic in info.topics:
-        topics.add_row(*_topic_row(topic, rig))
-    console.print(topics)
+    show_table(('topic', 'type', 'messages', 'rate', 'from', 'to', 'gaps', 'lowest', 'highest'),
+               [_topic_row(topic, rig) for topic in info.topics], texts=2)
     for problem in info.problems:
         console.print(Text(f'  wrong: {printable(arguments.in_options(problem))}', style='red'))
     for note in info.notes:

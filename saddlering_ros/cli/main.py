@@ -67,6 +67,12 @@ def subcommand_modules() -> list[ModuleType]:
     return [module for module in modules if hasattr(module, 'add_parser')]
 
 
+def examples_of(module: ModuleType, name: str) -> list[tuple[str, str]]:
+    """The examples of one command among those of its module."""
+    return [(line, words) for line, words in getattr(module, 'EXAMPLES', ())
+            if line.split()[1] == name]
+
+
 def build_parser() -> tuple[arguments.OneLineParser, dict[str, ModuleType]]:
     """Return the parser, and the module of each subcommand."""
     parser = arguments.OneLineParser(
@@ -84,7 +90,7 @@ def build_parser() -> tuple[arguments.OneLineParser, dict[str, ModuleType]]:
         for name in set(subparsers.choices) - before:
             modules[name] = module
             subparser = subparsers.choices[name]
-            subparser.epilog = arguments.examples_text(getattr(module, 'EXAMPLES', ()))
+            subparser.epilog = arguments.examples_text(examples_of(module, name))
             subparser.set_defaults(path_arguments=subparser.path_arguments())
             _add_traceback(subparser, default=argparse.SUPPRESS)
     return parser, modules

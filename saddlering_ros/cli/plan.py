@@ -6,8 +6,7 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._samples import read_model
-from saddlering_ros.cli._terminal import Bar, stdout_console, tell_json
+from saddlering_ros.cli._terminal import Bar, show_table, stdout_console, tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.diagnosis.plan import Plan
@@ -51,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         raise PlanError('--test is given twice for the same test: give each test once')
     if not 1e-3 <= args.noise <= 100.0:
         raise PlanError(f'--noise {args.noise:g}: give micrometres from 0.001 to 100')
-    contact = TRUE_TO_SCALE if args.params is None else read_model(args)[1].contact
+    contact = TRUE_TO_SCALE if args.params is None else arguments.read_model(args)[1].contact
     with Bar() as bar:
         plan = plan_tests(load_rig(args.rig), tests, contact, noise=1e-6 * args.noise,
                           on_progress=bar.tell)
@@ -62,22 +61,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(plan: Plan) -> None:
-    from rich import box
-    from rich.table import Table
-
     from saddlering_ros.quantities import quantity
     from saddlering_ros.rig import PARAMETER_UNITS
 
     console = stdout_console()
     console.print(f'tests: {", ".join(test.name for test in plan.tests)}', highlight=False)
-    table = Table(box=box.SIMPLE_HEAD)
-    for title in ('cause', 'smallest size found', 'cannot be told from'):
-        table.add_column(title)
-    for cause in plan.causes:
-        table.add_row(cause.title,
-                      quantity(cause.limit, cause.unit) if cause.is_testable else 'not shown',
-                      ', '.join(cause.group[1:]))
-    console.print(table)
+    show_table(('cause', 'smallest size found', 'cannot be told from'), [
+        (cause.title, quantity(cause.limit, cause.unit) if cause.is_testable else 'not shown',
+         ', '.join(cause.group[1:])) for cause in plan.causes], texts=3)
     values = ', '.join(
         f'{name} {quantity(getattr(plan.contact, name), PARAMETER_UNITS[name], std)}'
         for name, std in plan.accuracy.items())

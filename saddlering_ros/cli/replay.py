@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._samples import read_model
 from saddlering_ros.cli._terminal import Bar, tell_json
 
 RECORDER = 'saddlering_recorder'
@@ -79,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     trusted = {'trust_rig': args.trust_rig}
     simulator: dict[str, Any] = dict(trusted)
     if args.params is not None:
-        read_model(args)
+        arguments.read_model(args)
         simulator['parameters_file'] = str(args.params)
     if args.elevation is not None:
         simulator['elevation_deg'] = args.elevation

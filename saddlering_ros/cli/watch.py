@@ -6,7 +6,6 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._samples import read_model, read_shown
 from saddlering_ros.cli._terminal import Bar, tell_json
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, measure, simulate, watch each bag; the alarm in one line."""
     arguments.take_effects(args)
-    rig, parameters = read_model(args)
+    rig, parameters = arguments.read_model(args)
     runs = [_watch_bag(args, bag, rig, parameters) for bag in args.bags]
     document = {'false_alarm_hours': args.false_alarm_hours, 'runs': [
         {key: value for key, value in found.items() if key != 'words'} for found in runs]}
@@ -79,7 +78,7 @@ def _watch_bag(
         MonitorSettings(false_alarm_hours=args.false_alarm_hours), rig.limits.rest_band,
         lambda elevation: materiality(rig, parameters.contact, elevation, args.materiality),
         least_wander(rig))
-    test_run = read_shown(args, bag, rig)
+    test_run = arguments.read_shown(args, bag, rig)
     notes = list(test_run.notes)
     with Bar() as bar:
         stretches, _ = residual_stretches(rig, test_run, parameters, notes,

@@ -187,13 +187,25 @@ def measured_rows(rig: Rig, run: Record, zero: Zero, part: slice) -> Displacemen
                          run.elevation)
 
 
-def measured_blocks(
-    rig: Rig, run: Record, zero: Zero, on_progress: Callable[[float], None] = lambda share: None,
-) -> Iterator[Displacements]:
-    """The same stretch by stretch, so that a long run is never in memory as a whole."""
-    for part in blocks(len(run.time), run.stamps, run.time, run.load, run.gaps):
-        yield measured_rows(rig, run, zero, part)
-        on_progress(part.stop / len(run.time))
+def measured_stretches(
+    rig: Rig, run: Record, notes: list[str],
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> tuple[Iterator[Displacements], ZeroReading]:
+    """The same stretch by stretch, so that a long run is never in memory as a whole; its zero.
+
+    A note on a zero that is not at the preload is appended to `notes`.
+    """
+    zero = zero_of_run(rig, run)
+    if not zero.reading.near_preload:
+        notes.append('the record has no steady start near the preload; its zero is at another '
+                     'load')
+
+    def stretches() -> Iterator[Displacements]:
+        for part in blocks(len(run.time), run.stamps, run.time, run.load, run.gaps):
+            yield measured_rows(rig, run, zero, part)
+            on_progress(part.stop / len(run.time))
+
+    return stretches(), zero.reading
 
 
 class DisplacementStream:

@@ -24,7 +24,7 @@ from saddlering_ros.record import (
     PROBE_TOPICS,
     scratch,
 )
-from saddlering_ros.record.displacement import measured_blocks, measured_rows, zero_of_run
+from saddlering_ros.record.displacement import measured_rows, measured_stretches, zero_of_run
 from saddlering_ros.record.plateaus import find_holds
 from saddlering_ros.record.quality import topic_quality
 from saddlering_ros.record.topics import TOPICS
@@ -100,7 +100,7 @@ def test_a_table_written_in_stretches_is_the_table_written_whole(
     write_samples(whole, [displacement_columns(run, measured_rows(RIG, run, zero, slice(None)))])
     in_small_blocks()
     write_samples(parts, (displacement_columns(run, batch)
-                          for batch in measured_blocks(RIG, run, zero)))
+                          for batch in measured_stretches(RIG, run, [])[0]))
     if suffix == 'csv':
         assert parts.read_bytes() == whole.read_bytes()
         assert len(list(csv.reader(parts.open()))) > 900
@@ -154,7 +154,7 @@ def long_bags(tmp_path_factory):
 def displacement(bags):
     for bag in bags:
         run = read_run(bag, rig=RIG)
-        for _ in measured_blocks(RIG, run, zero_of_run(RIG, run)):
+        for _ in measured_stretches(RIG, run, [])[0]:
             pass
 
 

@@ -28,7 +28,7 @@ def help_of(name, capsys):
 def test_the_help_of_every_command_ends_with_examples_that_can_be_parsed(name, capsys):
     shown = help_of(name, capsys)
     assert 'examples:\n' in shown
-    for line, words in MODULES[name].EXAMPLES:
+    for line, words in command.examples_of(MODULES[name], name):
         assert f'  # {words}\n  {line}\n' in shown
         assert PARSER.parse_args(shlex.split(line)[1:]).command == name
 

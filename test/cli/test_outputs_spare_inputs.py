@@ -10,14 +10,7 @@ import shutil
 
 import pytest
 
-from saddlering_ros.cli._arguments import (
-    bags_below,
-    BAGS_READ,
-    FILES_READ,
-    OneLineParser,
-    ROLES,
-    WRITTEN,
-)
+from saddlering_ros.cli._arguments import bags_below, OneLineParser, Role
 from saddlering_ros.cli.main import build_parser, main
 from saddlering_ros.files import share_directory
 from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE, write_parameters
@@ -38,14 +31,14 @@ def cases() -> Iterator[tuple[str, argparse.Action, argparse.Action]]:
     for name, parser in commands().items():
         for output in parser.path_arguments():
             for read in parser.path_arguments():
-                if output.type in WRITTEN and read.type in (*BAGS_READ, *FILES_READ):
+                if output.type.is_written and not read.type.is_written:
                     yield name, output, read
 
 
 def test_every_argument_that_names_a_path_declares_what_becomes_of_it() -> None:
     undeclared = {(name, action.dest) for name, parser in commands().items()
                   for action in parser._actions
-                  if action.type is Path or (action.type not in ROLES and any(
+                  if action.type is Path or (not isinstance(action.type, Role) and any(
                       word in str(action.metavar or '') for word in WORDS_OF_PATHS))}
     assert not undeclared
 
@@ -78,7 +71,7 @@ def test_no_command_takes_an_input_for_an_output(
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'file.yaml').write_text('rig: {}')
     before = kept(tmp_path)
-    if read.type in BAGS_READ:
+    if read.type.is_bag:
         source = tmp_path if read.type is bags_below else bag
         target = bag / 'metadata.yaml'
     else:

@@ -1,0 +1,168 @@
+"""`saddlering displacement`, `simulate` and `residual`: the motion of the ring in a bag."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._terminal import Bar, show_table, stdout_console, tell_json
+from saddlering_ros.errors import BagError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from saddlering_ros.bags.samples import Columns, SamplesSummary
+    from saddlering_ros.record import Record
+    from saddlering_ros.rig import ZeroReading
+
+PER_MILLION = 1e6
+
+EXAMPLES = (
+    ('saddlering displacement bags/static_50', 'the motion of the ring, in a few lines'),
+    ('saddlering displacement bags/static_50 --out ring.csv', 'every sample as a table'),
+    ('saddlering simulate bags/static_70 --params params.yaml --out simulated.csv',
+     'the motion of the model under the load of a bag'),
+    ('saddlering residual bags/static_70 --params params.yaml --out residual.parquet',
+     'measured minus simulated, sample by sample'),
+)
+
+KINDS = {'displacement': 'measured', 'simulate': 'simulated',
+         'residual': 'measured minus simulated'}
+"""What each command computes, in words."""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Declare the subcommands."""
+    for name, words, description in (
+        ('displacement', 'compute the measured motion of the ring from a bag',
+         'Compute the motion of the ring from the four probe gaps, at the stamps of the load, as '
+         'the node ring_displacement does live.'),
+        ('simulate', 'simulate the ring under the load of a bag',
+         'Integrate the model of the ring under the load of a bag, as the node ring_simulator '
+         'does live.'),
+        ('residual', 'compute measured minus simulated motion for a bag',
+         'Subtract the simulated motion of the ring from the measured one where both have a '
+         'sample, as the node ring_residual does live.'),
+    ):
+        parser = subparsers.add_parser(name, help=words, description=description)
+        parser.add_argument('bag', type=arguments.bag_read, metavar='BAG',
+                            help='rosbag2 directory or .mcap file')
+        arguments.add_reading_options(parser)
+        if name != 'displacement':
+            arguments.add_parameter_options(parser)
+        parser.add_argument('--out', type=arguments.text_written, metavar='FILE',
+                            help='write the samples here (.csv or .parquet); - for CSV on stdout')
+        arguments.add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, compute and deliver stretch by stretch."""
+    from saddlering_ros.bags.samples import check_table_path, displacement_columns
+    from saddlering_ros.record.displacement import measured_stretches
+    from saddlering_ros.record.residual import residual_stretches
+    from saddlering_ros.record.simulation import simulated_stretches
+    from saddlering_ros.rig import load_rig
+
+    if args.out == '-' and args.json == '-':
+        raise BagError('--out - and --json -: give stdout to one of them only')
+    if args.out is not None and args.out != '-':
+        check_table_path(Path(args.out))
+    if args.command == 'displacement':
+        rig = load_rig(args.rig)
+    else:
+        arguments.take_effects(args)
+        rig, parameters = arguments.read_model(args)
+    test_run = arguments.read_shown(args, args.bag, rig)
+    notes = list(test_run.notes)
+    with Bar() as bar:
+        def show(share: float) -> None:
+            bar.show('compute', share)
+
+        if args.command == 'displacement':
+            stretches, zero = measured_stretches(rig, test_run, notes, show)
+        else:
+            of_model = simulated_stretches if args.command == 'simulate' else residual_stretches
+            stretches, zero = of_model(rig, test_run, parameters, notes, show)
+        _deliver(args, test_run, (displacement_columns(test_run, batch) for batch in stretches),
+                 zero, notes)
+    return 0
+
+
+def _deliver(
+    args: argparse.Namespace, run: Record, table: Iterable[Columns], zero: ZeroReading,
+    notes: list[str],
+) -> None:
+    """Write the requested files; without --out or --json on stdout, print a summary."""
+    from collections import deque
+    import sys
+
+    from saddlering_ros.bags.samples import csv_lines, SamplesSummary, write_samples
+    from saddlering_ros.files import origins_of, Provenance
+
+    made = Provenance((run.origin,), origins_of(args.rig, getattr(args, 'params', None)))
+    seen = SamplesSummary()
+    parts = seen.watch(table)
+    if args.out == '-':
+        sys.stdout.writelines(csv_lines(parts))
+    elif args.out is not None:
+        write_samples(Path(args.out), parts, made)
+    deque(parts, maxlen=0)
+    if tell_json(args, {**_summary(run, seen, zero, notes), 'provenance': made.as_dict()}):
+        return
+    if args.out == '-':
+        for note in notes:
+            print(f'saddlering {args.command}: note: {note}', file=sys.stderr)
+    else:
+        _print_summary(args, run, seen, zero, notes)
+
+
+def _summary(
+    run: Record, seen: SamplesSummary, zero: ZeroReading, notes: list[str],
+) -> dict[str, Any]:
+    import math
+
+    from saddlering_ros.record.scratch import extremes
+    from saddlering_ros.rig import CHANNELS
+
+    shown = {'min': seen.lowest, 'max': seen.highest, 'last': seen.last}
+    channels = {
+        name: {words: None if math.isnan(of[name]) else of[name] for words, of in shown.items()}
+        for name in CHANNELS} if seen.count else {}
+    return {
+        'bag': str(run.path), 'test': run.test, 'elevation_deg': math.degrees(run.elevation),
+        'samples': seen.count, 'load_samples': len(run.stamps),
+        'duration': float(run.time[-1]), 'load_max': float(extremes(run.load)[1]),
+        'zero': {'load': zero.load, 'near_preload': zero.near_preload},
+        'validity': seen.validity, 'channels': channels, 'notes': notes}
+
+
+def _print_summary(
+    args: argparse.Namespace, run: Record, seen: SamplesSummary, zero: ZeroReading,
+    notes: list[str],
+) -> None:
+    import math
+
+    from saddlering_ros.rig import load_rig, MICRO_UNITS
+
+    console = stdout_console()
+    console.print(
+        f'{run.name}: {run.test} test at {math.degrees(run.elevation):g} deg, '
+        f'{KINDS[args.command]} at {seen.count} of {len(run.stamps)} load stamps over '
+        f'{run.time[-1]:.3f} s')
+    console.print(f'zero at {load_rig(args.rig).force_words(zero.load, 3)} ({zero.load:.1f} N)'
+                  f'{"" if zero.near_preload else " (not near the preload)"}')
+    show_table(
+        ('channel', 'lowest', 'highest', 'at peak load', 'last', 'unit'),
+        [(name, *('not known' if math.isnan(of[name]) else f'{of[name] * PER_MILLION:.2f}'
+                  for of in (seen.lowest, seen.highest, seen.at_peak, seen.last)), unit)
+         for name, unit in MICRO_UNITS.items() if seen.count])
+    doubtful = ', '.join(f'{count} {words}' for words, count in seen.validity.items()
+                         if count and words != 'sound')
+    if doubtful:
+        notes = [*notes, f'column validity marks {doubtful} of {seen.count} samples']
+    for note in notes:
+        console.print(f'note: {note}', highlight=False)
+    if args.out is not None:
+        console.print(f'written: {args.out}', highlight=False)
