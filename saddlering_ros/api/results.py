@@ -15,7 +15,7 @@ import numpy as np
 from saddlering_ros.api import inputs
 from saddlering_ros.api.inputs import ApiError, Bag, columns_of, runs_of
 from saddlering_ros.diagnosis import Verdict
-from saddlering_ros.diagnosis.wording import causes_of, document_text, VerdictDocument
+from saddlering_ros.diagnosis.ring_wording import causes_of, document_text, VerdictDocument
 from saddlering_ros.discrepancy import CauseEntry
 from saddlering_ros.files import (
     add_origins,
@@ -433,7 +433,7 @@ class DiagnosisResult(Result, _Parametric):
         return dict(self.document)
 
     def _headline(self) -> str:
-        from saddlering_ros.diagnosis.wording import headline
+        from saddlering_ros.diagnosis.ring_wording import headline
 
         return f'Verdict: {self.verdict}. {headline(self.document)}'
 

@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 def summary(outcome: DemoOutcome) -> str:
     """The findings in at most one screen of lines."""
     from saddlering_ros.demo.story import JUDGED, misfit_table, overall_misfit
-    from saddlering_ros.diagnosis.wording import (
+    from saddlering_ros.diagnosis.ring_wording import (
         causes_of,
         gain_sentence,
         headline,

@@ -32,8 +32,8 @@ from saddlering_ros.diagnosis.certificates import assumed_notes, certificate_not
 from saddlering_ros.diagnosis.next_test import confirming, for_group, propose
 from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRecord
 from saddlering_ros.diagnosis.ring_system import RingSystem
+from saddlering_ros.diagnosis.ring_wording import title_of
 from saddlering_ros.diagnosis.verdict import limit_entry
-from saddlering_ros.diagnosis.wording import title_of
 from saddlering_ros.discrepancy import (
     Assumptions,
     Cause,

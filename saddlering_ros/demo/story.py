@@ -17,7 +17,7 @@ import numpy as np
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_ros.bags import read_run
 from saddlering_ros.demo.live import DemoError, LiveRig, ReplayRecording
-from saddlering_ros.diagnosis.wording import headline, RunEntry, VerdictDocument
+from saddlering_ros.diagnosis.ring_wording import headline, RunEntry, VerdictDocument
 from saddlering_ros.files import temporary_folder
 from saddlering_ros.quantities import percent
 from saddlering_ros.record import Record

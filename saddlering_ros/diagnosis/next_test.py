@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from saddlering_ros.diagnosis.records import LoadGrid, LONGEST_STEP
 from saddlering_ros.diagnosis.rig_dimensions import entries_of, title_of_dimension
+from saddlering_ros.diagnosis.ring_wording import lowered, title_of
 from saddlering_ros.diagnosis.verdict import signature_cosines
-from saddlering_ros.diagnosis.wording import lowered, title_of
 from saddlering_ros.discrepancy import (
     Diagnosis,
     free_test_words,

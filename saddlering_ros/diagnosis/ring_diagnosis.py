@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from saddlering_ros import discrepancy
+from saddlering_ros.diagnosis import verdict
 from saddlering_ros.diagnosis.certificates import certificate_notes
 from saddlering_ros.diagnosis.next_test import next_test, propose, repeated_laws
 from saddlering_ros.diagnosis.records import (
@@ -16,13 +17,7 @@ from saddlering_ros.diagnosis.records import (
     rigs_of,
 )
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.diagnosis.verdict import (
-    contact_law,
-    run_figures,
-    RunFigures,
-    signature_cosines,
-    Verdict,
-)
+from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
 from saddlering_ros.discrepancy import probabilities_of, Settings
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.estimation.identifiability import distinct_elevations
@@ -74,16 +69,16 @@ def diagnose(
         is_cancelled=is_cancelled,
     )
     figures = tuple(
-        run_figures(rig, diagnosis, record, prediction.before, prediction.after)
+        verdict.run_figures(rig, diagnosis, record, prediction.before, prediction.after)
         for record, prediction in zip(records, diagnosis.runs, strict=True)
     )
-    law = contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
+    law = verdict.contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
     named = {name for cause in diagnosis.causes for name in cause.group}
     laws_of_user = sorted(
         name for name in named if isinstance(catalogue().get(name), LawEffect))
     notes = [*check_set(records, rig), *diagnosis.warnings, *law.notes]
     notes += certificate_notes(rig, diagnosis.causes)
-    notes += repeated_laws(laws_of_user, signature_cosines(diagnosis))
+    notes += repeated_laws(laws_of_user, verdict.signature_cosines(diagnosis))
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
     if diagnosis.verdict == 'unknown' and _is_rounding(figures):
         diagnosis = replace(

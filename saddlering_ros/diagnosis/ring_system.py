@@ -12,25 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros import effects as catalogue_of_effects
+from saddlering_ros.diagnosis import rig_dimensions
 from saddlering_ros.diagnosis.certificates import certified_errors
 from saddlering_ros.diagnosis.records import LoadGrid
-from saddlering_ros.diagnosis.rig_dimensions import (
-    dimension_effects,
-    has_dimensions,
-    NeighbourhoodsByRig,
-    without_dimensions,
-)
+from saddlering_ros.diagnosis.rig_dimensions import NeighbourhoodsByRig
 from saddlering_ros.discrepancy import Effect, Neighbourhood, Parameter, Point, RunBlocks
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, size_factor, TRUE_TO_SCALE
+from saddlering_ros.ring import roller_scatter
 from saddlering_ros.ring.neighbours import has_tangent, Neighbourhoods
-from saddlering_ros.ring.roller_scatter import (
-    compressed,
-    known_rigs,
-    scatter_columns,
-    SimulatedCourse,
-)
+from saddlering_ros.ring.roller_scatter import compressed, SimulatedCourse
 from saddlering_ros.ring.simulator import Additions, probe_batch
 
 Array = NDArray[np.float64]
@@ -171,7 +163,7 @@ class RingSystem:
     @cached_property
     def inputs(self) -> tuple[Effect, ...]:
         """Dimensions of the rig file, which may be wrong."""
-        return dimension_effects(self.rig)
+        return rig_dimensions.dimension_effects(self.rig)
 
     @cached_property
     def views(self) -> Mapping[str, Array]:
@@ -189,18 +181,26 @@ class RingSystem:
         return {name: weights[self.seen] for name, weights in views.items()}
 
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
-        if any(map(has_dimensions, points)):
+        if any(map(rig_dimensions.has_dimensions, points)):
             return np.concatenate(self._by_rig([[point] for point in points]).predict(run))
         answer = self.simulated(run, [(point.base, self.extension(point)) for point in points])
         for number, point in enumerate(points):
             laws = self.laws(point)
             if laws:
-                answer[number] = self._with_laws(run, point, laws, answer[number])
+                # Channels (C, N) with the user's own laws, from those without.
+                plain = answer[number]
+                grid: LoadGrid = run.payload
+                additions = Additions(self.rig, laws, float(grid.time[0]), grid.zero_load)
+                at_ring, added = additions.push(grid.time, grid.load)
+                if not np.array_equal(at_ring, grid.load):
+                    changed = replace(run, payload=replace(grid, load=at_ring))
+                    plain = self.simulated(changed, [(point.base, self.extension(point))])[0]
+                answer[number] = plain + grid.block_means(np.ascontiguousarray(added.T[self.seen]))
         return answer
 
     def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> Neighbourhood:
         """Groups of points with their extensions, and the tangents that each group allows."""
-        if any(has_dimensions(point) for group in groups for point in group):
+        if any(rig_dimensions.has_dimensions(point) for group in groups for point in group):
             return self._by_rig(groups)
         candidates = [
             [(point.base, self.extension(point)) for point in group] for group in groups
@@ -219,16 +219,6 @@ class RingSystem:
         return NeighbourhoodsByRig.of(
             self.rig, groups,
             lambda rig, own: replace(self, rig=rig, bounds_rig=self.rig).neighbourhood(own))
-
-    def _with_laws(self, run: RunBlocks, point: Point, laws: Sequence[Law], plain: Array) -> Array:
-        """Channels (C, N) with the user's own laws, from those without."""
-        grid: LoadGrid = run.payload
-        additions = Additions(self.rig, laws, float(grid.time[0]), grid.zero_load)
-        at_ring, added = additions.push(grid.time, grid.load)
-        if not np.array_equal(at_ring, grid.load):
-            changed = replace(run, payload=replace(grid, load=at_ring))
-            plain = self.simulated(changed, [(point.base, self.extension(point))])[0]
-        return plain + grid.block_means(np.ascontiguousarray(added.T[self.seen]))
 
     def simulated(
         self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]
@@ -269,10 +259,10 @@ class RingSystem:
             load = next(iter(run.inputs.values()))
             course = SimulatedCourse(
                 grid.elevation, grid.zero_load, load, run.time, contacts, static)
-            parts.append(scatter_columns(self.rig, point.base, course)[self.seen])
+            parts.append(roller_scatter.scatter_columns(self.rig, point.base, course)[self.seen])
             sides = [
                 [replace(self, rig=rig).predict_many(run, [point])[0] for rig in pair]
-                for pair in known_rigs(self.rig)
+                for pair in roller_scatter.known_rigs(self.rig)
             ]
             known.append(
                 np.stack(
@@ -372,7 +362,7 @@ class RingSystem:
         key = tuple((name, *values.items()) for name, values in point.effects.items())
         point_read = self._kept.get(key)
         if point_read is None:
-            plain = without_dimensions(point)
+            plain = rig_dimensions.without_dimensions(point)
             if len(self._kept) >= KEPT_POINTS:
                 self._kept.clear()
             point_read = self._kept[key] = _ReadPoint(

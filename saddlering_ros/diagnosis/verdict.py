@@ -15,17 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.diagnosis import ring_wording
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.records import LoadGrid, PreparedRecord
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
-from saddlering_ros.diagnosis.wording import (
-    headline,
-    shape_words,
-    ShapeEntry,
-    SimulatedTestEntry,
-    swing_words,
-    VerdictDocument,
-)
+from saddlering_ros.diagnosis.ring_wording import ShapeEntry, SimulatedTestEntry, VerdictDocument
 from saddlering_ros.discrepancy import (
     CauseEntry,
     DetectionLimit,
@@ -292,7 +286,7 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
         'seed': verdict.seed,
         'seconds': diagnosis.seconds,
     })
-    document['headline'] = headline(document)
+    document['headline'] = ring_wording.headline(document)
     return document
 
 
@@ -321,11 +315,11 @@ def _cause_entries(diagnosis: Diagnosis) -> list[CauseEntry | ShapeEntry]:
     entries: list[CauseEntry | ShapeEntry] = []
     for shape in [one for one in after.shapes if is_left(one.p_value, one.visible)][:4]:
         entry = _shape_entry(shape)
-        entries.append({'shape': shape_words(entry), **entry})
+        entries.append({'shape': ring_wording.shape_words(entry), **entry})
     fast = after.fast
     if fast.visible >= MATERIAL:
         entries.append({
-            'shape': swing_words(fast.view, fast.frequency, fast.run, fast.visible),
+            'shape': ring_wording.swing_words(fast.view, fast.frequency, fast.run, fast.visible),
             'channel': fast.view,
             'coordinate': 'time',
             'p_value': fast.p_value,

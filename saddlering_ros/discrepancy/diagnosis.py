@@ -11,8 +11,7 @@ import numpy as np
 from saddlering_ros.discrepancy.engine import diagnose_problem
 from saddlering_ros.discrepancy.noise import noise_sentence, overestimated, underestimated
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, fit_base, tangent
-from saddlering_ros.discrepancy.problem.model import Model, Run
-from saddlering_ros.discrepancy.problem.model_system import ModelSystem
+from saddlering_ros.discrepancy.problem.model import Model, ModelSystem, Run
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Metric, noise_metric, Problem
 from saddlering_ros.discrepancy.problem.system import (
     DiscrepancyError,

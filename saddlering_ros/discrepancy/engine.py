@@ -15,8 +15,13 @@ from saddlering_ros.discrepancy.next_test import next_test_of, NextTest
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Proposal, RunBlocks, Settings, System
 from saddlering_ros.discrepancy.search.limits import observed
-from saddlering_ros.discrepancy.search.model_error import learnt_again, search_beside_error
-from saddlering_ros.discrepancy.search.selection import check_alternatives, Search, search_about
+from saddlering_ros.discrepancy.search.selection import (
+    check_alternatives,
+    learnt_again,
+    Search,
+    search_about,
+    search_beside_error,
+)
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
 from saddlering_ros.discrepancy.verdict.certainty import probabilities_of, stability_of
@@ -26,7 +31,7 @@ from saddlering_ros.discrepancy.verdict.established import (
     publish,
     remainder_of,
 )
-from saddlering_ros.discrepancy.verdict.judgement import (
+from saddlering_ros.discrepancy.verdict.naming import (
     allowed_sizes,
     explained_share_of,
     is_under_declared_error,

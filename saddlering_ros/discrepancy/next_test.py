@@ -29,7 +29,7 @@ from saddlering_ros.discrepancy.problem.problem import (
     timing_columns,
 )
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Point, Proposal, Settings
-from saddlering_ros.discrepancy.search.comparison import alternative_floor, indistinguishable
+from saddlering_ros.discrepancy.search.evidence import alternative_floor, indistinguishable
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import ModelSpace
 
@@ -128,7 +128,7 @@ class HeldOutEvidence:
 
 @dataclass(frozen=True)
 class JudgingRule:
-    """Limits within which a model stays in a group: see search/comparison.py."""
+    """Limits within which a model stays in a group: see search/evidence.py."""
 
     floor: float
     excess: float
@@ -199,7 +199,13 @@ def _forecast_each(
     joint = old.with_runs([*old.runs, *(proposal.run for proposal in proposals)])
     first = [own[0].values[: proposal.run.channels.size]
              for own, proposal in zip(seen, proposals, strict=True)]
-    shared, local = _nuisances(joint, open_models[0].fit, first)
+    # Columns of old and proposed runs: those of the test stand, and those of its units.
+    prediction = np.concatenate([open_models[0].fit.prediction, *first])
+    columns = [offset_columns(joint)]
+    prior = joint.assumptions.model_error
+    if prior is not None:
+        columns += [model_error_columns(joint, prior), timing_columns(joint, prior, prediction)]
+    shared, local = np.hstack(columns), system_columns(joint, open_models[0].fit.point)
     nuisances = _Columns(np.hstack([shared, local]), shared.shape[1], old.size)
     known = [_Known.of(metric, fit, tangent_of(fit), nuisances.in_old_data) for fit in fits]
     start = old.size
@@ -253,16 +259,6 @@ def _size(point: Point, effects: Mapping[str, Effect], name: str) -> float:
         return 0.0
     effect = effects[name]
     return point.effects[name][effect.size.name] - effect.neutral
-
-
-def _nuisances(joint: Problem, fit: Fit, predicted: Sequence[Array]) -> tuple[Array, Array]:
-    """Columns of old and proposed runs: those of the test stand, and those of its units."""
-    prediction = np.concatenate([fit.prediction, *predicted])
-    columns = [offset_columns(joint)]
-    prior = joint.assumptions.model_error
-    if prior is not None:
-        columns += [model_error_columns(joint, prior), timing_columns(joint, prior, prediction)]
-    return np.hstack(columns), system_columns(joint, fit.point)
 
 
 @dataclass(frozen=True)

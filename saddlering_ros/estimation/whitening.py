@@ -7,13 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from saddlering_ros.compiled import Compiler
-from saddlering_ros.estimation.process import (
-    Array,
-    ChannelNoise,
-    EstimationError,
-    mean_correlation,
-    mean_variance,
-)
+from saddlering_ros.estimation import process
+from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError
 
 OVERLAP = 0.1
 """Largest overlap of neighbouring blocks, as a share of a block, by jitter of stamps."""
@@ -78,9 +73,9 @@ def build_whitener(
     variance = np.array([values[0] for values in parts])
     tau = np.array([values[1] for values in parts])
     ratio = width[:, None] / tau
-    edge = mean_correlation(ratio)
+    edge = process.mean_correlation(ratio)
     variances = noise.white / width + noise.floor + jitter
-    variances = variances + mean_variance(ratio) @ variance
+    variances = variances + process.mean_variance(ratio) @ variance
     gap = np.diff(time, prepend=time[0]) - 0.5 * (width + np.append(width[0], width[:-1]))
     # Blocks may overlap by the jitter of their stamps; distances along the run stay exact.
     gap = np.maximum(gap, -OVERLAP * np.minimum(width, np.append(width[0], width[:-1])))

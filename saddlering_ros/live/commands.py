@@ -17,7 +17,7 @@ from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_ros.ros.names import DIAGNOSE, IDENTIFY
 
 if TYPE_CHECKING:
-    from saddlering_ros.diagnosis.wording import VerdictDocument
+    from saddlering_ros.diagnosis.ring_wording import VerdictDocument
 
 
 SERVICES = {'zero': 'ring_displacement/zero', 'start': 'replay_clock/play',
@@ -176,7 +176,7 @@ class Answer:
 def diagnosis_answer(document: VerdictDocument) -> Answer:
     """A verdict: its words, the headline, the next test and the misfit reduction."""
     # The words need the catalogue; the page is served before it is loaded.
-    from saddlering_ros.diagnosis.wording import gain_sentence, headline
+    from saddlering_ros.diagnosis.ring_wording import gain_sentence, headline
     from saddlering_ros.quantities import VERDICT_WORDS
 
     verdict, following = document['verdict'], document.get('next_test')

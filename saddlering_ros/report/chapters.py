@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from saddlering_ros.diagnosis import wording
-from saddlering_ros.diagnosis.wording import signature_words, value_words, VerdictDocument
+from saddlering_ros.diagnosis import ring_wording
+from saddlering_ros.diagnosis.ring_wording import signature_words, value_words, VerdictDocument
 from saddlering_ros.discrepancy import CauseEntry
 from saddlering_ros.effects import catalogue
 from saddlering_ros.pages import html
@@ -34,10 +34,10 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
     verdict = document['verdict']
     parts = [
         html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
-        html.paragraph(wording.headline(document), 'headline'),
-        html.paragraph(wording.gain_sentence(document)),
-        *map(html.paragraph, wording.certainty_lines(document)),
-        html.paragraph(wording.tried(document)),
+        html.paragraph(ring_wording.headline(document), 'headline'),
+        html.paragraph(ring_wording.gain_sentence(document)),
+        *map(html.paragraph, ring_wording.certainty_lines(document)),
+        html.paragraph(ring_wording.tried(document)),
     ]
     if document.get('next_test'):
         parts.insert(2, html.paragraph(f'Next test: {document["next_test"]}', 'next'))
@@ -69,9 +69,9 @@ def proof_picture(run: RunCurves, channel: str) -> str:
 
 def causes(document: VerdictDocument) -> str:
     """Each cause with its numbers, its look-alikes and the test that would confirm the cause."""
-    parts = [_cause(cause, document) for cause in wording.causes_of(document)]
+    parts = [_cause(cause, document) for cause in ring_wording.causes_of(document)]
     parts.append(simulated_tests(document))
-    shapes = [wording.shape_words(shape) for shape in wording.shapes_of(document)]
+    shapes = [ring_wording.shape_words(shape) for shape in ring_wording.shapes_of(document)]
     if shapes:
         parts.insert(0, html.paragraph('The residual has this shape:') + html.bullets(shapes))
     return html.section('Causes', *parts)
@@ -93,17 +93,17 @@ def _look_alike_rows(cause: CauseEntry, document: VerdictDocument) -> list[list[
     evidence = {item['effects'][-1]: item['delta_bic'] for item in reversed(
         document.get('candidates') or []) if item['effects']}
     known = catalogue()
-    return [[wording.title_of(name), code(name), compact(evidence.get(name), 4),
+    return [[ring_wording.title_of(name), code(name), compact(evidence.get(name), 4),
              known[name].settled_by if name in known else ''] for name in cause['group']]
 
 
 def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
-    effect_id, title = cause['effect'], wording.title_of(cause['effect'])
+    effect_id, title = cause['effect'], ring_wording.title_of(cause['effect'])
     effect = catalogue().get(effect_id)
     evidence, gain = cause['evidence'], cause['gain']
     partial = ' – explains part of the misfit only' if cause.get('partial') else ''
     is_alone = len(cause['group']) == 1
-    is_next = wording.lowered(title) in (document.get('next_test') or '')
+    is_next = ring_wording.lowered(title) in (document.get('next_test') or '')
     return '\n'.join([
         f'<h3>{html.escape(title)} <code>{html.escape(effect_id)}</code>{html.escape(partial)}'
         '</h3>',
@@ -126,8 +126,8 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
 
 def _cause_parameters(cause: CauseEntry) -> list[list[str]]:
     """Where the cause acts, and each fitted parameter with its meaning."""
-    effect_id, where = cause['effect'], wording.place_of(cause)
-    effect, choices = catalogue().get(effect_id), wording.choices_of(effect_id)
+    effect_id, where = cause['effect'], ring_wording.place_of(cause)
+    effect, choices = catalogue().get(effect_id), ring_wording.choices_of(effect_id)
     words = {} if effect is None else {item.name: item.words for item in effect.parameters}
     return [*([['where', where, '']] if where else []), *(
         [name, value_words(effect_id, name, item['value'], item['unit'], item['std']),
@@ -144,7 +144,7 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
 
     counted: from where the misfits count.
     """
-    runs, is_extended = document['runs'], bool(wording.causes_of(document))
+    runs, is_extended = document['runs'], bool(ring_wording.causes_of(document))
     rows: list[list[str | Cell]] = []
     for run in runs:
         for name, item in run['channels'].items():
@@ -167,7 +167,7 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
     )
 
 
-def _share(value: float | None, item: wording.ChannelEntry) -> Cell:
+def _share(value: float | None, item: ring_wording.ChannelEntry) -> Cell:
     """A misfit, marked by whether noise allows it."""
     floor = item['noise_floor']
     if value is None or floor is None:
@@ -242,7 +242,9 @@ def shape_tests(document: VerdictDocument) -> str:
     )
 
 
-def _shape_cell(before: wording.ShapeEntry | None, after: wording.ShapeEntry | None) -> Cell:
+def _shape_cell(
+    before: ring_wording.ShapeEntry | None, after: ring_wording.ShapeEntry | None,
+) -> Cell:
     if before is None or after is None:
         return number('–')
     shares = ' → '.join(percent(item['share_of_range']) for item in (before, after))
@@ -255,8 +257,8 @@ def _shape_cell(before: wording.ShapeEntry | None, after: wording.ShapeEntry | N
 def candidates(document: VerdictDocument) -> str:
     """Every fitted candidate with its evidence, and real effects that are too small."""
     found = document.get('candidates') or []
-    chosen = {cause['effect'] for cause in wording.causes_of(document)}
-    alike = {name for cause in wording.causes_of(document) for name in cause['group']} - chosen
+    chosen = {cause['effect'] for cause in ring_wording.causes_of(document)}
+    alike = {name for cause in ring_wording.causes_of(document) for name in cause['group']}
     parts = []
     for step in sorted({item['step'] for item in found}):
         members = sorted((item for item in found if item['step'] == step),
@@ -265,7 +267,7 @@ def candidates(document: VerdictDocument) -> str:
         parts.append(html.table(
             ['model', 'fitted', number('evidence (ΔBIC)'), number('p'), number('share of range'),
              'outcome'],
-            [[*_candidate(item), wording.why_lost(item, members[0], chosen, alike)]
+            [[*_candidate(item), ring_wording.why_lost(item, members[0], chosen, alike)]
              for item in members[:CANDIDATES_SHOWN]]))
         left = len(members) - CANDIDATES_SHOWN
         parts.append(html.paragraph(
@@ -283,7 +285,7 @@ def candidates(document: VerdictDocument) -> str:
     return html.section('Evidence', *parts)
 
 
-def _candidate(item: wording.CandidateEntry) -> list[str | Cell]:
+def _candidate(item: ring_wording.CandidateEntry) -> list[str | Cell]:
     last = item['effects'][-1]
     values = item['parameters'].get(last, {})
     return [
@@ -298,12 +300,12 @@ def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
     effect = catalogue().get(effect_id)
     units = {} if effect is None else {item.name: item.unit for item in effect.parameters}
     choices = {name: value for name, value in values.items() if name not in units}
-    parts = [wording.variant_words(effect_id, choices)] if choices else []
+    parts = [ring_wording.variant_words(effect_id, choices)] if choices else []
     return ', '.join(parts + [f'{name} {value_words(effect_id, name, value, units[name])}'
                               for name, value in values.items() if name in units])
 
 
-def _limit(limits: wording.LimitEntry, size: float | None) -> str:
+def _limit(limits: ring_wording.LimitEntry, size: float | None) -> str:
     """A size of an effect's first parameter as people read it."""
     effect = catalogue().get(limits['effect'])
     if size is None or effect is None:
@@ -318,7 +320,7 @@ def detection_limits(document: VerdictDocument) -> str:
         dark, places = sum(place['limit'] is None for place in item['places']), item['places']
         never = f'; never in {dark} of {len(places)} configurations' if dark else ''
         rows.append([
-            wording.title_of(item['effect']), code(item['effect']),
+            ring_wording.title_of(item['effect']), code(item['effect']),
             _limit(item, item['limit']) + never if item['testable'] else
             number('cannot be seen', 'bad'),
             _limit(item, item['best_limit']) if item['testable'] else '',

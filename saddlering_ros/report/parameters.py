@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.diagnosis.wording import causes_of, VerdictDocument
+from saddlering_ros.diagnosis.ring_wording import causes_of, VerdictDocument
 from saddlering_ros.identification.result import INTERVALS
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number

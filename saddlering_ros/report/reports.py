@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from saddlering_ros.diagnosis.ring_wording import lowered, title_of, VerdictDocument
 from saddlering_ros.diagnosis.verdict import Verdict
-from saddlering_ros.diagnosis.wording import lowered, title_of, VerdictDocument
 from saddlering_ros.files import whole_file
 from saddlering_ros.identification.validation import judge, Validation
 from saddlering_ros.pages import html, ReportError

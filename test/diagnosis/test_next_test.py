@@ -9,7 +9,7 @@ import pytest
 
 from saddlering_ros.diagnosis import next_test
 from saddlering_ros.diagnosis.next_test import on_slewed_ring, propose, with_swapped_probes
-from saddlering_ros.diagnosis.wording import lowered, size_of, title_of
+from saddlering_ros.diagnosis.ring_wording import lowered, size_of, title_of
 from saddlering_ros.discrepancy import Point, Separation
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import Outcomes, RIG_TESTS

@@ -9,7 +9,7 @@ import pytest
 from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.search import selection
-from saddlering_ros.discrepancy.search.comparison import SearchLog
+from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.space import fit_each, ModelSpace
 
 NOISE = 1e-3

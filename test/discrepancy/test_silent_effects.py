@@ -6,7 +6,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 from saddlering_ros.discrepancy.diagnosis import problem_of
-from saddlering_ros.discrepancy.search.comparison import SearchLog
+from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.selection import select, silent_effects
 from saddlering_ros.discrepancy.search.space import prepare
 

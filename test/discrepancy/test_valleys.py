@@ -10,7 +10,7 @@ from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_problem
 from saddlering_ros.discrepancy.problem.fits import Candidate, refit, run_refits
 from saddlering_ros.discrepancy.problem.model import Channel
-from saddlering_ros.discrepancy.search.comparison import SearchLog
+from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.selection import select
 from saddlering_ros.discrepancy.search.space import better_base, prepare
 

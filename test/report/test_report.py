@@ -12,7 +12,7 @@ import pytest
 import scipy.signal
 from shared_pictures import DRAWN, shared_drawn
 
-from saddlering_ros.diagnosis.wording import document_text, gain_sentence, headline, tried
+from saddlering_ros.diagnosis.ring_wording import document_text, gain_sentence, headline, tried
 from saddlering_ros.discrepancy.verdict.wording import remaining_words
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty

@@ -6,7 +6,7 @@ import re
 from documents import document
 import pytest
 
-from saddlering_ros.diagnosis.wording import document_text
+from saddlering_ros.diagnosis.ring_wording import document_text
 from saddlering_ros.identification.result import parameter_words
 from saddlering_ros.live.commands import diagnosis_answer, identification_answer
 from saddlering_ros.quantities import VERDICT_WORDS

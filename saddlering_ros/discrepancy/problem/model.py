@@ -1,7 +1,11 @@
-"""The declarations of a user: a simulator with its parameters, channels, causes and runs."""
+"""A declared model: its parameters, channels, causes and runs, and the engine's `System` of it.
+
+Every channel is divided by its range over the fitted runs, so that results do not depend on units.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -9,8 +13,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from saddlering_ros.discrepancy.noise import Noise
-from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Effect, Parameter
+from saddlering_ros.discrepancy.noise import KNOWN_EXACTLY, Noise, white_noise
+from saddlering_ros.discrepancy.problem.problem import Assumptions
+from saddlering_ros.discrepancy.problem.system import (
+    Array,
+    DiscrepancyError,
+    Effect,
+    FREE_OFFSET,
+    Parameter,
+    Point,
+    RunBlocks,
+)
+from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.record_noise import ChannelRecord, widened, with_model_error
 
 Outputs = Mapping[str, ArrayLike]
 
@@ -166,3 +181,299 @@ class Model:
             for name, value in effect.variants[0].items():
                 values[f'{key}.{name}'] = value
         return values
+
+
+PROVISIONAL_STD = 0.01
+"""Unknown noise as a share of range, with which the first fit is plain least squares. Any size
+gives the same fit, because all channels have the same."""
+
+COORDINATE_WAVES = 40
+"""Half waves along each coordinate, so that fine ripples such as cogging are seen. A residual
+that repeats along a coordinate is no noise."""
+
+EXACT = 1e-9
+"""Share of range below which a residual is rounding: far above double precision, and far below
+the noise of any instrument."""
+
+SURE = 1000
+"""Degrees of freedom of the level of a residual that is nothing, or not yet known."""
+
+DIVERGED = 1e6
+"""Distance, in ranges, of a prediction that has diverged. No sound simulator between its bounds
+comes near it, and its square is still a finite number."""
+
+
+class ModelSystem:
+    """A `System` of a model and the runs to which it is fitted."""
+
+    def __init__(self, model: Model, fitted: Sequence[Run]) -> None:
+        self.model = model
+        self.channel_names = tuple(model.channels)
+        self.base_parameters: tuple[Parameter, ...] = tuple(model.base.values())
+        self.effects: tuple[Effect, ...] = tuple(model.effects.values())
+        self.scales = np.array([_range(name, fitted) for name in model.channels])
+        self.failures: Counter[str] = Counter()
+        self.failed_at: dict[str, str] = {}
+        self.calls = 0
+        self._neutral = model.neutral()
+
+    @property
+    def views(self) -> Mapping[str, Array]:
+        """Each channel by itself."""
+        return dict(zip(self.channel_names, np.eye(len(self.channel_names)), strict=True))
+
+    def blocks(self, run: Run, *, held_out: bool) -> RunBlocks:
+        """A run in the form of the engine: shares of range, 0 where a sample is missing."""
+        rows = []
+        for name in self.channel_names:
+            if name not in run.outputs:
+                raise DiscrepancyError(
+                    f'run {run.name}: no output {name}; it has {", ".join(run.outputs)}')
+            rows.append(run.outputs[name])
+        readings = np.array(rows) / self.scales[:, None]
+        present = np.isfinite(readings)
+        for name, there in zip(self.channel_names, present, strict=True):
+            if there.sum() < 8:
+                raise DiscrepancyError(
+                    f'run {run.name}: channel {name} has {there.sum()} samples that are numbers; '
+                    'give at least 8'
+                )
+        # Weight of each sample as a time, at most three times the usual one.
+        width = np.gradient(run.time)
+        width = np.minimum(width, 3.0 * np.median(width))
+        return RunBlocks(
+            run.name,
+            '',
+            run.time,
+            width,
+            np.where(present, readings, 0.0),
+            _coordinates(run),
+            held_out=held_out,
+            payload=run,
+            present=None if present.all() else present,
+        )
+
+    def values(self, point: Point) -> dict[str, float]:
+        """All parameters by the names that `simulate` uses."""
+        values = {
+            parameter.name: float(value)
+            for parameter, value in zip(self.base_parameters, point.base, strict=True)
+        }
+        values.update(self._neutral)
+        for effect, own in point.effects.items():
+            values.update({f'{effect}.{name}': value for name, value in own.items()})
+        return values
+
+    def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
+        """Channels (B, C, N); NaN at a point at which the simulator failed."""
+        source: Run = run.payload
+        asked = [self.values(point) for point in points]
+        self.calls += len(asked)
+        answers = np.full((len(asked), *run.channels.shape), np.nan)
+        for number, outputs in enumerate(self._simulated(asked, source)):
+            if outputs is None:
+                continue
+            rows, why = self._rows(outputs, source)
+            if rows is None:
+                self._lost(source, asked[number], why)
+                continue
+            rows = rows / self.scales[:, None]
+            if run.present is not None:
+                rows = np.where(run.present, rows, 0.0)
+            if np.all(np.abs(rows - run.channels) < DIVERGED):
+                answers[number] = rows
+            else:
+                self._lost(source, asked[number], 'no finite result')
+        return answers
+
+    def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
+        """No nuisance parameters of its own."""
+        return [np.zeros((*run.channels.shape, 0)) for run in runs]
+
+    def assumptions(self) -> Assumptions:
+        """Noise, offsets and model error as the channels declare them."""
+        offsets = [
+            (FREE_OFFSET if channel.offset == 'free' else 0.0)
+            if isinstance(channel.offset, str)
+            else channel.offset / scale
+            for channel, scale in zip(self.model.channels.values(), self.scales, strict=True)
+        ]
+        return Assumptions(
+            learn_noise=self.learn_noise,
+            relearns=True,
+            many_valleys=True,
+            offsets=tuple(offsets),
+            allowed_error=tuple(item.model_error for item in self.model.channels.values()),
+            model_error=None,
+            form_error=0.0,
+            coordinate_waves=(COORDINATE_WAVES, COORDINATE_WAVES),
+            proposes_law=False,  # Its numbers would be shares of range.
+        )
+
+    def learn_noise(
+        self, runs: Sequence[RunBlocks], residuals: Sequence[Array] | None = None
+    ) -> dict[tuple[str, int], ChannelNoise]:
+        """The noise of every channel in shares of its range, as declared or learnt."""
+        noise: dict[tuple[str, int], ChannelNoise] = {}
+        for number, (name, channel) in enumerate(self.model.channels.items()):
+            left = None
+            if residuals is not None:
+                left = [
+                    _record(run, number, residual * self.scales[number])
+                    for run, residual in zip(
+                        runs, (residual[number] for residual in residuals), strict=True)
+                ]
+            scale = float(self.scales[number])
+            if channel.noise.learns_from_residuals and left is None:
+                own = {run.name: white_noise(PROVISIONAL_STD * scale, SURE) for run in runs}
+            elif channel.noise.learns_from_residuals and left is not None:
+                own = {}
+                for record in left:
+                    exact = np.nanmax(np.abs(record.values)) < EXACT * scale
+                    own.update({record.run: white_noise(EXACT * scale, SURE)} if exact
+                               else channel.noise.resolve([record]))
+            else:
+                readings = [
+                    _record(run, number, np.asarray(run.payload.outputs[name])) for run in runs]
+                own = dict(channel.noise.resolve(readings))
+                for record in left or ():
+                    if own[record.run].pairs < KNOWN_EXACTLY:  # Declared noise does not change.
+                        own[record.run] = widened(own[record.run], record)
+            for run in runs:
+                step = float(np.median(np.diff(run.time)))
+                span = float(np.ptp(run.time))
+                whole = with_model_error(own[run.name], channel.model_error, scale, step, span)
+                # Noise as a share of the range.
+                power = scale**2
+                noise[run.name, number] = ChannelNoise(
+                    whole.white / power,
+                    whole.slow / power,
+                    whole.held / power,
+                    whole.pairs,
+                    whole.time_constants,
+                    floor=whole.floor / power,
+                )
+        return noise
+
+    def _simulated(self, asked: list[dict[str, float]], run: Run) -> list[Outputs | None]:
+        """Results of the simulator; None where it raises an error."""
+        if self.model.simulate_many is not None:
+            try:
+                batch: list[Outputs | None] = list(
+                    self.model.simulate_many([dict(one) for one in asked], run))
+                if len(batch) == len(asked):
+                    for values, outputs in zip(asked, batch, strict=True):
+                        if outputs is None:
+                            self._lost(run, values, 'it returned None')
+                        else:
+                            self._refuse_other_results(outputs, run)
+                    return batch
+                raise ValueError(f'{len(batch)} answers to {len(asked)} points')
+            except DiscrepancyError:
+                raise
+            except Exception as error:
+                if len(asked) == 1:
+                    self._lost(run, asked[0], _words(error))
+                    return [None]
+                return [self._simulated([one], run)[0] for one in asked]
+        answers: list[Outputs | None] = []
+        for one in asked:
+            try:
+                with np.errstate(all='ignore'):
+                    outputs = self.model.simulate(dict(one), run)
+            except Exception as error:
+                self._lost(run, one, _words(error))
+                answers.append(None)
+                continue
+            self._refuse_other_results(outputs, run)
+            answers.append(outputs)
+        return answers
+
+    def _refuse_other_results(self, outputs: object, run: Run) -> None:
+        """Refuse a result that is not a mapping from channel to values."""
+        if not isinstance(outputs, Mapping):
+            raise DiscrepancyError(
+                f'simulator: it returned {type(outputs).__name__} for run {run.name}: return a '
+                'mapping from channel to values'
+            )
+
+    def _rows(self, outputs: Outputs, run: Run) -> tuple[Array | None, str]:
+        """Channels (C, N) of one result, or the reason why there are none."""
+        missing = [name for name in self.channel_names if name not in outputs]
+        if missing:
+            raise DiscrepancyError(
+                f'simulator: no channel {", ".join(missing)} in its result for run {run.name}')
+        try:
+            rows = [np.asarray(outputs[name], dtype=np.float64) for name in self.channel_names]
+        except (TypeError, ValueError) as error:
+            return None, f'a channel is no array of numbers ({error})'
+        for name, row in zip(self.channel_names, rows, strict=True):
+            if row.shape != run.time.shape:
+                return None, f'channel {name} has shape {row.shape}, time {run.time.shape}'
+        return np.array(rows), ''
+
+    def _lost(self, run: Run, values: Mapping[str, float], why: str) -> None:
+        what = f'run {run.name}: {why}'
+        self.failures[what] += 1
+        where = ', '.join(
+            f'{name} = {value:.4g}'
+            for name, value in values.items()
+            if value != self._neutral.get(name)
+        )
+        self.failed_at[what] = where
+        if self.failures.total() == self.calls and self.calls >= MAX_LOST:
+            raise DiscrepancyError(
+                f'simulator: it failed at all {self.calls} points; the last: run '
+                f'{run.name}, {why}, at {where}'
+            )
+
+    def failure_sentences(self) -> list[str]:
+        """Warning about the points at which the simulator failed."""
+        return [
+            f'the simulator failed at {count} of {self.calls} points, which were left out: '
+            f'{what}; the last at {self.failed_at[what]}'
+            for what, count in self.failures.most_common(3)
+        ]
+
+
+MAX_LOST = 25
+"""Number of failed points after which a simulator without success is abandoned: all starts of the
+base failed by then."""
+
+
+def _range(name: str, fitted: Sequence[Run]) -> float:
+    """Largest range of a channel in a fitted run. DiscrepancyError if it never varies."""
+    values = [
+        run.outputs[name][np.isfinite(run.outputs[name])] for run in fitted if name in run.outputs]
+    values = [readings for readings in values if readings.size]
+    span = max((float(np.ptp(readings)) for readings in values), default=0.0)
+    size = max((float(np.abs(readings).max()) for readings in values), default=0.0)
+    if values and span == 0.0:
+        raise DiscrepancyError(
+            f'channel {name} does not vary in any fitted run: leave it out of the model, or give '
+            'a run in which it moves')
+    return span if span > 1e-12 * size else size or 1.0
+
+
+def _coordinates(run: Run) -> dict[str, Array]:
+    """Declared coordinates, or the inputs that can serve as coordinates."""
+    if run.coordinates:
+        return dict(run.coordinates)
+    coordinates = {}
+    for name, values in run.inputs.items():
+        array = np.asarray(values)
+        if array.shape == run.time.shape and array.dtype.kind in 'fiu':
+            array = array.astype(np.float64)
+            if np.all(np.isfinite(array)) and np.ptp(array) > 0.0:
+                coordinates[name] = array
+    return coordinates
+
+
+def _record(run: RunBlocks, channel: int, values: Array) -> ChannelRecord:
+    """One channel's values with NaN where a sample is missing."""
+    there = np.isfinite(values) if run.present is None else run.present[channel]
+    return ChannelRecord(run.name, run.time, np.where(there, values, np.nan))
+
+
+def _words(error: Exception) -> str:
+    return f'{type(error).__name__}: {str(error).splitlines()[0] if str(error) else "no message"}'

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Candidate, refit, run_refits
-from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search.signatures import (
     angle_matrix,
@@ -315,7 +314,12 @@ def _refitted(
     target = problem.predict([point])[:, 0]
     if not np.all(np.isfinite(target)):
         return None
-    other = _with_readings(problem, target)
+    # The same problem with other readings (n,), without held-out runs.
+    runs = [
+        replace(run, channels=channels)
+        for run, channels in zip(problem.runs, problem.by_run(target), strict=True)
+    ]
+    other = problem.with_runs(runs)
     moved = replace(metric, problem=other)
     start = refit(moved, Candidate(), base.theta_unit, rounds=ROUNDS)
     fit = run_refits(moved, [start])[0]
@@ -323,12 +327,3 @@ def _refitted(
     left = fit.prediction - target
     visible = max(max(problem.view_sizes(left, view)) for view in problem.system.views)
     return Shown(float(np.sqrt(fit.misfit)), visible)
-
-
-def _with_readings(problem: Problem, stacked: Array) -> Problem:
-    """The same problem with other readings (n,), without held-out runs."""
-    runs = [
-        replace(run, channels=channels)
-        for run, channels in zip(problem.runs, problem.by_run(stacked), strict=True)
-    ]
-    return problem.with_runs(runs)

@@ -8,30 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.model_system import ModelSystem
+from saddlering_ros.discrepancy.problem.model import ModelSystem
+from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, RunPrediction
-from saddlering_ros.discrepancy.verdict.wording import (
-    estimate_words,
-    estimates_words,
-    gain_words,
-    PARTIAL,
-)
-from saddlering_ros.pages import html
+from saddlering_ros.discrepancy.verdict.wording import gain_words
+from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty
-from saddlering_ros.pages.charts import (
-    AFTER,
-    BEFORE,
-    Chart,
-    compared,
-    line,
-    MAIN,
-    MEASURED,
-    Panel,
-    ShadedBand,
-    STRIP,
-    Version,
-    without_inner_labels,
-)
+from saddlering_ros.pages.charts import Chart, MAIN, Panel, ShadedBand, STRIP, Version
 from saddlering_ros.pages.html import code, number
 from saddlering_ros.quantities import probability, quantity, VERDICT_WORDS
 
@@ -78,8 +61,8 @@ def _certainty_document(answer: Diagnosis) -> dict[str, Any]:
 def _causes(answer: Diagnosis) -> str:
     return html.section('Causes', html.table(
         ['cause', 'parameters', 'alternatives', 'misfit reduction', number('p')],
-        [[cause.definition.title + (PARTIAL if cause.partial else ''),
-          estimates_words(cause.parameters),
+        [[cause.definition.title + (wording.PARTIAL if cause.partial else ''),
+          wording.estimates_words(cause.parameters),
           ', '.join(cause.group[1:]) or '–',
           gain_words(cause.gain.fit, cause.gain.held_out), number(probability(cause.p_value))]
          for cause in answer.causes]))
@@ -88,8 +71,8 @@ def _causes(answer: Diagnosis) -> str:
 def _base(answer: Diagnosis) -> str:
     return html.section('Base parameters', html.table(
         ['parameter', number('alone'), number('with the causes')],
-        [[code(name), number(estimate_words(answer.base_alone[name])),
-          number(estimate_words(item))] for name, item in answer.base.items()]))
+        [[code(name), number(wording.estimate_words(answer.base_alone[name])),
+          number(wording.estimate_words(item))] for name, item in answer.base.items()]))
 
 
 def _limits(answer: Diagnosis) -> str:
@@ -115,16 +98,16 @@ class _Channel:
         kept = np.flatnonzero(there)[::max(1, int(there.sum()) // MAX_POINTS)]
         measured, before, after = (
             values[place, kept] for values in (run.channels, prediction.before, prediction.after))
-        versions = [Version(before, BEFORE, 'simulated, without causes')]
+        versions = [Version(before, charts.BEFORE, 'simulated, without causes')]
         if not np.array_equal(before, after):
-            versions.append(Version(after, AFTER, 'simulated, with the causes', '--'))
+            versions.append(Version(after, charts.AFTER, 'simulated, with the causes', '--'))
         upper = Panel(row, 0, f'time / {self.time_unit}' if self.time_unit else 'time',
                       f'{self.name} / {self.unit}' if self.unit else self.name,
-                      (line(run.time[kept], measured, MEASURED, 'measured', width=3.5,
-                            opacity=0.4),))
+                      (charts.line(run.time[kept], measured, charts.MEASURED, 'measured',
+                                   width=3.5, opacity=0.4),))
         bands = tuple(ShadedBand(-size, size, opacity=0.18, name=name)
                       for name, size in self.bands.items())
-        return compared(upper, self.unit, run.time[kept], measured, versions, bands)
+        return charts.compared(upper, self.unit, run.time[kept], measured, versions, bands)
 
 
 def _channels(answer: Diagnosis) -> list[_Channel]:
@@ -161,7 +144,7 @@ def _proof(answer: Diagnosis) -> str:
     prediction, place = max(
         ((one, row) for one in answer.runs for row in range(len(channels))), key=size)
     panels = channels[place].panels(prediction, place, 0)
-    chart = Chart(tuple(without_inner_labels(panels, 2)), width=9.4, height=4.4,
+    chart = Chart(tuple(charts.without_inner_labels(panels, 2)), width=9.4, height=4.4,
                   heights=(MAIN, STRIP), shares_x=True)
     return html.picture(chart, 'proof', f'{channels[place].name} in {_place(prediction)}: '
                         'measured and simulated; below, the misfit with its bands.')
@@ -173,7 +156,7 @@ def _misfit(answer: Diagnosis) -> str:
     for number_of_run, prediction in enumerate(answer.runs):
         panels = [panel for place, channel in enumerate(channels)
                   for panel in channel.panels(prediction, place, 2 * place)]
-        chart = Chart(tuple(without_inner_labels(panels, len(panels))), width=9.4,
+        chart = Chart(tuple(charts.without_inner_labels(panels, len(panels))), width=9.4,
                       height=1.0 + 3.0 * len(channels), heights=(MAIN, STRIP) * len(channels),
                       shares_x=True)
         parts.append(html.picture(

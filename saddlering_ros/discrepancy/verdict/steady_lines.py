@@ -19,7 +19,7 @@ import numpy as np
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
-from saddlering_ros.discrepancy.search.comparison import Evidence
+from saddlering_ros.discrepancy.search.evidence import Evidence
 from saddlering_ros.discrepancy.search.limits import DetectionLimit
 from saddlering_ros.discrepancy.verdict.lines import (
     amplitudes,

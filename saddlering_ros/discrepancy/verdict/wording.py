@@ -7,13 +7,8 @@ from collections.abc import Mapping, Sequence
 from saddlering_ros.discrepancy.next_test import HeldOutEvidence
 from saddlering_ros.discrepancy.problem.system import Parameter
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual
-from saddlering_ros.discrepancy.verdict.results import (
-    CauseEntry,
-    Diagnosis,
-    Estimate,
-    Refit,
-    Remainder,
-)
+from saddlering_ros.discrepancy.verdict import results
+from saddlering_ros.discrepancy.verdict.results import Diagnosis, Estimate, Refit, Remainder
 from saddlering_ros.quantities import (
     CHANCE,
     compact,
@@ -49,7 +44,7 @@ def gain_words(fitted: float, held_out: float | None) -> str:
     return words if held_out is None else f'{words}, {percent(held_out)} on held-out runs'
 
 
-def cause_lines(cause: CauseEntry, values: str) -> list[str]:
+def cause_lines(cause: results.CauseEntry, values: str) -> list[str]:
     """A cause with its parameters, which are `values` in words, its gain and its alternatives."""
     lines = [
         f'  {cause["effect"]}: {cause["title"]}{PARTIAL if cause.get("partial") else ""}',

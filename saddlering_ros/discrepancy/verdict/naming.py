@@ -17,7 +17,7 @@ import numpy as np
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR, Tangent
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Parameter
-from saddlering_ros.discrepancy.search.comparison import (
+from saddlering_ros.discrepancy.search.evidence import (
     alternative_floor,
     changes_of_effects,
     Comparison,
