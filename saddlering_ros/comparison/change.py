@@ -239,8 +239,9 @@ def check_sessions(
     for name, records in (('before', before), ('after', after)):
         if not records:
             raise ComparisonError(f'{name}: no bags: give at least one bag of each session')
-    rings = [{record.rig for record in records if record.rig} for records in (before, after)]
-    if rings[0] and rings[1] and not rings[0] & rings[1]:
+    rings = [{record.details.get('ring') or record.rig for record in records} - {''}
+             for records in (before, after)]
+    if len(rings[0] | rings[1]) > 1:
         raise ComparisonError(
             f'before is of {", ".join(sorted(rings[0]))} and after of '
             f'{", ".join(sorted(rings[1]))}: compare sessions of one ring')

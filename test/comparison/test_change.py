@@ -210,9 +210,13 @@ def test_an_error_of_the_kind_of_a_cause_adds_to_its_size():
 
 def test_sessions_that_are_no_pair_are_refused_in_one_line(before):
     later = session(2, dirt())
+    other = [replace(record, rig='SR-2') for record in later]
+    named = [replace(record, details={'ring': 'SR-2'}) for record in later]
     for first, second, said in ((later, before, 'exchange the sessions'),
                                 (before, [], 'after: no bags'),
-                                (before, session(2, dirt(), ring='SR-2'), 'one ring')):
+                                (before, other, 'is of SR-1 and after of SR-2: .* one ring'),
+                                (before, named, 'one ring'),
+                                (before, [later[0], other[1]], 'after of SR-1, SR-2: ')):
         with pytest.raises(ComparisonError, match=said) as refusal:
             compare_records(first, second, rig=RIG)
         assert '\n' not in str(refusal.value)
