@@ -81,7 +81,7 @@ def recorded(test: str, degrees: float, contact: ContactParameters, errors: dict
     """A test of the true rig as its instruments read it; 1: of the rig without scatter."""
     run = virtual_run(test, degrees + math.degrees(errors['elevation']), contact, seed=seed,
                       noise=noise, rig=true_rig(errors), number=number,
-                      scatter=NO_SCATTER if number == 1 else SCATTER)
+                      scatter=NO_SCATTER if number == 1 else SCATTER, quantised=number != 1)
     full, load = RIG.full_scale_load, run.load
     bend = 4.0 * load * (full - load) / full
     read = load * (1.0 + errors['load_gain']) + errors['load_offset'] + (

@@ -103,15 +103,16 @@ def _drawn(random: np.random.Generator, rig: Rig) -> ContactParameters:
 def virtual_run(
     test: str, elevation_deg: float, contact: ContactParameters, *, seed: int,
     noise: float = 0.3e-6, scatter: Scatter = NO_SCATTER, rate: float | None = None,
-    speed: float = 1.0, rig: Rig = RIG, number: int = 1,
+    speed: float = 1.0, rig: Rig = RIG, number: int = 1, quantised: bool = True,
 ) -> Record:
     """One test on the virtual rig, as `bags` would align it; noise is the rms of a probe [m];
-    number: of the rig, whose rollers it draws."""
+    number: of the rig, whose rollers it draws; quantised: whether readings have steps."""
     physical = PhysicalRig(rig, contact, float(np.radians(elevation_deg)), scatter=scatter,
                            number=number)
     schedule = static_schedule(rig) if test == 'static' else dynamic_schedule(rig, speed=speed)
     record = record_test(
-        TestPlan(physical, schedule, seed=seed, instruments=Instruments(noise=noise), rate=rate)
+        TestPlan(physical, schedule, seed=seed, rate=rate,
+                 instruments=Instruments(noise=noise, quantised=quantised))
     )
     stamps = record.load_stamps
     time = (stamps - stamps[0]) * 1e-9
