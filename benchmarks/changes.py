@@ -1,13 +1,16 @@
 """Changes of dirty rings between two sessions: is what changed named, and nothing else?
 
-    python benchmarks/changes.py [--seeds 1 2 ...] [--effects NAME,NAME | none] [--near] [--alone]
+    python benchmarks/changes.py [--kind third|near|none] [--seed 1300] [--pairs 40] [--limits]
+                                 [--out FILE.jsonl] [--table]
 
-The ring is that of dirty_ring.py. Its many small errors are the same in both sessions, and the
-noise of the instruments is new. One cause of the catalogue, or none, appears in the later one, at
-a third of the size that one session names. --near: at 0.8 to 1.5 times the smallest change that an
-unchanged pair of the ring could show instead. The errors of the sizes are stated in standard
-deviations, positive if a size is too large. --alone: the verdict by the later session alone stands
-beside that of the comparison.
+The rings are those of dirty_ring.py. Their many small errors are the same in both sessions, and
+the noise of the instruments is new. third: one cause of the catalogue appears in the later
+session, at a third of the size that one session names; each pair has a ring of its own. none:
+nothing changes. near: 0.8 to 1.5 times the smallest change that an unchanged pair of the ring
+could show, five causes to a ring. Each has a twin whose noise has the opposite sign, so that
+the error by noise cancels in their mean and the bias is left. Errors of sizes are in stated
+standard deviations, positive if a size is too large. --limits: also those of the later session
+alone, which take as long as the verdict.
 """
 
 from __future__ import annotations
@@ -16,120 +19,191 @@ import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')
 
-import argparse
-from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 import tempfile
 import time as clock
 
-from dirty_ring import dirty, MAIN
+from dirty_ring import dirty_fault, hidden_in, MAIN
+from frame import arguments, keep, kept_rows, share
 from independent import draw_ring, RIG, write
-from independent_faults import fault_of
-from independent_ring import Fault, Noise, record, Ring, usual_courses
+from independent_faults import Hidden
+from independent_ring import Noise, record, usual_courses
 import numpy as np
 
-from saddlering_ros import compare, diagnose, read_bag
+from saddlering_ros import compare, read_bag
+from saddlering_ros.comparison import Change, change
 
 TESTS = ('static_50', 'dynamic_50', 'static_70')
-LATER = 40
-"""Number of the first bag of the later session: a quarter of an hour each."""
+LATER, UNCHANGED = 40, 400
+"""Number of the first bag of a later session: a quarter of an hour each."""
+
+CAUSES_OF_A_RING = 5
 
 
-@dataclass
-class Scores:
-    """Numbers of verdicts, and the errors of sizes in standard deviations."""
+@dataclass(frozen=True)
+class Pair:
+    """One pair of sessions: what was hidden, the verdict, the size of a right first cause.
 
-    counts: Counter[str] = field(default_factory=Counter)
-    errors: list[float] = field(default_factory=list)
+    seed: of the ring; twin: whether the noise has the opposite sign; gain: how much lower the
+    median limit of the change is than that of the later session alone, 0 if not computed.
+    """
+
+    kind: str
+    number: int
+    seed: int
+    effect: str
+    twin: bool
+    verdict: str
+    groups: list[list[str]]
+    partial: bool = False
+    true: float = 0.0
+    value: float = 0.0
+    std: float = 0.0
+    gain: float = 0.0
+    seconds: float = 0.0
+
+    @property
+    def is_established(self) -> bool:
+        return self.verdict in ('named', 'ambiguous')
+
+    @property
+    def is_right(self) -> bool:
+        """The hidden cause is the name, or in the one group."""
+        return self.is_established and len(self.groups) == 1 and self.effect in self.groups[0]
+
+    @property
+    def has_size(self) -> bool:
+        """The hidden cause is the first, whose size is stated."""
+        return self.is_right and self.groups[0][0] == self.effect
+
+    @property
+    def error(self) -> float:
+        """Of the size, in stated deviations."""
+        return (self.value - self.true) * float(np.sign(self.true)) / self.std
 
 
-def session(ring: Ring, noise: Noise, fault: Fault, seed: int, first: int, folder: Path) -> list:
-    """The bags of one session, read."""
+def session(seed: int, hidden: Hidden, noise: Noise, draw: int, first: int, folder: Path) -> list:
+    """The bags of one session of the ring of a seed, read; draw: of the noise."""
+    ring, _ = draw_ring(seed)
+    fault = dirty_fault(hidden, seed)
     courses = [course for course in usual_courses(RIG) if course.name in TESTS]
-    paths = [write(record(ring, fault, course, 1000 * seed + first + number, noise),
-                   first + number, folder) for number, course in enumerate(courses)]
+    paths = [write(record(ring, fault, course, 1000 * draw + first + number, noise),
+                   first + number, folder / str(first)) for number, course in enumerate(courses)]
     return [read_bag(path, rig=RIG) for path in paths]
 
 
-def dirt_of(fault: Fault, seed: int) -> Fault:
-    """The fault on the dirty ring of a seed."""
-    return dirty(fault, np.random.default_rng([seed, 13]))
+def compared(seed: int, hidden: Hidden, noise: Noise, draw: int, later: int) -> Change:
+    """The comparison of two sessions of a ring; the hidden cause is in the later one."""
+    with tempfile.TemporaryDirectory() as folder:
+        before = session(seed, hidden_in('', seed), noise, draw, 0, Path(folder))
+        after = session(seed, hidden, noise, draw, later, Path(folder))
+        return compare(before, after, rig=RIG).change
 
 
 @cache
 def limits(seed: int) -> dict[str, float]:
     """The smallest change of each cause that is named, from an unchanged pair of a ring."""
-    ring, noise = draw_ring(seed)
-    with tempfile.TemporaryDirectory() as folder:
-        own = dirt_of(Fault(), seed)
-        pair = [session(ring, noise, own, seed, first, Path(folder) / str(first))
-                for first in (0, 10 * LATER)]
-        found = compare(*pair, rig=RIG).change.diagnosis
+    found = compared(seed, hidden_in('', seed), draw_ring(seed)[1], seed, UNCHANGED)
     return {item.effect: max(item.limit, item.material_limit)
-            for item in found.observability.limits}
+            for item in found.diagnosis.observability.limits}
 
 
-def share_of(effect: str, seed: int, near: bool) -> float:
-    """Share of the size that one session names at which the cause is hidden."""
-    if not near:
-        return 1.0 / 3.0
-    whole = next(iter(fault_of(effect, np.random.default_rng([seed, 12])).parameters.values()))
-    times = np.random.default_rng([seed, 21, MAIN.index(effect)]).uniform(0.8, 1.5)
-    return float(times * limits(seed)[effect] / abs(whole))
+def size_of(hidden: Hidden) -> float:
+    """The size of a cause, which is its first parameter; 0 of none."""
+    return float(next(iter(hidden.parameters.values()), 0.0))
 
 
-def trial(effect: str, seed: int, folder: Path, scores: Scores, args: argparse.Namespace) -> None:
-    """One ring, with one change or none, counted and printed."""
+def trial(kind: str, number: int, seed: int, effect: str, twin: bool) -> Pair:
+    """One pair of sessions and its verdict."""
     began = clock.process_time()
-    ring, noise = draw_ring(seed)
-    hidden = fault_of(effect, np.random.default_rng([seed, 12]),
-                      share_of(effect, seed, args.near)) if effect else None
-    before = session(ring, noise, dirt_of(Fault(), seed), seed, 0, folder / 'before')
-    after = session(ring, noise, dirt_of(hidden.fault if hidden else Fault(), seed), seed, LATER,
-                    folder / 'after')
-    document = compare(before, after, rig=RIG).to_json()
-    groups = [cause['group'] for cause in document['causes']]
-    established = document['verdict'] in ('named', 'ambiguous')
-    right = bool(effect) and any(effect in group for group in groups)
-    stray = any(effect not in group for group in groups)
-    kind, counts = 'changed' if effect else 'unchanged', scores.counts
-    counts[kind] += 1
-    counts[f'{kind}: {document["verdict"]}'] += 1
-    counts['right'] += established and right and not stray
-    counts['wrong name'] += established and (stray or not right)
-    said = ''
-    if hidden and established and document['causes'][0]['effect'] == effect:
-        true = next(iter(hidden.parameters.values()))
-        size = next(iter(document['causes'][0]['parameters'].values()))
-        scores.errors.append((size['value'] - true) * np.sign(true) / size['std'])
-        said = f', found {size["value"] / true:.3f} of the size, {scores.errors[-1]:+.2f} std'
-    ratios = [one['one_session'] / one['limit'] for one in document['detection_limits']
-              if one['one_session'] and one['limit']]
-    single = diagnose(after, rig=RIG).to_json()['verdict'] if args.alone else 'not run'
-    print(f'{seed} {effect or "none"}: {document["verdict"]} {groups}{said}, alone {single}, '
-          f'limits lower by {np.median(ratios):.1f}, {clock.process_time() - began:.0f} s',
-          flush=True)
+    noise, part = draw_ring(seed)[1], 1.0 / 3.0
+    if kind == 'near':
+        times = np.random.default_rng([seed, 21, MAIN.index(effect)]).uniform(0.8, 1.5)
+        part = float(times * limits(seed)[effect] / abs(size_of(hidden_in(effect, seed))))
+    if twin:
+        noise = replace(noise, load=-noise.load, probe=-noise.probe, slow=-noise.slow)
+    hidden = hidden_in(effect, seed, part)
+    found = compared(seed, hidden, noise, seed + 7919 * number * (kind == 'near'), LATER)
+    causes = found.diagnosis.causes if found.verdict != 'none' else ()
+    size = next(iter(causes[0].parameters.values())) if causes else None
+    ratios = [found.limits_alone[item.effect] / max(item.limit, 1e-300)
+              for item in found.diagnosis.observability.limits
+              if found.limits_alone.get(item.effect) and item.limit]
+    return Pair(kind, number, seed, effect, twin, found.verdict,
+                [list(cause.group) for cause in causes],
+                any(cause.partial for cause in causes), size_of(hidden),
+                size.value if size else 0.0, size.std if size else 0.0,
+                float(np.median(ratios)) if ratios else 0.0, clock.process_time() - began)
+
+
+def plan(kind: str, seed: int, pairs: int) -> list[tuple[int, int, str, bool]]:
+    """Number, ring, hidden cause and sign of the noise of every pair."""
+    return [(number, seed + (number // CAUSES_OF_A_RING if kind == 'near' else number),
+             '' if kind == 'none' else MAIN[number % len(MAIN)], twin)
+            for number in range(pairs) for twin in ((False, True) if kind == 'near' else (False,))]
+
+
+def bias(rows: Sequence[Pair]) -> str:
+    """Mean and median error of the sizes, twins averaged, with 95 % intervals over the rings."""
+    twins: dict[tuple[int, int], list[float]] = {}
+    for row in rows:
+        twins.setdefault((row.seed, row.number), []).append(row.error)
+    rings = [[np.mean(own) for (seed, _), own in twins.items() if seed == ring]
+             for ring in sorted({seed for seed, _ in twins})]
+    draw = np.random.default_rng(27)
+    again = [np.concatenate([rings[i] for i in draw.integers(len(rings), size=len(rings))])
+             for _ in range(4000)]
+    said = []
+    for name, figure in (('mean', np.mean), ('median', np.median)):
+        low, high = np.quantile([figure(one) for one in again], (0.025, 0.975))
+        said.append(f'{name} {figure(np.concatenate(rings)):+.2f} ({low:+.2f} to {high:+.2f})')
+    errors = np.array([row.error for row in rows])
+    return (f'{errors.size} sizes of {len(twins)} changes of {len(rings)} rings: '
+            f'{", ".join(said)} std, rms {np.sqrt(np.mean(errors**2)):.2f}, beyond two '
+            f'{share(np.abs(errors) > 2.0)}')
+
+
+def report(rows: Sequence[Pair]) -> None:
+    """Print every rate of the kept pairs."""
+    for kind in ('third', 'near'):
+        changed = [row for row in rows if row.kind == kind]
+        named = [row for row in changed if row.has_size]
+        if not changed:
+            continue
+        print(f'{kind}: right {share(row.is_right for row in changed)}, of these first '
+              f'{len(named)}, alone {sum(row.verdict == "named" for row in named)}')
+        print('    wrong:', share(row.is_established and not row.is_right for row in changed))
+        for words, own in (('first', named),
+                           ('alone', [row for row in named if row.verdict == 'named'])):
+            if own:
+                print(f'    {words}: {bias(own)}')
+    unchanged = [row for row in rows if row.kind == 'none']
+    if unchanged:
+        print('unchanged, accused:', share(row.is_established for row in unchanged), 'none:',
+              share(row.verdict == 'none' for row in unchanged))
+    gains = [row.gain for row in rows if row.gain]
+    if gains:
+        print(f'limits lower by {np.median(gains):.1f} ({min(gains):.1f} to {max(gains):.1f})')
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--seeds', nargs='*', type=int, default=[1])
-    parser.add_argument('--effects', default=','.join(MAIN))
-    parser.add_argument('--alone', action='store_true', help='diagnose the later session too')
-    parser.add_argument('--near', action='store_true', help='sizes near the detection limit')
-    args = parser.parse_args()
-    scores = Scores()
-    with tempfile.TemporaryDirectory() as folder:
-        for seed in args.seeds:
-            for effect in args.effects.split(','):
-                trial('' if effect == 'none' else effect, seed, Path(folder), scores, args)
-    print(', '.join(f'{name} {count}' for name, count in sorted(scores.counts.items())))
-    if scores.errors:
-        errors = np.array(scores.errors)
-        print(f'{errors.size} sizes: median error {np.median(errors):+.2f} std, rms '
-              f'{np.sqrt(np.mean(errors**2)):.2f}, beyond two {np.mean(np.abs(errors) > 2.0):.0%}')
+    args = arguments(__doc__, {'kind': 'none', 'pairs': 1}, kind='third', seed=1300, pairs=40,
+                     limits=False, out=Path('out/changes.jsonl'), table=False)
+    if not args.limits:
+        change._limits_alone = lambda *_: {}
+    known = {(row['kind'], row['number'], row['seed'], row['twin']) for row in kept_rows(args.out)}
+    for number, seed, effect, twin in () if args.table else plan(args.kind, args.seed, args.pairs):
+        if (args.kind, number, seed, twin) in known:
+            continue
+        pair = trial(args.kind, number, seed, effect, twin)
+        keep(args.out, asdict(pair))
+        print(f'{pair.kind} {seed} {effect or "none"}{" twin" if twin else ""}: {pair.verdict} '
+              f'{pair.groups}', f'{pair.error:+.2f} std' if pair.has_size else '',
+              f'{pair.seconds:.0f} s', flush=True)
+    report([Pair(**row) for row in kept_rows(args.out)])
 
 
 if __name__ == '__main__':

@@ -23,7 +23,7 @@ import tempfile
 import time as clock
 
 from independent import draw_ring, RIG, verdict_on
-from independent_faults import fault_of, slider_state
+from independent_faults import fault_of, Hidden, slider_state
 from independent_ring import Array, Fault, Motion, Sliders, usual_courses
 import numpy as np
 from real_faults import answer_of, misfit, say, table
@@ -87,12 +87,23 @@ def dirty(fault: Fault, draw: np.random.Generator) -> Fault:
         readings=(*fault.readings, readings))
 
 
+def hidden_in(effect: str, seed: int, share: float = 1.0) -> Hidden:
+    """The cause that the ring of a seed hides, at a share of its size; '' for none."""
+    if not effect:
+        return Hidden('', {}, Fault())
+    return fault_of(effect, np.random.default_rng([seed, 12]), share)
+
+
+def dirty_fault(hidden: Hidden, seed: int) -> Fault:
+    """What is hidden, with the dirt of the ring of a seed."""
+    return dirty(hidden.fault, np.random.default_rng([seed, 13]))
+
+
 def row_of(effect: str, seed: int, folder: Path) -> dict[str, object]:
     """The verdict on one dirty ring with one cause, or none, as real_faults.py tables it."""
     began = clock.process_time()
     ring, noise = draw_ring(seed)
-    fault = fault_of(effect, np.random.default_rng([seed, 12])).fault if effect else Fault()
-    whole = dirty(fault, np.random.default_rng([seed, 13]))
+    whole = dirty_fault(hidden_in(effect, seed), seed)
     found = verdict_on(ring, noise, whole, usual_courses(RIG), seed, folder).diagnosis
     return {
         'machine': 'dirty ring', 'seed': seed, 'trial': effect or 'none', 'exact': False,
