@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.comparison.judgement import (
+from saddlering_ros.comparison.difference import (
     in_doubt,
     left_between,
     noise_power,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -54,17 +56,17 @@ def change_text(change: Change) -> str:
             f'axial reduction {1e3 * first.axial_reduction:.5f} to '
             f'{1e3 * second.axial_reduction:.5f} mm '
             f'({wear["axial_reduction_mm"]:+.5f} +/- {wear["axial_reduction_std_mm"]:.5f})')
-    lines += limit_words(change)
+    lines += wear_words(change.wear_judged)
     lines += [f'series: {change.series.headline}'] if change.series else []
     lines += [f'next test: {change.next_test}'] if change.next_test else []
     lines += [f'note: {note}' for note in change.notes]
     return '\n'.join(lines)
 
 
-def limit_words(change: Change) -> list[str]:
+def wear_words(judged: Sequence[Mapping[str, Any]]) -> list[str]:
     """A sentence for each limit of the rig file."""
-    return [f'wear of {item["figure"].replace("_", " ")}: {100.0 * item["share"]:.0f} % of the '
-            f'limit of {item["limit_mm"]:g} mm, {item["state"]}' for item in change.wear_judged]
+    return [f'wear of {item["figure"].replace("_", " ")}: {round(100.0 * item["share"])} % of the '
+            f'limit of {item["limit_mm"]:g} mm, {item["state"]}' for item in judged]
 
 
 def change_chart(change: Change) -> Chart:
@@ -173,4 +175,4 @@ def _maker_table(change: Change) -> str:
     loads = (f'Static tests at {math.degrees(first.elevation):g} deg, between '
              f'{change.rig.force_words(first.low)} and {change.rig.force_words(first.high)}.')
     return html.table(['', number('before'), number('after'), number('wear')], rows, loads
-                      ) + html.bullets(limit_words(change))
+                      ) + html.bullets(wear_words(change.wear_judged))

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.comparison.difference import DEFINITION
 from saddlering_ros.comparison.sessions import (
     CONTACT_CHANGE,
     PERSISTENT_MODEL_ERROR,
@@ -177,7 +178,8 @@ class ChangeSeries:
             return (f'The series of {len(self.names)} sessions shows no change (e-value {last:.2g}'
                     f', {CHANGED:g} is a change).')
         first = int(np.argmax(self.evidence.moment))
-        return (f'The ring has changed since {self.names[first]} (e-value {last:.2g}); '
+        last_sound = self.names[first] if first else 'the base session'
+        return (f'The ring has changed since {last_sound} (e-value {last:.2g}); '
                 f'{self.names[first + 1]} is the first changed session with a chance of '
                 f'{100.0 * self.evidence.moment[first]:.0f} %.')
 
@@ -243,8 +245,9 @@ def series_of(
         sums.append(SessionSums.of(errors[rows], shapes[rows], residual[rows]))
     found = evidence_of(sums[0], sums[1:])
     kind = kinds[found.kind]
+    deviations = np.hypot(found.deviations, DEFINITION * found.sizes)
     return ChangeSeries((base, *later), found, kind.effect, kind.parameter, kind.unit,
-                        kind.spread * found.sizes, kind.spread * found.deviations)
+                        kind.spread * found.sizes, kind.spread * deviations)
 
 
 def kinds_of(system: TwoSessions) -> list[Kind]:

@@ -11,9 +11,14 @@ from sessions_made import dirt, RIG, session, with_size
 
 from saddlering_ros.comparison import compare_records, ComparisonError
 from saddlering_ros.comparison.change import check_sessions, renewed_between
-from saddlering_ros.comparison.judgement import in_doubt, left_between, with_main_cause
+from saddlering_ros.comparison.difference import (
+    DEFINITION,
+    in_doubt,
+    left_between,
+    with_main_cause,
+)
 from saddlering_ros.comparison.maker import common_loads, judged_wear, maker_figures, MakerFigures
-from saddlering_ros.comparison.page import change_text, write_change_page
+from saddlering_ros.comparison.page import change_text, wear_words, write_change_page
 from saddlering_ros.comparison.series import ChangeSeries, Evidence
 from saddlering_ros.comparison.sessions import (
     beside,
@@ -113,6 +118,8 @@ def test_a_series_stands_in_the_document_and_on_the_page(grown, tmp_path):
     assert document['sessions'][1] == {
         'name': 'after', 'e_value': 250.0, 'first_changed': 0.9, 'size': 900.0, 'std': 150.0}
     assert 'changed since session 2' in document['headline']
+    early = replace(series, evidence=replace(found, moment=np.array([0.9, 0.1])))
+    assert 'changed since the base session (' in early.headline
     write_change_page(change, tmp_path / 'change.html')
     assert 'changed since session 2' in (tmp_path / 'change.html').read_text()
     assert document['headline'] in change_text(change)
@@ -123,9 +130,11 @@ def test_a_main_cause_that_leaves_a_rest_is_named_with_a_wider_error(grown):
     unsure = replace(grown.diagnosis, verdict='unknown')
     stated = with_main_cause(unsure, 0.2 * cause.visible)
     assert (stated.verdict, stated.complete) == ('named', False)
-    force = cause.parameters['force']
-    assert stated.causes[0].parameters['force'].std == pytest.approx(
-        np.hypot(force.std, 0.2 * force.value))
+    force, wider = (one.parameters['force'] for one in (cause, stated.causes[0]))
+    assert wider.std == pytest.approx(np.hypot(force.std, np.hypot(0.2, DEFINITION) * force.value))
+    exact = replace(cause, parameters={'force': replace(force, std=1e-3 * force.value)})
+    sure = with_main_cause(replace(unsure, causes=(exact,)), 0.0).causes[0]
+    assert sure.parameters['force'].std > 0.02 * force.value, 'laws of one name differ'
     assert with_main_cause(unsure, 0.6 * cause.visible).verdict == 'unknown'
     weak = replace(unsure, causes=(replace(cause, p_value=1e-3),))
     assert with_main_cause(weak, 0.2 * cause.visible).verdict == 'unknown'
@@ -243,3 +252,5 @@ def test_wear_stands_beside_the_limits_of_the_rig_file_and_a_gain_counts_for_it_
     states = [judged_wear(wear, {'tilting_clearance': limit})[0]['state']
               for limit in (2e-4, 3e-4, 5e-4)]
     assert states == ['beyond', 'open', 'within']
+    none = judged_wear({**wear, 'tilting_clearance_mm': -1e-9}, {'tilting_clearance': 2e-4})
+    assert wear_words(none)[0].startswith('wear of tilting clearance: 0 % of')

@@ -1,4 +1,4 @@
-"""The verdict on a change by what differs between the sessions, and the doubts about it."""
+"""What differs between two sessions beside the causes, and the verdict on the change by it."""
 
 from __future__ import annotations
 
@@ -15,6 +15,14 @@ Array = NDArray[np.float64]
 
 ESTABLISHED_SHARE, ESTABLISHED_P = 0.85, 1e-6
 """Share of the power of the misfit, and largest p-value, of a main cause that leaves a rest."""
+
+DEFINITION = 0.03
+"""Standard uncertainty of the size of a cause by its definition (JCGM 200, 2.27), as a share.
+
+Laws of one name differ: a sine for a parabola, a stiffening for a constant spring. The residual
+hardly shows it. Sizes of such rings were 3 to 7 % wrong, where noise allows 1.0 to 1.6 % (docs/
+benchmarks/changes.md).
+"""
 
 
 def with_main_cause(found: Diagnosis, left: float) -> Diagnosis:
@@ -35,7 +43,7 @@ def with_main_cause(found: Diagnosis, left: float) -> Diagnosis:
     if found.verdict == 'unknown' and (share < ESTABLISHED_SHARE or cause.p_value > ESTABLISHED_P):
         return found
     name, size = next(iter(cause.parameters.items()))
-    std = math.hypot(size.std, abs(size.value) * left / cause.visible)
+    std = math.hypot(size.std, abs(size.value) * math.hypot(left / cause.visible, DEFINITION))
     widened = {**cause.parameters, name: replace(size, std=std)}
     return replace(found, verdict='named' if len(cause.group) == 1 else 'ambiguous',
                    causes=(replace(cause, parameters=widened, partial=False),),
