@@ -22,6 +22,7 @@ from saddlering_ros.campaign.sessions import base_of, FIT, HOLD_OUT, Session
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import sha256_of_file, versions_in_use
 from saddlering_ros.progress import OnProgress
+from saddlering_ros.rig import default_rig, Rig
 
 BASE = 'base'
 """Role of a bag of the base measurement with which a session is compared."""
@@ -205,9 +206,9 @@ def _load(name: str) -> Callable[[SessionTask], dict[str, Any]]:
 def session_verdict(task: SessionTask) -> dict[str, Any]:
     """Diagnose the session: the JSON of docs/diagnosis.md, a covariance and a report beside it."""
     from saddlering_ros import diagnose, load_rig
-    from saddlering_ros.rig import default_rig
 
-    bags = {role: [bag.path for bag in task.bags if bag.role == role] for role in (FIT, HOLD_OUT)}
+    bags = {role: [bag.path for bag in task.bags if bag.role == role]
+            for role in (FIT, HOLD_OUT, BASE)}
     # The key names no rig file: the worker's environment must name none either.
     rig = load_rig(task.rig) if task.rig else default_rig()
     result = diagnose(bags[FIT], hold_out=bags[HOLD_OUT], rig=rig, seed=task.seed)
@@ -222,16 +223,17 @@ def session_verdict(task: SessionTask) -> dict[str, Any]:
         'covariance': None if covariance is None else covariance.tolist(),
         'report': report,
         'change': None if not bags[BASE] else change_since(
-            task, bags[BASE], [*bags[FIT], *bags[HOLD_OUT]]),
+            bags[BASE], [*bags[FIT], *bags[HOLD_OUT]], rig, task.seed),
     }
 
 
-def change_since(task: SessionTask, base: Sequence[str], bags: Sequence[str]) -> dict[str, Any]:
+def change_since(
+    base: Sequence[str], bags: Sequence[str], rig: Rig, seed: int,
+) -> dict[str, Any]:
     """The verdict on the change since the base measurement; a refusal does not end the session."""
-    from saddlering_ros import compare, load_rig
+    from saddlering_ros import compare
 
     try:
-        found = compare(base, bags, rig=load_rig(task.rig or None), seed=task.seed)
+        return compare(base, bags, rig=rig, seed=seed).to_json()
     except SaddleringError as problem:
         return {'verdict': None, 'headline': ' '.join(str(problem).split()), 'causes': []}
-    return found.change.to_json()

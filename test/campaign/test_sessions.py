@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 import shutil
+from types import SimpleNamespace
 
 from campaign_stubs import write_bag
 import pytest
@@ -17,7 +18,8 @@ from saddlering_ros.campaign import (
     tasks_of,
     write_manifest,
 )
-from saddlering_ros.campaign.task import change_since
+from saddlering_ros.campaign.task import change_since, session_verdict
+from saddlering_ros.rig import default_rig
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
 
@@ -137,9 +139,25 @@ def test_later_sessions_of_a_ring_are_compared_with_its_last_base_measurement(tm
     assert [item.is_base for item in again] == [item.is_base for item in sessions]
 
 
-def test_a_comparison_that_is_refused_does_not_end_the_session(works):
-    task = tasks_of(group_sessions(find_bags(works)))[0]
+def test_a_session_is_diagnosed_and_compared_with_its_base_measurement(tmp_path, monkeypatch):
+    for date, base in (('2031-01-01', 'yes'), ('2032-01-01', '')):
+        write_bag(tmp_path / date, 'SR-9', 'static_50', date=date, base=base)
+    source = SimpleNamespace(covariance=None)
+    monkeypatch.setattr('saddlering_ros.diagnose', lambda bags, **_: SimpleNamespace(
+        verdict='none', document={'verdict': 'none'}, parameters=SimpleNamespace(source=source)))
+    monkeypatch.setattr('saddlering_ros.compare', lambda before, after, *, rig, seed:
+                        SimpleNamespace(to_json=lambda: {'from': before, 'to': after}))
+    monkeypatch.setenv('SADDLERING_RIG', 'of_another_user.yaml')
+    first, second = (session_verdict(task)
+                     for task in tasks_of(group_sessions(find_bags(tmp_path))))
+    assert first['change'] is None
+    for place, date in (('from', '2031'), ('to', '2032')):
+        path, = second['change'][place]
+        assert date in path
+
+
+def test_a_comparison_that_is_refused_does_not_end_the_session():
     path = str(BAGS / 'static_50')
-    change = change_since(task, [path], [path])
+    change = change_since([path], [path], default_rig(), 0)
     assert change['verdict'] is None
     assert 'same recording' in change['headline']
