@@ -116,13 +116,20 @@ def size_of(hidden: Hidden) -> float:
     return float(next(iter(hidden.parameters.values()), 0.0))
 
 
+def replaced(effect: str, seed: int) -> float:
+    """The friction of the ring itself in whose place that of a hidden cause stands."""
+    own = dirty_fault(hidden_in('', seed), seed)
+    return {'radial_friction': own.friction_x.total,
+            'tilt_friction': own.friction_tilt.total}.get(effect, 0.0)
+
+
 def trial(kind: str, number: int, seed: int, effect: str, twin: bool) -> Pair:
     """One pair of sessions and its verdict."""
     began = clock.process_time()
-    noise, part = draw_ring(seed)[1], 1.0 / 3.0
+    noise, part, own = draw_ring(seed)[1], 1.0 / 3.0, replaced(effect, seed)
     if kind == 'near':
         times = np.random.default_rng([seed, 21, MAIN.index(effect)]).uniform(0.8, 1.5)
-        part = float(times * limits(seed)[effect] / abs(size_of(hidden_in(effect, seed))))
+        part = float(times * limits(seed)[effect] + own) / abs(size_of(hidden_in(effect, seed)))
     if twin:
         noise = replace(noise, load=-noise.load, probe=-noise.probe, slow=-noise.slow)
     hidden = hidden_in(effect, seed, part)
@@ -134,7 +141,7 @@ def trial(kind: str, number: int, seed: int, effect: str, twin: bool) -> Pair:
               if found.limits_alone.get(item.effect) and item.limit]
     return Pair(kind, number, seed, effect, twin, found.verdict,
                 [list(cause.group) for cause in causes],
-                any(cause.partial for cause in causes), size_of(hidden),
+                any(cause.partial for cause in causes), size_of(hidden) - own,
                 size.value if size else 0.0, size.std if size else 0.0,
                 float(np.median(ratios)) if ratios else 0.0, clock.process_time() - began)
 
