@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timezone
+from itertools import islice
 import json
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from saddlering_ros.campaign.store import CampaignError, Store
 from saddlering_ros.campaign.task import SessionTask
 from saddlering_ros.files import whole_file, write_text
 from saddlering_ros.fleet import figures_of, fleet_document, judge_fleet
-from saddlering_ros.fleet.judgement import Fleet
+from saddlering_ros.fleet.attention import Fleet
 
 GROUP = 500
 """Sessions whose rows are held in memory at a time."""
@@ -161,18 +162,9 @@ def _cause(item: Mapping[str, Any]) -> dict[str, Any]:
 def _write(path: Path, schema: pyarrow.Schema, rows: Iterable[dict[str, Any]]) -> None:
     with whole_file(path, CampaignError) as temporary, \
             pyarrow.parquet.ParquetWriter(temporary, schema) as writer:
-        for group in _groups(rows):
+        waiting = iter(rows)
+        while group := list(islice(waiting, GROUP)):
             writer.write_table(pyarrow.Table.from_pylist(group, schema=schema))
-
-
-def _groups(rows: Iterable[dict[str, Any]]) -> Iterator[Rows]:
-    group: Rows = []
-    for row in rows:
-        group.append(row)
-        if len(group) == GROUP:
-            yield group
-            group = []
-    yield group
 
 
 def write_fleet(store: Store, tasks: Sequence[SessionTask], limits: Mapping[str, float]) -> Fleet:

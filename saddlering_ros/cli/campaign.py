@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from saddlering_ros.campaign import Session, SessionTask, Store, Summary
     from saddlering_ros.campaign.store import Status
-    from saddlering_ros.fleet.judgement import Fleet
+    from saddlering_ros.fleet.attention import Fleet
 
 STATUS = 'status'
 

@@ -45,25 +45,18 @@ class MakerFigures:
 
     def as_dict(self) -> dict[str, float]:
         """In millimetres, as makers state them."""
-        return {
-            'elevation_deg': math.degrees(self.elevation), 'low_N': self.low, 'high_N': self.high,
-            'tilting_clearance_mm': 1e3 * self.tilting_clearance,
-            'tilting_clearance_std_mm': 1e3 * math.hypot(
-                self.tilting_clearance_std, self.gain * self.tilting_clearance),
-            'axial_reduction_mm': 1e3 * self.axial_reduction,
-            'axial_reduction_std_mm': 1e3 * math.hypot(
-                self.axial_reduction_std, self.gain * self.axial_reduction),
-        }
+        return {'elevation_deg': math.degrees(self.elevation), 'low_N': self.low,
+                'high_N': self.high, **self.wear_since(None)}
 
-    def wear_since(self, base: MakerFigures) -> dict[str, float]:
-        """The difference to a base measurement [mm], with its standard deviation [mm].
+    def wear_since(self, base: MakerFigures | None) -> dict[str, float]:
+        """The difference to a base measurement, or to none [mm], with its standard deviation [mm].
 
         The gain of the probes is the same in both, so that it counts for the difference alone.
         """
         answer = {}
         for name in WEAR_LIMITS:
-            wear = getattr(self, name) - getattr(base, name)
-            spreads = [getattr(one, f'{name}_std') for one in (self, base)]
+            wear = getattr(self, name) - getattr(base, name, 0.0)
+            spreads = [getattr(one, f'{name}_std', 0.0) for one in (self, base)]
             answer[f'{name}_mm'] = 1e3 * wear
             answer[f'{name}_std_mm'] = 1e3 * math.hypot(*spreads, self.gain * wear)
         return answer

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.comparison.change import Change, change_words, name_of
+from saddlering_ros.comparison.maker import MakerFigures
 from saddlering_ros.comparison.series import CHANGED, ChangeSeries
 from saddlering_ros.discrepancy import RunBlocks
 from saddlering_ros.pages import html
@@ -27,7 +28,8 @@ from saddlering_ros.pages.charts import (
 )
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import probability, quantity
-from saddlering_ros.rig import MICRO_UNITS, PARAMETER_UNITS
+from saddlering_ros.rig import MICRO_UNITS, PARAMETER_UNITS, Rig
+from saddlering_ros.rig.description import WEAR_LIMITS
 
 PER_MILLION = 1e6
 KILONEWTON = 1e-3
@@ -45,17 +47,9 @@ def change_text(change: Change) -> str:
                      f'{quantity(after.value, unit, after.std)}, '
                      f'{quantity(both.value, unit, both.std)}')
     if change.maker is not None:
-        first, second = change.maker
-        wear = second.wear_since(first)
-        lines.append(
-            f'figures of makers at {math.degrees(first.elevation):g} deg, from '
-            f'{change.rig.force_words(first.low)} to {change.rig.force_words(first.high)}: '
-            f'tilting clearance {1e3 * first.tilting_clearance:.5f} to '
-            f'{1e3 * second.tilting_clearance:.5f} mm '
-            f'({wear["tilting_clearance_mm"]:+.5f} +/- {wear["tilting_clearance_std_mm"]:.5f}), '
-            f'axial reduction {1e3 * first.axial_reduction:.5f} to '
-            f'{1e3 * second.axial_reduction:.5f} mm '
-            f'({wear["axial_reduction_mm"]:+.5f} +/- {wear["axial_reduction_std_mm"]:.5f})')
+        lines += [f'figures of makers, {_maker_test(change.maker[0], change.rig)}:', *(
+            f'  {name}: {first}, {second}, wear {wear}'
+            for name, first, second, wear in _maker_rows(change.maker))]
     lines += wear_words(change.wear_judged)
     lines += [f'series: {change.series.headline}'] if change.series else []
     lines += [f'next test: {change.next_test}'] if change.next_test else []
@@ -165,14 +159,23 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
 def _maker_table(change: Change) -> str:
     if change.maker is None:
         return ''
-    first, second = change.maker
-    documents = [first.as_dict(), second.as_dict(), second.wear_since(first)]
     rows: list[list[str | Cell]] = [
-        [words, *(number(f'{item[f"{key}_mm"]:.5f} ± {item[f"{key}_std_mm"]:.5f} mm')
-                  for item in documents)]
-        for words, key in (('tilting clearance', 'tilting_clearance'),
-                           ('axial reduction', 'axial_reduction'))]
-    loads = (f'Static tests at {math.degrees(first.elevation):g} deg, between '
-             f'{change.rig.force_words(first.low)} and {change.rig.force_words(first.high)}.')
-    return html.table(['', number('before'), number('after'), number('wear')], rows, loads
+        [name, *map(number, figures)] for name, *figures in _maker_rows(change.maker)]
+    return html.table(['', number('before'), number('after'), number('wear')], rows,
+                      f'Static tests {_maker_test(change.maker[0], change.rig)}.'
                       ) + html.bullets(wear_words(change.wear_judged))
+
+
+def _maker_test(figures: MakerFigures, rig: Rig) -> str:
+    return (f'at {math.degrees(figures.elevation):g} deg from {rig.force_words(figures.low)} to '
+            f'{rig.force_words(figures.high)}')
+
+
+def _maker_rows(maker: tuple[MakerFigures, MakerFigures]) -> list[list[str]]:
+    """Each figure by its name: before, after and wear."""
+    first, second = maker
+    documents = [first.as_dict(), second.as_dict(), second.wear_since(first)]
+    return [
+        [name.replace('_', ' '),
+         *(f'{one[f"{name}_mm"]:.5f} ± {one[f"{name}_std_mm"]:.5f} mm' for one in documents)]
+        for name in WEAR_LIMITS]

@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
+from saddlering_ros.fleet.attention import Fleet, RingJudgement
 from saddlering_ros.fleet.drifts import words_of
-from saddlering_ros.fleet.judgement import Fleet, RingJudgement
 from saddlering_ros.fleet.observations import Array, COORDINATES
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import AFTER, Chart, line, markers, MEASURED, NOISE, Panel, Series

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
@@ -18,7 +19,7 @@ from saddlering_ros.fleet.drifts import (
     significant_drifts,
     words_of,
 )
-from saddlering_ros.fleet.history import remaining_life, RemainingLife
+from saddlering_ros.fleet.history import History, remaining_life, RemainingLife
 from saddlering_ros.fleet.observations import COORDINATES, FleetError, PARAMETERS, SessionFigures
 from saddlering_ros.fleet.statistics import combined, Population, Unlikeness
 from saddlering_ros.progress import one_blas_thread
@@ -97,7 +98,7 @@ def judge_fleet(
         for ring, own in rings.items()}
     drifting, rigs = significant_drifts(list(histories.values()), level)
     of_ring = {item.owner: item for item in drifting}
-    evidence = {ring: statistics.e_value_of_sessions([item.p_value for item in own])
+    evidence = {ring: statistics.e_value([item.p_value for item in own])
                 for ring, own in rings.items()}
     findings = dict(zip(evidence, statistics.e_benjamini_hochberg(list(evidence.values()), level),
                         strict=True))
@@ -180,13 +181,11 @@ def limits_from_text(texts: Sequence[str]) -> dict[str, float]:
 
 def fleet_document(fleet: Fleet) -> dict[str, Any]:
     """fleet.json: plain data, numbers that are not finite as null."""
-    verdicts: dict[str, int] = {}
-    for session in fleet.sessions:
-        verdicts[session.verdict] = verdicts.get(session.verdict, 0) + 1
     document: dict[str, Any] = finite_json({
         'level': fleet.level,
         'sessions': {
-            'total': len(fleet.sessions), 'verdicts': verdicts,
+            'total': len(fleet.sessions),
+            'verdicts': dict(Counter(session.verdict for session in fleet.sessions)),
             'findings': [item.key for item, real in zip(
                 fleet.sessions, fleet.session_stands, strict=True) if real],
         },
@@ -196,8 +195,7 @@ def fleet_document(fleet: Fleet) -> dict[str, Any]:
         'population': None if fleet.population is None else {
             'mean': fleet.population.mean.tolist(),
             'mean_covariance': fleet.population.mean_covariance.tolist(),
-            'between_rings': fleet.population.between.tolist(),
-        },
+            'between_rings': fleet.population.between.tolist()},
         'rigs': [_drift_document(item) for item in fleet.rigs],
         'rings': [_ring_document(item) for item in fleet.rings],
     })
@@ -219,29 +217,18 @@ def _ring_document(ring: RingJudgement) -> dict[str, Any]:
             'coordinates': {name: _history_document(history)
                             for name, history in ring.history.of.items()},
         },
-        'remaining_life': {
-            name: {'median': life.median, 'low': life.low, 'high': life.high,
-                   'clock': ring.history.clock}
-            for name, life in ring.life.items()
-        },
+        'remaining_life': {name: {**vars(life), 'clock': ring.history.clock}
+                           for name, life in ring.life.items()},
     }
 
 
-def _history_document(history: Any) -> dict[str, Any]:
-    return {
-        'time': history.series.time.tolist(), 'value': history.series.value.tolist(),
-        'std': history.series.std.tolist(), 'renewed': history.series.renewed.tolist(),
-        'level': history.level.tolist(), 'level_std': history.level_std.tolist(),
-        'slope': history.slope, 'slope_std': history.slope_std,
-        'drift_p_value': history.drift_p_value, 'predictions': history.predictions,
-        'coverage': history.coverage,
-    }
+def _history_document(history: History) -> dict[str, Any]:
+    arrays = {**vars(history.series), 'level': history.level, 'level_std': history.level_std}
+    numbers = ('slope', 'slope_std', 'drift_p_value', 'predictions', 'coverage')
+    return {**{name: array.tolist() for name, array in arrays.items()},
+            **{name: getattr(history, name) for name in numbers}}
 
 
 def _drift_document(drift: Drift) -> dict[str, Any]:
-    return {
-        'owner': drift.owner, 'kind': drift.kind, 'clock': drift.clock,
-        'slopes': {name: {'value': value, 'std': std}
-                   for name, (value, std) in drift.slopes.items()},
-        'p_value': drift.p_value, 'group': list(drift.group), 'next_test': drift.next_test,
-    }
+    return {**vars(drift), 'slopes': {name: {'value': value, 'std': std}
+                                      for name, (value, std) in drift.slopes.items()}}
