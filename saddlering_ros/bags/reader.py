@@ -141,8 +141,8 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
         raise BagError(
             f'{where}: holds {topic.count} messages, too few for a test: check that its driver '
             'ran, and record again')
-    stamps, values = topic.stamps, topic.values
-    order = put_in_order(where, stamps, lambda: topic.log_times, values)
+    stamps, values = topic.stamps.array(), topic.values.array()
+    order = put_in_order(where, stamps, topic.log_times.array, values)
     if order.reordered or order.duplicates:
         stamps, values = scratch_copy(stamps[order.keep]), scratch_copy(values[order.keep])
     if len(stamps) < fewest:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 import re
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from saddlering_ros.bags.mcap_read import CutOffError, MAX_CHUNK, McapBlock, Mca
 from saddlering_ros.bags.wire import CdrError, McapChannel, Messages, Readings
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.metadata import KEYS, METADATA_RECORD, same_text, TestMetadata
-from saddlering_ros.record.scratch import extremes, GrowingArray, LONG
+from saddlering_ros.record.scratch import extremes, GrowingArray
 from saddlering_ros.record.topics import (
     optional_topics,
     RIG_TOPICS,
@@ -41,9 +40,8 @@ OnShare = Callable[[float], None]
 class ScannedTopic:
     """All messages of one topic in file order (rig topics), or their number only (others).
 
-    stamps (N,) [ns], values (N,), log_times (N,) [ns], spans (K, 2) [m] as they change, or
-    (K, 0); fault: why the messages cannot be read, if so; _long: stamps, values and log times of
-    more messages than memory should hold.
+    stamps (N,) [ns], values (N,), log_times (N,) [ns]; fault: why the messages cannot be read, if
+    so.
     """
 
     topic: str
@@ -51,9 +49,10 @@ class ScannedTopic:
     count: int = 0
     fault: str = ''
     frame_id: str = ''
-    _parts: list[_Part] = field(default_factory=list)
+    stamps: GrowingArray = field(default_factory=lambda: GrowingArray(np.int64))
+    values: GrowingArray = field(default_factory=lambda: GrowingArray(np.float64))
+    log_times: GrowingArray = field(default_factory=lambda: GrowingArray(np.int64))
     _spans: list[NDArray[np.float64]] = field(default_factory=list)
-    _long: tuple[GrowingArray, GrowingArray, GrowingArray] | None = None
 
     def add(self, readings: Readings, log_times: NDArray[np.int64]) -> None:
         """Add the content of a block."""
@@ -63,100 +62,19 @@ class ScannedTopic:
             spans = spans[:1].copy()
         if not self._spans or not np.array_equal(spans[:1], self._spans[-1], equal_nan=True):
             self._spans.append(spans)
-        self._parts.append(_Part(
-            _narrow(readings.stamps), _single(readings.values), _narrow(log_times)))
-        if sum(len(part.values) for part in self._parts) > LONG:
-            self._put_aside()
-
-    def _put_aside(self) -> None:
-        """Move the samples in memory to scratch files."""
-        self._long = self._long or (
-            GrowingArray(np.int64), GrowingArray(np.float64), GrowingArray(np.int64))
-        stamps, values, log_times = self._long
-        for part in self._parts:
-            stamps.append(_joined([part.stamps]))
-            values.append(part.values)
-            log_times.append(_joined([part.log_times]))
-        self._parts.clear()
+        self.stamps.append(readings.stamps)
+        self.values.append(readings.values)
+        self.log_times.append(log_times)
 
     def release(self) -> None:
         """Drop the readings after another object has them."""
-        self._parts.clear()
-        self._long = None
-
-    @property
-    def stamps(self) -> NDArray[np.int64]:
-        if self._long is None:
-            return _joined([part.stamps for part in self._parts])
-        self._put_aside()
-        return self._long[0].array()
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        if self._long is not None:
-            self._put_aside()
-            return self._long[1].array()
-        found = np.empty(sum(len(part.values) for part in self._parts))
-        place = 0
-        for part in self._parts:
-            found[place:place + len(part.values)] = part.values
-            place += len(part.values)
-        return found
+        for array in (self.stamps, self.values, self.log_times):
+            array.clear()
 
     @property
     def spans(self) -> NDArray[np.float64]:
+        """The ends of the sensor's range [m] as they change, (K, 2), or (K, 0) without."""
         return np.concatenate(self._spans) if self._spans else np.empty((0, 2))
-
-    @property
-    def log_times(self) -> NDArray[np.int64]:
-        if self._long is None:
-            return _joined([part.log_times for part in self._parts])
-        self._put_aside()
-        return self._long[2].array()
-
-
-@dataclass(frozen=True)
-class _Part:
-    """Messages of one block, each number in its narrowest type: the memory of a long record."""
-
-    stamps: _Times
-    values: NDArray[np.float64] | NDArray[np.float32]
-    log_times: _Times
-
-
-class _Times(NamedTuple):
-    """Times (N,) [ns] as distances from the first of them."""
-
-    first: int
-    since: NDArray[np.int64] | NDArray[np.int32]
-
-
-def _narrow(times: NDArray[np.int64]) -> _Times:
-    """Times within two seconds of the first as 32-bit distances, others unchanged."""
-    if not len(times):
-        return _Times(0, times)
-    since = times - times[0]
-    limit = np.iinfo(np.int32).max
-    if -limit <= since.min() and since.max() <= limit:
-        return _Times(int(times[0]), since.astype(np.int32))
-    return _Times(0, times)
-
-
-def _single(values: NDArray[np.float64]) -> NDArray[np.float64] | NDArray[np.float32]:
-    """Values in single precision if all of them are exactly that, as those of a Range are."""
-    with np.errstate(over='ignore'):
-        single = values.astype(np.float32)
-    return single if np.array_equal(single, values, equal_nan=True) else values
-
-
-def _joined(parts: Sequence[_Times]) -> NDArray[np.int64]:
-    found = np.empty(sum(len(part.since) for part in parts), np.int64)
-    place = 0
-    for part in parts:
-        found[place:place + len(part.since)] = part.since
-        found[place:place + len(part.since)] += part.first
-        place += len(part.since)
-    return found
 
 
 @dataclass
@@ -200,8 +118,8 @@ class Scan:
     @property
     def readable_part(self) -> str:
         """Readable part of a damaged bag, in words."""
-        stamps = [topic.stamps for name, topic in self.topics.items() if name in RIG_TOPICS]
-        stamps = [of_topic for of_topic in stamps if len(of_topic)]
+        stamps = [topic.stamps.array() for name, topic in self.topics.items()
+                  if name in RIG_TOPICS and len(topic.stamps)]
         if not stamps:
             return 'nothing before that is readable'
         ends = [extremes(of_topic) for of_topic in stamps]

@@ -170,30 +170,26 @@ def _stamps(found: _Findings, topic: RigTopic, one: HeardTopic, rate: float | No
                     f'{back} stamps go back: publish samples in the order of their '
                     'measurement')
         return
-    _rates(found, topic, one, rate)
-    if abs(one.delay) > CLOCK_LIMIT:
-        side = 'behind' if one.delay > 0.0 else 'ahead of'
-        found.fault('other_clock', topic.name,
-                    f'stamps are {abs(one.delay):.3g} s {side} the clock of this '
-                    'machine: synchronise the clocks (chrony, PTP), or stamp in UTC')
-
-
-def _rates(found: _Findings, topic: RigTopic, one: HeardTopic, wanted: float | None) -> None:
     gaps = gap_mask(one.stamps)
     if gaps.any():
         longest = float(np.diff(one.stamps)[gaps].max()) / 1e9
         found.fault('gaps', topic.name,
                     f'{int(gaps.sum())} gaps in the stamps, longest {longest:.3g} s: '
                     'samples are lost in the driver or on the way (best effort on a busy network)')
-    if wanted is not None and abs(one.rate / wanted - 1.0) > RATE_TOLERANCE:
+    if rate is not None and abs(one.rate / rate - 1.0) > RATE_TOLERANCE:
         found.fault('other_rate', topic.name,
-                    f'comes at {one.rate:.4g} Hz, and {wanted:g} Hz is required')
+                    f'comes at {one.rate:.4g} Hz, and {rate:g} Hz is required')
     arrived = float(one.arrivals[-1] - one.arrivals[0])
     stamped = float(one.stamps[-1] - one.stamps[0])
     if not gaps.any() and arrived > 1e9 and abs(stamped / arrived - 1.0) > RATE_TOLERANCE:
         found.fault('stamps_no_times', topic.name,
                     f'stamps advance by {stamped / 1e9:.3g} s in '
                     f'{arrived / 1e9:.3g} s: the stamps are not times, or the driver falls behind')
+    if abs(one.delay) > CLOCK_LIMIT:
+        side = 'behind' if one.delay > 0.0 else 'ahead of'
+        found.fault('other_clock', topic.name,
+                    f'stamps are {abs(one.delay):.3g} s {side} the clock of this '
+                    'machine: synchronise the clocks (chrony, PTP), or stamp in UTC')
 
 
 def _values(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> None:

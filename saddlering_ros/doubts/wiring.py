@@ -87,7 +87,7 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
              if (finding := _stuck(rig, probe, load, gaps[probe])) is not None}
     increments = gap_increment(rig.probes, gaps, gaps[:, 0])
     around = load - load.mean()
-    slope = (increments @ around) / float(around @ around)
+    slope = (increments * around).sum(axis=1) / float((around ** 2).sum())
     span = float(np.ptp(load))
     response = _Response(slope, np.abs(slope) * span, span)
     expected = _expected(rig, elevation)

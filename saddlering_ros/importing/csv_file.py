@@ -177,7 +177,20 @@ class CsvSource(Source):
     def __init__(self, path: Path, shape: Mapping[str, Any]) -> None:
         super().__init__(path)
         self.shape, self._rows = shape_of(path, shape)
-        self._columns = self._find_columns()
+        first = self._rows[self.shape.first_line - 1:]
+        if not first:
+            raise ImportingError(f'{self.path}: has no data from line {self.shape.first_line} on')
+        width = max(set(map(len, first)), key=[len(row) for row in first].count)
+        names, units = self._headings(width)
+        columns = []
+        for index, (name, unit) in enumerate(zip(names, units, strict=True)):
+            cells = [row[index] for row in first if len(row) == width]
+            kind = NUMBER if self._is_numeric(cells) else TEXT
+            plain = _BRACKETED.match(name)
+            others = (plain[1],) if plain and plain[1] else ()
+            columns.append(Column(name, unit, None, kind, tuple(cells[:3]),
+                                  others=(*others, f'#{index + 1}')))
+        self._columns = tuple(columns)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -214,22 +227,6 @@ class CsvSource(Source):
         return _texts(self._plain(name, texts, self.shape.first_line + first))
 
     # -- the file ------------------------------------------------------------------------------
-
-    def _find_columns(self) -> tuple[Column, ...]:
-        first = self._rows[self.shape.first_line - 1:]
-        if not first:
-            raise ImportingError(f'{self.path}: has no data from line {self.shape.first_line} on')
-        width = max(set(map(len, first)), key=[len(row) for row in first].count)
-        names, units = self._headings(width)
-        columns = []
-        for index, (name, unit) in enumerate(zip(names, units, strict=True)):
-            cells = [row[index] for row in first if len(row) == width]
-            kind = NUMBER if self._is_numeric(cells) else TEXT
-            plain = _BRACKETED.match(name)
-            others = (plain[1],) if plain and plain[1] else ()
-            columns.append(Column(name, unit, None, kind, tuple(cells[:3]),
-                                  others=(*others, f'#{index + 1}')))
-        return tuple(columns)
 
     def _is_numeric(self, cells: Sequence[str]) -> bool:
         filled = [cell for cell in cells if cell.strip()]

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.monitoring.detector import Alarm, BlockWatch
+from saddlering_ros.monitoring.detector import BlockWatch
 from saddlering_ros.monitoring.noise import (
     assumed_noise,
     MonitoringError,
@@ -295,47 +295,32 @@ class Monitor:
         self._clear_block()
         self.blocks += 1
         self.seconds += self.rest.block
-        self._check_channels(mean)
-        index = self._history.add(self._block_began, mean)
-        if self.alarm is not None:
-            self._refine(index)
-            return
-        found = self._watch.step(mean[:-1], self.materiality)
-        self._check_noise()
-        if found is not None:
-            self._raise(found, index, self.rest.block)
-
-    def _check_channels(self, mean: Array) -> None:
         known = tuple(math.isfinite(value) for value in mean[:-1])
         if known != self._known:
             self._known = known
             lost = [name for name, is_known in zip(CHANNELS, known, strict=True) if not is_known]
             self._lapse(f'{" and ".join(lost)} not known, and not watched' if lost
                         else 'all channels are known again')
-
-    def _check_noise(self) -> None:
-        assert self._watch is not None
+        index = self._history.add(self._block_began, mean)
+        if self.alarm is not None:
+            # Take size and first guess anew from the readings since the alarm.
+            if self._onset is not None and index >= self._refine_at:
+                self._refine_at = index + max(round(REFINE_AFTER / self.rest.block),
+                                              round(REFINE_GROWTH * (index - self._raised_at)))
+                self.alarm = self._described(self.alarm)
+                self.changes += 1
+            return
+        found = self._watch.step(mean[:-1], self.materiality)
         grew = self._watch.noise_grew
         if grew and not self._noise_grew:
             self._lapse('the noise is far larger than it was at rest: the rate of false alarms is '
                         'not sure')
         self._noise_grew = grew
-
-    def _raise(self, found: Alarm, index: int, block: float) -> None:
-        self._onset = (found.channel, index - (found.block - found.since))
-        self.alarm = self._described(
-            Raised(CHANNELS[found.channel], self.stamp, 0, 0.0, found.evidence, ''))
-        self._raised_at, self._refine_at = index, index + round(REFINE_AFTER / block)
-        self.changes += 1
-
-    def _refine(self, index: int) -> None:
-        """Take size and first guess anew from the readings since the alarm."""
-        if self._onset is not None and index >= self._refine_at:
-            assert self.alarm is not None
-            assert self.rest is not None
-            self._refine_at = index + max(round(REFINE_AFTER / self.rest.block),
-                                          round(REFINE_GROWTH * (index - self._raised_at)))
-            self.alarm = self._described(self.alarm)
+        if found is not None:
+            self._onset = (found.channel, index - (found.block - found.since))
+            self.alarm = self._described(
+                Raised(CHANNELS[found.channel], self.stamp, 0, 0.0, found.evidence, ''))
+            self._raised_at, self._refine_at = index, index + round(REFINE_AFTER / self.rest.block)
             self.changes += 1
 
     def _described(self, alarm: Raised) -> Raised:

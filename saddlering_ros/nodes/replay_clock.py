@@ -227,7 +227,10 @@ class ReplayClockNode(BagNode):
         behind = group.behind(self._time)
         self._waiting_for = behind
         if behind and now - self._advanced > self.settings['timeout']:
-            self._give_up_on(behind)
+            self._timeouts += 1
+            self.get_logger().error(
+                f'no longer waits for {"; ".join(behind)} (after {self.settings["timeout"]:g} s)')
+            self._group.excused |= {reason.partition(':')[0] for reason in behind}
             return
         if behind:
             return
@@ -240,12 +243,6 @@ class ReplayClockNode(BagNode):
         if self._rate and now - self._advanced < window / (self._rate * SECOND):
             return
         self._advance(window, now)
-
-    def _give_up_on(self, behind: list[str]) -> None:
-        self._timeouts += 1
-        self.get_logger().error(
-            f'no longer waits for {"; ".join(behind)} (after {self.settings["timeout"]:g} s)')
-        self._group.excused |= {reason.partition(':')[0] for reason in behind}
 
     def _readmit(self) -> None:
         """Wait again for nodes that had fallen behind, once they are in step."""

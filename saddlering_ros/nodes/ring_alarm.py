@@ -169,7 +169,20 @@ class RingAlarmNode(StreamingNode):
         """Look for missing streams; repeat the limit."""
         if now - self._looked >= LOOK:
             self._looked = now
-            self._seek(now)
+            # While blind, hear what comes of both displacements, so that the missing one is named.
+            if self._lacks in (NO_RESIDUAL, NO_CHANNEL):
+                self._sought_at = now
+                for topic in (DISPLACEMENT, SIMULATED):
+                    if topic not in self._upstream:
+                        flow = RawSubscription(self, topic, RingDisplacement, depth=1,
+                                               reliability='best_effort')
+                        self._upstream[topic] = flow, now
+            elif self._upstream and now - self._sought_at > SOUGHT_FOR:
+                for flow, _ in self._upstream.values():
+                    flow.close()
+                self._upstream = {}
+            for topic, (flow, heard) in self._upstream.items():
+                self._upstream[topic] = flow, now if flow.take() else heard
             self._tell_state()
         if now - self._beaten >= HEARTBEAT:
             self._beaten = now
@@ -197,22 +210,6 @@ class RingAlarmNode(StreamingNode):
     def _within_limits(self) -> bool:
         return (not self._lacks and self._stream.knows_parameters
                 and self._state() not in (ALARM, BLIND))
-
-    def _seek(self, now: float) -> None:
-        """While blind, hear what comes of both displacements, so that the missing one is named."""
-        if self._lacks in (NO_RESIDUAL, NO_CHANNEL):
-            self._sought_at = now
-            for topic in (DISPLACEMENT, SIMULATED):
-                if topic not in self._upstream:
-                    flow = RawSubscription(self, topic, RingDisplacement, depth=1,
-                                           reliability='best_effort')
-                    self._upstream[topic] = flow, now
-        elif self._upstream and now - self._sought_at > SOUGHT_FOR:
-            for flow, _ in self._upstream.values():
-                flow.close()
-            self._upstream = {}
-        for topic, (flow, heard) in self._upstream.items():
-            self._upstream[topic] = flow, now if flow.take() else heard
 
     def _missing(self) -> list[str]:
         """Full names of the topics that are missing or late."""

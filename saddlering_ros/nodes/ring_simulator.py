@@ -152,7 +152,11 @@ class RingSimulatorNode(StreamingNode):
         self._started_with = self._elevation_of_bag()
         self._take_elevation()
         self._make(self._in_force)
-        self._warm_up()
+        # Load the compiled kernels before the first sample needs them.
+        from saddlering_ros.ring import simulate
+        times = [0.001 * step for step in range(10)]
+        simulate(self._rig, self._in_force or ParameterSet(TRUE_TO_SCALE), self._elevation, times,
+                 [self._rig.preload] * 10)
         self._tell_in_force(self._in_force)
         self._stream_task = StreamTask(LOAD_TOPIC)
         self._failed_steps = 0
@@ -243,13 +247,6 @@ class RingSimulatorNode(StreamingNode):
         message.elevation, message.rig_hash = self._elevation, self._agreement.digest
         self._teller.publish(message)
         self._in_force_message, self._expected = message, None
-
-    def _warm_up(self) -> None:
-        """Load the compiled kernels before the first sample needs them."""
-        from saddlering_ros.ring import simulate
-        times = [0.001 * step for step in range(10)]
-        simulate(self._rig, self._in_force or ParameterSet(TRUE_TO_SCALE), self._elevation, times,
-                 [self._rig.preload] * 10)
 
     def process_batch(self) -> None:
         """One batch: loads in, states out."""

@@ -45,9 +45,9 @@ SPARE = 1024
 KEPT = 256
 """Samples of a probe that are kept before those that no later stamp needs are discarded."""
 
-STRETCH = 1 << 14
-"""Load samples of a record that are pushed together: their arrays fit into the processor's cache.
-100 000 rows take 14 ms by stretches, and 34 ms at once."""
+STRETCH = 1 << 13
+"""Load samples of a record that are pushed together: their arrays fit into the processor's cache,
+and they are too few for threads of BLAS, which took a third of the time in which a bag is read."""
 
 SERVED, ABSENT, SILENT, WAITS, IN_GAP, BEFORE = range(6)
 """What a probe answers at a load stamp. The largest answer of all probes decides on the row."""

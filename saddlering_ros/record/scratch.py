@@ -86,6 +86,11 @@ class GrowingArray:
 
     def __init__(self, dtype: DTypeLike) -> None:
         self._dtype = np.dtype(dtype)
+        self.clear()
+
+    def clear(self) -> None:
+        """Drop all numbers."""
+        self._parts: list[NDArray[Any]] = []
         self._file: BinaryIO | None = None
         self._count = 0
 
@@ -94,20 +99,27 @@ class GrowingArray:
 
     def append(self, values: NDArray[Any]) -> None:
         """Add numbers at the end; BagError if the disk is full."""
+        if len(values):
+            self._parts.append(np.ascontiguousarray(values, self._dtype))
+            self._count += len(values)
+        if self._count <= LONG:
+            return
         self._file = self._file or scratch_file()
-        data = np.ascontiguousarray(values, self._dtype).data.cast('B')
         try:
-            while data:
-                data = data[self._file.write(data):]
+            for part in self._parts:
+                data = part.data.cast('B')
+                while data:
+                    data = data[self._file.write(data):]
         except OSError as problem:
             raise no_room(problem) from problem
-        self._count += len(values)
+        self._parts.clear()
 
     def array(self) -> NDArray[Any]:
-        """All of them, mapped."""
-        if self._file is None:
-            return np.empty(0, self._dtype)
-        return _mapped(self._file, (self._count,), self._dtype)
+        """All of them; those of a file are mapped."""
+        if self._file is not None:
+            return _mapped(self._file, (self._count,), self._dtype)
+        self._parts = [np.concatenate([np.empty(0, self._dtype), *self._parts])]
+        return self._parts[0]
 
 
 def blocks(count: int, *arrays: NDArray[Any], size: int = BLOCK) -> Iterator[slice]:

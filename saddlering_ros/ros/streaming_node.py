@@ -337,7 +337,15 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         print(_one_line(str(problem)), file=sys.stderr)
         return UNUSABLE
     finally:
-        _clean_up(node)
+        # Destroy the node and the context; a second Ctrl-C must not interrupt this.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with contextlib.suppress(ValueError):
+                signal.signal(number, signal.SIG_IGN)
+        if node is not None:
+            with contextlib.suppress(Exception):
+                node.destroy_node()
+        with contextlib.suppress(Exception):
+            rclpy.try_shutdown()
 
 
 def keep_out_of_collections() -> None:
@@ -362,25 +370,9 @@ def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
     nothing is lost, and other participants forget this one after its lease.
     """
     gc.disable()  # an automatic collection could reach the middleware before the handlers are set
-    handler = _abandon_middleware(status, longest)
-    gc.unfreeze()
-    gc.collect()  # the node leaves the network
-    atexit._run_exitfuncs()
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):
-            stream.flush()
-    del handler
-    os._exit(status)
-
-
-def _abandon_middleware(status: int, longest: float) -> object:
-    """End with `status` at a crash of this process from now on, or after `longest` seconds.
-
-    Returns the handler, which must be kept until then.
-
-    The handlers are those of the C runtime: the middleware may keep the interpreter while it
-    hangs, and Python would run its own handlers only after that.
-    """
+    # End with `status` at a crash of this process from now on, or after `longest` seconds. The
+    # handler is one of the C runtime: the middleware may keep the interpreter while it hangs, and
+    # Python would run its own handlers only after that.
     def end(_number: int) -> None:
         os._exit(status)
 
@@ -391,19 +383,14 @@ def _abandon_middleware(status: int, longest: float) -> object:
     for number in (signal.SIGALRM, signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS):
         set_handler(number, handler)
     signal.setitimer(signal.ITIMER_REAL, longest)
-    return handler
-
-
-def _clean_up(node: Node | None) -> None:
-    """Destroy the node and the context; a second Ctrl-C must not interrupt this."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        with contextlib.suppress(ValueError):
-            signal.signal(number, signal.SIG_IGN)
-    if node is not None:
-        with contextlib.suppress(Exception):
-            node.destroy_node()
-    with contextlib.suppress(Exception):
-        rclpy.try_shutdown()
+    gc.unfreeze()
+    gc.collect()  # the node leaves the network
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    del handler
+    os._exit(status)
 
 
 def _is_usage(problem: Exception) -> bool:
