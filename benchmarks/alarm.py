@@ -25,31 +25,24 @@ from rigs import NO_SCATTER, RIG
 from scipy.signal import lfilter
 
 from saddlering_ros.bags import read_run
-from saddlering_ros.monitoring import (
-    assumed_noise,
+from saddlering_ros.monitoring.detector import (
     BlockNoise,
     ChannelInnovations,
     Detector,
-    least_wander,
-    materiality,
-    Monitor,
-    MonitorSettings,
-    Sample,
+    MAX_BEYOND,
+    SINCE_ZERO,
+    SIZES,
     threshold_of,
-    watch,
+    wander_limit,
 )
-from saddlering_ros.monitoring.detector import MAX_BEYOND, SINCE_ZERO, SIZES, wander_limit
+from saddlering_ros.monitoring.monitor import Monitor, MonitorSettings, Sample, watch
+from saddlering_ros.monitoring.noise import assumed_noise, least_wander, materiality
 from saddlering_ros.monitoring.stream import residual_samples
 from saddlering_ros.record.residual import residual_stretches
 from saddlering_ros.rig import ParameterSet
-from saddlering_ros.virtual_rig import (
-    dynamic_schedule,
-    PhysicalRig,
-    record_test,
-    static_schedule,
-    TestPlan,
-    write_record,
-)
+from saddlering_ros.virtual_rig.physics import PhysicalRig
+from saddlering_ros.virtual_rig.recording import record_test, TestPlan, write_record
+from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 BLOCK = 0.02
 CHANNELS = 3

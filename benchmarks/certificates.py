@@ -36,7 +36,8 @@ from saddlering_ros.identification import Identification, IdentificationSettings
 from saddlering_ros.record import Record
 from saddlering_ros.rig import ContactParameters, Instruments, PARAMETER_NAMES, Rig, TRUE_TO_SCALE
 from saddlering_ros.ring.roller_scatter import GAP_SCATTER, STIFFNESS_SCATTER
-from saddlering_ros.virtual_rig import request, Scatter
+from saddlering_ros.virtual_rig.effects import request
+from saddlering_ros.virtual_rig.integrator import Scatter
 
 STATED = Instruments(
     load_gain=1e-3, load_offset=30.0, load_nonlinearity=3e-4, elevation=2e-4,

@@ -22,7 +22,7 @@ from rigs import drawn_contact, NO_SCATTER, RIG, virtual_run
 from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.identification import IdentificationSettings, identify, validate
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet
-from saddlering_ros.virtual_rig import Scatter
+from saddlering_ros.virtual_rig.integrator import Scatter
 
 Array = NDArray[np.float64]
 LOGARITHMIC = np.array([name[0] in 'KD' for name in PARAMETER_NAMES])

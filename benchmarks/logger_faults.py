@@ -36,13 +36,9 @@ from saddlering_ros.record import (
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig import (
-    dynamic_schedule,
-    PhysicalRig,
-    record_test,
-    static_schedule,
-    TestPlan,
-)
+from saddlering_ros.virtual_rig.physics import PhysicalRig
+from saddlering_ros.virtual_rig.recording import record_test, TestPlan
+from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 Topics = dict[str, RawTopic]
 ELEVATION = 50.0

@@ -22,15 +22,10 @@ from saddlering_ros.doubts.reading import run_of_record
 from saddlering_ros.record import RawRecord
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.rig import ContactParameters, FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig import (
-    dynamic_schedule,
-    Instruments,
-    PhysicalRig,
-    record_test,
-    Scatter,
-    static_schedule,
-    TestPlan,
-)
+from saddlering_ros.virtual_rig.integrator import Scatter
+from saddlering_ros.virtual_rig.physics import PhysicalRig
+from saddlering_ros.virtual_rig.recording import Instruments, record_test, TestPlan
+from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from saddlering_ros.api import inputs
 from saddlering_ros.api.inputs import BagLike, for_fits, inputs_of, RigLike
 from saddlering_ros.api.results import Plot, Result
 from saddlering_ros.comparison import Change, compare_records
-from saddlering_ros.doubts import refuse_repeats
+from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.progress import IsCancelled, OnProgress
 
 

@@ -16,7 +16,11 @@ import numpy as np
 
 from saddlering_ros.bags import read_run
 from saddlering_ros.bags.samples import displacement_columns
-from saddlering_ros.doubts import refuse_other_rig, refuse_parameters_of_other_rig, refuse_repeats
+from saddlering_ros.doubts.comparison import (
+    refuse_other_rig,
+    refuse_parameters_of_other_rig,
+    refuse_repeats,
+)
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Origin, whole_file
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress

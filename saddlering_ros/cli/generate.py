@@ -7,11 +7,12 @@ from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli._arguments import add_json_option, add_rig_option, file_read, file_written
 from saddlering_ros.cli._terminal import tell_json
-from saddlering_ros.errors import plain_number
+from saddlering_ros.errors import plain_number, VirtualRigError
 
 if TYPE_CHECKING:
     from saddlering_ros.rig import ContactParameters, Rig
-    from saddlering_ros.virtual_rig import Schedule, TestPlan
+    from saddlering_ros.virtual_rig.recording import TestPlan
+    from saddlering_ros.virtual_rig.schedule import Schedule
 
 
 EXAMPLES = (
@@ -82,7 +83,7 @@ def add_parser(subparsers: Any) -> None:
 
 def _effects(**_: object) -> list[str]:
     """Completions that the shell offers after --effect."""
-    from saddlering_ros.virtual_rig import EFFECTS
+    from saddlering_ros.virtual_rig.effects import EFFECTS
 
     return [f'{name}=' for name in sorted(EFFECTS)]
 
@@ -90,12 +91,8 @@ def _effects(**_: object) -> list[str]:
 def run(args: argparse.Namespace) -> int:
     """Generate one bag and print its content."""
     from saddlering_ros.rig import load_rig
-    from saddlering_ros.virtual_rig import (
-        parse_requests,
-        record_test,
-        VirtualRigError,
-        write_record,
-    )
+    from saddlering_ros.virtual_rig.effects import parse_requests
+    from saddlering_ros.virtual_rig.recording import record_test, write_record
 
     if args.list_effects:
         print(effects_text(load_rig(args.rig)))
@@ -123,14 +120,10 @@ def _plan(args: argparse.Namespace) -> TestPlan:
     import math
 
     from saddlering_ros.rig import FULL_SCALE_LOAD, load_rig
-    from saddlering_ros.virtual_rig import (
-        Instruments,
-        parse_requests,
-        PhysicalRig,
-        Scatter,
-        TestPlan,
-        VirtualRigError,
-    )
+    from saddlering_ros.virtual_rig.effects import parse_requests
+    from saddlering_ros.virtual_rig.integrator import Scatter
+    from saddlering_ros.virtual_rig.physics import PhysicalRig
+    from saddlering_ros.virtual_rig.recording import Instruments, TestPlan
 
     if not -10.0 <= args.elevation <= 90.0:
         raise VirtualRigError(f'elevation is {args.elevation:g}: give degrees from -10 to 90')
@@ -157,7 +150,7 @@ def _plan(args: argparse.Namespace) -> TestPlan:
 
 def _schedule(args: argparse.Namespace, rig: Rig) -> Schedule:
     from saddlering_ros.rig import FORCE_UNITS
-    from saddlering_ros.virtual_rig import dynamic_schedule, static_schedule, VirtualRigError
+    from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
     static = args.test == 'static'
     for name in ('duration', 'speed') if static else ('load_step',):
@@ -183,7 +176,6 @@ def _contact(args: argparse.Namespace) -> ContactParameters:
         read_parameters,
         TRUE_TO_SCALE,
     )
-    from saddlering_ros.virtual_rig import VirtualRigError
 
     contact = TRUE_TO_SCALE if args.params is None else read_parameters(args.params).contact
     values = asdict(contact)
@@ -201,7 +193,7 @@ def _contact(args: argparse.Namespace) -> ContactParameters:
 
 def effects_text(rig: Rig) -> str:
     """All effects with their parameters (main one first), plausible sizes on a rig, and forms."""
-    from saddlering_ros.virtual_rig import EFFECTS
+    from saddlering_ros.virtual_rig.effects import EFFECTS
 
     lines = []
     for name, effect in sorted(EFFECTS.items()):

@@ -102,7 +102,7 @@ def contradictions(
 
 
 def _print(rig: Rig, written: list[Path], found: dict[str, list[str]]) -> None:
-    from saddlering_ros.doubts import rig_in_words
+    from saddlering_ros.doubts.comparison import rig_in_words
 
     print(f'rig: {rig_in_words(rig)}')
     for path in written:

@@ -10,7 +10,7 @@ from saddlering_ros.cli._terminal import Bar, tell_json
 
 if TYPE_CHECKING:
 
-    from saddlering_ros.monitoring import Monitor
+    from saddlering_ros.monitoring.monitor import Monitor
     from saddlering_ros.record import Record
     from saddlering_ros.rig import ParameterSet, Rig
 
@@ -64,13 +64,8 @@ def _watch_bag(
     """The result for one bag: its part of the document, and its text."""
     import numpy as np
 
-    from saddlering_ros.monitoring import (
-        least_wander,
-        materiality,
-        Monitor,
-        MonitorSettings,
-        watch,
-    )
+    from saddlering_ros.monitoring.monitor import Monitor, MonitorSettings, watch
+    from saddlering_ros.monitoring.noise import least_wander, materiality
     from saddlering_ros.monitoring.stream import residual_samples
     from saddlering_ros.record.residual import residual_stretches
 
@@ -95,7 +90,7 @@ def _watch_bag(
 
 def _check_watched(monitor: Monitor, run: Record) -> None:
     """MonitoringError if the record does not show its noise before the load moves."""
-    from saddlering_ros.monitoring import MonitoringError
+    from saddlering_ros.monitoring.noise import MonitoringError
 
     if monitor.rest is None:
         raise MonitoringError(f'{run.path}: the load never rests and then moves, so the noise is '

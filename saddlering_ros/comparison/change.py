@@ -47,7 +47,7 @@ from saddlering_ros.discrepancy import (
     space_beside_error,
     tangent,
 )
-from saddlering_ros.doubts import refuse_repeats
+from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import identify

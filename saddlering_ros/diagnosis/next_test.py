@@ -29,7 +29,7 @@ from saddlering_ros.discrepancy import (
     RunBlocks,
     Separation,
 )
-from saddlering_ros.doubts import rig_in_words
+from saddlering_ros.doubts.comparison import rig_in_words
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import RIG_TESTS, RigTest, UNCLEAR
 from saddlering_ros.quantities import is_left, MATERIAL

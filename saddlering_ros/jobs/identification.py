@@ -39,7 +39,7 @@ def run(request: IdentificationRequest, on_progress: OnProgress) -> Identificati
     """Identify, and validate on the held-out bags (on all bags if there are none)."""
     from saddlering_ros.api.functions import identify, validate
     from saddlering_ros.api.inputs import inputs_of, runs_of
-    from saddlering_ros.doubts import refuse_repeats
+    from saddlering_ros.doubts.comparison import refuse_repeats
 
     rig = request.rig
     given = inputs_of(request.bags, hold_out=request.validation_bags, rig=rig,

@@ -7,7 +7,7 @@ must not look like a sound ring.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from saddlering_ros.monitoring.monitor import Monitor, MonitorSettings, Sample
 from saddlering_ros.monitoring.noise import least_wander, materiality
-from saddlering_ros.record.alignment import JITTER_NS
 from saddlering_ros.record.samples import (
     Displacements,
+    JITTER_NS,
     join,
     no_displacements,
-    pick,
     Samples,
     SECOND,
 )
@@ -42,10 +41,6 @@ class AlarmCounters:
 
     without_load: int = 0
     overflow: int = 0
-
-    def as_dict(self) -> dict[str, int]:
-        """Every counter by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 class AlarmStream:
@@ -99,9 +94,9 @@ class AlarmStream:
         found = self._stamps[inside] == batch.stamps
         due = found | (batch.stamps < self._stamps[-1])
         self.counters.without_load += int((due & ~found).sum())
-        for sample in residual_samples(pick(batch, found), self._loads[inside[found]]):
+        for sample in residual_samples(batch.pick(found), self._loads[inside[found]]):
             self.monitor.step(sample)
-        self._residual = pick(batch, np.flatnonzero(~due))
+        self._residual = batch.pick(np.flatnonzero(~due))
         if found.any():
             until = int(batch.stamps[found].max())
             after = int(np.searchsorted(self._stamps, until, side='right'))
@@ -126,7 +121,7 @@ class AlarmStream:
             together = join([self._residual, residual]) if len(self._residual) else residual
             surplus = max(0, len(together) - MAX_WAITING)
             self.counters.overflow += surplus
-            self._residual = pick(together, np.arange(surplus, len(together)))
+            self._residual = together.pick(np.arange(surplus, len(together)))
 
 
 def residual_samples(batch: Displacements, loads: NDArray[np.float64]) -> Iterator[Sample]:

@@ -13,8 +13,13 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, RingParameters
 from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.monitoring import ALARM, MonitorSettings, WAITING
-from saddlering_ros.monitoring.monitor import alarm_words, state_words
+from saddlering_ros.monitoring.monitor import (
+    ALARM,
+    alarm_words,
+    MonitorSettings,
+    state_words,
+    WAITING,
+)
 from saddlering_ros.monitoring.noise import DEFAULT_PERCENT
 from saddlering_ros.monitoring.stream import (
     AlarmStream,
@@ -308,7 +313,7 @@ class RingAlarmNode(StreamingNode):
                           f'{self.settings["false_alarm_hours"]:g} h of testing', figures)
 
     def _events(self) -> dict[str, int]:
-        return {**self._stream.counters.as_dict(),
+        return {**vars(self._stream.counters),
                 'malformed': sum(flow.malformed for flow in self.inputs)}
 
 

@@ -62,7 +62,7 @@ class RingResidualNode(StreamingNode):
         self.tasks = [*self._streams, FunctionTask('zero', self._zero_status),
                       FunctionTask('residual', self._residual_status),
                       self._agreement, SourcesTask(self.sources),
-                      Events(lambda: self._stream.counters.as_dict()), self._readiness]
+                      Events(lambda: vars(self._stream.counters)), self._readiness]
 
     def connect(self) -> None:
         """Subscribe to both displacements; publish their difference."""

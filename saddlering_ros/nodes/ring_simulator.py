@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement, RingExpected, RingParameters, ZeroRequest
 from saddlering_ros.bags.wire import encode_displacements
-from saddlering_ros.doubts import refuse_parameters_of_other_rig
+from saddlering_ros.doubts.comparison import refuse_parameters_of_other_rig
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring.expected import Expected, ExpectedMotion
 from saddlering_ros.nodes.ring_displacement import FLUSH_AFTER as GUARD_FLUSH_AFTER
@@ -380,7 +380,7 @@ class RingSimulatorNode(StreamingNode):
                           figures)
 
     def _events(self) -> dict[str, int]:
-        return {**self._stream.guard.counters.as_dict(), **self._stream.counters.as_dict(),
+        return {**vars(self._stream.guard.counters), **vars(self._stream.counters),
                 'malformed': sum(flow.malformed for flow in self.inputs)}
 
     def _zero_status(self) -> TaskStatus:

@@ -7,7 +7,7 @@ A stream in batches of any size (`Aligner`) and a whole record, which is one bat
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import zip_longest
 import math
 from typing import NamedTuple
@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.record.alignment import (
+from saddlering_ros.record.samples import (
+    AlignedRows,
     DEAD_AFTER_NS,
     Floats,
     GAP_HISTORY,
@@ -24,10 +25,10 @@ from saddlering_ros.record.alignment import (
     longer_hold,
     Mask,
     readings_at,
+    Samples,
     SILENT_AFTER_NS,
     Stamps,
 )
-from saddlering_ros.record.samples import AlignedRows, Samples
 from saddlering_ros.record.scratch import blocks, scratch_array, scratch_mask
 
 NEVER = 2**63 - 1
@@ -86,10 +87,6 @@ class AlignmentCounters:
     def dropped(self) -> int:
         """Number of load stamps without a row."""
         return self.before_probes + self.in_gap + self.timed_out + self.late_loads
-
-    def as_dict(self) -> dict[str, int]:
-        """Every counter by name, for diagnostics."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 class _Part(NamedTuple):
@@ -372,7 +369,7 @@ class Aligner:
             return []
         stamps = self._loads.stamps[:count]
         starts = self._run_starts(stamps)
-        gaps = readings_at(stamps, self._probes)
+        gaps = readings_at(stamps, [(probe.stamps, probe.values) for probe in self._probes])
         missing = np.isnan(gaps)
         given = published = np.ones(count, dtype=bool)
         if np.count_nonzero(missing):

@@ -16,19 +16,18 @@ from numpy.typing import NDArray
 
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.aligner import Aligner
-from saddlering_ros.record.alignment import DEAD_AFTER_NS
 from saddlering_ros.record.guard import GuardCounters, load_limits, probe_limits, SampleGuard
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.samples import (
     AlignedRows,
     ANY_TIME,
     Bits,
+    DEAD_AFTER_NS,
     Displacements,
     is_pause,
     is_published,
     join,
     no_displacements,
-    pick,
     Samples,
     SECOND,
     unknown,
@@ -105,7 +104,7 @@ def displacements(
         elevation * ones, validity, zero.duration * ones)
     if not np.count_nonzero(validity):  # the usual case
         return batch
-    return pick(batch, is_published(validity))
+    return batch.pick(is_published(validity))
 
 
 def _channels(found: Displacement) -> Floats:
@@ -263,8 +262,8 @@ class DisplacementStream:
 
     def events(self) -> dict[str, int]:
         """Counts of the guard and of the aligner by name; counts of both are added."""
-        counts = Counter(self.counters.as_dict())
-        counts.update(self.aligner.counters.as_dict())
+        counts = Counter(vars(self.counters))
+        counts.update(vars(self.aligner.counters))
         return {**counts, 'jumps_ahead': self.jumps_ahead}
 
     def push(

@@ -13,15 +13,24 @@ with the same input refuse the same samples.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.record import alignment
-from saddlering_ros.record.alignment import GAP_HISTORY
-from saddlering_ros.record.samples import Bits, BRIDGED, DOUBTFUL_LOAD, no_samples, Samples
+from saddlering_ros.record.samples import (
+    Bits,
+    BRIDGED,
+    DOUBTFUL_LOAD,
+    GAP_FLOOR_NS,
+    GAP_HISTORY,
+    gap_limit,
+    JITTER_NS,
+    LEAP_NS,
+    no_samples,
+    Samples,
+)
 from saddlering_ros.record.scratch import blocks, scratch_array
 from saddlering_ros.rig import Rig
 
@@ -97,14 +106,10 @@ class GuardCounters:
     leaps_of_reading: int = 0
     doubtful_load: int = 0
 
-    def as_dict(self) -> dict[str, int]:
-        """Every counter by name."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
-
     @property
     def refused(self) -> dict[str, int]:
         """The counters of refused samples by name, those above zero."""
-        return {name: count for name, count in self.as_dict().items()
+        return {name: count for name, count in vars(self).items()
                 if count and name != 'doubtful_load'}
 
 
@@ -255,7 +260,7 @@ class SampleGuard:
         longest = int(steps.max())
         if steps.min() <= 0:
             return False
-        if longest > alignment.GAP_FLOOR_NS and longest > alignment.gap_limit(list(self._steps)):
+        if longest > GAP_FLOOR_NS and longest > gap_limit(list(self._steps)):
             return False
         leap = self.limits.noise + self.limits.rate * 1e-9 * steps
         return bool((np.abs(np.diff(values)) <= leap).all())
@@ -322,9 +327,9 @@ class SampleGuard:
 
     def _follows(self, last: int, stamp: int) -> bool:
         step = stamp - last
-        if step <= alignment.GAP_FLOOR_NS:  # no gap, for any steps before
-            return step >= -alignment.JITTER_NS
-        return step <= alignment.gap_limit(list(self._steps))
+        if step <= GAP_FLOOR_NS:  # no gap, for any steps before
+            return step >= -JITTER_NS
+        return step <= gap_limit(list(self._steps))
 
     def _is_near(self, last: tuple[int, float], sample: tuple[int, float]) -> bool:
         elapsed = abs(sample[0] - last[0]) * 1e-9
@@ -333,7 +338,7 @@ class SampleGuard:
     def _has_overtaken(self, held: tuple[int, float], sample: tuple[int, float]) -> bool:
         """Whether the held sample was early by at most an ordinary gap."""
         return (self._goes_on(self._last, sample) and self._is_near(held, sample)
-                and 0 < held[0] - sample[0] <= alignment.gap_limit(list(self._steps)))
+                and 0 < held[0] - sample[0] <= gap_limit(list(self._steps)))
 
     def _between(self, held: tuple[int, float], sample: tuple[int, float]) -> bool:
         """Whether the held sample lies between the last sample and this one."""
@@ -354,13 +359,13 @@ class SampleGuard:
             self._changed = sample[0]
         if self._last is not None:
             step = sample[0] - self._last[0]
-            if step < -alignment.JITTER_NS:
+            if step < -JITTER_NS:
                 self._steps.clear()
                 self._bridges.clear()
                 self._doubtful = Steps()
                 self._refused_since = None
             elif step > 0:
-                if step > alignment.LEAP_NS:  # Another test begins.
+                if step > LEAP_NS:  # Another test begins.
                     self._doubtful.end(sample[0])
                 self._steps.append(step)
                 if self._refused_since is not None:
@@ -368,7 +373,7 @@ class SampleGuard:
                     del self._bridges[:-self._remembered]
                     self._refused_since = None
         if self._last is None or sample[0] > self._last[0] or (
-                sample[0] < self._last[0] - alignment.JITTER_NS):
+                sample[0] < self._last[0] - JITTER_NS):
             self._last = sample
         self._count_doubtful(1)
         return [sample]

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from saddlering_ros.record import samples
-from saddlering_ros.record.alignment import JITTER_NS
 from saddlering_ros.record.displacement import measured_rows, zero_of_run
 from saddlering_ros.record.record import Record
-from saddlering_ros.record.samples import Displacements, SECOND
+from saddlering_ros.record.samples import Displacements, JITTER_NS, SECOND
 from saddlering_ros.record.simulation import simulated_stretches
 from saddlering_ros.rig import ParameterSet, Rig, ZeroReading
 from saddlering_ros.rig.zeroing import MIN_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
@@ -42,10 +41,6 @@ class JoinCounters:
     elevation_differs: int = 0
     jumps: int = 0
 
-    def as_dict(self) -> dict[str, int]:
-        """Every counter by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
 
 class _Side:
     """Samples of one stream that wait for their partners, each stamp once."""
@@ -67,7 +62,7 @@ class _Side:
         together = samples.join([self.waiting, batch]) if len(self.waiting) else batch
         if len(together) > 1 and (np.diff(together.stamps) <= 0).any():
             _, first = np.unique(together.stamps, return_index=True)
-            together = samples.pick(together, first)
+            together = together.pick(first)
         self.waiting = together
         return jumped
 
@@ -75,7 +70,7 @@ class _Side:
         """Give up the oldest of more samples than may wait."""
         surplus = len(self.waiting) - MAX_WAITING
         if surplus > 0:
-            self.waiting = samples.pick(self.waiting, slice(surplus, None))
+            self.waiting = self.waiting.pick(slice(surplus, None))
             self.given_up += surplus
 
     def forget(self, used: np.ndarray, before: int) -> int:
@@ -87,7 +82,7 @@ class _Side:
         keep[used] = False
         old = keep & (self.waiting.stamps < before)
         keep &= ~old
-        self.waiting = samples.pick(self.waiting, np.flatnonzero(keep))
+        self.waiting = self.waiting.pick(np.flatnonzero(keep))
         given_up, self.given_up = self.given_up, 0
         return int(old.sum()) + given_up
 
@@ -139,7 +134,7 @@ class ResidualStream:
                                                  return_indices=True)
             if not len(stamps):
                 return samples.no_displacements()
-            measured, simulated = samples.pick(ours, mine), samples.pick(theirs, other)
+            measured, simulated = ours.pick(mine), theirs.pick(other)
         before = int(stamps[-1]) - KEEP_NS
         self.counters.measured_alone += self._measured.forget(mine, before)
         self.counters.simulated_alone += self._simulated.forget(other, before)
@@ -154,7 +149,7 @@ class ResidualStream:
             return measured, simulated
         self.counters.elevation_differs += int(differs.sum())
         rows = np.flatnonzero(~differs)
-        return samples.pick(measured, rows), samples.pick(simulated, rows)
+        return measured.pick(rows), simulated.pick(rows)
 
     def _subtract(self, measured: Displacements, simulated: Displacements) -> Displacements:
         if not len(measured):
@@ -168,11 +163,12 @@ class ResidualStream:
             return _difference(measured, simulated)
         bridged = self._bridged(measured, simulated, np.flatnonzero(~same))
         rows = np.flatnonzero(same)
-        direct = _difference(samples.pick(measured, rows), samples.pick(simulated, rows))
+        direct = _difference(measured.pick(rows), simulated.pick(rows))
         self.counters.zero_differs += len(same) - len(rows) - len(bridged)
         self.zeros_agree = bool(same[-1]) or bool(
             len(bridged) and bridged.stamps[-1] == measured.stamps[-1])
-        return samples.in_order(samples.join([batch for batch in (direct, bridged) if len(batch)]))
+        both = samples.join([batch for batch in (direct, bridged) if len(batch)])
+        return both.pick(np.argsort(both.stamps, kind='stable'))
 
     def _bridged(self, measured: Displacements, simulated: Displacements, rows: np.ndarray,
                  ) -> Displacements:
@@ -187,7 +183,7 @@ class ResidualStream:
             bridge = self._bridges.setdefault(
                 tuple(pair), _Bridge(max(pair), float(newer.zero_durations[mine[0]])))
             found.append(bridge.across(
-                samples.pick(measured, mine), samples.pick(simulated, mine)))
+                measured.pick(mine), simulated.pick(mine)))
         return samples.join([batch for batch in found if len(batch)])
 
 
@@ -215,10 +211,10 @@ class _Bridge:
         after = np.flatnonzero(older.stamps > self._until)
         if self._count < MIN_SAMPLES or not len(after):
             return samples.no_displacements()
-        result = _difference(samples.pick(measured, after), samples.pick(simulated, after))
+        result = _difference(measured.pick(after), simulated.pick(after))
         offset = (self._total / self._count)[:, None]
         channels = result.channels - offset if measured_is_older else result.channels + offset
-        zero = samples.pick(newer, after)
+        zero = newer.pick(after)
         return Displacements(result.stamps, channels, zero.zero_stamps, zero.zero_loads,
                              result.elevations, result.validity, zero.zero_durations)
 

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.record import samples
-from saddlering_ros.record.alignment import JITTER_NS, longer_hold
 from saddlering_ros.record.guard import load_limits, SampleGuard
 from saddlering_ros.record.record import Record
-from saddlering_ros.record.samples import Displacements, Samples
+from saddlering_ros.record.samples import Displacements, JITTER_NS, longer_hold, Samples
 from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.rig import CHANNELS, ParameterSet, probes_to_displacement, Rig, ZeroReading
 from saddlering_ros.ring import RingSimulator, SimulationError
@@ -35,10 +34,6 @@ class SimulationCounters:
     reordered: int = 0
     jumps: int = 0
     not_converged: int = 0
-
-    def as_dict(self) -> dict[str, int]:
-        """Every counter by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 class SimulationStream:
@@ -254,4 +249,4 @@ def _converged(run: Record, simulated: SimulatedRun) -> Displacements:
         np.full(count, run.elevation),
         np.zeros(count, np.uint8) if run.load_marks is None else run.load_marks[rows],
         np.full(count, (last - first) / samples.SECOND))
-    return samples.pick(batch, np.isfinite(channels).all(axis=0))
+    return batch.pick(np.isfinite(channels).all(axis=0))

@@ -19,8 +19,8 @@ from saddlering_interfaces.msg import (
     RingParameters,
 )
 from saddlering_ros.bags.wire import SECOND
-from saddlering_ros.monitoring import Monitor
 from saddlering_ros.monitoring.expected import Expected
+from saddlering_ros.monitoring.monitor import Monitor
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, ParameterSet, ParameterSource
 from saddlering_ros.rig.parameter_file import Effects
 from saddlering_ros.ros.names import LIVE_PAGE, NodeError

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 
 from saddlering_ros.record.aligner import aligned_record, Aligner
-from saddlering_ros.record.alignment import (
+from saddlering_ros.record.samples import (
     align,
+    AlignedRows,
     DEAD_AFTER_NS,
     gap_mask,
     JITTER_NS,
     LEAP_NS,
+    Samples,
     seconds_array,
 )
-from saddlering_ros.record.samples import AlignedRows, Samples
 
 EPOCH = 1_700_000_000_000_000_000
 MILLISECOND = 1_000_000

@@ -9,11 +9,11 @@ import numpy as np
 from pyarrow import parquet
 import pytest
 
-from saddlering_ros.bags import bag_info, read_run, scan
+from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.bags.samples import displacement_columns, write_samples
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.diagnosis.records import build_record
-from saddlering_ros.doubts import refuse_repeats
+from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import BagError
 from saddlering_ros.identification.prepared import prepare
 from saddlering_ros.record import (
@@ -38,7 +38,6 @@ def in_small_blocks(monkeypatch):
     """Arrays beyond a few samples lie in scratch files and are looked at in small blocks."""
     def use(long=100, block=64):
         monkeypatch.setattr(scratch, 'LONG', long)
-        monkeypatch.setattr(scan, 'LONG', long)
         monkeypatch.setitem(scratch.blocks.__kwdefaults__, 'size', block)
     return use
 

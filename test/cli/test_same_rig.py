@@ -15,7 +15,7 @@ import pytest
 from saddlering_ros import read_bag
 from saddlering_ros.bags import write_bag
 from saddlering_ros.cli.main import main
-from saddlering_ros.doubts import refuse_other_rig
+from saddlering_ros.doubts.comparison import refuse_other_rig
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import Record, TestMetadata
 from saddlering_ros.rig import (

@@ -7,15 +7,10 @@ import numpy as np
 
 from saddlering_ros.record import align, Record, seconds_array
 from saddlering_ros.rig import FULL_SCALE_LOAD, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig import (
-    dynamic_schedule,
-    Instruments,
-    PhysicalRig,
-    record_test,
-    Scatter,
-    static_schedule,
-    TestPlan,
-)
+from saddlering_ros.virtual_rig.integrator import Scatter
+from saddlering_ros.virtual_rig.physics import PhysicalRig
+from saddlering_ros.virtual_rig.recording import Instruments, record_test, TestPlan
+from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 
 def virtual_run(rig, test, elevation=50.0, *, seed=1, contact=TRUE_TO_SCALE, **schedule):

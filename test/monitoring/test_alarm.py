@@ -9,25 +9,29 @@ import numpy as np
 import pytest
 
 from saddlering_ros.estimation.process import ChannelNoise
-from saddlering_ros.monitoring import (
-    ALARM,
-    assumed_noise,
+from saddlering_ros.monitoring.detector import (
     block_noise,
     BlockNoise,
     BlockWatch,
     ChannelInnovations,
     Detector,
+)
+from saddlering_ros.monitoring.monitor import (
+    ALARM,
     first_guess,
     LEARNING,
-    least_wander,
     Monitor,
-    MonitoringError,
     MonitorSettings,
-    RestLearner,
     Sample,
     WAITING,
     watch,
     WATCHING,
+)
+from saddlering_ros.monitoring.noise import (
+    assumed_noise,
+    least_wander,
+    MonitoringError,
+    RestLearner,
 )
 from saddlering_ros.rig import default_rig
 

@@ -25,7 +25,7 @@ from saddlering_ros.bags.wire import (
     FEW,
     LAYOUTS,
 )
-from saddlering_ros.record.samples import Displacements, join, pick, Samples
+from saddlering_ros.record.samples import Displacements, join, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 
 STAMPS = np.array([1_700_000_000_123_456_789, 1_700_000_001_999_999_999, -5], dtype=np.int64)
@@ -91,7 +91,7 @@ def test_few_messages_are_read_and_written_as_many_are() -> None:
     batch = Displacements(STAMPS[0] + np.arange(count), values[:4], STAMPS[1] + np.arange(count),
                           values[4], values[5], np.arange(count, dtype=np.uint8))
     many = encode_displacements(batch, 'ring')
-    few = [encode_displacements(pick(batch, np.array([row])), 'ring')[0] for row in range(count)]
+    few = [encode_displacements(batch.pick(np.array([row])), 'ring')[0] for row in range(count)]
     assert many == few
     swapped = [swap(message) for message in many]
     for messages in (many, swapped):

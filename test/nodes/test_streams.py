@@ -9,7 +9,7 @@ from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.displacement import displacement_of_run, DisplacementStream
 from saddlering_ros.record.residual import ResidualStream
-from saddlering_ros.record.samples import Displacements, join, pick, Samples
+from saddlering_ros.record.samples import Displacements, join, Samples
 from saddlering_ros.record.simulation import SimulationStream
 from saddlering_ros.rig import CHANNELS, default_rig, FULL_SCALE_LOAD, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
@@ -266,7 +266,7 @@ def test_a_side_that_zeroed_anew_is_joined_by_what_the_other_did_meanwhile(resta
     stream = ResidualStream(FULL_SCALE_LOAD)
     found = []
     for start in range(0, 4000, 130):
-        part = {name: pick(side, np.flatnonzero(
+        part = {name: side.pick(np.flatnonzero(
             (side.stamps > start * 1_000_000) & (side.stamps <= (start + 130) * 1_000_000)))
                 for name, side in sides.items()}
         found.append(stream.push(part['measured'], part['simulated']))
@@ -362,4 +362,4 @@ def test_a_reading_that_is_no_number_is_counted_once_among_the_events(record) ->
     stream, _ = measure(record, slice(0, 40))
     stream.push(NONE, [samples(record.stamps[40:41], np.array([np.nan])), NONE, NONE, NONE])
     assert stream.events()['not_finite'] == 1
-    assert stream.events().keys() > stream.aligner.counters.as_dict().keys()
+    assert stream.events().keys() > vars(stream.aligner.counters).keys()

@@ -25,7 +25,8 @@ from benchmarks.examiner import (
     write_campaign,
 )
 from saddlering_ros.bags import read_run
-from saddlering_ros.virtual_rig import EFFECTS, VirtualRigError
+from saddlering_ros.errors import VirtualRigError
+from saddlering_ros.virtual_rig.effects import EFFECTS
 
 EXAMINER = Path(__file__).parents[2] / 'benchmarks' / 'examiner.py'
 SMALL = ['--runs', 'dynamic_50', '--duration', '2.5', '--dynamic-rate', '100']

@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from saddlering_ros.virtual_rig import EFFECTS, parse_requests, request, VirtualRigError
+from saddlering_ros.errors import VirtualRigError
+from saddlering_ros.virtual_rig.effects import EFFECTS, parse_requests, request
 
 SHOWS, HIDDEN = 1e-8, 3e-9
 

@@ -8,7 +8,7 @@ from benchmarks.examiner import draw_truth, DrawSettings
 from saddlering_ros.bags import read_run
 from saddlering_ros.cli.main import main
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, shipped_rig_file
-from saddlering_ros.virtual_rig import EFFECTS, parse_requests
+from saddlering_ros.virtual_rig.effects import EFFECTS, parse_requests
 
 SMALL = replace(default_rig(), full_scale_load=FULL_SCALE_LOAD / 25.0)
 QUICK = ['--test', 'dynamic', '--elevation', '50', '--duration', '2.5', '--rate', '100']

@@ -7,18 +7,12 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.record import plateaus
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig import (
-    dynamic_schedule,
-    Instruments,
-    PhysicalRig,
-    record_test,
-    static_schedule,
-    TestPlan,
-    VirtualRigError,
-    write_record,
-)
+from saddlering_ros.virtual_rig.physics import PhysicalRig
+from saddlering_ros.virtual_rig.recording import Instruments, record_test, TestPlan, write_record
+from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 RIG = default_rig()
 PHYSICAL = PhysicalRig(RIG, TRUE_TO_SCALE, math.radians(50.0))
