@@ -79,8 +79,8 @@ class BagDirectory:
     def sha256(self) -> str:
         """One hash of all content: that of a bare file, or sha256_of_files of a directory."""
         if self.path.is_dir():
-            metadata = [self.path / METADATA] if self.has_metadata else []
-            return sha256_of_files([*metadata, *self.files])
+            described = [self.path / METADATA] if self.has_metadata else []
+            return sha256_of_files([*described, *self.files])
         return sha256_of_file(self.path)
 
 

@@ -30,34 +30,18 @@ from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
 from saddlering_ros.errors import LiveError
 from saddlering_ros.record.topics import relative, TOPICS
 from saddlering_ros.rig import short_digest
-from saddlering_ros.ros.names import (
-    DIAGNOSTICS,
-    DISPLACEMENTS,
-    PARAMETERS_IN_FORCE,
-    PROGRESS,
-    RIG_IDENTITY,
-    RING_ALARM,
-    STATE,
-    WITHIN_LIMITS,
-    ZERO,
-)
-from saddlering_ros.ros.raw_topics import (
-    LATCHED_BY_SEVERAL,
-    message_class,
-    RawSubscription,
-    spin_streaming,
-    stream_qos,
-)
+from saddlering_ros.ros import names, raw_topics
+from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.ros.streaming_node import StreamingNode
 
 NAME = 'saddlering_recorder'
-RING_STREAMS = tuple(f'/{name}' for name in DISPLACEMENTS)
+RING_STREAMS = tuple(f'/{name}' for name in names.DISPLACEMENTS)
 KEPT: dict[str, Any] = {
-    f'/{PARAMETERS_IN_FORCE}': RingParameters, f'/{STATE}': ReplayState,
-    f'/{RING_ALARM}': RingAlarm, f'/{WITHIN_LIMITS}': Bool}
+    f'/{names.PARAMETERS_IN_FORCE}': RingParameters, f'/{names.STATE}': ReplayState,
+    f'/{names.RING_ALARM}': RingAlarm, f'/{names.WITHIN_LIMITS}': Bool}
 """Topics whose last message is there for late joiners."""
 
-OTHERS: dict[str, Any] = {DIAGNOSTICS: DiagnosticArray, f'/{ZERO}': Header}
+OTHERS: dict[str, Any] = {names.DIAGNOSTICS: DiagnosticArray, f'/{names.ZERO}': Header}
 _stamp = struct.Struct('<iI')
 
 
@@ -74,15 +58,17 @@ class Recorder(StreamingNode):
         self._published: dict[str, int] = {}
         self._rigs: dict[str, str] = {}
         self.create_subscription(
-            RigIdentity, RIG_IDENTITY,
+            RigIdentity, names.RIG_IDENTITY,
             lambda message: self._rigs.update({message.node: message.rig_hash}),
-            LATCHED_BY_SEVERAL)
-        self.create_subscription(ReplayProgress, PROGRESS, self._hear, 200)
+            raw_topics.LATCHED_BY_SEVERAL)
+        self.create_subscription(ReplayProgress, names.PROGRESS, self._hear, 200)
         for topic, kind in {**KEPT, **OTHERS}.items():
             self.create_subscription(
                 kind, name_of(topic),
                 lambda message, topic=topic: self._keep(topic, [bytes(message)]),
-                LATCHED_BY_SEVERAL if topic in KEPT else stream_qos(depth=50), raw=True)
+                raw_topics.LATCHED_BY_SEVERAL if topic in KEPT
+                else raw_topics.stream_qos(depth=50),
+                raw=True)
 
     def connect(self) -> None:
         """Subscribe to all streams."""
@@ -141,13 +127,13 @@ class Recorder(StreamingNode):
 
 def streams() -> dict[str, Any]:
     """Message classes of the streams by topic: those of the rig and those computed from them."""
-    return {**{name: message_class(topic.type) for name, topic in TOPICS.items()},
+    return {**{name: raw_topics.message_class(topic.type) for name, topic in TOPICS.items()},
             **dict.fromkeys(RING_STREAMS, RingDisplacement)}
 
 
 def name_of(topic: str) -> str:
     """The name to subscribe to: relative, but for /diagnostics."""
-    return topic if topic == DIAGNOSTICS else relative(topic)
+    return topic if topic == names.DIAGNOSTICS else relative(topic)
 
 
 def type_name(kind: Any) -> str:
@@ -190,7 +176,7 @@ def recording(
         node = Recorder(bag, context, namespace)
         stack.callback(node.destroy_node)
         node.start()
-        thread = threading.Thread(target=spin_streaming, args=(node, node), daemon=True)
+        thread = threading.Thread(target=raw_topics.spin_streaming, args=(node, node), daemon=True)
         thread.start()
         try:
             yield node

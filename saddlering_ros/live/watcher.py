@@ -51,27 +51,13 @@ from saddlering_ros.rig import (
     Rig,
     stiffness_per_millimetre,
 )
+from saddlering_ros.ros import names, raw_topics
 from saddlering_ros.ros.messages import parameters_from_message, progress_of, to_stamp
-from saddlering_ros.ros.names import (
-    DIAGNOSTICS,
-    DISPLACEMENT,
-    LIVE_PAGE,
-    PARAMETERS_IN_FORCE,
-    PROGRESS,
-    RESIDUAL,
-    RING_ALARM,
-    SIMULATED,
-    STATE,
-)
-from saddlering_ros.ros.raw_topics import (
-    LATCHED,
-    LATCHED_BY_SEVERAL,
-    PROGRESS_QOS,
-    RawSubscription,
-)
+from saddlering_ros.ros.names import PARAMETERS_IN_FORCE
+from saddlering_ros.ros.raw_topics import LATCHED_BY_SEVERAL, PROGRESS_QOS, RawSubscription
 
-STREAMS = {'load': LOAD.relative, 'measured': DISPLACEMENT, 'simulated': SIMULATED,
-           'residual': RESIDUAL}
+STREAMS = {'load': LOAD.relative, 'measured': names.DISPLACEMENT, 'simulated': names.SIMULATED,
+           'residual': names.RESIDUAL}
 SCALES = {'measured': 1e6, 'simulated': 1e6, 'residual': 1e6}
 """Units of the page: micrometres and microradians."""
 
@@ -128,7 +114,7 @@ class Watcher:
         self.context = rclpy.Context()
         rclpy.init(context=self.context, args=[], domain_id=domain_id)
         self.node: Node = rclpy.create_node(
-            LIVE_PAGE, namespace=namespace, context=self.context)
+            names.LIVE_PAGE, namespace=namespace, context=self.context)
         self._namespace = namespace
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
@@ -162,15 +148,15 @@ class Watcher:
         self._alarm: dict[str, Any] | None = None
         self._jobs: dict[str, Job] = {}
         self._actions = {name: Action(self.node, name, self._set_job) for name in ACTIONS}
-        self._progress = self.node.create_publisher(ReplayProgress, PROGRESS, PROGRESS_QOS)
+        self._progress = self.node.create_publisher(ReplayProgress, names.PROGRESS, PROGRESS_QOS)
         subscribe = self.node.create_subscription
-        subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 50)
+        subscribe(DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, 50)
         subscribe(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters, LATCHED_BY_SEVERAL)
-        subscribe(ReplayState, STATE, self._on_replay, LATCHED)
-        self._reports = RawSubscription(self.node, PROGRESS, ReplayProgress, depth=1000)
-        subscribe(RingAlarm, RING_ALARM, self._on_alarm, LATCHED)
+        subscribe(ReplayState, names.STATE, self._on_replay, raw_topics.LATCHED)
+        self._reports = RawSubscription(self.node, names.PROGRESS, ReplayProgress, depth=1000)
+        subscribe(RingAlarm, names.RING_ALARM, self._on_alarm, raw_topics.LATCHED)
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=LIVE_PAGE, daemon=True)
+        self._thread = threading.Thread(target=self._run, name=names.LIVE_PAGE, daemon=True)
 
     def __enter__(self) -> Watcher:
         self._thread.start()
@@ -322,7 +308,7 @@ class Watcher:
 
     def _report(self, flows: list[RawSubscription]) -> None:
         """Report to a replay what has arrived."""
-        self._progress.publish(progress_of(f'{LIVE_PAGE}_{os.getpid()}', flows, []))
+        self._progress.publish(progress_of(f'{names.LIVE_PAGE}_{os.getpid()}', flows, []))
 
     def _poll(self) -> None:
         for name, subscription in self._streams.items():

@@ -1,4 +1,4 @@
-"""The executables: one module per node, thin over `streams`, `jobs` and `ros`."""
+"""The executables: one module per node, thin over `record`, `jobs` and `ros`."""
 
 from saddlering_ros.ros.launcher import end_at_once, is_node_program
 

@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, RingParameters
 from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.monitoring import stream
 from saddlering_ros.monitoring.monitor import (
     ALARM,
     alarm_words,
@@ -21,47 +22,17 @@ from saddlering_ros.monitoring.monitor import (
     WAITING,
 )
 from saddlering_ros.monitoring.noise import DEFAULT_PERCENT
-from saddlering_ros.monitoring.stream import (
-    AlarmStream,
-    blind_words,
-    NO_CHANNEL,
-    NO_LOAD,
-    NO_RESIDUAL,
-    SEEN,
-    Sight,
-)
+from saddlering_ros.monitoring.stream import AlarmStream, Sight
 from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.samples import no_displacements, no_samples
 from saddlering_ros.record.topics import LOAD
-from saddlering_ros.ros.diagnostics import (
-    ERROR,
-    Events,
-    FunctionTask,
-    OK,
-    SourcesTask,
-    StreamTask,
-    TaskStatus,
-    WARN,
-)
+from saddlering_ros.ros import diagnostics, names, streaming_node
+from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
 from saddlering_ros.ros.messages import alarm_message, parameters_from_message
-from saddlering_ros.ros.names import (
-    DISPLACEMENT,
-    PARAMETERS_IN_FORCE,
-    RESIDUAL,
-    RING_ALARM,
-    SIMULATED,
-    STATE,
-    WITHIN_LIMITS,
-)
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, LIMIT_QOS, RawSubscription
 from saddlering_ros.ros.rig_state import RigAgreement
-from saddlering_ros.ros.streaming_node import (
-    INPUT_RELIABILITY,
-    leave,
-    run_streaming,
-    StreamingNode,
-)
+from saddlering_ros.ros.streaming_node import StreamingNode
 
 HEARTBEAT = 0.1
 """ring/within_limits is repeated this often [s], so that its silence can be noticed."""
@@ -86,7 +57,7 @@ class RingAlarmNode(StreamingNode):
     """Watches the residual; publishes a latched alarm, and a limit for an interlock."""
 
     PARAMETERS = (
-        INPUT_RELIABILITY,
+        streaming_node.INPUT_RELIABILITY,
         NodeParameter(
             'false_alarm_hours', 1000.0, 'hours of testing in which one false alarm is '
             'allowed in the mean', low=1.0, high=1e6, while_inactive=True),
@@ -109,16 +80,16 @@ class RingAlarmNode(StreamingNode):
         self._sight = Sight()
         self._upstream: dict[str, tuple[RawSubscription, float]] = {}
         self._sought_at = 0.0
-        self._lacks = SEEN
+        self._lacks = stream.SEEN
         self._published: tuple[object, ...] = ()
         self._latched = False
         self._beaten = self._looked = 0.0
-        self._teller = self.create_publisher(RingAlarm, RING_ALARM, LATCHED)
-        self._limit = self.create_publisher(Bool, WITHIN_LIMITS, LIMIT_QOS)
+        self._teller = self.create_publisher(RingAlarm, names.RING_ALARM, LATCHED)
+        self._limit = self.create_publisher(Bool, names.WITHIN_LIMITS, LIMIT_QOS)
         self.create_service(Trigger, '~/reset', self._on_reset)
-        self.create_subscription(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters,
+        self.create_subscription(RingParameters, names.PARAMETERS_IN_FORCE, self._on_parameters,
                                  LATCHED_BY_SEVERAL)
-        self.create_subscription(ReplayState, STATE, self._on_replay, LATCHED)
+        self.create_subscription(ReplayState, names.STATE, self._on_replay, LATCHED)
 
     def configure(self) -> None:
         """Make the monitor and its diagnostics; an earlier alarm is cleared."""
@@ -126,10 +97,12 @@ class RingAlarmNode(StreamingNode):
         self._published, self._latched = (), False
         if self._offered is not None:
             self._use(self._offered)
-        self._streams = [StreamTask(f'/{RESIDUAL}'), StreamTask(LOAD_TOPIC)]
-        self.tasks = [FunctionTask('alarm', self._alarm_status),
-                      FunctionTask('promise', self._promise_status), *self._streams,
-                      self._agreement, SourcesTask(self.sources), Events(self._events)]
+        self._streams = [diagnostics.StreamTask(topic)
+                         for topic in (f'/{names.RESIDUAL}', LOAD_TOPIC)]
+        self.tasks = [diagnostics.FunctionTask('alarm', self._alarm_status),
+                      diagnostics.FunctionTask('promise', self._promise_status), *self._streams,
+                      self._agreement, diagnostics.SourcesTask(self.sources),
+                      diagnostics.Events(self._events)]
         self._tell_state()
 
     def _given(self) -> tuple[float, float, float]:
@@ -152,7 +125,7 @@ class RingAlarmNode(StreamingNode):
             self._published = ()
         wanted = self.settings['input_reliability']
         self.inputs = [
-            RawSubscription(self, RESIDUAL, RingDisplacement, reliability=wanted),
+            RawSubscription(self, names.RESIDUAL, RingDisplacement, reliability=wanted),
             RawSubscription(self, LOAD.relative, WrenchStamped, reliability=wanted)]
 
     def process_batch(self) -> None:
@@ -175,9 +148,9 @@ class RingAlarmNode(StreamingNode):
         if now - self._looked >= LOOK:
             self._looked = now
             # While blind, hear what comes of both displacements, so that the missing one is named.
-            if self._lacks in (NO_RESIDUAL, NO_CHANNEL):
+            if self._lacks in (stream.NO_RESIDUAL, stream.NO_CHANNEL):
                 self._sought_at = now
-                for topic in (DISPLACEMENT, SIMULATED):
+                for topic in (names.DISPLACEMENT, names.SIMULATED):
                     if topic not in self._upstream:
                         flow = RawSubscription(self, topic, RingDisplacement, depth=1,
                                                reliability='best_effort')
@@ -200,7 +173,7 @@ class RingAlarmNode(StreamingNode):
         for flow, _ in self._upstream.values():
             flow.close()
         self._upstream = {}
-        self._lacks = SEEN
+        self._lacks = stream.SEEN
         self._tell_state()
         return result
 
@@ -221,16 +194,16 @@ class RingAlarmNode(StreamingNode):
         lacks, now = self._lacks, time.monotonic()
         if not lacks:
             return []
-        if lacks == NO_LOAD:
+        if lacks == stream.NO_LOAD:
             return [self.resolve_topic_name(LOAD.relative)]
         silent = [topic for topic, (_, heard) in self._upstream.items() if now - heard > SILENT]
-        is_residual = lacks != NO_RESIDUAL or not silent
+        is_residual = lacks != stream.NO_RESIDUAL or not silent
         return [self.resolve_topic_name(topic)
-                for topic in ([RESIDUAL] if is_residual else silent)]
+                for topic in ([names.RESIDUAL] if is_residual else silent)]
 
     def _tell_state(self) -> None:
         """Publish the state if it has changed; the limit at once with it."""
-        self._lacks = self._sight.lacks(time.monotonic()) if self.active else SEEN
+        self._lacks = self._sight.lacks(time.monotonic()) if self.active else stream.SEEN
         monitor, missing = self._stream.monitor, self._missing()
         is_within = self._within_limits()
         news = (monitor.changes, self._stream.knows_parameters, self._state(), is_within,
@@ -252,7 +225,7 @@ class RingAlarmNode(StreamingNode):
             if not self.active:
                 return 'BLIND: ring_alarm is not active: nothing is watched'
             lag = 1e-9 * (self._sight.load_stamp - self._sight.residual_stamp)
-            return blind_words(lacks, self._missing(), lag) if lacks else (
+            return stream.blind_words(lacks, self._missing(), lag) if lacks else (
                 f'BLIND: {monitor.unwatched}')
         if not self._stream.knows_parameters:
             return ('waiting for ring/parameters: start ring_simulator, which publishes what it '
@@ -298,7 +271,8 @@ class RingAlarmNode(StreamingNode):
         missing = self._missing()
         if missing:
             figures['missing'] = ', '.join(missing)
-        level = {ALARM: ERROR, BLIND: ERROR, WAITING: WARN}.get(self._state(), OK)
+        level = {ALARM: ERROR, BLIND: ERROR,
+                 WAITING: WARN}.get(self._state(), OK)
         return TaskStatus(level, self._words(), figures)
 
     def _promise_status(self) -> TaskStatus:
@@ -319,7 +293,7 @@ class RingAlarmNode(StreamingNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    leave(run_streaming(RingAlarmNode, args))
+    streaming_node.leave(streaming_node.run_streaming(RingAlarmNode, args))
 
 
 if __name__ == '__main__':

@@ -19,29 +19,14 @@ from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.samples import Displacements
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig.geometry import displaced_frame
-from saddlering_ros.ros.diagnostics import (
-    ERROR,
-    Events,
-    FunctionTask,
-    OK,
-    ParityTask,
-    SaturationTask,
-    SourcesTask,
-    StreamTask,
-    TaskStatus,
-)
+from saddlering_ros.ros import diagnostics, streaming_node
+from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus
 from saddlering_ros.ros.messages import to_time
 from saddlering_ros.ros.names import DISPLACEMENT, NodeError, ZERO, ZERO_REQUEST
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription, ZERO_QOS
 from saddlering_ros.ros.rig_state import ElevationWatch, RigAgreement, zero_status
-from saddlering_ros.ros.streaming_node import (
-    INPUT_RELIABILITY,
-    leave,
-    MAX_GAP,
-    run_streaming,
-    StreamingNode,
-)
+from saddlering_ros.ros.streaming_node import StreamingNode
 
 FLUSH_AFTER = 0.2
 """Time [s] without data after which held samples are taken."""
@@ -83,7 +68,7 @@ class RingDisplacementNode(StreamingNode):
     """Aligns the probes on the load's stamps, zeroes them, publishes /ring/displacement."""
 
     PARAMETERS = (
-        INPUT_RELIABILITY, MAX_GAP,
+        streaming_node.INPUT_RELIABILITY, streaming_node.MAX_GAP,
         NodeParameter(
             'frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
         NodeParameter(
@@ -122,16 +107,17 @@ class RingDisplacementNode(StreamingNode):
         self._noise = ZeroNoise()
         lowest = self.settings['lowest_rate']
         names = [topic.name for topic in self._topics]
-        self._streams = [StreamTask(topic, lowest_rate=lowest)
+        self._streams = [diagnostics.StreamTask(topic, lowest_rate=lowest)
                          for topic in names]
-        self._saturation = [SaturationTask(topic, probes.min_range, probes.max_range)
+        self._saturation = [diagnostics.SaturationTask(topic, probes.min_range, probes.max_range)
                             for topic in names[1:]]
-        self._parity = ParityTask(lambda: float(self.settings['parity_noise']))
+        self._parity = diagnostics.ParityTask(lambda: float(self.settings['parity_noise']))
         self.tasks = [
-            FunctionTask('zero', self._zero_status),
-            FunctionTask('probes', self._probes_status), *self._streams, *self._saturation,
-            self._parity, self._agreement, SourcesTask(self.sources),
-            Events(self._events, harmless=('reordered',))]
+            diagnostics.FunctionTask('zero', self._zero_status),
+            diagnostics.FunctionTask('probes', self._probes_status), *self._streams,
+            *self._saturation, self._parity, self._agreement,
+            diagnostics.SourcesTask(self.sources),
+            diagnostics.Events(self._events, harmless=('reordered',))]
 
     def connect(self) -> None:
         """Subscribe to load and probes; publish the displacement."""
@@ -224,7 +210,7 @@ class RingDisplacementNode(StreamingNode):
         stream = self._stream
         zero = stream.zero
         return zero_status(self._rig, zero.reading if zero else None,
-                            zero.stamp if zero else 0, stream.newest_stamp, stream.load)
+                           zero.stamp if zero else 0, stream.newest_stamp, stream.load)
 
     def _events(self) -> dict[str, int]:
         return {**self._stream.events(),
@@ -233,7 +219,7 @@ class RingDisplacementNode(StreamingNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    leave(run_streaming(RingDisplacementNode, args))
+    streaming_node.leave(streaming_node.run_streaming(RingDisplacementNode, args))
 
 
 if __name__ == '__main__':

@@ -11,34 +11,20 @@ from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.bags.wire import covariance_of, decode_displacements, encode_displacements
 from saddlering_ros.record.residual import ResidualStream
 from saddlering_ros.rig import CHANNELS
-from saddlering_ros.ros.diagnostics import (
-    ERROR,
-    Events,
-    FunctionTask,
-    Kept,
-    OK,
-    SourcesTask,
-    StreamTask,
-    TaskStatus,
-    WARN,
-)
+from saddlering_ros.ros import diagnostics, streaming_node
+from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
 from saddlering_ros.ros.names import DISPLACEMENT, names, RESIDUAL, RING, SIMULATED
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_state import ReadinessTask, RigAgreement
-from saddlering_ros.ros.streaming_node import (
-    INPUT_RELIABILITY,
-    leave,
-    run_streaming,
-    StreamingNode,
-)
+from saddlering_ros.ros.streaming_node import StreamingNode
 
 
 class RingResidualNode(StreamingNode):
     """Joins both displacements by stamp and publishes /ring/residual."""
 
     PARAMETERS = (
-        INPUT_RELIABILITY,
+        streaming_node.INPUT_RELIABILITY,
         NodeParameter('frame_id', 'ring', 'frame of the residual: reference point C of the ring'),
         NodeParameter(
             'needed_nodes', list(names(RING)), 'nodes that must be active and report '
@@ -54,15 +40,16 @@ class RingResidualNode(StreamingNode):
     def configure(self) -> None:
         """Make the join and its diagnostics."""
         self._stream = ResidualStream(self._rig.full_scale_load)
-        self._streams = [StreamTask(f'/{DISPLACEMENT}'), StreamTask(f'/{SIMULATED}')]
+        self._streams = [diagnostics.StreamTask(f'/{topic}')
+                         for topic in (DISPLACEMENT, SIMULATED)]
         self._awaited = 0
-        self._kept = Kept(self._add)
+        self._kept = diagnostics.Kept(self._add)
         self._sums = np.zeros(4)
         self._count = np.zeros(4, np.int64)
-        self.tasks = [*self._streams, FunctionTask('zero', self._zero_status),
-                      FunctionTask('residual', self._residual_status),
-                      self._agreement, SourcesTask(self.sources),
-                      Events(lambda: vars(self._stream.counters)), self._readiness]
+        self.tasks = [*self._streams, diagnostics.FunctionTask('zero', self._zero_status),
+                      diagnostics.FunctionTask('residual', self._residual_status),
+                      self._agreement, diagnostics.SourcesTask(self.sources),
+                      diagnostics.Events(lambda: vars(self._stream.counters)), self._readiness]
 
     def connect(self) -> None:
         """Subscribe to both displacements; publish their difference."""
@@ -124,7 +111,7 @@ class RingResidualNode(StreamingNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    leave(run_streaming(RingResidualNode, args))
+    streaming_node.leave(streaming_node.run_streaming(RingResidualNode, args))
 
 
 if __name__ == '__main__':

@@ -28,31 +28,9 @@ from saddlering_ros.rig import (
     read_parameters,
     TRUE_TO_SCALE,
 )
-from saddlering_ros.ros.diagnostics import (
-    ERROR,
-    Events,
-    FunctionTask,
-    OK,
-    SourcesTask,
-    StreamTask,
-    TaskStatus,
-    WARN,
-)
-from saddlering_ros.ros.messages import (
-    expected_message,
-    parameters_from_message,
-    parameters_to_message,
-    to_stamp,
-    to_time,
-)
-from saddlering_ros.ros.names import (
-    EXPECTED,
-    NodeError,
-    PARAMETERS_IN_FORCE,
-    SIMULATED,
-    ZERO,
-    ZERO_REQUEST,
-)
+from saddlering_ros.ros import diagnostics, messages, names, raw_topics, rig_state, streaming_node
+from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
+from saddlering_ros.ros.names import NodeError, PARAMETERS_IN_FORCE
 from saddlering_ros.ros.parameters import (
     declare_rig,
     given_sections,
@@ -60,29 +38,9 @@ from saddlering_ros.ros.parameters import (
     NodeParameter,
     TRUST_RIG,
 )
-from saddlering_ros.ros.raw_topics import (
-    LATCHED,
-    LATCHED_BY_SEVERAL,
-    promised_qos,
-    RawPublisher,
-    RawSubscription,
-    ZERO_QOS,
-)
-from saddlering_ros.ros.rig_state import (
-    Elevation,
-    ElevationWatch,
-    MOVED,
-    RigAgreement,
-    SAME_MEASURED,
-    zero_status,
-)
-from saddlering_ros.ros.streaming_node import (
-    INPUT_RELIABILITY,
-    leave,
-    MAX_GAP,
-    run_streaming,
-    StreamingNode,
-)
+from saddlering_ros.ros.raw_topics import LATCHED, promised_qos, RawPublisher, RawSubscription
+from saddlering_ros.ros.rig_state import Elevation, ElevationWatch, RigAgreement
+from saddlering_ros.ros.streaming_node import StreamingNode
 
 ASSUMED_ELEVATION_DEG = 50.0
 FUTURE_NS = 60_000_000_000
@@ -96,7 +54,7 @@ class RingSimulatorNode(StreamingNode):
     """One simulated state per load sample on /ring/simulated_displacement, same stamp."""
 
     PARAMETERS = (
-        INPUT_RELIABILITY, MAX_GAP, TRUST_RIG,
+        streaming_node.INPUT_RELIABILITY, streaming_node.MAX_GAP, TRUST_RIG,
         NodeParameter(
             'parameters_file', '', 'file of contact parameters and effects, from '
             '`saddlering identify --out` (or pass the file by --params-file); none: the '
@@ -130,20 +88,21 @@ class RingSimulatorNode(StreamingNode):
         self.create_service(Trigger, '~/restart', self._on_restart)
         self.create_service(Trigger, '~/zero', self._on_zero)
         if self.settings['follow_zero']:
-            self.create_subscription(Header, ZERO, self._on_zero_message, ZERO_QOS)
-            self.create_subscription(ZeroRequest, ZERO_REQUEST,
+            self.create_subscription(Header, names.ZERO, self._on_zero_message,
+                                     raw_topics.ZERO_QOS)
+            self.create_subscription(ZeroRequest, names.ZERO_REQUEST,
                                      lambda message: self._on_zero_message(message.header),
-                                     ZERO_QOS)
+                                     raw_topics.ZERO_QOS)
         self._in_force: ParameterSet | None = None
         self._offered: RingParameters | None = None
         self._teller = self.create_publisher(RingParameters, PARAMETERS_IN_FORCE, LATCHED)
         self._in_force_message = RingParameters()
         self._zero_asked = 0
         self._expected: ExpectedMotion | None = None
-        self._expectation = self.create_publisher(RingExpected, EXPECTED, promised_qos())
+        self._expectation = self.create_publisher(RingExpected, names.EXPECTED, promised_qos())
         if self.settings['follow_parameters']:
             self.create_subscription(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters,
-                                     LATCHED_BY_SEVERAL)
+                                     raw_topics.LATCHED_BY_SEVERAL)
 
     def configure(self) -> None:
         """Read parameters and elevation; compile and make the simulation."""
@@ -158,21 +117,21 @@ class RingSimulatorNode(StreamingNode):
         simulate(self._rig, self._in_force or ParameterSet(TRUE_TO_SCALE), self._elevation, times,
                  [self._rig.preload] * 10)
         self._tell_in_force(self._in_force)
-        self._stream_task = StreamTask(LOAD_TOPIC)
+        self._stream_task = diagnostics.StreamTask(LOAD_TOPIC)
         self._failed_steps = 0
         self.tasks = [
-            FunctionTask('zero', self._zero_status), self._stream_task,
-            FunctionTask('solver', self._solver_status),
-            FunctionTask('parameters', self._parameters_status),
-            FunctionTask('elevation', self._elevation_status), self._agreement,
-            SourcesTask(self.sources),
-            Events(self._events, harmless=('reordered',))]
+            diagnostics.FunctionTask('zero', self._zero_status), self._stream_task,
+            diagnostics.FunctionTask('solver', self._solver_status),
+            diagnostics.FunctionTask('parameters', self._parameters_status),
+            diagnostics.FunctionTask('elevation', self._elevation_status), self._agreement,
+            diagnostics.SourcesTask(self.sources),
+            diagnostics.Events(self._events, harmless=('reordered',))]
 
     def connect(self) -> None:
         """Subscribe to the load; publish the simulated displacement."""
         self.inputs = [RawSubscription(self, LOAD.relative, WrenchStamped,
                                        reliability=self.settings['input_reliability'])]
-        self.outputs = [RawPublisher(self, SIMULATED, RingDisplacement)]
+        self.outputs = [RawPublisher(self, names.SIMULATED, RingDisplacement)]
         self._on_elevation()
         offered, self._offered = self._offered, None
         if offered is not None:
@@ -224,10 +183,10 @@ class RingSimulatorNode(StreamingNode):
         stream = self._stream
         gave = abs(self._elevation - stream.zero_elevation)
         words = f'elevation {math.degrees(self._elevation):.3f} deg, {self._elevation_source}'
-        if self._elevation_source == before == 'measured' and gave <= SAME_MEASURED:
+        if self._elevation_source == before == 'measured' and gave <= rig_state.SAME_MEASURED:
             stream.turn(self._elevation)
             self._tell_in_force(self._in_force)
-            if gave > MOVED:
+            if gave > rig_state.MOVED:
                 self.get_logger().warning(f'{words}: it is followed, and the zero stays')
             return
         self._make(self._in_force)
@@ -242,7 +201,7 @@ class RingSimulatorNode(StreamingNode):
 
     def _tell_in_force(self, parameters: ParameterSet) -> None:
         """Publish the parameters in use on /ring/parameters, latched for late joiners."""
-        message = parameters_to_message(parameters, self.get_clock().now().to_msg())
+        message = messages.parameters_to_message(parameters, self.get_clock().now().to_msg())
         message.in_force_in = message.applied_by = self.get_fully_qualified_name()
         message.elevation, message.rig_hash = self._elevation, self._agreement.digest
         self._teller.publish(message)
@@ -281,7 +240,7 @@ class RingSimulatorNode(StreamingNode):
         if expected is not None:
             covariance = np.zeros((4, 4))
             covariance[:3, :3] = expected.covariance
-            self._expectation.publish(expected_message(
+            self._expectation.publish(messages.expected_message(
                 expected, int(states.stamps[-1]), self._stream.load, self._in_force_message,
                 self.settings['frame_id']))
         self.outputs[0].send(
@@ -318,7 +277,7 @@ class RingSimulatorNode(StreamingNode):
         return response
 
     def _on_zero_message(self, message: Header) -> None:
-        stamp = to_stamp(message.stamp)
+        stamp = messages.to_stamp(message.stamp)
         if self.active and stamp != self._zero_asked:  # each request comes on two topics
             self._zero_asked = stamp
             self._stream.zero_after(stamp)
@@ -326,7 +285,7 @@ class RingSimulatorNode(StreamingNode):
     def _on_parameters(self, message: RingParameters) -> None:
         if message.in_force_in or message.applied_by:
             return
-        stamp = to_stamp(message.header.stamp) or time.time_ns()
+        stamp = messages.to_stamp(message.header.stamp) or time.time_ns()
         if stamp > time.time_ns() + FUTURE_NS:
             self._refuse('its stamp lies in the future: stamp it with the present time, or 0')
         elif stamp < self._parameters_stamp:
@@ -349,7 +308,7 @@ class RingSimulatorNode(StreamingNode):
         would cost samples and the zero.
         """
         try:
-            parameters = parameters_from_message(message)
+            parameters = messages.parameters_from_message(message)
             self._check_rig(parameters)
             if not same_numbers(parameters, self._in_force):
                 hold = self._stream.hold
@@ -370,7 +329,7 @@ class RingSimulatorNode(StreamingNode):
         if wrong:
             return TaskStatus(ERROR, f'nothing is simulated: {wrong}', figures)
         gave = self._elevation - self._stream.zero_elevation
-        if abs(gave) > MOVED:
+        if abs(gave) > rig_state.MOVED:
             return TaskStatus(WARN, f'has moved by {math.degrees(gave):+.3f} deg since the zero, '
                               'and is followed: see to the elevating gear', figures)
         if self._elevation_source == 'assumed':
@@ -385,8 +344,8 @@ class RingSimulatorNode(StreamingNode):
 
     def _zero_status(self) -> TaskStatus:
         stream = self._stream
-        return zero_status(self._rig, stream.simulator.zero, stream.zero_stamp,
-                            stream.newest_stamp, stream.load)
+        return rig_state.zero_status(self._rig, stream.simulator.zero, stream.zero_stamp,
+                                     stream.newest_stamp, stream.load)
 
     def _solver_status(self) -> TaskStatus:
         simulator = self._stream.simulator
@@ -402,7 +361,7 @@ class RingSimulatorNode(StreamingNode):
 
     def _parameters_status(self) -> TaskStatus:
         assert self._in_force is not None
-        message = parameters_to_message(self._in_force, to_time(0))
+        message = messages.parameters_to_message(self._in_force, messages.to_time(0))
         figures = {name: f'{getattr(message, name):.6g}'
                    for name in ('k1', 'n1', 'd1', 'k2', 'n2', 'd2')}
         figures.update(zip(message.effect_parameter_names,
@@ -421,7 +380,7 @@ def same_numbers(one: ParameterSet, other: ParameterSet | None) -> bool:
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    leave(run_streaming(RingSimulatorNode, args))
+    streaming_node.leave(streaming_node.run_streaming(RingSimulatorNode, args))
 
 
 if __name__ == '__main__':

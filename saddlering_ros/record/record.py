@@ -133,20 +133,13 @@ class Record:
         Spikes, values interpolated across a refused reading, and values beside a doubtful
         load are left out. Rows that lack a probe are not complete.
         """
-        gaps, load = self.gaps, self.load
-        wrong_load = self.is_load_doubtful(slice(None)).copy()
-        wrong_gaps = self.are_gaps_doubtful(slice(None))
+        gaps, wrong_gaps = self.gaps, self.are_gaps_doubtful(slice(None))
         if wrong_gaps.any():
             gaps = np.where(wrong_gaps, np.nan, gaps)
         if self.spikes is not None and self.spikes.any():
-            wrong_load |= self.spikes[0]
             gaps = np.where(self.spikes[1:], np.nan, gaps)
-        if wrong_load.any() and not wrong_load.all():
-            load = load.copy()
-            load[wrong_load] = np.interp(
-                self.time[wrong_load], self.time[~wrong_load], load[~wrong_load])
-        return replace(self, load=load, gaps=gaps, spikes=None, used=None, published=None,
-                       probe_marks=None, load_marks=None)
+        return replace(self, load=_sound_load(self, slice(None)), gaps=gaps, spikes=None,
+                       used=None, published=None, probe_marks=None, load_marks=None)
 
     def is_load_doubtful(self, rows: slice) -> NDArray[np.bool_]:
         """Mask of rows behind a step of the load that the hydraulics cannot make."""

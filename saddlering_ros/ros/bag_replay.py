@@ -23,16 +23,10 @@ from saddlering_ros.record import RawRecord, RawTopic
 from saddlering_ros.record.samples import Samples
 from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.record.topics import TOPICS
+from saddlering_ros.ros import parameters
 from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, SourcesTask, TaskStatus, WARN
 from saddlering_ros.ros.names import CLOCK, NodeError
-from saddlering_ros.ros.parameters import (
-    bag_below,
-    given_rig,
-    in_parameters,
-    NodeParameter,
-    root_folder,
-    TRUST_RIG,
-)
+from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_state import RigAgreement
 from saddlering_ros.ros.streaming_node import StreamingNode
@@ -52,14 +46,14 @@ class BagNode(StreamingNode):
     trusted that far: what they name must lie below a root, as for goals.
     """
 
-    PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = (BAG, BAG_ROOT, TRUST_RIG)
+    PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = (BAG, BAG_ROOT, parameters.TRUST_RIG)
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
-        self._rig = given_rig(self)
+        self._rig = parameters.given_rig(self)
         self._agreement = RigAgreement(self, self._rig)
         self._first_bag = self.settings.text('bag')
-        self._bag_root = root_folder(
+        self._bag_root = parameters.root_folder(
             self, 'bag_root', Path(self._first_bag).absolute().parent
             if self._first_bag else share_directory() / 'bags')
         self.add_on_set_parameters_callback(self._judge_bag)
@@ -85,12 +79,12 @@ class BagNode(StreamingNode):
         """The bag to replay now; NodeError if it states another rig, unless trust_rig is set."""
         record = read_raw(self.bag_path(), topics, rig=self._rig)
         if not self.settings['trust_rig']:
-            with in_parameters():
+            with parameters.in_parameters():
                 refuse_other_hash(record, self._rig)
         return record
 
     def _allowed(self, bag: str) -> str:
-        return bag if bag == self._first_bag else str(bag_below(self._bag_root, bag))
+        return bag if bag == self._first_bag else str(parameters.bag_below(self._bag_root, bag))
 
     def _judge_bag(self, changes: list[RosParameter]) -> SetParametersResult:
         for change in changes:

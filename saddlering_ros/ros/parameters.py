@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 import math
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -185,29 +186,10 @@ def table(parameters: Sequence[NodeParameter]) -> str:
 
 def _rig_values(rig: Rig) -> dict[str, Any]:
     """The rig's own parameters (config/rig.yaml) by dotted name."""
-    rows, middle, body = rig.axial_rows, rig.radial_row, rig.carriage
-    values: dict[str, Any] = {
-        'rig.axial_rows.rollers': rows.rollers,
-        'rig.axial_rows.pitch_radius': rows.pitch_radius,
-        'rig.axial_rows.clearance': rows.clearance,
-        'rig.middle_row.rollers': middle.rollers,
-        'rig.middle_row.pitch_radius': middle.pitch_radius,
-        'rig.middle_row.clearance': middle.clearance,
-        'rig.middle_row.height': middle.height,
-        'rig.carriage.mass': body.mass, 'rig.carriage.inertia': body.inertia,
-        'rig.carriage.weight': body.weight, 'rig.carriage.weight_x': body.weight_x,
-        'rig.trunnion.x': rig.trunnion.x, 'rig.trunnion.y': rig.trunnion.y,
-        'rig.probes.axial_span': rig.probes.axial_span,
-        'rig.probes.radial_height': rig.probes.radial_height,
-        'rig.probes.polarity': [int(sign) for sign in rig.probes.polarity],
-        'rig.probes.min_range': rig.probes.min_range,
-        'rig.probes.max_range': rig.probes.max_range,
-        'rig.probes.absent': rig.probes.absent,
-        'rig.preload': rig.preload, 'rig.full_scale_load': rig.full_scale_load,
-        'rig.full_scale_time': rig.full_scale_time, 'rig.force_unit': rig.force_unit,
-    }
-    values.update({f'bounds.{name}': list(pair) for name, pair in rig.bounds.items()})
-    return values
+    values = {name: attrgetter(name.removeprefix('rig.').replace('middle_row', 'radial_row'))(rig)
+              for name in _RIG_WORDS}
+    values['rig.probes.polarity'] = [int(sign) for sign in rig.probes.polarity]
+    return {**values, **{f'bounds.{name}': list(pair) for name, pair in rig.bounds.items()}}
 
 
 def declare_rig(node: Node) -> Rig:

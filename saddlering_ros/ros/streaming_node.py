@@ -26,40 +26,12 @@ from rclpy.signals import SignalHandlerOptions
 
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.ros.diagnostics import (
-    ACTIVE,
-    ERROR,
-    OK,
-    STATE_TASK,
-    Task,
-    TaskStatus,
-    to_message,
-)
-from saddlering_ros.ros.launcher import (
-    crowded_words,
-    end_as_usual,
-    follow_lifeline,
-    is_node_program,
-    participants,
-    prepare_transport,
-    sweep,
-)
+from saddlering_ros.ros import diagnostics, launcher, parameters, raw_topics
+from saddlering_ros.ros.diagnostics import OK, Task, TaskStatus
 from saddlering_ros.ros.messages import progress_of
 from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, PROGRESS, rig_name
-from saddlering_ros.ros.parameters import (
-    check_parameter_files,
-    declare,
-    HARDWARE_ID,
-    NodeParameter,
-    refuse_undeclared,
-)
-from saddlering_ros.ros.raw_topics import (
-    PROGRESS_QOS,
-    RawPublisher,
-    RawSubscription,
-    RELIABILITIES,
-    spin_streaming,
-)
+from saddlering_ros.ros.parameters import NodeParameter
+from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 
 HEARTBEAT = 0.2
 """An idle node repeats its progress, and looks at its publishers, this often [s]."""
@@ -74,7 +46,7 @@ AUTOSTART = NodeParameter(
     '`ros2 lifecycle set`')
 INPUT_RELIABILITY = NodeParameter(
     'input_reliability', 'auto', 'requested QoS; auto: reliable if all publishers are reliable, '
-                                 'else best effort', choices=RELIABILITIES)
+                                 'else best effort', choices=raw_topics.RELIABILITIES)
 MAX_GAP = NodeParameter(
     'max_gap', 10.0, 'a larger jump of the stamps [s] restarts zero and simulation', low=0.1,
     high=3600.0)
@@ -97,7 +69,8 @@ class StreamingNode(LifecycleNode):
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
-        self.settings = declare(self, (AUTOSTART, HARDWARE_ID, *self.PARAMETERS))
+        self.settings = parameters.declare(
+            self, (AUTOSTART, parameters.HARDWARE_ID, *self.PARAMETERS))
         self.tasks: list[Task] = []
         self.problem: SaddleringError | None = None
         self.inputs: list[RawSubscription] = []
@@ -105,7 +78,7 @@ class StreamingNode(LifecycleNode):
         self.active = False
         self.done = False
         self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
-        self._progress = self.create_publisher(ReplayProgress, PROGRESS, PROGRESS_QOS)
+        self._progress = self.create_publisher(ReplayProgress, PROGRESS, raw_topics.PROGRESS_QOS)
         self._told = self._beat = 0.0
         self._untold = False
         self._diagnosed = time.monotonic()
@@ -262,9 +235,9 @@ class StreamingNode(LifecycleNode):
 
     def _diagnose(self, now: float) -> None:
         elapsed, self._diagnosed = now - self._diagnosed, now
-        message = to_message(
+        message = diagnostics.to_message(
             diagnostic_name(self),
-            [(STATE_TASK, self._state_status()),
+            [(diagnostics.STATE_TASK, self._state_status()),
              *((task.name, task.report(elapsed)) for task in self.tasks)],
             rig_name(self, self.settings.text('hardware_id')))
         message.header.stamp = self.get_clock().now().to_msg()
@@ -272,9 +245,9 @@ class StreamingNode(LifecycleNode):
 
     def _state_status(self) -> TaskStatus:
         if self.active:
-            return TaskStatus(OK, ACTIVE)
+            return TaskStatus(OK, diagnostics.ACTIVE)
         if self.problem is not None:
-            return TaskStatus(ERROR, f'not active: {self.problem}')
+            return TaskStatus(diagnostics.ERROR, f'not active: {self.problem}')
         steps = 'activate' if self.tasks else 'configure, then activate'
         return TaskStatus(
             OK, f'not active: ros2 lifecycle set {self.get_fully_qualified_name()} {steps}')
@@ -295,7 +268,7 @@ def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None 
             signal.signal(number, finish)
         node.start()
         keep_out_of_collections()
-        spin_streaming(node, node)
+        raw_topics.spin_streaming(node, node)
         node.hand_over()
     return run(make, spin, args)
 
@@ -307,19 +280,19 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
     `spin` itself sees to SIGINT and SIGTERM: a context that rclpy's handlers have shut down waits
     for no reader.
     """
-    follow_lifeline()
-    sweep()
+    launcher.follow_lifeline()
+    launcher.sweep()
     node: Node | None = None
     try:
-        check_parameter_files(sys.argv if args is None else args)
-        prepare_transport()
-        if is_node_program():
-            end_as_usual()
+        parameters.check_parameter_files(sys.argv if args is None else args)
+        launcher.prepare_transport()
+        if launcher.is_node_program():
+            launcher.end_as_usual()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make()
-        refuse_undeclared(node)
+        parameters.refuse_undeclared(node)
         domain = node.context.get_domain_id()
-        crowded = crowded_words(participants(domain), domain)
+        crowded = launcher.crowded_words(launcher.participants(domain), domain)
         if crowded:
             node.get_logger().error(crowded)
         spin(node)
