@@ -16,17 +16,8 @@ import zstandard
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import sha256_of_file, sha256_of_files, temporary_folder
 from saddlering_ros.plain_yaml import MAX_BYTES, parse_yaml, YamlRefused
-from saddlering_ros.record.metadata import (
-    DETAILS,
-    finite_number,
-    HIGHEST_ELEVATION,
-    KEYS,
-    KINDS,
-    LOWEST_ELEVATION,
-    METADATA_RECORD,
-    same_text,
-    TestMetadata,
-)
+from saddlering_ros.record import metadata
+from saddlering_ros.record.metadata import HIGHEST_ELEVATION, LOWEST_ELEVATION, TestMetadata
 
 METADATA = 'metadata.yaml'
 INFORMATION = 'rosbag2_bagfile_information'
@@ -283,12 +274,12 @@ def find_metadata(
     """
     values: dict[str, str] = {}
     conflicts = []
-    for key in (*KEYS, *DETAILS):
+    for key in (*metadata.KEYS, *metadata.DETAILS):
         first, second = _clean(custom_data.get(key)), _clean(record.get(key))
-        if first is not None and second is not None and not same_text(key, first, second):
+        if first is not None and second is not None and not metadata.same_text(key, first, second):
             conflicts.append(
                 f'{key} is {first!r} in metadata.yaml and {second!r} in the MCAP record '
-                f'{METADATA_RECORD}: correct one{OVERRULE.get(key, "")}')
+                f'{metadata.METADATA_RECORD}: correct one{OVERRULE.get(key, "")}')
             continue
         value = first if first is not None else second
         if value is None:
@@ -298,7 +289,7 @@ def find_metadata(
     faults: list[str] = []
     test = _kind(values.get('test'), faults)
     elevation = _elevation(values.get('elevation_deg'), faults)
-    details = {key: values[key] for key in DETAILS if key in values}
+    details = {key: values[key] for key in metadata.DETAILS if key in values}
     return TestMetadata(test, elevation, values.get('rig', ''), values.get('run', ''), details,
                       tuple(conflicts), tuple(faults))
 
@@ -310,7 +301,7 @@ def _clean(value: object) -> str | None:
 def _kind(text: str | None, faults: list[str]) -> str | None:
     if text is None:
         return None
-    if text.lower() in KINDS:
+    if text.lower() in metadata.KINDS:
         return text.lower()
     faults.append(
         f"test is {text!r}, which is not a kind of test: give test='static' or test='dynamic'")
@@ -320,7 +311,7 @@ def _kind(text: str | None, faults: list[str]) -> str | None:
 def _elevation(text: str | None, faults: list[str]) -> float | None:
     if text is None:
         return None
-    value = finite_number(text)
+    value = metadata.finite_number(text)
     if value is not None and LOWEST_ELEVATION <= value <= HIGHEST_ELEVATION:
         return value
     faults.append(

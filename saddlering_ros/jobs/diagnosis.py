@@ -43,8 +43,7 @@ def run(request: DiagnosisRequest, on_progress: OnProgress) -> DiagnosisAnswer:
     if request.before:
         change = compare(request.before, request.bags, rig=request.rig, seed=request.seed,
                          on_progress=on_progress)
-        return DiagnosisAnswer(
-            change.verdict, json.dumps(change.to_json()), change.headline, None)
+        return DiagnosisAnswer(change.verdict, json.dumps(change.to_json()), change.headline, None)
     result = diagnose(
         request.bags, hold_out=request.hold_out, rig=request.rig,
         parameters=request.parameters_file or None, seed=request.seed, on_progress=on_progress)

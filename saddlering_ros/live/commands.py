@@ -25,8 +25,7 @@ SERVICES = {'zero': 'ring_displacement/zero', 'start': 'replay_clock/play',
 """Relative names: in the namespace of the page's node."""
 
 
-ACTIONS = {'identify': (IDENTIFY, IdentifyRing),
-           'diagnose': (DIAGNOSE, DiagnoseRing)}
+ACTIONS = {'identify': (IDENTIFY, IdentifyRing), 'diagnose': (DIAGNOSE, DiagnoseRing)}
 RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
 
 
@@ -93,8 +92,7 @@ class Action:
                                  self._on_feedback, 10)
         self._cancel = node.create_client(kind.Impl.CancelGoalService,
                                           f'{path}/_action/cancel_goal')
-        self._result = node.create_client(kind.Impl.GetResultService,
-                                          f'{path}/_action/get_result')
+        self._result = node.create_client(kind.Impl.GetResultService, f'{path}/_action/get_result')
         self._asked = ''
 
     def cancel(self) -> bool:

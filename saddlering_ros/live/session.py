@@ -111,8 +111,7 @@ class AlarmOfTest:
         if not self.has_watched:
             return {'level': 'warning', 'words': f'not watched: {reason}'}
         if last.state == RingAlarm.BLIND and newest - to_stamp(last.header.stamp) > END:
-            return {'level': 'warning',
-                    'words': f'no alarm, but not watched to the end: {reason}'}
+            return {'level': 'warning', 'words': f'no alarm, but not watched to the end: {reason}'}
         return {'level': 'ok', 'words': 'no alarm'}
 
 

@@ -417,8 +417,7 @@ class Watcher:
 
     def _on_progress(self, message: ReplayProgress) -> None:
         with self.lock:
-            self._published.update(zip(message.outputs, map(int, message.published),
-                                       strict=False))
+            self._published.update(zip(message.outputs, map(int, message.published), strict=False))
 
     def _on_alarm(self, message: RingAlarm) -> None:
         shown = alarm_as_page(message)

@@ -157,8 +157,7 @@ class BlockWatch:
     @property
     def noise_grew(self) -> bool:
         """Whether the noise of some channel is far larger than it was at rest."""
-        return self._blocks >= MIN_NOISE_BLOCKS and bool(
-            self._ratio.max() > MAX_NOISE_RATIO)
+        return self._blocks >= MIN_NOISE_BLOCKS and bool(self._ratio.max() > MAX_NOISE_RATIO)
 
     def step(self, means: Array, materiality: Array) -> Alarm | None:
         """Take the means (C,) of one block; NaN where a channel is not known."""

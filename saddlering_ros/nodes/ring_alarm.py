@@ -271,8 +271,7 @@ class RingAlarmNode(StreamingNode):
         missing = self._missing()
         if missing:
             figures['missing'] = ', '.join(missing)
-        level = {ALARM: ERROR, BLIND: ERROR,
-                 WAITING: WARN}.get(self._state(), OK)
+        level = {ALARM: ERROR, BLIND: ERROR, WAITING: WARN}.get(self._state(), OK)
         return TaskStatus(level, self._words(), figures)
 
     def _promise_status(self) -> TaskStatus:

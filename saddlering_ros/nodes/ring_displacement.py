@@ -107,8 +107,7 @@ class RingDisplacementNode(StreamingNode):
         self._noise = ZeroNoise()
         lowest = self.settings['lowest_rate']
         names = [topic.name for topic in self._topics]
-        self._streams = [diagnostics.StreamTask(topic, lowest_rate=lowest)
-                         for topic in names]
+        self._streams = [diagnostics.StreamTask(topic, lowest_rate=lowest) for topic in names]
         self._saturation = [diagnostics.SaturationTask(topic, probes.min_range, probes.max_range)
                             for topic in names[1:]]
         self._parity = diagnostics.ParityTask(lambda: float(self.settings['parity_noise']))
@@ -213,8 +212,7 @@ class RingDisplacementNode(StreamingNode):
                            zero.stamp if zero else 0, stream.newest_stamp, stream.load)
 
     def _events(self) -> dict[str, int]:
-        return {**self._stream.events(),
-                'malformed': sum(flow.malformed for flow in self.inputs)}
+        return {**self._stream.events(), 'malformed': sum(flow.malformed for flow in self.inputs)}
 
 
 def main(args: Sequence[str] | None = None) -> None:

@@ -64,8 +64,7 @@ class RingResidualNode(StreamingNode):
 
     def process_batch(self) -> None:
         """One batch of either, residuals out."""
-        measured, simulated = (
-            flow.take_as(decode_displacements) for flow in self.inputs)
+        measured, simulated = (flow.take_as(decode_displacements) for flow in self.inputs)
         both = (measured, simulated)
         for flow, task, batch in zip(self.inputs, self._streams, both, strict=True):
             if len(batch):

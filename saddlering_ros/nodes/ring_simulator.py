@@ -351,8 +351,7 @@ class RingSimulatorNode(StreamingNode):
         simulator = self._stream.simulator
         failed = simulator.failed_steps
         new, self._failed_steps = failed - self._failed_steps, failed
-        figures = {'iterations': str(simulator.iterations),
-                   'not converged': str(failed)}
+        figures = {'iterations': str(simulator.iterations), 'not converged': str(failed)}
         if new > 0:
             return TaskStatus(ERROR, f'{new} steps did not converge and are not published: '
                               'check load and parameters',

@@ -182,8 +182,7 @@ class ResidualStream:
             newer = measured if pair[0] > pair[1] else simulated
             bridge = self._bridges.setdefault(
                 tuple(pair), _Bridge(max(pair), float(newer.zero_durations[mine[0]])))
-            found.append(bridge.across(
-                measured.pick(mine), simulated.pick(mine)))
+            found.append(bridge.across(measured.pick(mine), simulated.pick(mine)))
         return samples.join([batch for batch in found if len(batch)])
 
 

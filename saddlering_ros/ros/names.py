@@ -75,8 +75,7 @@ def names(*kinds: str) -> tuple[str, ...]:
 def nodes_table() -> str:
     """The nodes as a Markdown table, for the docs."""
     lines = ['| node | takes | gives | services |', '|---|---|---|---|']
-    lines += [f'| {node.name} | {node.takes} | {node.gives} | {node.services} |'
-              for node in NODES]
+    lines += [f'| {node.name} | {node.takes} | {node.gives} | {node.services} |' for node in NODES]
     return '\n'.join(lines)
 
 
@@ -127,8 +126,7 @@ def namespace_of(text: str) -> str:
 
 def diagnostic_name(node: Node) -> str:
     """The node's full name as /diagnostics shows it; in the root namespace without the slash."""
-    return str(node.get_fully_qualified_name() if node.get_namespace() != '/'
-               else node.get_name())
+    return str(node.get_fully_qualified_name() if node.get_namespace() != '/' else node.get_name())
 
 
 def rig_name(node: Node, given: str = '') -> str:
