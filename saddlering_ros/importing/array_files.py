@@ -66,12 +66,7 @@ class Hdf5Source(SlicedSource):
         except (OSError, RuntimeError, KeyError, ValueError, TypeError) as problem:
             raise ImportingError(f'{path}: is damaged, or not an HDF5 file ({problem}): save it '
                                  'again') from problem
-        self._columns = tuple(columns[:MAX_COLUMNS])
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Its columns in the order of the file."""
-        return self._columns
+        self.columns = tuple(columns[:MAX_COLUMNS])
 
     def read(self, name: str, part: slice) -> NDArray[Any]:
         """The values of a column in a slice of rows."""
@@ -197,15 +192,10 @@ class MatlabSource(SlicedSource):
         self._values: dict[str, NDArray[Any]] = {}
         for name in names:
             self._collect(name, held[name])
-        self._columns = tuple(
+        self.columns = tuple(
             Column(name, '', len(values), samples=tuple(map(str, values[:3])),
                    others=tuple(dict.fromkeys((name.replace('/', '.'), name.rpartition('/')[2]))))
             for name, values in self._values.items())
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Its columns in the order of the file."""
-        return self._columns
 
     def read(self, name: str, part: slice) -> NDArray[Any]:
         """The values of a variable in a slice of rows."""

@@ -190,12 +190,7 @@ class CsvSource(Source):
             others = (plain[1],) if plain and plain[1] else ()
             columns.append(Column(name, unit, None, kind, tuple(cells[:3]),
                                   others=(*others, f'#{index + 1}')))
-        self._columns = tuple(columns)
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Its columns in their order."""
-        return self._columns
+        self.columns = tuple(columns)
 
     def describe(self) -> list[str]:
         """The shape of the file."""
@@ -260,7 +255,7 @@ class CsvSource(Source):
         return unique, units
 
     def _batches(self, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
-        width = len(self._columns)
+        width = len(self.columns)
         read = 0
 
         def on_bad_row(row: csv.InvalidRow) -> str:
@@ -278,7 +273,7 @@ class CsvSource(Source):
                 pa.OSFile(str(self.path)),
                 read_options=csv.ReadOptions(
                     use_threads=False, block_size=BLOCK_BYTES, skip_rows=self.shape.first_line - 1,
-                    column_names=[column.name for column in self._columns],
+                    column_names=[column.name for column in self.columns],
                     encoding='utf8' if self.shape.encoding in ('utf-8', 'utf-8-sig')
                     else self.shape.encoding),
                 parse_options=csv.ParseOptions(

@@ -216,16 +216,10 @@ class MdfSource(Source):
         self._blocks = MdfBlocks(self._file, str(path))
         self._groups: list[_Group] = []
         self._channels: dict[str, _Channel] = {}
-        self._columns: list[Column] = []
         try:
             self._read_header(self._blocks.block(HEADER_PLACE, '##HD'))
         except (struct.error, IndexError) as problem:
             raise self._blocks.damaged('a block is shorter than it should be') from problem
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Its channels of numbers."""
-        return tuple(self._columns)
 
     def blocks(
         self, names: Sequence[str], as_text: Collection[str] = (),
@@ -316,7 +310,7 @@ class MdfSource(Source):
         unit = self._blocks.text(block.links[6]) or self._unit_of_conversion(block.links[4])
         own = timing if timing is None or timing.column != name else None
         rows = self._groups[number].rows
-        self._columns.append(Column(name, unit, rows, NUMBER, self._samples(name), own, (text,)))
+        self.columns += (Column(name, unit, rows, NUMBER, self._samples(name), own, (text,)),)
 
     def _samples(self, name: str) -> tuple[str, ...]:
         """The first three values, for people; none where they cannot be read."""

@@ -84,18 +84,14 @@ class Warnings:
 
 
 class Source(ABC):
-    """One measured file."""
+    """One measured file; `columns` in the order of the file, which a reader finds."""
 
     FORMAT = ''
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.warnings = Warnings()
-
-    @property
-    @abstractmethod
-    def columns(self) -> tuple[Column, ...]:
-        """Its columns in their order."""
+        self.columns: tuple[Column, ...] = ()
 
     @abstractmethod
     def blocks(

@@ -30,7 +30,10 @@ _LABVIEW = -2_082_844_800
 
 
 class TdmsSource(SlicedSource):
-    """A TDMS file, read in slices; every scaling that it holds is applied by npTDMS."""
+    """A TDMS file, read in slices; every scaling that it holds is applied by npTDMS.
+
+    Its columns are channels, as group/channel; the name of the channel alone will do.
+    """
 
     FORMAT = 'TDMS'
 
@@ -44,12 +47,7 @@ class TdmsSource(SlicedSource):
             raise ImportingError(f'{path}: is damaged, or a TDMS file of an unknown form '
                                  f'({problem}): save it again') from problem
         self._channels = {f'{channel.group_name}/{channel.name}': channel for channel in channels}
-        self._columns = tuple(self._column(name) for name in self._channels)
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Its channels as group/channel; the name of the channel alone will do."""
-        return self._columns
+        self.columns = tuple(self._column(name) for name in self._channels)
 
     def read(self, name: str, part: slice) -> NDArray[Any]:
         """The values of a column in a slice of rows."""

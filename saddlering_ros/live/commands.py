@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, replace
 import json
 from typing import Any, TYPE_CHECKING
 
@@ -100,14 +100,14 @@ class Action:
         if not self._cancel.service_is_ready():
             return False
         self._cancel.call_async(self._kind.Impl.CancelGoalService.Request())
-        self._change(lambda job: _with(job, stage='canceling') if job is not None else None)
+        self._change(lambda job: replace(job, stage='canceling') if job is not None else None)
         return True
 
     def look_after(self) -> None:
         """Notice that the server is gone."""
         if self._node.count_publishers(f'{self._path}/_action/status'):
             return
-        self._change(lambda job: _with(job, state='lost', words='its server is gone')
+        self._change(lambda job: replace(job, state='lost', words='its server is gone')
                      if job is not None and job.state == 'running' else None)
 
     def _change(self, change: Change) -> None:
@@ -139,7 +139,7 @@ class Action:
         else:
             share, words = said.progress, ''
         left = said.elapsed * (1.0 - share) / share if share > 0.05 else None
-        self._change(lambda job: job if job is None or job.state != 'running' else _with(
+        self._change(lambda job: job if job is None or job.state != 'running' else replace(
             job, stage=said.stage, share=float(share), words=words, elapsed=float(said.elapsed),
             left=left))
 
@@ -149,43 +149,27 @@ class Action:
         result = response.result
         ended = Job(goal, state, stage='', share=1.0, words=str(result.message))
         if state == 'done':
-            answer = (diagnosis_answer(json.loads(result.verdict_json))
-                      if self._name == 'diagnose' else
-                      identification_answer(json.loads(result.report_json), ended.words))
-            ended = _with(ended, verdict=answer.verdict, title=answer.title, words=answer.words,
-                          lines=list(answer.lines))
+            ended = (with_diagnosis(ended, json.loads(result.verdict_json))
+                     if self._name == 'diagnose' else
+                     with_identification(ended, json.loads(result.report_json)))
         self._change(lambda job: ended if job is None or job.goal == goal else None)
 
 
-def _with(job: Job, **changes: Any) -> Job:
-    return Job(**{**asdict(job), **changes})
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Words of a result; verdict and title are empty for an identification."""
-
-    verdict: str = ''
-    title: str = ''
-    words: str = ''
-    lines: tuple[str, ...] = ()
-
-
-def diagnosis_answer(document: VerdictDocument) -> Answer:
-    """A verdict: its words, the headline, the next test and the misfit reduction."""
+def with_diagnosis(job: Job, document: VerdictDocument) -> Job:
+    """The goal with the words of its verdict: headline, next test and misfit reduction."""
     # The words need the catalogue; the page is served before it is loaded.
     from saddlering_ros.diagnosis.ring_wording import gain_sentence, headline
     from saddlering_ros.quantities import VERDICT_WORDS
 
     verdict, following = document['verdict'], document.get('next_test')
     lines = (f'Next test: {following}' if following else '', gain_sentence(document))
-    return Answer(verdict, f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', headline(document),
-                  tuple(filter(None, lines)))
+    return replace(job, verdict=verdict, title=f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}',
+                   words=headline(document), lines=list(filter(None, lines)))
 
 
-def identification_answer(report: Mapping[str, Any], words: str) -> Answer:
-    """An identification: the message of the server, and a line for each parameter."""
+def with_identification(job: Job, report: Mapping[str, Any]) -> Job:
+    """The goal with a line for each parameter."""
     from saddlering_ros.identification.result import parameter_words
 
-    return Answer(words=words, lines=tuple(
-        parameter_words(name, item) for name, item in report['parameters'].items()))
+    return replace(job, lines=[
+        parameter_words(name, item) for name, item in report['parameters'].items()])

@@ -8,7 +8,7 @@ import pytest
 
 from saddlering_ros.diagnosis.ring_wording import document_text
 from saddlering_ros.identification.result import parameter_words
-from saddlering_ros.live.commands import diagnosis_answer, identification_answer
+from saddlering_ros.live.commands import Job, with_diagnosis, with_identification
 from saddlering_ros.quantities import VERDICT_WORDS
 from saddlering_ros.report import chapters
 
@@ -28,7 +28,7 @@ def of_verdict(verdict):
 @pytest.mark.parametrize('verdict', VERDICT_WORDS)
 def test_a_verdict_has_the_same_words_everywhere(verdict):
     said = of_verdict(verdict)
-    answer = diagnosis_answer(said)
+    answer = with_diagnosis(Job('goal'), said)
     console = document_text(said)
     banner = unescape(re.sub(r'<[^>]+>', ' ', chapters.verdict_banner(said)))
     for place in (console, banner.replace('\xa0', ' '), f'{answer.title} {answer.words} '
@@ -42,6 +42,6 @@ def test_a_verdict_has_the_same_words_everywhere(verdict):
 
 
 def test_an_open_parameter_has_the_same_words_on_the_live_page():
-    answer = identification_answer({'parameters': {'K1': OPEN}}, 'identified')
-    assert answer.lines == (parameter_words('K1', OPEN),)
+    answer = with_identification(Job('goal', words='identified'), {'parameters': {'K1': OPEN}})
+    assert answer.lines == [parameter_words('K1', OPEN)]
     assert answer.lines[0].startswith('K1: not determined by these data (best known 1.27')
