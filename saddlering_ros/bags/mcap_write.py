@@ -119,18 +119,28 @@ class McapWriter:
             self._write_chunk(data, index)
             self._file.flush()
 
-    def add_chunk(self, blocks: Sequence[MessageBlock]) -> None:
-        """Write the messages of all blocks, in order of their log times, as one chunk."""
-        blocks = [block for block in blocks if len(block)]
-        if not blocks:
-            return
-        channels = [self._channels[block.topic].id for block in blocks]
-        data, offsets = _interleave(blocks, channels)
-        index = {}
-        for channel, block, starts in zip(channels, blocks, offsets, strict=True):
-            index[channel] = np.empty(len(block), dtype=_INDEX_ENTRY)
-            index[channel]['log_time'], index[channel]['offset'] = block.log_times, starts
-        self._write_chunk(data, index)
+    def add_blocks(self, blocks: Sequence[MessageBlock]) -> None:
+        """Write the messages of blocks, none of them empty, by log time, chunk by chunk."""
+        which = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
+        rows = np.concatenate([np.arange(len(block)) for block in blocks])
+        order = np.argsort(np.concatenate([block.log_times for block in blocks]), kind='stable')
+        sizes = np.array([block.record_size for block in blocks])[which]
+        chunk_of = (np.cumsum(sizes[order]) - 1) // self._chunk_size
+        for chunk in np.split(order, np.flatnonzero(np.diff(chunk_of)) + 1):
+            starts = np.cumsum(sizes[chunk]) - sizes[chunk]
+            records, index = [b''] * len(chunk), {}
+            for number, block in enumerate(blocks):
+                places = np.flatnonzero(which[chunk] == number)
+                if not len(places):
+                    continue
+                mine, channel = rows[chunk[places]], self._channels[block.topic].id
+                for place, record in zip(places.tolist(), _records(block, mine, channel),
+                                         strict=True):
+                    records[place] = record
+                index[channel] = np.empty(len(mine), dtype=_INDEX_ENTRY)
+                index[channel]['log_time'] = block.log_times[mine]
+                index[channel]['offset'] = starts[places]
+            self._write_chunk(b''.join(records), index)
 
     def _write_chunk(self, data: bytes, index: Mapping[int, NDArray[np.void]]) -> None:
         """Write message records and their places: entries (N,) of _INDEX_ENTRY by channel."""
@@ -212,29 +222,13 @@ def _text(text: str) -> bytes:
     return struct.pack('<I', len(text)) + text.encode()
 
 
-def _interleave(
-    blocks: Sequence[MessageBlock], channels: Sequence[int],
-) -> tuple[bytes, list[NDArray[np.int64]]]:
-    """The message records of all blocks by log time, and the start of each block's records."""
-    times = np.concatenate([block.log_times for block in blocks])
-    sizes = np.concatenate([np.full(len(block), block.record_size) for block in blocks])
-    order = np.argsort(times, kind='stable')
-    ends = np.cumsum(sizes[order])
-    starts = np.empty(len(times), dtype=np.int64)
-    starts[order] = ends - sizes[order]
-    records = [record for block, channel in zip(blocks, channels, strict=True)
-               for record in _records(block, channel)]
-    limits = np.cumsum([len(block) for block in blocks])[:-1]
-    return b''.join([records[place] for place in order.tolist()]), np.split(starts, limits)
-
-
-def _records(block: MessageBlock, channel: int) -> list[bytes]:
-    """The block's message records, each as bytes; without sequence numbers."""
-    head = np.zeros(len(block), dtype=_MESSAGE_RECORD)
+def _records(block: MessageBlock, mine: NDArray[np.int64], channel: int) -> list[bytes]:
+    """The message records of some rows (N,) of a block, without sequence numbers."""
+    head = np.zeros(len(mine), dtype=_MESSAGE_RECORD)
     head['opcode'] = MESSAGE
     head['length'] = MESSAGE_HEAD + block.messages.shape[1]
     head['channel'] = channel
-    head['log_time'] = head['publish_time'] = block.log_times
-    rows = np.hstack([head.view(np.uint8).reshape(len(block), -1), block.messages])
+    head['log_time'] = head['publish_time'] = block.log_times[mine]
+    rows = np.hstack([head.view(np.uint8).reshape(len(mine), -1), block.messages[mine]])
     size, data = rows.shape[1], rows.tobytes()
     return [data[start:start + size] for start in range(0, len(data), size)]

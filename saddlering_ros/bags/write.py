@@ -253,13 +253,14 @@ class BagWriter:
 
     def write(self, blocks: Sequence[MessageBlock]) -> None:
         """Add messages of some topics, in order of their log times, chunk by chunk."""
-        for chunk in _chunks(blocks, self._chunk_size):
-            with self._or_refused():
-                self._file.add_chunk(chunk)
-            for block in chunk:
-                if len(block):
-                    self._topics[block.topic].add(
-                        len(block), int(block.log_times.min()), int(block.log_times.max()))
+        filled = [block for block in blocks if len(block)]
+        if not filled:
+            return
+        with self._or_refused():
+            self._file.add_blocks(filled)
+        for block in filled:
+            self._topics[block.topic].add(
+                len(block), int(block.log_times.min()), int(block.log_times.max()))
 
     def write_message(self, topic: str, log_time: int, message: bytes) -> None:
         """Add one serialized message that was received at `log_time` [ns]."""
@@ -309,21 +310,6 @@ class BagWriter:
     def _complaint(self, problem: OSError) -> str:
         return (f'{self.path}: cannot be written ({problem.strerror or problem}): '
                 'choose another place')
-
-
-def _chunks(blocks: Sequence[MessageBlock], chunk_size: int) -> Iterator[list[MessageBlock]]:
-    """The messages of all blocks by log time, in parts of about `chunk_size` bytes."""
-    if not any(map(len, blocks)):
-        return
-    which = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
-    index = np.concatenate([np.arange(len(block)) for block in blocks])
-    order = np.argsort(np.concatenate([block.log_times for block in blocks]), kind='stable')
-    sizes = np.array([block.record_size for block in blocks])
-    chunk_of = (np.cumsum(sizes[which[order]]) - 1) // chunk_size
-    for chunk in np.split(order, np.flatnonzero(np.diff(chunk_of)) + 1):
-        rows = [index[chunk[which[chunk] == number]] for number in range(len(blocks))]
-        yield [MessageBlock(block.topic, block.log_times[mine], block.messages[mine])
-               for block, mine in zip(blocks, rows, strict=True)]
 
 
 def messages_of(

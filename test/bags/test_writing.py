@@ -121,16 +121,16 @@ def test_what_is_no_bag_is_never_replaced(tmp_path, recording):
 @pytest.mark.parametrize('interruption', [KeyboardInterrupt, OSError])
 def test_an_interruption_leaves_nothing_half_written(
         tmp_path, recording, monkeypatch, interruption):
-    written, add_chunk = 0, McapWriter.add_chunk
+    written, write_chunk = 0, McapWriter._write_chunk
 
     def fail(*arguments):
         nonlocal written
         written += 1
         if written > 3:
             raise interruption(28, 'No space left on device')
-        add_chunk(*arguments)
+        write_chunk(*arguments)
 
-    monkeypatch.setattr(McapWriter, 'add_chunk', fail)
+    monkeypatch.setattr(McapWriter, '_write_chunk', fail)
     with pytest.raises((BagError, KeyboardInterrupt)):
         recording.write(tmp_path / 'bag', chunk_size=10_000)
     assert written == 4

@@ -21,10 +21,11 @@ from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingAlarm
 from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.live.server import address, serve
-from saddlering_ros.live.watcher import LATCHED, Watcher
+from saddlering_ros.live.watcher import Watcher
 from saddlering_ros.record import displacement_of_run
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import RING_NODES, start_nodes, transport_environment
+from saddlering_ros.ros.raw_topics import LATCHED
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(600)]
 LISTENERS = 2
