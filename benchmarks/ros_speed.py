@@ -40,7 +40,7 @@ from saddlering_interfaces.action import IdentifyRing
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags.wire import decode_displacements, encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.record.samples import Samples
+from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.launcher import ALARM_NODES, NodeGroup, RING_NODES, start_nodes
 from saddlering_ros.ros.messages import to_stamp

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import argparse
 import ast
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 import importlib
 import inspect
 from itertools import pairwise
+import math
 from pathlib import Path
 import re
+from typing import Any
 
 from catalogue_page import catalogue_page
 from troubleshooting_page import troubleshooting_page
@@ -171,7 +173,7 @@ def files_page() -> str:
 def nodes_page() -> str:
     """Every node with its topics, services and parameters, from registry and declarations."""
     from saddlering_ros.ros.names import NODES, nodes_table
-    from saddlering_ros.ros.parameters import HARDWARE_ID, table
+    from saddlering_ros.ros.parameters import HARDWARE_ID
     from saddlering_ros.ros.streaming_node import AUTOSTART, StreamingNode
 
     parts = [
@@ -185,8 +187,22 @@ def nodes_page() -> str:
         kind = getattr(importlib.import_module(node.module), node.class_name)
         own = ((AUTOSTART, HARDWARE_ID, *kind.PARAMETERS) if issubclass(kind, StreamingNode)
                else kind.PARAMETERS)
-        parts += [f'## {node.name}', '', table(own), '']
+        parts += [f'## {node.name}', '', _parameter_table(own), '']
     return '\n'.join([*parts, *_launch_lines()])
+
+
+def _parameter_table(parameters: Sequence[Any]) -> str:
+    """The parameters of a node as a Markdown table."""
+    lines = ['| parameter | default | range | meaning |', '|---|---|---|---|']
+    for parameter in parameters:
+        limits = ', '.join(f'`{choice}`' for choice in parameter.choices)
+        if math.isfinite(parameter.low) and math.isfinite(parameter.high):
+            limits = f'{parameter.low:g} to {parameter.high:g}'
+        default = f'`{parameter.default!r}`' if parameter.default != '' else 'none'
+        when = ' (changeable)' if parameter.changeable else (
+            ' (while inactive)' if parameter.while_inactive else '')
+        lines.append(f'| `{parameter.name}`{when} | {default} | {limits} | {parameter.words} |')
+    return '\n'.join(lines)
 
 
 def _launch_lines() -> list[str]:

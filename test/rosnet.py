@@ -23,7 +23,7 @@ from benchmarks.served_node import ServedNode
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags.wire import decode_displacements, encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.record.samples import Displacements, Samples
+from saddlering_ros.record.batches import Displacements, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription, stream_qos

@@ -13,7 +13,7 @@ import numpy as np
 
 from saddlering_ros.bags.wire import encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.record.samples import Samples
+from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.ros.raw_topics import RawPublisher, stream_qos
 

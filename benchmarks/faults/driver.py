@@ -20,7 +20,7 @@ from benchmarks.rigs import BEGIN, RIG
 from saddlering_ros.bags import write_bag
 from saddlering_ros.bags.wire import encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
-from saddlering_ros.record.samples import Samples
+from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig import CHANNELS, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 from benchmarks.served_node import ServedNode
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags.wire import decode_displacements
-from saddlering_ros.record.samples import Displacements
+from saddlering_ros.record.batches import Displacements
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
 from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import RawSubscription

@@ -15,9 +15,9 @@ from saddlering_ros.api.inputs import Bag, BagLike, ParametersLike, RigLike
 from saddlering_ros.bags.samples import displacement_columns, write_samples
 from saddlering_ros.files import bag_folder, Provenance, spare_bags
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
+from saddlering_ros.record.batches import join
 from saddlering_ros.record.displacement import measured_stretches
 from saddlering_ros.record.residual import residual_stretches
-from saddlering_ros.record.samples import join
 from saddlering_ros.record.simulation import simulated_stretches
 from saddlering_ros.rig import CHANNELS, MICRO_UNITS
 

@@ -17,11 +17,11 @@ from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.reading import absent_topic, mirrored_topic, run_of_record
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import finite_json
+from saddlering_ros.record.batches import gap_mask
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.quality import topic_quality, TopicQuality, UNKNOWN_QUALITY
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
-from saddlering_ros.record.samples import gap_mask
 from saddlering_ros.record.scratch import count_where, extremes, spread_changes
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 from saddlering_ros.rig import load_rig, Rig

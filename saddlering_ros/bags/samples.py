@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import Provenance, whole_file
+from saddlering_ros.record.batches import BRIDGED, Displacements, DOUBTFUL_LOAD, NOT_KNOWN
 from saddlering_ros.record.record import Record
-from saddlering_ros.record.samples import BRIDGED, Displacements, DOUBTFUL_LOAD, NOT_KNOWN
 from saddlering_ros.rig import CHANNELS
 
 COLUMNS = ('stamp_ns', 'time', 'load', 'delta_x', 'delta_y', 'gamma', 'parity', 'validity')

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saddlering_ros.record.samples import Displacements, no_displacements, no_samples, Samples
+from saddlering_ros.record.batches import Displacements, no_displacements, no_samples, Samples
 from saddlering_ros.record.topics import RANGE_TYPE, RigTopic, VECTOR_TYPE, WRENCH_TYPE
 from saddlering_ros.rig import CHANNELS
 
@@ -145,12 +145,7 @@ def take(data: NDArray[np.uint8], starts: NDArray[np.int64], dtype: str) -> NDAr
 
 def decode(data: NDArray[np.uint8], messages: Messages, topic: RigTopic) -> Readings:
     """Read all `messages` of a topic of the rig that lie in `data`."""
-    return readings_of(
-        decode_records(data, messages.starts, messages.sizes, topic.type, topic.fields), topic)
-
-
-def readings_of(records: Records, topic: RigTopic) -> Readings:
-    """Records of a topic of the rig as readings."""
+    records = decode_records(data, messages.starts, messages.sizes, topic.type, topic.fields)
     values = records.fields[topic.field].astype(np.float64)
     spans = np.empty((len(records), 0))
     if topic.low:

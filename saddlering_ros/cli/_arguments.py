@@ -327,7 +327,7 @@ def read_shown(args: argparse.Namespace, bag: str, rig: Rig) -> Record:
     BagError if the bag states another rig, unless --trust-rig.
     """
     from saddlering_ros.bags import read_run
-    from saddlering_ros.doubts import refuse_other_rig
+    from saddlering_ros.doubts.comparison import refuse_other_rig
 
     with Bar() as bar:
         run = read_run(bag, test=args.test, elevation=radians(args.elevation), rig=rig,
@@ -339,7 +339,7 @@ def read_shown(args: argparse.Namespace, bag: str, rig: Rig) -> Record:
 
 def read_model(args: argparse.Namespace) -> tuple[Rig, ParameterSet]:
     """The rig and the parameters of a command; RigError if these belong to another rig."""
-    from saddlering_ros.doubts import refuse_parameters_of_other_rig
+    from saddlering_ros.doubts.comparison import refuse_parameters_of_other_rig
     from saddlering_ros.rig import load_rig, read_parameters
 
     rig, parameters = load_rig(args.rig), read_parameters(args.params)

@@ -32,8 +32,8 @@ from saddlering_interfaces.msg import ReplayState, RingDisplacement
 from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.record import Record
+from saddlering_ros.record.batches import Displacements, join
 from saddlering_ros.record.displacement import a_pair_reads
-from saddlering_ros.record.samples import Displacements, join
 from saddlering_ros.record.topics import LOAD
 from saddlering_ros.ros.launcher import last_line, NodeGroup, REPLAY_NODES, RING_NODES
 from saddlering_ros.ros.messages import to_stamp

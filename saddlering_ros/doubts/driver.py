@@ -13,9 +13,9 @@ from saddlering_ros.doubts.finding import FAULT, Finding, NOTE
 from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
 from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_findings
 from saddlering_ros.errors import BagError
+from saddlering_ros.record.batches import align, gap_mask, Samples
 from saddlering_ros.record.guard import load_limits, probe_limits, SampleGuard
 from saddlering_ros.record.quality import white_noise
-from saddlering_ros.record.samples import align, gap_mask, Samples
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES, RigTopic
 from saddlering_ros.rig import mirrored_gap, Rig
 

@@ -19,6 +19,7 @@ from saddlering_ros.doubts.readings import MIN_SAMPLES
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import scratch
 from saddlering_ros.record.aligner import aligned_record
+from saddlering_ros.record.batches import align, Bits, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.record.displacement import a_pair_reads
 from saddlering_ros.record.guard import (
     GuardCounters,
@@ -31,7 +32,6 @@ from saddlering_ros.record.guard import (
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.quality import topic_quality, TopicQuality
 from saddlering_ros.record.record import RawRecord, RawTopic, Record
-from saddlering_ros.record.samples import align, Bits, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 from saddlering_ros.rig import load_rig, mirrored_gap, Rig
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from saddlering_ros.doubts.finding import Finding, Kind
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import quantity
+from saddlering_ros.record.batches import gap_mask
 from saddlering_ros.record.quality import filter_lag, median_of_known, rate_share, TopicQuality
-from saddlering_ros.record.samples import gap_mask
 from saddlering_ros.record.scratch import count_where, extremes, spread
 from saddlering_ros.rig import LoadLimits, TONNE
 

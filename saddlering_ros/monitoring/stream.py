@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from saddlering_ros.monitoring.monitor import Monitor, MonitorSettings, Sample
 from saddlering_ros.monitoring.noise import least_wander, materiality
-from saddlering_ros.record import samples
-from saddlering_ros.record.samples import Displacements, join, Samples
+from saddlering_ros.record import batches
+from saddlering_ros.record.batches import Displacements, join, Samples
 from saddlering_ros.rig import ContactParameters, Rig
 
 MAX_WAITING = 60_000
@@ -54,7 +54,7 @@ class AlarmStream:
 
     def _forget(self) -> None:
         """Discard waiting samples: another record begins."""
-        self._residual = samples.no_displacements()
+        self._residual = batches.no_displacements()
         self._stamps: NDArray[np.int64] = np.empty(0, np.int64)
         self._loads: NDArray[np.float64] = np.empty(0)
 
@@ -102,7 +102,7 @@ class AlarmStream:
 
     def _keep(self, residual: Displacements, load: Samples) -> None:
         if len(load):
-            if len(self._stamps) and self._stamps[-1] - load.stamps[0] > samples.JITTER_NS:
+            if len(self._stamps) and self._stamps[-1] - load.stamps[0] > batches.JITTER_NS:
                 self._forget()
             sound = np.isfinite(load.values) & (load.stamps > 0)
             stamps = np.append(self._stamps, load.stamps[sound])
@@ -159,7 +159,7 @@ class Sight:
         if not len(stamps):
             return
         newest = int(stamps[-1])
-        step = (newest - self.load_stamp) / samples.SECOND / len(stamps)
+        step = (newest - self.load_stamp) / batches.SECOND / len(stamps)
         if self.load_stamp and 0.0 < step < 1.0:
             self._period += 0.1 * (step - self._period)
         self.load_stamp, self.load_at = newest, now
@@ -192,7 +192,7 @@ class Sight:
                 return NO_CHANNEL
         elif self.residual_at == -math.inf:
             return NO_RESIDUAL
-        lag = (self.load_stamp - self.residual_stamp) / samples.SECOND
+        lag = (self.load_stamp - self.residual_stamp) / batches.SECOND
         allowed = patience * speed if speed > 0.0 else LOCKSTEP_LAG
         return LATE if lag > allowed else SEEN
 

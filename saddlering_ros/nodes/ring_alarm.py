@@ -24,7 +24,7 @@ from saddlering_ros.monitoring.monitor import (
 from saddlering_ros.monitoring.noise import DEFAULT_PERCENT
 from saddlering_ros.monitoring.stream import AlarmStream, Sight
 from saddlering_ros.record import LOAD_TOPIC
-from saddlering_ros.record.samples import no_displacements, no_samples
+from saddlering_ros.record.batches import no_displacements, no_samples
 from saddlering_ros.record.topics import LOAD
 from saddlering_ros.ros import diagnostics, names, streaming_node
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN

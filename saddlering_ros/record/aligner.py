@@ -15,20 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.record.samples import (
-    AlignedRows,
-    DEAD_AFTER_NS,
-    Floats,
-    GAP_HISTORY,
-    gap_limit,
-    JITTER_NS,
-    longer_hold,
-    Mask,
-    readings_at,
-    Samples,
-    SILENT_AFTER_NS,
-    Stamps,
-)
+from saddlering_ros.record import batches
+from saddlering_ros.record.batches import AlignedRows, Floats, Mask, Samples, Stamps
 from saddlering_ros.record.scratch import blocks, scratch_array, scratch_mask
 
 NEVER = 2**63 - 1
@@ -143,7 +131,7 @@ class _Waiting:
             if self.rises_with(stamps):
                 yield _Part(jumped, stamps, values)
                 return
-            behind = _newest_before(stamps, newest) - stamps > JITTER_NS
+            behind = _newest_before(stamps, newest) - stamps > batches.JITTER_NS
             end = int(behind.argmax()) if behind.any() else len(stamps)
             if end:
                 yield _Part(jumped, stamps[:end], values[:end])
@@ -257,11 +245,11 @@ class Aligner:
 
     def push(self, load: Samples, probes: Sequence[Samples]) -> list[AlignedRows]:
         """Take a batch of the load and of each probe; the rows that are ready."""
-        topics, batches = [self._loads, *self._probes], [load, *probes]
+        topics, arrived = [self._loads, *self._probes], [load, *probes]
         if all(topic.is_continued(samples)
-               for topic, samples in zip(topics, batches, strict=True)):  # the usual case
+               for topic, samples in zip(topics, arrived, strict=True)):  # the usual case
             self._longest_step *= STEP_MEMORY
-            for topic, samples in zip(topics, batches, strict=True):
+            for topic, samples in zip(topics, arrived, strict=True):
                 if len(samples.stamps):
                     last = topic.last
                     topic.append(samples.stamps, samples.values)
@@ -272,14 +260,14 @@ class Aligner:
                 self._epoch = int(self._loads.stamps[0])
             rows = self._drain()
         else:
-            rows = self._push_apart(topics, batches)
+            rows = self._push_apart(topics, arrived)
         # Discard samples of the probes that neither a later row nor the gap rule can need.
         for probe in self._probes:
             if len(probe) <= min(KEPT, self._max_samples):
                 continue
             if self._last_out is not None:
                 place = int(probe.stamps.searchsorted(self._last_out, 'right'))
-                probe.forget(max(place - 1 - 2 * GAP_HISTORY, 0))
+                probe.forget(max(place - 1 - 2 * batches.GAP_HISTORY, 0))
             if len(probe) > self._max_samples:
                 surplus = len(probe) // 2
                 self.counters.overflow += surplus
@@ -287,13 +275,13 @@ class Aligner:
         return rows
 
     def _push_apart(
-        self, topics: Sequence[_Waiting], batches: Sequence[Samples],
+        self, topics: Sequence[_Waiting], arrived: Sequence[Samples],
     ) -> list[AlignedRows]:
         """Push a batch in which stamps go back, or with readings that are not finite."""
         rows: list[AlignedRows] = []
         # What lies before a jump of the stamps is aligned before anything behind one.
         for of_load, *of_probes in zip_longest(*(
-                topic.parts(samples) for topic, samples in zip(topics, batches, strict=True))):
+                topic.parts(samples) for topic, samples in zip(topics, arrived, strict=True))):
             if (of_load and of_load.jumped) or any(part and part.jumped for part in of_probes):
                 rows += self.release()
             for probe, part in zip(self._probes, of_probes, strict=True):
@@ -351,7 +339,7 @@ class Aligner:
             self.counters.late_loads += int(np.count_nonzero(late))
             overtaken = np.where(stamps < self._last_out,
                                  _newest_before(stamps, self._loads.newest) - stamps, 0)
-            self._hold = longer_hold(self._hold, int(overtaken.max()))
+            self._hold = batches.longer_hold(self._hold, int(overtaken.max()))
             stamps, loads = stamps[~late], loads[~late]
         if len(stamps):
             self._loads.take(stamps, loads)
@@ -369,7 +357,8 @@ class Aligner:
             return []
         stamps = self._loads.stamps[:count]
         starts = self._run_starts(stamps)
-        gaps = readings_at(stamps, [(probe.stamps, probe.values) for probe in self._probes])
+        gaps = batches.readings_at(
+            stamps, [(probe.stamps, probe.values) for probe in self._probes])
         missing = np.isnan(gaps)
         given = published = np.ones(count, dtype=bool)
         if np.count_nonzero(missing):
@@ -396,7 +385,9 @@ class Aligner:
             return self.pending
         oldest = min(last)
         patience = min(self._dead_after, self._max_wait)
-        if newest - oldest > (min(patience, SILENT_AFTER_NS) if any(self.hurries) else patience):
+        if any(self.hurries):
+            patience = min(patience, batches.SILENT_AFTER_NS)
+        if newest - oldest > patience:
             return self.pending
         return int(self._loads.stamps.searchsorted(oldest, 'right'))
 
@@ -449,14 +440,14 @@ class Aligner:
         silent_since = np.maximum(probe.stamps[np.maximum(place, 0)], starts)
         next_sample = probe.stamps[np.minimum(place + 1, last)]
         silence = next_sample - silent_since
-        found = np.where(silence > SILENT_AFTER_NS, SILENT, IN_GAP)
+        found = np.where(silence > batches.SILENT_AFTER_NS, SILENT, IN_GAP)
         found[silence > dead_after] = ABSENT
         head, tail = place < 0, place == last
         found[head] = np.where(probe.stamps[0] - starts[head] > dead_after, ABSENT, BEFORE)
-        limit = gap_limit(np.diff(probe.stamps[-GAP_HISTORY - 1:]).tolist())
+        limit = batches.gap_limit(np.diff(probe.stamps[-batches.GAP_HISTORY - 1:]).tolist())
         silence = silent_since[tail]
         hurried = self._pair_until() - silence > max(
-            SILENT_AFTER_NS, limit, STEPS_MISSED * self._longest_step)
+            batches.SILENT_AFTER_NS, limit, STEPS_MISSED * self._longest_step)
         found[tail] = np.where(hurried, SILENT, WAITS)
         found[tail] = np.where(newest - silence > max(dead_after, limit), ABSENT, found[tail])
         return found
@@ -474,7 +465,7 @@ def aligned_record(load: Samples, probes: Sequence[Samples]) -> tuple[Floats, Ma
 
     All stamps strictly increasing.
     """
-    aligner = Aligner(channels=len(probes), dead_after=DEAD_AFTER_NS, max_wait=NEVER,
+    aligner = Aligner(channels=len(probes), dead_after=batches.DEAD_AFTER_NS, max_wait=NEVER,
                       max_pending=NEVER, max_samples=NEVER)
     gaps: Floats = scratch_array((len(probes), len(load)), np.float64)
     given, published = scratch_mask(len(load)), scratch_mask(len(load))

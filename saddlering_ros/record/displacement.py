@@ -15,23 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.errors import BagError
+from saddlering_ros.record import batches
 from saddlering_ros.record.aligner import Aligner
+from saddlering_ros.record.batches import AlignedRows, Bits, Displacements, Samples
 from saddlering_ros.record.guard import GuardCounters, load_limits, probe_limits, SampleGuard
 from saddlering_ros.record.record import Record
-from saddlering_ros.record.samples import (
-    AlignedRows,
-    ANY_TIME,
-    Bits,
-    DEAD_AFTER_NS,
-    Displacements,
-    is_pause,
-    is_published,
-    join,
-    no_displacements,
-    Samples,
-    SECOND,
-    unknown,
-)
 from saddlering_ros.record.scratch import blocks
 from saddlering_ros.rig import (
     CHANNELS,
@@ -76,7 +64,7 @@ class Zero:
     @property
     def duration(self) -> float:
         """How long the samples took [s]."""
-        return (self.last_stamp - self.stamp) / SECOND
+        return (self.last_stamp - self.stamp) / batches.SECOND
 
 
 def a_pair_reads(gaps: Floats) -> Mask:
@@ -95,7 +83,7 @@ def displacements(
     """
     increments = gap_increment(rig.probes, gaps, np.array(zero.reading.gaps))
     channels = _channels(measured_displacement(rig.probes, increments))
-    validity = unknown(channels)
+    validity = batches.unknown(channels)
     if marks is not None:
         validity |= marks
     ones = np.ones(len(stamps))
@@ -104,7 +92,7 @@ def displacements(
         elevation * ones, validity, zero.duration * ones)
     if not np.count_nonzero(validity):  # the usual case
         return batch
-    return batch.pick(is_published(validity))
+    return batch.pick(batches.is_published(validity))
 
 
 def _channels(found: Displacement) -> Floats:
@@ -146,8 +134,8 @@ def displacement_of_run(rig: Rig, run: Record) -> MeasuredRun:
     return MeasuredRun(
         time=run.time, stamps=run.stamps, load=run.load, d=increments, displacement=found,
         zero=zero, complete=complete, given=given & a_pair_reads(increments),
-        validity=unknown(_channels(found)) if run.probe_marks is None else
-        unknown(_channels(found)) | run.probe_marks)
+        validity=batches.unknown(_channels(found)) | (
+            np.uint8(0) if run.probe_marks is None else run.probe_marks))
 
 
 def zero_of_run(rig: Rig, run: Record) -> Zero:
@@ -218,15 +206,15 @@ class DisplacementStream:
 
     def __init__(self, rig: Rig, *, max_gap: float = 10.0) -> None:
         self._rig = rig
-        self._max_gap = round(max_gap * SECOND)
-        self.aligner = Aligner(dead_after=DEAD_AFTER_NS)
+        self._max_gap = round(max_gap * batches.SECOND)
+        self.aligner = Aligner(dead_after=batches.DEAD_AFTER_NS)
         self.counters = GuardCounters()
         self._load_guard = SampleGuard(load_limits(rig), self.counters)
         self._gap_guards = [
             SampleGuard(probe_limits(rig), self.counters if number in rig.probes.present
                         else GuardCounters()) for number in (1, 2, 3, 4)]
         self.elevation = float('nan')
-        self.recording = ANY_TIME
+        self.recording = batches.ANY_TIME
         self._missing = np.zeros(4, np.int64)
         self.jumps_ahead = 0
         self.rows = 0
@@ -326,7 +314,7 @@ class DisplacementStream:
                 measured = self._measured(part)
                 if len(measured):
                     found.append(measured)
-        return join(found)
+        return batches.join(found)
 
     def _of_one_zero(self, rows: AlignedRows) -> Iterator[AlignedRows]:
         """The rows in parts, before each of which the search for a new zero begins if it must."""
@@ -338,7 +326,7 @@ class DisplacementStream:
             return
         before = np.append(newest or rows.stamps[0], rows.stamps[:-1])
         leaps = [row for row in np.flatnonzero(rows.stamps - before > self._max_gap).tolist()
-                 if not is_pause(self.recording, int(before[row]), int(rows.stamps[row]))]
+                 if not batches.is_pause(self.recording, int(before[row]), int(rows.stamps[row]))]
         self.jumps_ahead += len(leaps)
         begins = dict.fromkeys(leaps, False)
         if rows.restart != self._restart:
@@ -359,7 +347,7 @@ class DisplacementStream:
         if self.zero is None:
             rows = self._after_zero(rows)
         if self.zero is None:
-            return no_displacements()
+            return batches.no_displacements()
         marks = None
         for guard in self._gap_guards:
             if guard.bridges:

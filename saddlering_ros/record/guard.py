@@ -19,18 +19,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.record.samples import (
-    Bits,
-    BRIDGED,
-    DOUBTFUL_LOAD,
-    GAP_FLOOR_NS,
-    GAP_HISTORY,
-    gap_limit,
-    JITTER_NS,
-    LEAP_NS,
-    no_samples,
-    Samples,
-)
+from saddlering_ros.record import batches
+from saddlering_ros.record.batches import Bits, DOUBTFUL_LOAD, GAP_HISTORY, Samples
 from saddlering_ros.record.scratch import blocks, scratch_array
 from saddlering_ros.rig import Rig
 
@@ -220,7 +210,7 @@ class SampleGuard:
         """The held sample, after a time without a successor."""
         held, self._held = self._held, None
         if held is None:
-            return no_samples()
+            return batches.no_samples()
         self._accept(held)
         return Samples(np.array([held[0]], np.int64), np.array([held[1]]))
 
@@ -238,7 +228,7 @@ class SampleGuard:
         newest = int(stamps[-1])
         for first, last in self._bridges:
             marks[stamps.searchsorted(first, 'right'):
-                  stamps.searchsorted(last, 'right' if to_next else 'left')] |= BRIDGED
+                  stamps.searchsorted(last, 'right' if to_next else 'left')] |= batches.BRIDGED
         self._bridges = [bridge for bridge in self._bridges if bridge[1] > newest]
         for first, last in self.doubtful:
             marks[stamps.searchsorted(first, 'right'):stamps.searchsorted(last)] |= DOUBTFUL_LOAD
@@ -260,7 +250,7 @@ class SampleGuard:
         longest = int(steps.max())
         if steps.min() <= 0:
             return False
-        if longest > GAP_FLOOR_NS and longest > gap_limit(list(self._steps)):
+        if longest > batches.GAP_FLOOR_NS and longest > batches.gap_limit(list(self._steps)):
             return False
         leap = self.limits.noise + self.limits.rate * 1e-9 * steps
         return bool((np.abs(np.diff(values)) <= leap).all())
@@ -327,9 +317,9 @@ class SampleGuard:
 
     def _follows(self, last: int, stamp: int) -> bool:
         step = stamp - last
-        if step <= GAP_FLOOR_NS:  # no gap, for any steps before
-            return step >= -JITTER_NS
-        return step <= gap_limit(list(self._steps))
+        if step <= batches.GAP_FLOOR_NS:  # no gap, for any steps before
+            return step >= -batches.JITTER_NS
+        return step <= batches.gap_limit(list(self._steps))
 
     def _is_near(self, last: tuple[int, float], sample: tuple[int, float]) -> bool:
         elapsed = abs(sample[0] - last[0]) * 1e-9
@@ -338,7 +328,7 @@ class SampleGuard:
     def _has_overtaken(self, held: tuple[int, float], sample: tuple[int, float]) -> bool:
         """Whether the held sample was early by at most an ordinary gap."""
         return (self._goes_on(self._last, sample) and self._is_near(held, sample)
-                and 0 < held[0] - sample[0] <= gap_limit(list(self._steps)))
+                and 0 < held[0] - sample[0] <= batches.gap_limit(list(self._steps)))
 
     def _between(self, held: tuple[int, float], sample: tuple[int, float]) -> bool:
         """Whether the held sample lies between the last sample and this one."""
@@ -359,13 +349,13 @@ class SampleGuard:
             self._changed = sample[0]
         if self._last is not None:
             step = sample[0] - self._last[0]
-            if step < -JITTER_NS:
+            if step < -batches.JITTER_NS:
                 self._steps.clear()
                 self._bridges.clear()
                 self._doubtful = Steps()
                 self._refused_since = None
             elif step > 0:
-                if step > LEAP_NS:  # Another test begins.
+                if step > batches.LEAP_NS:  # Another test begins.
                     self._doubtful.end(sample[0])
                 self._steps.append(step)
                 if self._refused_since is not None:
@@ -373,7 +363,7 @@ class SampleGuard:
                     del self._bridges[:-self._remembered]
                     self._refused_since = None
         if self._last is None or sample[0] > self._last[0] or (
-                sample[0] < self._last[0] - JITTER_NS):
+                sample[0] < self._last[0] - batches.JITTER_NS):
             self._last = sample
         self._count_doubtful(1)
         return [sample]

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.files import Origin
+from saddlering_ros.record.batches import Bits, DOUBTFUL_LOAD, Samples
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.quality import doubtful_lag, TopicQuality
-from saddlering_ros.record.samples import Bits, DOUBTFUL_LOAD, Samples
 from saddlering_ros.record.scratch import BLOCK, blocks, scratch_mask, spread_changes
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import Rig

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saddlering_ros.record import samples
+from saddlering_ros.record import batches
+from saddlering_ros.record.batches import Displacements, JITTER_NS, SECOND
 from saddlering_ros.record.displacement import measured_rows, zero_of_run
 from saddlering_ros.record.record import Record
-from saddlering_ros.record.samples import Displacements, JITTER_NS, SECOND
 from saddlering_ros.record.simulation import simulated_stretches
 from saddlering_ros.rig import ParameterSet, Rig, ZeroReading
 from saddlering_ros.rig.zeroing import MIN_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
@@ -46,7 +46,7 @@ class _Side:
     """Samples of one stream that wait for their partners, each stamp once."""
 
     def __init__(self) -> None:
-        self.waiting = samples.no_displacements()
+        self.waiting = batches.no_displacements()
         self.newest = 0
         self.given_up = 0
 
@@ -56,10 +56,10 @@ class _Side:
             return False
         jumped = self.newest - int(batch.stamps[0]) > JITTER_NS
         if jumped:
-            self.waiting = samples.no_displacements()
+            self.waiting = batches.no_displacements()
         newest = int(batch.stamps.max())
         self.newest = newest if jumped else max(self.newest, newest)
-        together = samples.join([self.waiting, batch]) if len(self.waiting) else batch
+        together = batches.join([self.waiting, batch]) if len(self.waiting) else batch
         if len(together) > 1 and (np.diff(together.stamps) <= 0).any():
             _, first = np.unique(together.stamps, return_index=True)
             together = together.pick(first)
@@ -76,7 +76,7 @@ class _Side:
     def forget(self, used: np.ndarray, before: int) -> int:
         """Drop rows `used` and rows stamped before `before`; how many of the latter."""
         if len(used) == len(self.waiting) and not self.given_up:
-            self.waiting = samples.no_displacements()
+            self.waiting = batches.no_displacements()
             return 0
         keep = np.ones(len(self.waiting), dtype=bool)
         keep[used] = False
@@ -125,7 +125,7 @@ class ResidualStream:
         """The residuals at the stamps that wait on both sides."""
         ours, theirs = self._measured.waiting, self._simulated.waiting
         if not len(ours) or not len(theirs):
-            return samples.no_displacements()
+            return batches.no_displacements()
         if np.array_equal(ours.stamps, theirs.stamps):  # the usual case
             stamps, measured, simulated = ours.stamps, ours, theirs
             mine = other = np.arange(len(stamps))
@@ -133,7 +133,7 @@ class ResidualStream:
             stamps, mine, other = np.intersect1d(ours.stamps, theirs.stamps, assume_unique=True,
                                                  return_indices=True)
             if not len(stamps):
-                return samples.no_displacements()
+                return batches.no_displacements()
             measured, simulated = ours.pick(mine), theirs.pick(other)
         before = int(stamps[-1]) - KEEP_NS
         self.counters.measured_alone += self._measured.forget(mine, before)
@@ -153,7 +153,7 @@ class ResidualStream:
 
     def _subtract(self, measured: Displacements, simulated: Displacements) -> Displacements:
         if not len(measured):
-            return samples.no_displacements()
+            return batches.no_displacements()
         apart = np.abs(measured.zero_stamps - simulated.zero_stamps)
         same = apart <= round(WINDOW_SECONDS * SECOND)
         same &= np.abs(measured.zero_loads - simulated.zero_loads) <= self._load_tolerance
@@ -167,7 +167,7 @@ class ResidualStream:
         self.counters.zero_differs += len(same) - len(rows) - len(bridged)
         self.zeros_agree = bool(same[-1]) or bool(
             len(bridged) and bridged.stamps[-1] == measured.stamps[-1])
-        both = samples.join([batch for batch in (direct, bridged) if len(batch)])
+        both = batches.join([batch for batch in (direct, bridged) if len(batch)])
         return both.pick(np.argsort(both.stamps, kind='stable'))
 
     def _bridged(self, measured: Displacements, simulated: Displacements, rows: np.ndarray,
@@ -183,7 +183,7 @@ class ResidualStream:
             bridge = self._bridges.setdefault(
                 tuple(pair), _Bridge(max(pair), float(newer.zero_durations[mine[0]])))
             found.append(bridge.across(measured.pick(mine), simulated.pick(mine)))
-        return samples.join([batch for batch in found if len(batch)])
+        return batches.join([batch for batch in found if len(batch)])
 
 
 class _Bridge:
@@ -209,7 +209,7 @@ class _Bridge:
         self._count += int(inside.sum())
         after = np.flatnonzero(older.stamps > self._until)
         if self._count < MIN_SAMPLES or not len(after):
-            return samples.no_displacements()
+            return batches.no_displacements()
         result = _difference(measured.pick(after), simulated.pick(after))
         offset = (self._total / self._count)[:, None]
         channels = result.channels - offset if measured_is_older else result.channels + offset

@@ -10,10 +10,10 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.record import samples
+from saddlering_ros.record import batches
+from saddlering_ros.record.batches import Displacements, JITTER_NS, longer_hold, Samples
 from saddlering_ros.record.guard import load_limits, SampleGuard
 from saddlering_ros.record.record import Record
-from saddlering_ros.record.samples import Displacements, JITTER_NS, longer_hold, Samples
 from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.rig import CHANNELS, ParameterSet, probes_to_displacement, Rig, ZeroReading
 from saddlering_ros.ring import RingSimulator, SimulationError
@@ -49,10 +49,10 @@ class SimulationStream:
     def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float, *,
                  max_step: float = 1e-3, max_gap: float = 10.0) -> None:
         self._rig = rig
-        self._max_gap = round(max_gap * samples.SECOND)
+        self._max_gap = round(max_gap * batches.SECOND)
         self.simulator = RingSimulator(rig, parameters, elevation, max_step)
         self.elevation = self.zero_elevation = elevation
-        self.recording = samples.ANY_TIME
+        self.recording = batches.ANY_TIME
         self.guard = SampleGuard(load_limits(rig))
         self.counters = SimulationCounters()
         self.hold = 0
@@ -137,7 +137,7 @@ class SimulationStream:
     def _jumped(self, stamp: int) -> bool:
         newest = self._newest
         if not newest or stamp - newest > self._max_gap:
-            return bool(newest) and not samples.is_pause(self.recording, newest, stamp)
+            return bool(newest) and not batches.is_pause(self.recording, newest, stamp)
         return newest - stamp > JITTER_NS
 
     def _too_late(self, stamp: int) -> None:
@@ -151,7 +151,7 @@ class SimulationStream:
         """The states at the samples up to a stamp [ns]."""
         count = bisect_left(self._held, (until + 1,))
         if not count:
-            return samples.no_displacements()
+            return batches.no_displacements()
         due, self._held = self._held[:count], self._held[count:]
         stamps = np.array([stamp for stamp, _ in due], np.int64)
         loads = np.array([load for _, load in due])
@@ -163,12 +163,12 @@ class SimulationStream:
         self.restart(zero_anywhere=True)
         self._held, self._newest = held, newest
         after = self._simulated(stamps[asked:], loads[asked:])
-        return samples.join([batch for batch in (before, after) if len(batch)])
+        return batches.join([batch for batch in (before, after) if len(batch)])
 
     def _simulated(self, stamps: NDArray[np.int64], loads: NDArray[np.float64]) -> Displacements:
         """The states that are known with samples (N,) in order: stamps [ns], loads [N]."""
         if not len(stamps):
-            return samples.no_displacements()
+            return batches.no_displacements()
         if self._epoch is None:
             self._epoch = int(stamps[0])
         self._last, self.load = int(stamps[-1]), float(loads[-1])
@@ -180,10 +180,10 @@ class SimulationStream:
         if zero is not None and not self.zero_stamp:
             of_zero = pushed[first:first + zero.end - zero.start]
             self.zero_stamp = int(of_zero[0])
-            self._zero_duration = int(of_zero[-1] - of_zero[0]) / samples.SECOND
+            self._zero_duration = int(of_zero[-1] - of_zero[0]) / batches.SECOND
         self._pushed = pushed[len(pushed) - pending:]
         if zero is None or not len(time):
-            return samples.no_displacements()
+            return batches.no_displacements()
         found = probes_to_displacement(self._rig.probes, probes)
         channels = np.array([getattr(found, name) for name in CHANNELS])
         times = pushed[first:first + len(time)]
@@ -248,5 +248,5 @@ def _converged(run: Record, simulated: SimulatedRun) -> Displacements:
         run.stamps[rows], channels, np.full(count, first), np.full(count, zero.load),
         np.full(count, run.elevation),
         np.zeros(count, np.uint8) if run.load_marks is None else run.load_marks[rows],
-        np.full(count, (last - first) / samples.SECOND))
+        np.full(count, (last - first) / batches.SECOND))
     return batch.pick(np.isfinite(channels).all(axis=0))

@@ -20,7 +20,7 @@ from saddlering_ros.doubts.reading import absent_topic
 from saddlering_ros.doubts.readings import check_values
 from saddlering_ros.files import share_directory
 from saddlering_ros.record import RawRecord, RawTopic
-from saddlering_ros.record.samples import Samples
+from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.ros import parameters

@@ -170,20 +170,6 @@ def _kind(default: Value) -> str:
     return names[type(default)]
 
 
-def table(parameters: Sequence[NodeParameter]) -> str:
-    """The parameters as a Markdown table, for the docs page of a node."""
-    lines = ['| parameter | default | range | meaning |', '|---|---|---|---|']
-    for parameter in parameters:
-        limits = ', '.join(f'`{choice}`' for choice in parameter.choices)
-        if math.isfinite(parameter.low) and math.isfinite(parameter.high):
-            limits = f'{parameter.low:g} to {parameter.high:g}'
-        default = f'`{parameter.default!r}`' if parameter.default != '' else 'none'
-        when = ' (changeable)' if parameter.changeable else (
-            ' (while inactive)' if parameter.while_inactive else '')
-        lines.append(f'| `{parameter.name}`{when} | {default} | {limits} | {parameter.words} |')
-    return '\n'.join(lines)
-
-
 def _rig_values(rig: Rig) -> dict[str, Any]:
     """The rig's own parameters (config/rig.yaml) by dotted name."""
     values = {name: attrgetter(name.removeprefix('rig.').replace('middle_row', 'radial_row'))(rig)

@@ -26,7 +26,7 @@ from rclpy.qos import (
 )
 
 from saddlering_ros.bags.wire import CdrError, decode_samples
-from saddlering_ros.record.samples import Samples
+from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.topics import RigTopic
 from saddlering_ros.ros.names import NodeError
 

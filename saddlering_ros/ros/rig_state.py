@@ -18,7 +18,7 @@ from rclpy.node import Node
 
 from saddlering_interfaces.msg import Elevation as ElevationMessage
 from saddlering_interfaces.msg import ReplayState, RigIdentity
-from saddlering_ros.record.samples import ANY_TIME
+from saddlering_ros.record.batches import ANY_TIME
 from saddlering_ros.record.topics import ELEVATION
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.description import short_digest

@@ -11,8 +11,8 @@ from saddlering_ros.bags import read_raw, read_run, write_bag
 from saddlering_ros.bags.info import bag_info
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, TestMetadata
+from saddlering_ros.record.batches import join, Samples
 from saddlering_ros.record.displacement import DisplacementStream
-from saddlering_ros.record.samples import join, Samples
 from saddlering_ros.rig import (
     default_rig,
     Displacement,

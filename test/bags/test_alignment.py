@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.record.aligner import aligned_record, Aligner
-from saddlering_ros.record.samples import (
+from saddlering_ros.record.batches import (
     align,
     AlignedRows,
     DEAD_AFTER_NS,

@@ -13,8 +13,8 @@ import pytest
 from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.cli.main import main
 from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, TestMetadata
+from saddlering_ros.record.batches import join, no_samples, Samples
 from saddlering_ros.record.displacement import DisplacementStream
-from saddlering_ros.record.samples import join, no_samples, Samples
 from saddlering_ros.rig import (
     CHANNELS,
     default_rig,

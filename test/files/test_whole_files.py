@@ -176,7 +176,7 @@ import numpy as np
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
 from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
 from saddlering_ros.bags.wire import encode_samples
-from saddlering_ros.record.samples import Samples
+from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.errors import SaddleringError
 kinds = {LOAD_TOPIC: 'geometry_msgs/msg/WrenchStamped',

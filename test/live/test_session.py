@@ -8,7 +8,7 @@ from saddlering_ros.bags.wire import encode_samples
 from saddlering_ros.live.session import Session
 from saddlering_ros.live.traces import TestCurves
 from saddlering_ros.live.watcher import Watcher
-from saddlering_ros.record.samples import Samples
+from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 
 STAMPS = 10**18 + 10_000_000 * np.arange(100)

@@ -8,7 +8,7 @@ import pytest
 from saddlering_ros.monitoring.monitor import LEARNING, MonitorSettings, Sample, WAITING, watch
 from saddlering_ros.monitoring.noise import materiality
 from saddlering_ros.monitoring.stream import AlarmStream
-from saddlering_ros.record.samples import Displacements, no_displacements, no_samples, Samples
+from saddlering_ros.record.batches import Displacements, no_displacements, no_samples, Samples
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
 
 RIG = default_rig()

@@ -19,8 +19,8 @@ from saddlering_ros.api import comparison
 from saddlering_ros.bags import write_bag
 from saddlering_ros.jobs import diagnosis
 from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.batches import Displacements, Samples
 from saddlering_ros.record.displacement import DisplacementStream
-from saddlering_ros.record.samples import Displacements, Samples
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.messages import fill_diagnosis

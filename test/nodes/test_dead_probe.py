@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from saddlering_ros.record.batches import Displacements, join, no_samples, Samples
 from saddlering_ros.record.displacement import DisplacementStream
-from saddlering_ros.record.samples import Displacements, join, no_samples, Samples
 from saddlering_ros.rig import default_rig
 
 RIG = default_rig()

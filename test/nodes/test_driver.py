@@ -10,8 +10,8 @@ import pytest
 from rosnet import Client, Driver, OUTPUTS, READERS, wait_until
 from std_srvs.srv import Trigger
 
+from saddlering_ros.record.batches import Displacements, Samples
 from saddlering_ros.record.displacement import DisplacementStream
-from saddlering_ros.record.samples import Displacements, Samples
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
 

@@ -14,8 +14,8 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.bags import write_bag
 from saddlering_ros.record import TestMetadata
+from saddlering_ros.record.batches import Displacements
 from saddlering_ros.record.residual import ResidualStream
-from saddlering_ros.record.samples import Displacements
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD
 from saddlering_ros.rig.description import shipped_rig_file
 from saddlering_ros.ros.launcher import NodeGroup

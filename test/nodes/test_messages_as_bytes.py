@@ -25,7 +25,7 @@ from saddlering_ros.bags.wire import (
     FEW,
     LAYOUTS,
 )
-from saddlering_ros.record.samples import Displacements, join, Samples
+from saddlering_ros.record.batches import Displacements, join, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 
 STAMPS = np.array([1_700_000_000_123_456_789, 1_700_000_001_999_999_999, -5], dtype=np.int64)
