@@ -44,7 +44,7 @@ def test_a_reading_that_is_no_number_is_not_at_an_end_of_the_range() -> None:
 
 def test_a_refused_reading_is_a_warning_of_the_same_period_and_of_no_later_one() -> None:
     guard = SampleGuard(load_limits(default_rig()))
-    events = Events(guard.counters.as_dict)
+    events = Events(lambda: vars(guard.counters))
     assert events.report(1.0).level == OK
     guard.push(Samples(START + MS * np.arange(3), np.array([1e5, 3e38, 1e5])))
     found = events.report(1.0)
