@@ -104,6 +104,7 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
     # A steady line that is found takes itself whole.
     taken = answer.taken if published.causes else float(bool(steady))
     stability = stability_of(space, fit, alternatives, None if answer.process is None else taken)
+    is_other = verdict == 'unknown' and bool(established.other_laws(space, fit, alternatives))
     return Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
@@ -128,7 +129,7 @@ def diagnose_problem(problem: Problem) -> Diagnosis:
         seconds=clock.monotonic() - began,
         complete=not answer.remainder and verdict != 'unknown',
         remainder=answer.remainder,
-        probabilities=probabilities_of(verdict, causes, taken),
+        probabilities=probabilities_of(verdict, causes, 0.0 if is_other else taken),
         refits=stability.refits,
         near_limit=stability.near_limit,
         influence=stability.influence,
@@ -179,6 +180,8 @@ def _answer(search: Search) -> Answer:
     if is_declared and published.shares is not None and taken < established.MIN_TAKEN:
         doubts.append(wording.weak_words(
             ' and '.join(fit.candidate.ids), taken, established.MIN_TAKEN))
+    if is_declared:
+        doubts += established.shared_directions(space, fit, search.alternatives)
     if doubts:
         judgement = replace(judgement, verdict='unknown', warnings=(*judgement.warnings, *doubts))
     return Answer(search, judgement, before, after, published, remainder_of(space, fit, after),
