@@ -50,7 +50,8 @@ def simulate(p: dict[str, float], run: Run) -> dict[str, Array]:
     fall = np.exp(-np.abs(v) / 0.05)
     added = p['friction.torque'] * sign + p['stiction.torque'] * fall * sign
     added += p['cogging.torque'] * np.sin(24.0 * q) - p['thermal.torque'] * hours * sign
-    added -= p['cables.rate'] * (q - p['cables.rest'])
+    pulled = q - np.array([p['cables.rest'], p['cables.elbow']])
+    added -= p['cables.rate'] * pulled * (1.0 + p['cables.hardening'] * pulled**2)
     added += p['gravity_error.torque'] * np.sin(q) + p['elasticity.size'] * jerk
     torque = rigid(p, q, v, a) + WEIGHTS * added
     return dict(zip(JOINTS, torque.T, strict=True))
@@ -69,7 +70,8 @@ MODEL = Model(
         'backlash': effect('Backlash of the gears', 'width', 0, 0.2),
         'cogging': effect('Torque ripple', 'torque', -10, 10),
         'elasticity': effect('Elastic joints', 'size', -0.2, 0.2),
-        'cables': effect('Cables that pull', 'rate', -2, 30, rest=Parameter(-0.5, 0.5)),
+        'cables': effect('Cables that pull', 'rate', -2, 30, rest=Parameter(-0.5, 0.5),
+                         elbow=Parameter(-0.5, 0.5), hardening=Parameter(0, 1)),
         'thermal': effect('Friction that falls as it warms', 'torque', 0, 1000),
         'gravity_error': effect('Error of the compensated gravity', 'torque', -20, 20),
         'deflection': effect('Links that bend', 'compliance', -0.005, 0.005),
