@@ -58,7 +58,7 @@ setup(
         *shared_files('config'),
         *shared_files('bags'),
     ],
-    package_data={PACKAGE: ['pages/*.js', 'live/page/*']},
+    package_data={PACKAGE: ['pages/*.css', 'pages/*.js', 'live/page/*']},
     include_package_data=True,
     zip_safe=False,
     install_requires=['setuptools', *required('run')],

@@ -52,14 +52,11 @@ class ComparisonResult(Result):
 
         return Plot(draw(change_chart(self.change)), self._spare_inputs)
 
-    def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
-        """Write the comparison as one HTML page that loads nothing from elsewhere."""
+    def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
         from saddlering_ros.comparison.page import write_change_page
 
-        inputs.check_path('path', path)
-        self._spare_inputs(path)
-        write_change_page(self.change, Path(path), command)
-        return (Path(path),)
+        write_change_page(self.change, path, command)
+        return (path,)
 
     def _document(self) -> dict[str, Any]:
         return self.change.to_json()

@@ -22,9 +22,6 @@ from saddlering_ros.record.simulation import simulated_stretches
 from saddlering_ros.rig import CHANNELS, MICRO_UNITS
 
 if TYPE_CHECKING:
-    import pandas
-    import polars
-
     from saddlering_ros.api.results import Plot
 
 Array = NDArray[np.float64]
@@ -34,7 +31,7 @@ MAX_DRAWN = 4000
 
 
 @dataclass(frozen=True, repr=False)
-class Curves:
+class Curves(inputs.Samples):
     """The displacement of the ring in one test, sample by sample, as the live nodes give it.
 
     kind: 'measured', 'simulated' or 'measured minus simulated'; stamp_ns (N,) [ns]; time (N,) [s]
@@ -56,9 +53,6 @@ class Curves:
     notes: tuple[str, ...]
     provenance: Provenance
 
-    def __repr__(self) -> str:
-        return f'<Curves {self.summary().splitlines()[0]}>'
-
     def __len__(self) -> int:
         return len(self.time)
 
@@ -76,14 +70,6 @@ class Curves:
         """The arrays by name, as the commands write them."""
         return {name: getattr(self, name)
                 for name in ('stamp_ns', 'time', 'load', *CHANNELS, 'validity')}
-
-    def to_dataframe(self) -> pandas.DataFrame:
-        """The same as a pandas DataFrame, one row per sample."""
-        return inputs.dataframe(self.columns())
-
-    def to_polars(self) -> polars.DataFrame:
-        """The same as a polars DataFrame."""
-        return inputs.polars_frame(self.columns())
 
     def save(self, path: Path | str) -> None:
         """Write the table; the suffix selects .csv or .parquet."""
@@ -103,11 +89,6 @@ class Curves:
 
     def _spare_bag(self, output: Path) -> None:
         spare_bags(output, str(output), [(bag_folder(self.bag.path), str(self.bag.path))])
-
-    def _repr_html_(self) -> str:
-        from saddlering_ros.pages import html
-
-        return html.commands(self.summary().splitlines())
 
 
 def displacement(

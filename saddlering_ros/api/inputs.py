@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 import csv
 from dataclasses import dataclass
@@ -45,8 +46,36 @@ ParametersLike = Any
 """Contact parameters: a `ParameterSet`, a parameter file, or a result that found some."""
 
 
-@dataclass(frozen=True)
-class Bag:
+class Samples(ABC):
+    """What a bag and curves share: a summary, and a row of numbers per sample."""
+
+    @abstractmethod
+    def summary(self) -> str:
+        """The content in a few lines."""
+
+    @abstractmethod
+    def columns(self) -> dict[str, Any]:
+        """The arrays by name."""
+
+    def __repr__(self) -> str:
+        return f'<{type(self).__name__} {self.summary().splitlines()[0]}>'
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """The same as a pandas DataFrame, one row per sample."""
+        return dataframe(self.columns())
+
+    def to_polars(self) -> polars.DataFrame:
+        """The same as a polars DataFrame."""
+        return polars_frame(self.columns())
+
+    def _repr_html_(self) -> str:
+        from saddlering_ros.pages import html
+
+        return html.commands(self.summary().splitlines())
+
+
+@dataclass(frozen=True, repr=False)
+class Bag(Samples):
     """A test of a bag, aligned at the stamps of the load; `read_bag` returns it.
 
     run: the arrays as read (gaps [m], load [N], stamps [ns], notes); rig: the rig of the test.
@@ -54,9 +83,6 @@ class Bag:
 
     run: Record
     rig: Rig
-
-    def __repr__(self) -> str:
-        return f'<Bag {self.summary().splitlines()[0]}>'
 
     @property
     def name(self) -> str:
@@ -102,19 +128,6 @@ class Bag:
         """Measured displacement as arrays by name: stamp_ns, time, load and the four channels."""
         zero = zero_of_run(self.rig, self.run)
         return displacement_columns(self.run, measured_rows(self.rig, self.run, zero, slice(None)))
-
-    def to_dataframe(self) -> pandas.DataFrame:
-        """The same as a pandas DataFrame, one row per sample."""
-        return dataframe(self.columns())
-
-    def to_polars(self) -> polars.DataFrame:
-        """The same as a polars DataFrame."""
-        return polars_frame(self.columns())
-
-    def _repr_html_(self) -> str:
-        from saddlering_ros.pages import html
-
-        return html.paragraph(self.summary())
 
 
 BagLike = Bag | Record | Path | str

@@ -101,12 +101,20 @@ class Result(ABC):
     def plot(self) -> Plot:
         """The figure that shows the result best."""
 
-    @abstractmethod
     def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
-        """Write the report, one HTML file that opens offline, and its curves as CSV beside it.
+        """Write the report, one HTML file that opens offline, and the curves of runs as CSV.
 
         command: the command line that makes it. Returns the paths written.
         """
+        from saddlering_ros.report.curves import curves_path
+
+        inputs.check_path('path', path)
+        self._spare_inputs(path, curves_path(path))
+        return self._write_report(Path(path), command)
+
+    @abstractmethod
+    def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
+        """The same after the checks."""
 
     @abstractmethod
     def _document(self) -> dict[str, Any]:
@@ -241,13 +249,9 @@ class IdentificationResult(Result, _Parametric):
         """Measured and simulated with these parameters, for the fitted bags."""
         return self.validation.plot()
 
-    def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
-        """Write the report: parameters, and simulation beside measurement."""
+    def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
         from saddlering_ros.report import write_validation_report
-        from saddlering_ros.report.curves import curves_path
 
-        inputs.check_path('path', path)
-        self._spare_inputs(path, curves_path(path))
         return write_validation_report(path, self.validation.found, runs_of(self.bags), self.rig,
                                        self.found.to_json(), command)
 
@@ -307,13 +311,9 @@ class ValidationResult(Result):
         static = [item for item in curves if item.test == 'static']
         return Plot(draw(figures.comparison((static or curves)[:3])), self._spare_inputs)
 
-    def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
-        """Write the report on these parameters."""
+    def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
         from saddlering_ros.report import write_validation_report
-        from saddlering_ros.report.curves import curves_path
 
-        inputs.check_path('path', path)
-        self._spare_inputs(path, curves_path(path))
         return write_validation_report(path, self.found, runs_of(self.bags), self.rig,
                                        command=command)
 
@@ -405,13 +405,9 @@ class DiagnosisResult(Result, _Parametric):
         return Plot(draw(figures.misfit(
             self.document['runs'], is_extended=bool(self.causes))), self._spare_inputs)
 
-    def write_report(self, path: Path | str, *, command: str = '') -> tuple[Path, ...]:
-        """Write the report of the diagnosis."""
+    def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
         from saddlering_ros.report import write_diagnosis_report
-        from saddlering_ros.report.curves import curves_path
 
-        inputs.check_path('path', path)
-        self._spare_inputs(path, curves_path(path))
         return write_diagnosis_report(self.found, path, command)
 
     def with_effect_files(self, folder: Path | str) -> DiagnosisResult:

@@ -71,16 +71,8 @@ def run(args: argparse.Namespace) -> int:
         return _show_status(args.store)
     import json
 
-    from saddlering_ros.campaign import (
-        CampaignError,
-        find_bags,
-        group_sessions,
-        read_manifest,
-        SessionLimits,
-        Store,
-        tasks_of,
-        write_manifest,
-    )
+    from saddlering_ros import campaign
+    from saddlering_ros.campaign import CampaignError
     from saddlering_ros.campaign.tables import write_fleet, write_tables
     from saddlering_ros.fleet import limits_from_text
     from saddlering_ros.rig import load_rig
@@ -89,22 +81,24 @@ def run(args: argparse.Namespace) -> int:
     load_rig(args.rig)
     limits = limits_from_text(args.limit)
     with Bar() as bar:
-        bags = find_bags(args.folder, lambda count: bar.show('find', 0.0, f'{count} bags'))
+        bags = campaign.find_bags(
+            args.folder, lambda count: bar.show('find', 0.0, f'{count} bags'))
     if not bags:
         raise CampaignError(f'{args.folder}: has no bags: give the folder of the bags')
     if args.manifest is not None:
-        sessions = read_manifest(args.manifest, bags)
+        sessions = campaign.read_manifest(args.manifest, bags)
     else:
-        sessions = group_sessions(bags, args.gap * 3600.0, args.hold_out)
+        sessions = campaign.group_sessions(bags, args.gap * 3600.0, args.hold_out)
     if args.json != '-':
         _print_plan(sessions)
     if args.plan:
         return 0
-    store = Store(args.out)
+    store = campaign.Store(args.out)
     store.prepare()
-    write_manifest(store.folder, sessions)
-    tasks = tasks_of(
-        sessions, args.rig, SessionLimits(args.time_limit, int(args.memory_limit * 2**30)),
+    campaign.write_manifest(store.folder, sessions)
+    session = campaign.SessionLimits(args.time_limit, int(args.memory_limit * 2**30))
+    tasks = campaign.tasks_of(
+        sessions, args.rig, session,
         reports=store.reports if args.reports == 'flagged' else None)
     summary = _compute(args, tasks, store)
     write_tables(store, tasks)

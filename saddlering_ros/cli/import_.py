@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.cli._terminal import Bar, tell_json
 from saddlering_ros.errors import printable
 
 if TYPE_CHECKING:
@@ -96,8 +96,10 @@ def _import(args: argparse.Namespace) -> int:
             spare_files(Path(given), f'--{option} {given}', named)
     rig = load_rig(args.rig) if args.rig is not None else None
     shown = rig or load_rig()
-    result = import_files(args.files, mapping, args.out, rig=rig, overwrite=args.overwrite,
-                          on_progress=_counter())
+    with Bar() as bar:
+        result = import_files(
+            args.files, mapping, args.out, rig=rig, overwrite=args.overwrite,
+            on_progress=lambda samples: bar.show('import', 0.0, f'{samples} samples'))
     if args.preview is not None:
         save_preview(args.preview, result.runs, shown)
     warnings = [*result.warnings, *_doubts(args, result, shown)]
@@ -139,19 +141,6 @@ def _still_probes(run: ImportedRun, rig: Rig) -> list[str]:
         return []
     return [f'no gap changes by more than {gaps * 1e6:.2g} µm under a load of '
             f'{rig.force_words(spans["hydraulic_load"])}: check unit and scale of the probes']
-
-
-def _counter() -> Any:
-    """A callback that shows the number of samples on a terminal."""
-    import sys
-
-    if not sys.stderr.isatty():
-        return None
-
-    def show(samples: int) -> None:
-        print(f'\r{samples} samples', end='\r', file=sys.stderr, flush=True)
-
-    return show
 
 
 def _print_runs(result: ImportResult, rig: Rig) -> None:

@@ -43,7 +43,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    from saddlering_ros.live.server import address, serve
+    from saddlering_ros.live.server import Address, address, serve
     from saddlering_ros.live.watcher import Watcher
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.launcher import prepare_transport
@@ -56,12 +56,11 @@ def run(args: argparse.Namespace) -> int:
     domain = arguments.domain_of(args)
     rig = load_rig(args.rig)
     prepare_transport()
+
+    def say(where: Address) -> None:
+        if not tell_json(args, {'url': where.url, 'domain': domain}):
+            print(f'{where.url} shows ROS domain {domain}; Ctrl-C ends it', flush=True)
+
     with Watcher(domain, args.window, namespace_of(args.namespace), rig) as watcher:
-        serve(watcher, address(args.host, args.port, args.token),
-              lambda where: _say(args, where.url, domain), rig=rig)
+        serve(watcher, address(args.host, args.port, args.token), say, rig=rig)
     return 0
-
-
-def _say(args: argparse.Namespace, url: str, domain: int) -> None:
-    if not tell_json(args, {'url': url, 'domain': domain}):
-        print(f'{url} shows ROS domain {domain}; Ctrl-C ends it', flush=True)

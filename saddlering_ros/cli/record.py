@@ -73,8 +73,9 @@ def run(args: argparse.Namespace) -> int:
         counts, contradiction = node.counts(), node.settle_rig()
     if contradiction:
         print(f'note: {contradiction}', file=sys.stderr)
-    told = {'bag': str(args.out), 'seconds': time.monotonic() - began, 'messages': counts}
-    tell(args, told)
+    seconds = time.monotonic() - began
+    if not tell_json(args, {'bag': str(args.out), 'seconds': seconds, 'messages': counts}):
+        print(f'{args.out}: {sum(counts.values())} messages in {seconds:.1f} s')
     if not any(counts.values()):
         print(f'note: no message was received in ROS domain {domain}', file=sys.stderr)
     return 0
@@ -91,10 +92,3 @@ def facts_of(args: argparse.Namespace) -> dict[str, str]:
     if args.test is None:
         return details
     return TestMetadata(args.test, args.elevation, details=details).as_text()
-
-
-def tell(args: argparse.Namespace, told: dict[str, Any]) -> None:
-    """Print the content of the recording."""
-    if tell_json(args, told):
-        return
-    print(f'{told["bag"]}: {sum(told["messages"].values())} messages in {told["seconds"]:.1f} s')

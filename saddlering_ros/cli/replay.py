@@ -115,9 +115,12 @@ def run(args: argparse.Namespace) -> int:
             raise
         took = time.monotonic() - began
         counts = {} if recorder is None else recorder.counts()
-    _tell(args, {'bag': str(args.bag), 'domain': domain, 'duration': length, 'seconds': took,
-                 'recorded': None if args.record is None else str(args.record),
-                 'messages': counts})
+    told = {'bag': str(args.bag), 'domain': domain, 'duration': length, 'seconds': took,
+            'recorded': None if args.record is None else str(args.record), 'messages': counts}
+    if not tell_json(args, told):
+        print('the bag is at its end')
+        if args.record is not None:
+            print(f'written: {args.record}, {sum(counts.values())} messages')
     return 0
 
 
@@ -194,11 +197,3 @@ def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:
         known = TestMetadata(facts.test, elevation, facts.rig, facts.run, facts.details).as_text()
     return recording(args.record, domain, facts=known, overwrite=args.overwrite,
                      namespace=namespace_of(args.namespace))
-
-
-def _tell(args: argparse.Namespace, told: dict[str, Any]) -> None:
-    if tell_json(args, told):
-        return
-    print('the bag is at its end')
-    if args.record is not None:
-        print(f'written: {args.record}, {sum(told["messages"].values())} messages')

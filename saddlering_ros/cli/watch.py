@@ -9,9 +9,6 @@ from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._terminal import Bar, tell_json
 
 if TYPE_CHECKING:
-
-    from saddlering_ros.monitoring.monitor import Monitor
-    from saddlering_ros.record import Record
     from saddlering_ros.rig import ParameterSet, Rig
 
 MATERIALITY_PERCENT = 2.0
@@ -64,14 +61,15 @@ def _watch_bag(
     """The result for one bag: its part of the document, and its text."""
     import numpy as np
 
-    from saddlering_ros.monitoring.monitor import Monitor, MonitorSettings, watch
-    from saddlering_ros.monitoring.noise import least_wander, materiality
+    from saddlering_ros.monitoring.monitor import alarm_words, Monitor, MonitorSettings, watch
+    from saddlering_ros.monitoring.noise import least_wander, materiality, MonitoringError
     from saddlering_ros.monitoring.stream import residual_samples
     from saddlering_ros.record.residual import residual_stretches
 
     monitor = Monitor(
         MonitorSettings(false_alarm_hours=args.false_alarm_hours), rig.limits.rest_band,
-        lambda elevation: materiality(rig, parameters.contact, elevation, args.materiality),
+        lambda elevation: materiality(
+            rig, parameters.contact, elevation, args.materiality),
         least_wander(rig))
     test_run = arguments.read_shown(args, bag, rig)
     notes = list(test_run.notes)
@@ -80,37 +78,19 @@ def _watch_bag(
                                           lambda share: bar.show('watch', share))
         watch(monitor, (sample for batch in stretches for sample in residual_samples(
             batch, test_run.load[np.searchsorted(test_run.stamps, batch.stamps)])))
-    _check_watched(monitor, test_run)
-    origin = int(test_run.stamps[0])
-    notes += [f'{1e-9 * (lapse.stamp - origin):.3f} s: {lapse.reason}' for lapse in monitor.lapses]
-    return {'bag': str(test_run.path), 'seconds': monitor.seconds, 'notes': notes,
-            'materiality': monitor.materiality.tolist(),
-            'alarm': _alarm_document(monitor, origin), 'words': _words(monitor, origin)}
-
-
-def _check_watched(monitor: Monitor, run: Record) -> None:
-    """MonitoringError if the record does not show its noise before the load moves."""
-    from saddlering_ros.monitoring.noise import MonitoringError
-
     if monitor.rest is None:
-        raise MonitoringError(f'{run.path}: the load never rests and then moves, so the noise is '
-                              'not known and nothing is watched: record some seconds before the '
-                              'load moves')
-
-
-def _alarm_document(monitor: Monitor, origin: int) -> dict[str, Any] | None:
-    alarm = monitor.alarm
-    if alarm is None:
-        return None
-    return {'channel': alarm.channel, 'time': 1e-9 * (alarm.stamp - origin),
+        raise MonitoringError(f'{test_run.path}: the load never rests and then moves, so the '
+                              'noise is not known and nothing is watched: record some seconds '
+                              'before the load moves')
+    origin, alarm = int(test_run.stamps[0]), monitor.alarm
+    notes += [f'{1e-9 * (lapse.stamp - origin):.3f} s: {lapse.reason}' for lapse in monitor.lapses]
+    return {
+        'bag': str(test_run.path), 'seconds': monitor.seconds, 'notes': notes,
+        'materiality': monitor.materiality.tolist(),
+        'alarm': None if alarm is None else {
+            'channel': alarm.channel, 'time': 1e-9 * (alarm.stamp - origin),
             'since': 1e-9 * (alarm.since - origin), 'size': alarm.size,
             'evidence': alarm.evidence, 'follows': alarm.follows,
-            'first_guess': alarm.first_guess, 'stamp_ns': alarm.stamp, 'since_ns': alarm.since}
-
-
-def _words(monitor: Monitor, origin: int) -> str:
-    from saddlering_ros.monitoring.monitor import alarm_words
-
-    if monitor.alarm is None:
-        return f'no alarm in {monitor.seconds:.1f} s'
-    return alarm_words(monitor.alarm, origin)
+            'first_guess': alarm.first_guess, 'stamp_ns': alarm.stamp, 'since_ns': alarm.since},
+        'words': f'no alarm in {monitor.seconds:.1f} s' if alarm is None else
+        alarm_words(alarm, origin)}

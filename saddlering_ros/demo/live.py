@@ -319,7 +319,7 @@ class ReplayRecording:
 
     def at(self, stamps: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Measured and simulated channels (4, N) at `stamps` [ns], NaN where none came."""
-        return _placed(self.measured, stamps), _placed(self.simulated, stamps)
+        return placed(self.measured, stamps), placed(self.simulated, stamps)
 
 
 class DemoRecorder(StreamingNode):
@@ -361,7 +361,8 @@ class DemoRecorder(StreamingNode):
         self._loads = 0
 
 
-def _placed(batch: Displacements, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+def placed(batch: Displacements, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The channels (4, N) of a batch at `stamps` [ns], NaN where it has none."""
     placed = np.full((4, len(stamps)), np.nan)
     _, here, there = np.intersect1d(stamps, batch.stamps, return_indices=True)
     placed[:, here] = batch.channels[:, there]

@@ -16,14 +16,15 @@ import numpy as np
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_ros.bags import read_run
-from saddlering_ros.demo.live import DemoError, LiveRig, ReplayRecording
+from saddlering_ros.demo.live import DemoError, LiveRig, placed, ReplayRecording
 from saddlering_ros.diagnosis.ring_wording import headline, RunEntry, VerdictDocument
 from saddlering_ros.files import temporary_folder
 from saddlering_ros.quantities import percent
 from saddlering_ros.record import Record
+from saddlering_ros.record.batches import join
+from saddlering_ros.record.simulation import simulated_stretches
 from saddlering_ros.report.curves import Array, curves_of_run, RunCurves
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, Rig, write_parameters
-from saddlering_ros.ring import simulate
 from saddlering_ros.ros.messages import parameters_from_message
 
 STEPS = 8
@@ -330,12 +331,8 @@ def curves_of_replay(
 
 def simulated_offline(run: Record, rig: Rig, parameters: ParameterSet) -> Array:
     """Simulated channels (4, samples) of a run, as published live; NaN before the zero."""
-    simulated = simulate(rig, parameters, run.elevation, run.time, run.load)
-    channels = np.full((len(CHANNELS), len(run.time)), np.nan)
-    stop = simulated.first + len(simulated.time)
-    for row, name in enumerate(CHANNELS):
-        channels[row, simulated.first:stop] = getattr(simulated.displacement, name)
-    return channels
+    stretches, _ = simulated_stretches(rig, run, parameters, [], lambda share: None)
+    return placed(join(list(stretches)), run.stamps)
 
 
 def misfit_of(run: RunCurves, channel: str, *, extended: bool) -> float:

@@ -33,97 +33,7 @@ PHONE_LETTERS = 40
 NOTHING = ('', '–')
 """Texts of cells without a value."""
 
-CSS = """
-:root { --ink: #1f2933; --soft: #52606d; --line: #dde3e9; --back: #f5f7fa; }
-* { box-sizing: border-box; }
-body { font: 15px/1.5 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; color: var(--ink);
-  background: var(--back); margin: 0; }
-main { max-width: 1180px; margin: 0 auto; padding: 24px 20px 60px; }
-section, .verdict { background: #fff; border: 1px solid var(--line); border-radius: 10px;
-  padding: 18px 24px; margin: 18px 0; }
-h1 { font-size: 24px; margin: 4px 0 2px; }
-h2 { font-size: 19px; margin: 2px 0 10px; }
-h3 { font-size: 16px; margin: 18px 0 6px; }
-p { margin: 6px 0; max-width: 85ch; }
-.soft, figcaption, .note { color: var(--soft); }
-figcaption, .note { font-size: 13.5px; max-width: 110ch; }
-.verdict { border-left: 8px solid #7b8794; }
-.verdict.none { border-left-color: #2f8f4e; }
-.verdict.named { border-left-color: #1f6fb2; }
-.verdict.ambiguous { border-left-color: #d9930d; }
-.verdict.unknown { border-left-color: #d1495b; }
-.verdict .headline { font-size: 20px; font-weight: 600; max-width: 70ch; }
-.next { background: #eef5fc; border-radius: 6px; padding: 8px 12px; margin-top: 10px; }
-figure { margin: 12px 0; }
-figure img { max-width: 100%; height: auto; display: block; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 13.5px; margin: 8px 0; }
-caption { text-align: left; color: var(--soft); padding-bottom: 4px; }
-th, td { padding: 4px 10px 4px 0; border-bottom: 1px solid var(--line); text-align: left;
-  vertical-align: top; }
-th { font-weight: 600; white-space: nowrap; }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-td.good { color: #1c7a3e; font-weight: 600; }
-td.bad { color: #b5303f; font-weight: 600; }
-code { font: 13px ui-monospace, "DejaVu Sans Mono", monospace; background: #eef1f4;
-  padding: 1px 4px; border-radius: 4px; }
-summary { cursor: pointer; font-weight: 600; padding: 4px 0; }
-.tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 12px 0 4px; }
-.tile { background: #fff; border: 1px solid var(--line); border-radius: 8px; padding: 8px 14px;
-  min-width: 150px; flex: 1; }
-.tile b { display: block; font-size: 19px; }
-.tile span { color: var(--soft); font-size: 13px; }
-td.good::before { content: "✓ "; }
-td.bad::before { content: "▲ "; }
-td.heat { text-align: center; }
-pre { background: #eef1f4; border-radius: 6px; padding: 10px 12px; margin: 8px 0;
-  white-space: pre-wrap; overflow-wrap: anywhere; font: 13px ui-monospace, "DejaVu Sans Mono",
-  monospace; }
-.hash { overflow-wrap: anywhere; }
-.plot { width: 100%; }
-figure.drawn img { display: none; }
-.contents { columns: 2; column-gap: 32px; font-size: 14px; margin: 12px 0; padding-left: 20px; }
-.contents a { color: inherit; }
-.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(340px, 100%), 1fr));
-  gap: 0 24px; }
-@media screen and (max-width: 600px) {
-  main { padding: 12px 6px 40px; }
-  section, .verdict { padding: 12px; }
-  .contents { columns: 1; }
-  .wide thead { display: none; }
-  .wide tr { display: block; border-bottom: 1px solid var(--line); padding: 6px 0; }
-  .wide td, .wide td.n { display: flex; justify-content: space-between; gap: 16px; border: 0;
-    padding: 1px 0; text-align: right; white-space: normal; }
-  .wide, .wide tbody, .wide caption { display: block; width: 100%; }
-  .wide td.none { display: none !important; }
-  .wide td:not([data-is]) { text-align: left; }
-  figure { overflow-x: auto; }
-  th { white-space: normal; }
-  .wide td[data-is]::before { content: attr(data-is); color: var(--soft); text-align: left; }
-}
-@page { margin: 11mm; }
-@media print {
-  body { background: #fff; font-size: 11px; line-height: 1.35; }
-  main { padding: 0; max-width: none; }
-  section, .verdict { border-color: #bbb; padding: 6px 12px; margin: 8px 0; }
-  .contents { columns: 3; }
-  figure { margin: 6px 0; }
-  figure img, details svg { max-height: 98mm; width: auto; margin: 0 auto; }
-  details svg { display: block; }
-  figure, tr, .verdict, .scroll, table { break-inside: avoid; }
-  thead { display: table-header-group; }
-  h1, h2, h3, summary, caption { break-after: avoid; }
-  p { orphans: 3; widows: 3; }
-  .plot { display: none !important; }
-  figure.drawn img { display: block; }
-  .scroll { overflow: visible; }
-  table { font-size: 9.5px; margin: 4px 0; }
-  th, td { padding: 1px 8px 1px 0; }
-  td.n, th, th.n { white-space: normal; }
-}
-"""
-
-SCRIPT = Path(__file__).with_name('charts.js')
+SCRIPT, STYLE = (Path(__file__).with_name(name) for name in ('charts.js', 'page.css'))
 
 
 def write_page(path: Path | str, document: str) -> None:
@@ -168,7 +78,7 @@ def page(title: str, parts: Sequence[str]) -> str:
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<link rel="icon" href="data:,">'
-        f'<title>{escape(title)}</title><style>{CSS}</style></head>\n<body><main>\n'
+        f'<title>{escape(title)}</title><style>\n{STYLE.read_text(encoding="utf-8")}</style></head>\n<body><main>\n'
         f'{inside}\n</main>\n{scripts}</body></html>\n'
     )
 

@@ -168,80 +168,55 @@ def residuals(run: RunCurves) -> Chart:
     The parity is left out if it is unknown, because a probe is absent.
     """
     channels = [name for row, name in enumerate(CHANNELS) if np.isfinite(run.measured[row]).any()]
-    views = [_over_load, _both_branches, _over_time, _over_frequency]
-    if run.test != 'static':
-        views.insert(3, _over_rate)
-    panels = [view(run, channel, row, column)
-              for row, channel in enumerate(channels) for column, view in enumerate(views)]
-    return Chart(tuple(charts.without_inner_labels(panels, len(channels))), width=11.4, height=8.0,
-                 heights=(1.0,) * len(channels), columns=len(views), shares_x=True,
+    rows = [_views(run, channel) for channel in channels]
+    panels = [
+        replace(panel, row=row, column=column, title='' if row else panel.title,
+                shows_y_label=not column)
+        for row, views in enumerate(rows) for column, panel in enumerate(views)]
+    return Chart(tuple(charts.without_inner_labels(panels, len(rows))), width=11.4, height=8.0,
+                 heights=(1.0,) * len(rows), columns=len(rows[0]), shares_x=True,
                  legend_columns=3)
 
 
-def _versions(run: RunCurves) -> list[tuple[bool, str, str]]:
-    if not run.is_extended:
-        return [(False, charts.BEFORE, 'measured minus simulated')]
-    return [(False, charts.BEFORE, 'contact law alone'), (True, charts.AFTER, 'extended model')]
+def _views(run: RunCurves, channel: str) -> list[Panel]:
+    """The misfit of a channel over load, by branch, over time and load rate, and its spectrum.
 
-
-def _misfits(run: RunCurves, channel: str) -> list[tuple[Array, str, str]]:
-    return [(MICRO * run.residual(channel, extended=extended), colour, name)
-            for extended, colour, name in _versions(run)]
-
-
-def _view(
-    run: RunCurves, channel: str, row: int, column: int, label: str, title: str,
-    series: Sequence[Series],
-) -> Panel:
-    """One view of a channel's misfit, with bands of noise and of a sound ring."""
-    return Panel(row, column, label, axis_label(channel), tuple(series), _bands(run, channel),
-                 title=title if row == 0 else '', shows_y_label=column == 0)
-
-
-def _over_load(run: RunCurves, channel: str, row: int, column: int) -> Panel:
-    series = []
-    for values, colour, _ in _misfits(run, channel):
-        for sign, mark in ((1.0, '^'), (-1.0, 'v')):
-            here = np.sign(run.direction) == sign
-            series.append(markers(run.load_in_unit[here], values[here], mark, colour, size=2.6,
-                                  is_open=True))
-    return _view(run, channel, row, column, f'load / {run.force_unit}',
-                 '▵ load rising, ▿ falling', series)
-
-
-def _both_branches(run: RunCurves, channel: str, row: int, column: int) -> Panel:
-    series = []
-    for values, colour, _ in _misfits(run, channel):
+    All but the spectrum with bands of noise and of a sound ring.
+    """
+    shown = [(False, charts.BEFORE, 'measured minus simulated')]
+    if run.is_extended:
+        shown = [(False, charts.BEFORE, 'contact law alone'),
+                 (True, charts.AFTER, 'extended model')]
+    load, unit, rate = run.load_in_unit, run.force_unit, smooth_rate(run.load_in_unit, run.time)
+    over_load: list[Series] = []
+    by_branch: list[Series] = []
+    over_time: list[Series] = []
+    over_rate: list[Series] = []
+    over_frequency: list[Series] = []
+    for extended, colour, name in shown:
+        values = MICRO * run.residual(channel, extended=extended)
+        over_load += [
+            markers(load[here], values[here], mark, colour, size=2.6, is_open=True)
+            for mark, here in (('^', run.direction > 0.0), ('v', run.direction < 0.0))]
         found = branches(run.load, run.direction, values)
-        load = found.load / FORCE_UNITS[run.force_unit]
-        series += [charts.line(load, found.mean, colour),
-                   charts.line(load, found.half_difference, colour, dash=':', width=1.8)]
-    return _view(run, channel, row, column, f'load / {run.force_unit}',
-                 '— mean, ··· half-difference', series)
-
-
-def _over_time(run: RunCurves, channel: str, row: int, column: int) -> Panel:
-    series = [charts.line(run.time, values, colour, name, width=0.8)
-              for values, colour, name in _misfits(run, channel)]
-    return _view(run, channel, row, column, 'time / s', 'over time', series)
-
-
-def _over_rate(run: RunCurves, channel: str, row: int, column: int) -> Panel:
-    rate = smooth_rate(run.load_in_unit, run.time)
-    series = [markers(rate, values, '.', colour, size=2.2)
-              for values, colour, _ in _misfits(run, channel)]
-    return _view(run, channel, row, column, f'load rate / ({run.force_unit}/s)',
-                 'over load rate', series)
-
-
-def _over_frequency(run: RunCurves, channel: str, row: int, column: int) -> Panel:
-    series = []
-    for values, colour, _ in _misfits(run, channel):
+        at = found.load / FORCE_UNITS[unit]
+        by_branch += [charts.line(at, found.mean, colour),
+                      charts.line(at, found.half_difference, colour, dash=':', width=1.8)]
+        over_time.append(charts.line(run.time, values, colour, name, width=0.8))
+        over_rate.append(markers(rate, values, '.', colour, size=2.2))
         frequency, density = spectrum(run.time, values)
-        series.append(charts.line(frequency, np.maximum(density, 1e-9), colour, width=1.0))
-    return Panel(row, column, 'frequency / Hz', f'{axis_label(channel)} / √Hz', tuple(series),
-                 title='spectrum, µm or µrad / √Hz' if row == 0 else '', shows_y_label=False,
-                 x_is_log=True, y_is_log=True)
+        over_frequency.append(
+            charts.line(frequency, np.maximum(density, 1e-9), colour, width=1.0))
+    views = [(f'load / {unit}', '▵ load rising, ▿ falling', over_load),
+             (f'load / {unit}', '— mean, ··· half-difference', by_branch),
+             ('time / s', 'over time', over_time),
+             (f'load rate / ({unit}/s)', 'over load rate', over_rate)]
+    label, bands = axis_label(channel), _bands(run, channel)
+    return [
+        *(Panel(0, 0, across, label, tuple(series), bands, title=title)
+          for across, title, series in views if run.test != 'static' or series is not over_rate),
+        Panel(0, 0, 'frequency / Hz', f'{label} / √Hz', tuple(over_frequency),
+              title='spectrum, µm or µrad / √Hz', x_is_log=True, y_is_log=True)]
 
 
 def look_alikes(cosines: Mapping[str, Mapping[str, float]]) -> Chart:

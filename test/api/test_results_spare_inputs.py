@@ -31,7 +31,7 @@ class _Summary(Result):
     def plot(self):
         raise NotImplementedError
 
-    def write_report(self, path, *, command=''):
+    def _write_report(self, path, command):
         raise NotImplementedError
 
     def _document(self):
