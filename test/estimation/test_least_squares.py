@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saddlering_ros.estimation.least_squares import covariance, minimise
+from saddlering_ros.estimation.least_squares import covariance, minimise, Rule
 
 PLACES = np.linspace(0.0, 4.0, 60)
 TRUTH = np.array([1.3, 0.7])
@@ -66,3 +66,8 @@ def test_a_coordinate_without_effect_has_a_huge_variance_unless_a_prior_holds_it
     jacobian = np.array([[2.0, 0.0], [0.0, 0.0]])
     assert covariance(jacobian)[1, 1] > 1e12
     assert covariance(jacobian, prior=1.0) == pytest.approx(np.diag([0.2, 1.0]))
+
+
+def test_the_prior_holds_all_but_periodic_coordinates_at_the_middle_of_the_box():
+    rule = Rule(np.array([False, True]), prior=2.0, rounds=1, quiet_gain=0.0, quiet_share=0.0)
+    assert rule.cost(np.array([3.0]), np.array([0.75, 0.0])) == pytest.approx(9.0 + 4.0 * 0.25**2)

@@ -17,7 +17,12 @@ from identification_records import (
 import numpy as np
 import pytest
 
-from saddlering_ros.estimation.identifiability import reason_misfit, WIDTH_95
+from saddlering_ros.estimation.identifiability import (
+    MAX_HALF_WIDTH,
+    reason_misfit,
+    reason_one_elevation,
+    WIDTH_95,
+)
 from saddlering_ros.identification import (
     IdentificationError,
     IdentificationSettings,
@@ -374,6 +379,15 @@ def test_a_lag_that_readings_show_widens_the_interval_of_the_damping(monkeypatch
     shift = abs(found.systematic['delay'][2]) * 5.0 * found.parameters.contact.D1
     assert wider.std[2] == pytest.approx(np.hypot(found.std[2], shift), rel=1e-3)
     assert wider.std[2] > 3.0 * found.std[2]
+
+
+def test_noise_and_imperfection_together_leave_a_stiffness_of_one_elevation_open():
+    half = MAX_HALF_WIDTH['K']
+    assert reason_one_elevation('K1', 0.0, 0.9 * half, '5 µm of clearance', 1) is None
+    together = ('K1', 0.1 * half, 0.9 * half, '5 µm of clearance')
+    assert 'curvature only: 5 µm of clearance' in reason_one_elevation(*together, 1)
+    assert reason_one_elevation(*together, 2) is None
+
 
 def test_a_misfit_that_leaves_a_parameter_open_is_named_with_its_remedy():
     wide, narrow = 0.5, 0.05
