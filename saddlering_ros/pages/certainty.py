@@ -6,6 +6,7 @@ The document of a ring and of a declared model have the same keys.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from textwrap import fill
 from typing import Any
 
 from saddlering_ros.pages import html
@@ -15,6 +16,9 @@ from saddlering_ros.quantities import compact, percent, shares_in_words
 OUTCOMES = {'none': 'no cause', 'unknown': 'an unknown cause'}
 MAX_ROWS = 16
 """Rows of a picture: the largest are shown."""
+
+MAX_WORDS = 48
+"""Letters of a line beside a bar."""
 
 WIDTH = 5.8
 """Width of a picture [inches]: two stand side by side on a page."""
@@ -37,13 +41,15 @@ def certainty(document: Mapping[str, Any], title_of: Callable[[str], str] = str)
 def bars(rows: Sequence[Row], label: str, top: float | None = None) -> Chart:
     """One bar for each row, from the top down; top: end of the axis."""
     rows = rows[:MAX_ROWS]
+    words = tuple(fill(row[0], MAX_WORDS) for row in rows)
     places = tuple(float(place) for place in range(len(rows)))
     series = [line([0.0, size], [place, place], colour, width=9.0)
               for place, (_, size, colour) in zip(places, rows, strict=True)]
     end = [markers([top], [places[-1] + 5.0], '.', NOISE, size=0.1)] if top else []
     return _chart(Panel(
-        0, 0, label, '', (*series, *end), y_ticks=Ticks(places, tuple(row[0] for row in rows)),
-        y_range=(places[-1] + 0.7, -0.7), shows_y_label=False, has_y_grid=False), len(rows))
+        0, 0, label, '', (*series, *end), y_ticks=Ticks(places, words),
+        y_range=(places[-1] + 0.7, -0.7), shows_y_label=False, has_y_grid=False),
+        len(rows) * max(1 + word.count('\n') for word in words))
 
 
 def _chart(panel: Panel, rows: int) -> Chart:

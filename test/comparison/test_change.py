@@ -30,8 +30,10 @@ from saddlering_ros.comparison.sessions import (
     TwoSessions,
 )
 from saddlering_ros.diagnosis.ring_system import RingSystem
+from saddlering_ros.diagnosis.ring_wording import title_of
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.errors import BagError
+from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.rig import Instruments, TRUE_TO_SCALE
 
 
@@ -123,6 +125,13 @@ def test_a_series_stands_in_the_document_and_on_the_page(grown, tmp_path):
     write_change_page(change, tmp_path / 'change.html')
     assert 'changed since session 2' in (tmp_path / 'change.html').read_text()
     assert document['headline'] in change_text(change)
+
+
+@pytest.mark.filterwarnings('error')
+def test_the_words_of_a_group_leave_room_for_its_bar():
+    group = 'tilt_friction or cylinder_friction or radial_friction'
+    page = certainty({'causes': [], 'probabilities': {group: 0.95, 'unknown': 0.05}}, title_of)
+    assert 'probabilities' in page  # Words on one line left no width for the axes: a warning.
 
 
 def test_a_main_cause_that_leaves_a_rest_is_named_with_a_wider_error(grown):
