@@ -49,7 +49,7 @@ class RingJudgement:
     def concern(self) -> float:
         """Order of the table: rings that need a person first."""
         unlike = self.unlike is not None and self.unlike.stands
-        marks = (self.drift is not None, self.finding, unlike)
+        marks = (self.drift is not None, self.finding, unlike, bool(self.sessions[-1].change))
         return float(sum(marks)) + min(math.log10(max(self.e_value, 1.0)), 99.0) / 100.0
 
     @property
@@ -64,6 +64,7 @@ class RingJudgement:
             answer.append(f'unlike the other rings in {words_of([strongest])}')
         if self.drift is not None:
             answer.append(f'drifts: {words_of(self.drift.group)}')
+        answer += filter(None, [self.sessions[-1].change])
         return tuple(answer)
 
 

@@ -35,7 +35,8 @@ class SessionFigures:
     """One session: value (6,) and covariance (6, 6) of COORDINATES, NaN where not measured.
 
     time [s since 1970] and service_hours of the test, NaN if unknown; causes: size and standard
-    deviation of every effect named, by its id.
+    deviation of every effect named, by its id; change: what changed since the base measurement of
+    the ring in one sentence, '' if nothing did.
     """
 
     key: str
@@ -52,12 +53,13 @@ class SessionFigures:
     causes: Mapping[str, tuple[float, float]]
     next_test: str = ''
     report: str = ''
+    change: str = ''
 
 
 def figures_of(task: Mapping[str, Any], result: Mapping[str, Any], p_value: float
                ) -> SessionFigures:
     """Figures of one result; a failed session has no values."""
-    document = result.get('verdict') or {}
+    document, change = result.get('verdict') or {}, result.get('change') or {}
     value, covariance = _coordinates(document, result.get('covariance'))
     causes = {
         item['effect']: (float(size['value']), float(size['std'] or math.nan))
@@ -70,7 +72,8 @@ def figures_of(task: Mapping[str, Any], result: Mapping[str, Any], p_value: floa
         time=_number(task['time']), service_hours=_number(task['service_hours']),
         maintenance=bool(task['maintenance']), verdict=document.get('verdict') or 'failed',
         p_value=p_value, value=value, covariance=covariance, causes=causes,
-        next_test=document.get('next_test') or '', report=result.get('report') or '')
+        next_test=document.get('next_test') or '', report=result.get('report') or '',
+        change='' if change.get('verdict') in (None, 'none') else change['headline'].rstrip('.'))
 
 
 def _coordinates(document: Mapping[str, Any], covariance: object) -> tuple[Array, Array]:

@@ -71,6 +71,17 @@ def test_an_e_value_of_a_sound_ring_is_at_most_one_in_the_mean():
     assert e_value([1e-4, 1e-4]) == pytest.approx(e_value([1e-4])**2)
 
 
+def test_a_change_since_the_base_measurement_is_a_reason_for_attention():
+    *earlier, last = sessions_of('SR-1', STILL)
+    changed = figures_of(
+        {'name': '', 'ring': 'SR-1', 'bench': '', 'time': last.time, 'service_hours': None,
+         'maintenance': False},
+        {'key': '', 'change': {'verdict': 'named', 'headline': 'Changed: play.'}}, 1.0)
+    ring, = judge_fleet([*earlier, replace(last, change=changed.change)]).rings
+    assert ring.reasons == ('Changed: play',)
+    assert ring.concern >= 1.0
+
+
 def test_restricted_likelihood_finds_the_spread_of_rings():
     chance = np.random.default_rng(3)
     between = np.array([[4.0, 1.0], [1.0, 2.0]]) * 1e-2
