@@ -32,7 +32,9 @@ MARKERS = {'^': 'triangle-up', 'v': 'triangle-down', 'o': 'circle', 'D': 'diamon
            '|': 'line-ns'}
 DASHES = {'-': 'solid', '--': 'dash', ':': 'dot', '-.': 'dashdot'}
 GRID, EDGE, INK = '#e4e8ec', '#7b8794', '#26323d'
-COLUMN_GAP, ROW_GAP, TITLED_GAP = 0.06, 0.035, 0.075
+COLUMN_GAP, LABELLED_GAP, ROW_GAP, TITLED_GAP = 0.06, 0.085, 0.035, 0.075
+"""Shares of the figure between panels; LABELLED_GAP: where a label stands between two columns."""
+
 BAR = 0.085
 """Share of the width that a colour bar takes."""
 
@@ -104,8 +106,10 @@ def _domains(chart: Chart, panel: Panel, height: float) -> tuple[Span, Span]:
     """Where a panel lies in the figure, across and up, as shares."""
     has_bar = any(item.heat is not None and item.heat.label for item in chart.panels)
     right = 1.0 - (BAR if has_bar else 0.0)
-    width = (right - COLUMN_GAP * (chart.columns - 1)) / chart.columns
-    left = panel.column * (width + COLUMN_GAP)
+    has_labels = any(item.column and item.shows_y and item.shows_y_label for item in chart.panels)
+    between = LABELLED_GAP if has_labels else COLUMN_GAP
+    width = (right - between * (chart.columns - 1)) / chart.columns
+    left = panel.column * (width + between)
     bottom = LEGEND_PIXELS / height if chart.named else 0.0
     is_titled = any(item.title for item in chart.panels if item.row)
     gap = (TITLED_GAP if is_titled else ROW_GAP) if len(chart.heights) > 1 else 0.0

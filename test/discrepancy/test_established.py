@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 import itertools
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from saddlering_ros.discrepancy import (
     Run,
 )
 from saddlering_ros.discrepancy.problem.fits import Gain
+from saddlering_ros.discrepancy.verdict import established, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 
 TIME = np.linspace(0.0, 20.0, 500)
@@ -289,3 +291,23 @@ def test_a_slow_simulator_reports_its_progress_with_the_time_left(monkeypatch) -
     assert np.diff(times).max() < 2.0
     assert (np.diff(shares) >= 0.0).all()
     assert any(detail.startswith('about ') and detail.endswith(' s left') for detail in details)
+
+
+def test_a_fitted_run_that_gets_worse_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ('shapes_at_bounds', 'sizes_at_bounds'):
+        monkeypatch.setattr(established, name, lambda *_: [])
+    space, fit = SimpleNamespace(problem=None, settings=None), SimpleNamespace(
+        candidate=SimpleNamespace(ids=(), effects=()))
+    for worst, doubts in ((0.1, []), (-0.1, [wording.WORSE_RUN])):
+        shares = established.Shares({'seen': 1.0}, {'seen': 1.0}, worst, ('seen', 0.9), (0.8, 0.9))
+        assert established.doubts_of(space, fit, shares, {}, {}) == doubts
+
+
+def test_a_remainder_that_goes_as_the_cause_acts_is_stated() -> None:
+    space = SimpleNamespace(metric=SimpleNamespace(free_count=10))
+    fit = SimpleNamespace(misfit=110.0, candidate=SimpleNamespace(ids=('friction',)))
+    for beyond, is_stated in ((60.0, False), (80.0, True)):
+        test = SimpleNamespace(
+            coordinate='state, as the cause acts', statistic=5.0 + beyond, dimensions=5)
+        left = established.own_kind_left(space, fit, SimpleNamespace(consistency=[test]))
+        assert bool(left) is is_stated
