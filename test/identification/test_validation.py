@@ -141,6 +141,16 @@ def test_a_criterion_that_fails_names_the_channel_that_fails_it(runs):
     assert found['misfit'].line.startswith('FAILED  rms misfit')
 
 
+@pytest.mark.parametrize(('clearance', 'is_sound'), [(1.5e-6, True), (3e-5, False)])
+def test_a_misfit_that_small_errors_of_a_sound_ring_may_cause_fails_nothing(clearance, is_sound):
+    row = replace(RIG.radial_row, clearance=RIG.radial_row.clearance + clearance)
+    run = static_run(70.0, noise=3e-8, rig=replace(RIG, radial_row=row))
+    result = validate([run], RIG, TRUTH).runs
+    one = result[0].channels['delta_x']
+    assert one.nrmse > max(2.0 * one.noise_floor, 0.001)
+    assert {item.id: item.is_met for item in judge(result)}['misfit'] == is_sound
+
+
 def test_the_table_ends_with_its_columns_explained_and_a_line_for_each_criterion(clean):
     text = validation_text(clean)
     for column in COLUMNS:
