@@ -17,7 +17,7 @@ from saddlering_ros.discrepancy.problem.system import Array, Proposal, RunBlocks
 from saddlering_ros.discrepancy.search.limits import observed
 from saddlering_ros.discrepancy.search.selection import (
     check_alternatives,
-    learnt_again,
+    learnt_without,
     Search,
     search_about,
     search_beside_error,
@@ -30,6 +30,7 @@ from saddlering_ros.discrepancy.verdict.established import (
     Publication,
     publish,
     remainder_of,
+    Shares,
 )
 from saddlering_ros.discrepancy.verdict.naming import (
     allowed_sizes,
@@ -170,7 +171,8 @@ def _answer(search: Search) -> Answer:
     after = residual_of(space, fit) if fit.candidate.effects else before
     published = publish(space, fit, search.alternatives, before, after)
     is_declared = any(allowed_sizes(space).values())
-    weak = _weakest(published) or next(iter(established.under_declared_error(space, fit)), None)
+    weak = _weakest(published.member_shares) or next(
+        iter(established.under_declared_error(space, fit)), None)
     if is_declared and weak is not None and len(fit.candidate.effects) > 1:
         less, alternatives = check_alternatives(space, space.without(fit, weak), search.log)
         return _answer(replace(search, fit=less, alternatives=alternatives))
@@ -201,43 +203,55 @@ def _beside_error(strict: Answer) -> Answer:
         return strict
     search, process = search_beside_error(strict.search)
     unknown: Answer | None = None
+    dropped: list[Array] = []
+    most_dropped = 0.0
     while search.fit.candidate.effects:
-        space, fit, alternatives = search.space, search.fit, search.alternatives
+        space, fit = search.space, search.fit
         before, after = residual_of(space, space.base), residual_of(space, fit)
-        published = publish(space, fit, alternatives, before, after, process)
-        weak = _weakest(published)
-        if weak is not None:
-            search, process = learnt_again(search, space.without(fit, weak))
-            continue
-        seen = established.as_seen_in(noise_alone, published.fits.after)
-        left = residual_of(noise_alone, seen)
-        assert published.shares is not None
-        doubts = [
-            *doubts_of(space, fit, published.shares, published.member_shares, alternatives),
-            *established.own_kind_left(noise_alone, seen, left)]
-        if not has_forms:
-            doubts += established.shared_directions(space, fit, alternatives)
-        is_open = any(alternatives.get(name) for name in fit.candidate.ids)
-        verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'
-        share = explained_share_of(strict.before, left)
-        warnings = tuple(doubts or [wording.REST_IS_ERROR])
-        answer = Answer(search, Judgement(verdict, share, warnings), strict.before, left,
-                        published, remainder_of(noise_alone, seen, left), published.shares.best,
-                        process)
-        if not doubts:
-            return answer
-        unknown = strict if has_forms else unknown or answer
-        if len(fit.candidate.effects) == 1:
-            return unknown
-        least = min(published.causes, key=lambda cause: cause.visible)
-        search, process = learnt_again(search, space.without(fit, least.effect))
+        published = publish(space, fit, search.alternatives, before, after, process)
+        sizes = {cause.effect: cause.visible for cause in published.causes}
+        main = max(sizes, key=lambda name: sizes[name])
+        weak = _weakest({
+            name: own for name, own in published.member_shares.items() if name != main})
+        if weak is None:
+            answer = _answer_beside(strict, search, published, process, most_dropped)
+            if answer.judgement.verdict != 'unknown':
+                return answer
+            unknown = strict if has_forms else unknown or answer
+            if len(sizes) == 1:
+                return unknown
+            weak = min(sizes, key=lambda name: sizes[name])
+        most_dropped = max(most_dropped, sizes[weak])
+        search, process = learnt_without(noise_alone, search, weak, dropped)
     return unknown or strict
 
 
-def _weakest(published: Publication) -> str | None:
-    """The cause beside others that takes least, if it is too little to be established."""
-    weak = {name: shares.best for name, shares in published.member_shares.items()
-            if shares.best < established.MIN_TAKEN}
+def _answer_beside(
+    strict: Answer, search: Search, published: Publication, process: Array, most_dropped: float
+) -> Answer:
+    """The verdict on causes beside model error; most_dropped: visible size of what is left out."""
+    noise_alone, fit = strict.search.space, search.fit
+    seen = established.as_seen_in(noise_alone, published.fits.after)
+    left = residual_of(noise_alone, seen)
+    assert published.shares is not None
+    doubts = [
+        *doubts_of(search.space, fit, published.shares, published.member_shares,
+                   search.alternatives),
+        *established.own_kind_left(noise_alone, seen, left),
+        *established.as_large_left_out(published.causes, most_dropped)]
+    if noise_alone.problem.assumptions.form_error == 0.0:
+        doubts += established.shared_directions(search.space, fit, search.alternatives)
+    is_open = any(search.alternatives.get(name) for name in fit.candidate.ids)
+    verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'
+    judgement = Judgement(verdict, explained_share_of(strict.before, left),
+                          tuple(doubts or [wording.REST_IS_ERROR]))
+    return Answer(search, judgement, strict.before, left, published,
+                  remainder_of(noise_alone, seen, left), published.shares.best, process)
+
+
+def _weakest(shares: Mapping[str, Shares]) -> str | None:
+    """The cause that takes least, if it is too little to be established."""
+    weak = {name: own.best for name, own in shares.items() if own.best < established.MIN_TAKEN}
     return min(weak, key=lambda name: weak[name]) if weak else None
 
 

@@ -158,6 +158,37 @@ def test_a_cause_that_makes_a_view_worse_that_it_mainly_moves_is_not_established
                for item in answer.warnings) == (verdict == 'unknown')
 
 
+def test_a_secondary_cause_with_alternatives_takes_no_name_from_the_main_one() -> None:
+    assert named_beside_friction(0.06, cubic=0.8, channel='seen') == ['cubic']
+
+
+def test_a_cause_is_not_the_main_one_if_one_without_a_name_moves_about_as_much() -> None:
+    assert named_beside_friction(0.3, cubic=0.5, channel='other') == []
+
+
+def named_beside_friction(friction: float, cubic: float, channel: str) -> list[str]:
+    """Names for a spring in a channel, and for friction in `seen`, which two effects could be."""
+    def predicted(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        drive, speed = (np.asarray(run.inputs[name]) for name in ('drive', 'speed'))
+        answer = {'seen': parameters['gain'] * drive, 'other': parameters['gain'] * drive}
+        answer['seen'] += parameters['friction.size'] * np.tanh(speed / 0.05)
+        answer['seen'] += parameters['soft.size'] * np.tanh(speed / 0.051)
+        answer[channel] += parameters['cubic.size'] * drive**3
+        return {name: answer[name] for name in channels}
+
+    def recorded(number: int) -> Run:
+        run = record(number, friction, 0.02)
+        outputs = {**run.outputs, 'other': record(number, 0.0, 0.02, seed=2).outputs['seen']}
+        outputs[channel] = outputs[channel] + cubic * np.asarray(run.inputs['drive']) ** 3
+        return replace(run, outputs={name: outputs[name] for name in channels})
+
+    channels = {name: Channel() for name in ('seen', channel)}
+    soft = {'soft': Effect('Soft friction', {'size': Parameter(-1, 1)})}
+    model = Model(predicted, MODEL.base, {**MODEL.effects, **soft}, channels)
+    answer = diagnose(model, [recorded(number) for number in range(3)], hold_out=[recorded(3)])
+    return [] if answer.verdict == 'unknown' else [one.effect for one in answer.causes]
+
+
 def test_noise_is_not_counted_as_more_than_the_declared_model_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

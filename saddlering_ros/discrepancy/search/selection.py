@@ -45,6 +45,7 @@ from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.evidence import (
     alternative_floor,
+    changes_of_effects,
     Comparison,
     explained_share,
     indistinguishable,
@@ -399,19 +400,33 @@ def search_beside_error(search: Search) -> tuple[Search, Array]:
     return Search(search.begun, space, fit, alternatives, log), process
 
 
-def learnt_again(search: Search, fit: Fit) -> tuple[Search, Array]:
-    """The search with another model, whose residual is the model error."""
-    space, fit, process = space_beside_error(search.space, fit)
+def learnt_without(
+    alone: ModelSpace, search: Search, name: str, dropped: list[Array]
+) -> tuple[Search, Array]:
+    """The search without one cause, whose change is added to `dropped` and is model error.
+
+    alone: the space without learnt model error. With cosines alone, the sharp part of what a
+    secondary cause changes would be evidence, and a sharp law would replace the main cause.
+    """
+    fit = search.fit
+    dropped.append(changes_of_effects(alone.problem, fit)[:, fit.candidate.ids.index(name)])
+    space, fit, process = space_beside_error(alone, search.space.without(fit, name), dropped)
     alternatives: Alternatives = {}
     if fit.candidate.effects:
         fit, alternatives = check_alternatives(space, fit, search.log)
     return replace(search, space=space, fit=fit, alternatives=alternatives), process
 
 
-def space_beside_error(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit, Array]:
-    """A space in whose metric the residual of `fit` is model error, the fit, and the process."""
+def space_beside_error(
+    space: ModelSpace, fit: Fit, dropped: Sequence[Array] = ()
+) -> tuple[ModelSpace, Fit, Array]:
+    """A space in whose metric the residual of `fit` is model error, the fit, and the process.
+
+    dropped: changes (n,) that are model error of one standard deviation each, too.
+    """
     problem = space.problem
     process, degrees = error_process(space.metric, fit)
+    process = np.column_stack([process, *dropped])
     nuisances = nuisance_columns(problem, fit.point, fit.prediction)
     metric = space.metric.marginalise(np.hstack([nuisances, process]))
     beside, fit = in_metric(space, metric, fit)

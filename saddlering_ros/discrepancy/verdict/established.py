@@ -53,7 +53,8 @@ acts as it does: on development draws, such effects had 94 to 99 % of that of st
 88 % of that of true laws, but for one of 96 %."""
 
 MAINLY = 0.5
-"""Share of the power of a view's misfit that a cause moves where it mainly acts: half."""
+"""Share of the power of a view's misfit that a cause moves where it mainly acts, and share of the
+power of the main cause that no cause beside it exceeds: half."""
 
 MAX_OWN_KIND = 0.7
 """Share of the remainder that may go as the causes act, in other proportions."""
@@ -228,6 +229,12 @@ def doubts_of(
     if open_members and len(fit.candidate.effects) > 1:
         doubts.append(wording.replaced_words(open_members[0]))
     return doubts
+
+
+def as_large_left_out(causes: Sequence[Cause], most: float) -> list[str]:
+    """A sentence if a cause that was left out moves about as much, `most`, as these causes do."""
+    largest = max(cause.visible for cause in causes)
+    return [wording.AS_LARGE] if most**2 > MAINLY * largest**2 else []
 
 
 def under_declared_error(space: ModelSpace, fit: Fit) -> list[str]:

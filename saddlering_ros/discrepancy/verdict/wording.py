@@ -173,6 +173,7 @@ def remaining_words(explained: float) -> str:
 
 ONE_RUN = 'one run only: that the causes predict other runs is not shown'
 WORSE_RUN = 'in one of the fitted runs the misfit is larger with the causes'
+AS_LARGE = 'another cause, which is not established, moves about as much: which is main is open'
 BY_CHANCE = 'an error like the one that remains could be this large by chance'
 THREE_EFFECTS = 'three effects act in one channel: so many can fit any misfit'
 
