@@ -22,7 +22,7 @@ from saddlering_ros.discrepancy.search.selection import (
     search_about,
     search_beside_error,
 )
-from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
+from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
 from saddlering_ros.discrepancy.verdict.certainty import probabilities_of, stability_of
 from saddlering_ros.discrepancy.verdict.established import (
@@ -40,7 +40,7 @@ from saddlering_ros.discrepancy.verdict.naming import (
     Judgement,
     residual_of,
 )
-from saddlering_ros.discrepancy.verdict.results import Cause, Diagnosis, Residual, Verdict
+from saddlering_ros.discrepancy.verdict.results import Diagnosis, Residual, Verdict
 from saddlering_ros.discrepancy.verdict.steady_lines import find_steady_lines, find_swings
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 
@@ -70,8 +70,10 @@ def diagnose_system(
 def diagnose_problem(problem: Problem) -> Diagnosis:
     """Differences between the system and the runs of a problem, and their causes."""
     began, watch = clock.monotonic(), problem.watch
-    start, slow_lines = _without_slow_lines(prepare(problem))
-    search = search_about(start)
+    start = prepare(problem)
+    swings = find_swings(start.metric, start.base, start.trials)
+    slow_lines = () if swings is None else swings.causes
+    search = search_about(start if swings is None else prepare(problem.with_runs(swings.runs)))
     observability = observed(search.begun)
     watch.progress('misfit reduction', 0.8)
     answer = _answer(search)
@@ -231,14 +233,17 @@ def _answer_beside(
 ) -> Answer:
     """The verdict on causes beside model error; most_dropped: visible size of what is left out."""
     noise_alone, fit = strict.search.space, search.fit
-    seen = established.as_seen_in(noise_alone, published.fits.after)
+    whitened = noise_alone.metric.whiten(
+        published.fits.after.prediction - noise_alone.problem.measured)
+    seen = replace(published.fits.after, whitened=whitened, misfit=float(whitened @ whitened))
     left = residual_of(noise_alone, seen)
     assert published.shares is not None
     doubts = [
         *doubts_of(search.space, fit, published.shares, published.member_shares,
                    search.alternatives),
-        *established.own_kind_left(noise_alone, seen, left),
-        *established.as_large_left_out(published.causes, most_dropped)]
+        *established.own_kind_left(noise_alone, seen, left)]
+    if most_dropped**2 > established.MAINLY * max(one.visible for one in published.causes) ** 2:
+        doubts.append(wording.AS_LARGE)
     if noise_alone.problem.assumptions.form_error == 0.0:
         doubts += established.shared_directions(search.space, fit, search.alternatives)
     is_open = any(search.alternatives.get(name) for name in fit.candidate.ids)
@@ -253,11 +258,3 @@ def _weakest(shares: Mapping[str, Shares]) -> str | None:
     """The cause that takes least, if it is too little to be established."""
     weak = {name: own.best for name, own in shares.items() if own.best < established.MIN_TAKEN}
     return min(weak, key=lambda name: weak[name]) if weak else None
-
-
-def _without_slow_lines(space: ModelSpace) -> tuple[ModelSpace, tuple[Cause, ...]]:
-    """The space about runs without their slow steady lines, and these lines."""
-    swings = find_swings(space.metric, space.base, space.trials)
-    if swings is None:
-        return space, ()
-    return prepare(space.problem.with_runs(swings.runs)), swings.causes

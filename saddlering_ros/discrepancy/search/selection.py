@@ -390,7 +390,13 @@ def search_beside_error(search: Search) -> tuple[Search, Array]:
     for _ in range(MAX_LEARNT):
         learnt_from = fit.candidate.key
         space, fit, process = space_beside_error(space, fit)
-        fit = best_again(space, search.space, fit) if has_forms else select(space, log)
+        if has_forms:
+            singles = sorted(search.space.single_effect_fits(), key=search.space.penalised)
+            again = refit_full_jacobian(
+                space.metric, singles[:MAX_SINGLES], space.settings.rounds)
+            fit = min([space.base, fit, *map(space.keep, again)], key=space.penalised)
+        else:
+            fit = select(space, log)
         fit = prune(space, fit, log)
         if fit.candidate.key == learnt_from:
             break
@@ -476,10 +482,3 @@ def _smoothed(power: Array) -> Array:
         if np.isfinite(around).any():
             answer[line] = np.nanmean(around)
     return answer
-
-
-def best_again(space: ModelSpace, before: ModelSpace, fit: Fit) -> Fit:
-    """The best of `fit` and of the single effects that fitted best before, in another metric."""
-    singles = sorted(before.single_effect_fits(), key=before.penalised)[:MAX_SINGLES]
-    refitted = refit_full_jacobian(space.metric, singles, space.settings.rounds)
-    return min([space.base, fit, *(space.keep(item) for item in refitted)], key=space.penalised)

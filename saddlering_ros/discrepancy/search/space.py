@@ -24,11 +24,7 @@ from saddlering_ros.discrepancy.problem.fits import (
 )
 from saddlering_ros.discrepancy.problem.problem import Metric, noise_metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, SystemWithInputs
-from saddlering_ros.discrepancy.search.lack_of_fit import (
-    FastResidual,
-    LackOfFitTests,
-    SlowResidual,
-)
+from saddlering_ros.discrepancy.search.lack_of_fit import LackOfFitTests, SlowResidual
 from saddlering_ros.discrepancy.search.ranking import rank, Score, shortlist, starts_of_each, Trial
 from saddlering_ros.discrepancy.search.signatures import (
     ChangeScale,
@@ -136,14 +132,10 @@ class ModelSpace:
         """The slow structure of the residual of a fit."""
         return self.once('slow', fit, lambda: self.tests.slow(fit))
 
-    def fast_residual(self, fit: Fit) -> FastResidual:
-        """The structure of the residual of a fit that is too fast for `slow_residual`."""
-        return self.tests.fast(fit)
-
     def leaves_misfit(self, fit: Fit) -> bool:
         """Whether a fit leaves more than noise, and enough to matter."""
         return any(residual.is_real_and_material(self.settings)
-                   for residual in (self.slow_residual(fit), self.fast_residual(fit)))
+                   for residual in (self.slow_residual(fit), self.tests.fast(fit)))
 
     def conceals_effects(self, fit: Fit) -> bool:
         """Whether base parameters could conceal effects beside `fit`."""

@@ -231,12 +231,6 @@ def doubts_of(
     return doubts
 
 
-def as_large_left_out(causes: Sequence[Cause], most: float) -> list[str]:
-    """A sentence if a cause that was left out moves about as much, `most`, as these causes do."""
-    largest = max(cause.visible for cause in causes)
-    return [wording.AS_LARGE] if most**2 > MAINLY * largest**2 else []
-
-
 def under_declared_error(space: ModelSpace, fit: Fit) -> list[str]:
     """Effects of a fit whose part is no larger than the declared model error anywhere."""
     allowed = allowed_sizes(space)
@@ -351,12 +345,6 @@ def _rest(space: ModelSpace, run: RunBlocks, view: str, size: float, along: str)
     noise = noise_power(space.metric.noise, run, problem.system.views[view]) ** 0.5
     times = size * problem.view_ranges[view] / max(noise, 1e-300)
     return Remainder(run.name, view, size, float(np.hypot(1.0, times)), along)
-
-
-def as_seen_in(space: ModelSpace, fit: Fit) -> Fit:
-    """A fit of another metric in the metric of `space`."""
-    whitened = space.metric.whiten(fit.prediction - space.problem.measured)
-    return replace(fit, whitened=whitened, misfit=float(whitened @ whitened))
 
 
 @dataclass(frozen=True)

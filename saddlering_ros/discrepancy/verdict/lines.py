@@ -81,7 +81,10 @@ def find_line(
         return LineSearch(None, np.inf)
     fastest = min(segment.step for segment in usable)
     usable = [segment for segment in usable if segment.step < 1.05 * fastest]
-    moving = np.all([_is_moving(segment.values) for segment in usable], axis=0)
+    # Channels (C,) whose values (C, n) leave a straight line by more than rounding.
+    moving = np.all([
+        _detrended(segment.values).std(axis=1) > ROUNDING * np.abs(segment.values).max(axis=1)
+        for segment in usable], axis=0)
     if not moving.any():
         return LineSearch(None, np.inf)
     step = float(np.median([segment.step for segment in usable]))
@@ -112,12 +115,6 @@ def find_line(
     own = chance[:, place - 1 : place + 2].min(axis=1) < error_rate
     line = Line(at, amplitude, deviation, own, min(1.0, p_value), worth, step)
     return LineSearch(line, limit)
-
-
-def _is_moving(values: Array) -> NDArray[np.bool_]:
-    """Channels (C,) whose values (C, n) leave a straight line by more than rounding."""
-    swing = _detrended(values).std(axis=1)
-    return np.asarray(swing > ROUNDING * np.abs(values).max(axis=1))
 
 
 def _limit(segments: Sequence[RestSegment], moving: NDArray[np.bool_], threshold: float) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR, Tangent
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
-from saddlering_ros.discrepancy.problem.system import Array, Parameter
+from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search.evidence import (
     alternative_floor,
     changes_of_effects,
@@ -369,18 +369,13 @@ def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
             outward = slope if theta_unit < 0.5 else -slope
             beyond = max(float(outward), 0.0) ** 2 * variance
             allowed = max(floor, problem.assumptions.form_error * taken)
-            if beyond > allowed and _is_at_bound(parameter, float(theta_unit)):
+            bound = parameter.high if theta_unit > 0.5 else parameter.low
+            is_near = not parameter.periodic and min(theta_unit, 1.0 - theta_unit) < AT_BOUND
+            is_stopped = is_near and bound not in (parameter.neutral, parameter.start)
+            if beyond > allowed and is_stopped:
                 value = parameter.from_unit(float(theta_unit))
                 sentences.append(wording.shape_at_bound_words(effect.id, parameter, value))
     return sentences
-
-
-def _is_at_bound(shape: Parameter, theta_unit: float) -> bool:
-    """Whether a shape is at a bound that is neither its neutral value nor its start."""
-    if shape.periodic or min(theta_unit, 1.0 - theta_unit) >= AT_BOUND:
-        return False
-    bound = shape.high if theta_unit > 0.5 else shape.low
-    return bound not in (shape.neutral, shape.start)
 
 
 def explained_share_of(before: Residual, after: Residual) -> float:

@@ -272,6 +272,10 @@ def find_steady_lines(problem: Problem, trials: int) -> SteadyLines:
     rest = [segment for run in problem.runs for segment in run.rest]
     held_out = [segment for run in problem.held_out for segment in run.rest]
     settings = problem.settings
+    widest = max(float(np.abs(weights).max()) / problem.view_ranges[view]
+                 for view, weights in problem.system.views.items())
+    # Amplitude of a line with the smallest material rms in some view.
+    material = float(settings.materiality * np.sqrt(2.0) / widest)
     causes, immaterial, limits = [], [], []
     for effect in problem.system.effects:
         if not effect.line:
@@ -279,8 +283,7 @@ def find_steady_lines(problem: Problem, trials: int) -> SteadyLines:
         search = find_line(rest, settings.error_rate / trials)
         seen = bool(np.isfinite(search.limit))
         limits.append(DetectionLimit(
-            effect.id, float(seen), search.limit, search.limit, _material_limit(problem),
-            effect.size.unit, seen))
+            effect.id, float(seen), search.limit, search.limit, material, effect.size.unit, seen))
         if search.line is None:
             continue
         cause = _cause(problem, effect, search.line, rest, held_out)
@@ -315,23 +318,11 @@ def find_swings(metric: Metric, base: Fit, trials: int) -> Swings | None:
         for run in runs
     ]
     slow_lines, cleaned = find_slow_lines(runs, residuals, settings.error_rate / trials)
-    causes = [_swing_cause(problem, effect, line) for line in slow_lines]
+    causes = [_cause(problem, effect, own.line, own.segments, ()) for own in slow_lines]
+    causes = [replace(cause, gain=replace(cause.gain, how='in the residual, its phase free'))
+              for cause in causes]
     material = tuple(cause for cause in causes if cause.visible >= settings.materiality)
     return Swings(material, cleaned) if material else None
-
-
-def _swing_cause(problem: Problem, effect: Effect, slow_line: SlowLine) -> Cause:
-    cause = _cause(problem, effect, slow_line.line, slow_line.segments, ())
-    return replace(cause, gain=replace(cause.gain, how='in the residual, its phase free'))
-
-
-def _material_limit(problem: Problem) -> float:
-    """Amplitude of a line with the smallest material rms in some view."""
-    widest = max(
-        float(np.abs(weights).max()) / problem.view_ranges[view]
-        for view, weights in problem.system.views.items()
-    )
-    return float(problem.settings.materiality * np.sqrt(2.0) / widest)
 
 
 def _cause(
