@@ -1,7 +1,7 @@
 """Cells that age, as NASA Ames recorded them (Saha and Goebel 2007): discharges of 1 A at 4 °C.
 
-BATTERIES is the folder of B0046.mat to B0048.mat. The model is the mean of early discharges of the
-same cell. Cell B0046 is for development, B0047 and B0048 are sealed.
+BATTERIES is the folder of B0045.mat to B0048.mat and B0053.mat. The model is the mean of early
+discharges of the same cell. Cell B0046 is for development, the others are sealed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from scipy.io import loadmat
 from machines.machine import Array, Records, Trial
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
-CELLS, SEALED = (('B0046', 'B0046'), ('B0047', 'B0048')), 154000
+CELLS = {161000: ('B0045', 'B0053'), 154000: ('B0047', 'B0048'), 0: ('B0046', 'B0046')}
+"""Cells by the first number of their trials."""
+
 NEW, SOUND, AGED = range(4, 8), (8, 11), (20, 66)
 """Discharges of the template, and first and last discharge of a sound and of an aged cell."""
 
@@ -84,7 +86,7 @@ MODEL = Model(
 
 def trials(number: int) -> list[Trial]:
     """A sound and an aged discharge, the aged one also without the laws of ageing."""
-    cell = CELLS[number >= SEALED][number % 2]
+    cell = next(cells for first, cells in CELLS.items() if number >= first)[number % 2]
     random = np.random.default_rng([number, 3])
     sound, aged = (int(random.integers(*span)) for span in (SOUND, AGED))
     old = Trial('battery', f'{cell} aged {aged}', number, MODEL, partial(records, cell, aged),
