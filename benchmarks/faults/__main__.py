@@ -32,8 +32,7 @@ from saddlering_ros.ros.launcher import sweep
 
 from .beside_driver import beside_a_driver, DRIVEN
 from .interlock import lose_nodes_in_a_slip
-from .replays import a_day, lose_replay_nodes, two_replays
-from .servers import kill_action_servers
+from .replays import a_day, kill_action_servers, lose_replay_nodes, two_replays
 from .stage import Outcome
 
 MARK = 'SADDLERING_FAULTS'
