@@ -15,21 +15,9 @@ import struct
 from typing import BinaryIO
 import zlib
 
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 import numpy as np
 from numpy.typing import NDArray
 import zstandard
@@ -70,25 +58,25 @@ class McapWriter:
         self._file: BinaryIO = path.open('xb')
         self._chunk_size = chunk_size
         self._compressor = zstandard.ZstdCompressor()
-        self._schemas: dict[str, Schema] = {}
-        self._channels: dict[str, Channel] = {}
-        self._metadata: list[MetadataIndex] = []
-        self._chunks: list[ChunkIndex] = []
+        self._schemas: dict[str, records.Schema] = {}
+        self._channels: dict[str, records.Channel] = {}
+        self._metadata: list[records.MetadataIndex] = []
+        self._chunks: list[records.ChunkIndex] = []
         self._counts: dict[int, int] = {}
         self._gathered = bytearray()
         self._gathered_index: dict[int, list[tuple[int, int]]] = {}
         self._file.write(MAGIC)
-        self._write(Header(profile='ros2', library=library))
+        self._write(records.Header(profile='ros2', library=library))
 
     def add_topic(
         self, topic: str, kind: str, definition: str, metadata: Mapping[str, str],
     ) -> None:
         """Declare a topic of messages of type `kind` ('package/msg/Name')."""
         if kind not in self._schemas:
-            self._schemas[kind] = Schema(id=len(self._schemas) + 1, name=kind,
-                                         encoding='ros2msg', data=definition.encode())
+            self._schemas[kind] = records.Schema(id=len(self._schemas) + 1, name=kind,
+                                                 encoding='ros2msg', data=definition.encode())
             self._write(self._schemas[kind])
-        self._channels[topic] = Channel(
+        self._channels[topic] = records.Channel(
             id=len(self._channels) + 1, topic=topic, message_encoding='cdr',
             metadata=dict(metadata), schema_id=self._schemas[kind].id)
         self._write(self._channels[topic])
@@ -96,8 +84,8 @@ class McapWriter:
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Write a metadata record."""
         offset = self._file.tell()
-        length = self._write(Metadata(name=name, metadata=dict(data)))
-        self._metadata.append(MetadataIndex(offset=offset, length=length, name=name))
+        length = self._write(records.Metadata(name=name, metadata=dict(data)))
+        self._metadata.append(records.MetadataIndex(offset=offset, length=length, name=name))
 
     def add_message(self, topic: str, log_time: int, message: bytes) -> None:
         """Add one message to the chunk that is being gathered; write the chunk if it is full."""
@@ -128,7 +116,7 @@ class McapWriter:
         chunk_of = (np.cumsum(sizes[order]) - 1) // self._chunk_size
         for chunk in np.split(order, np.flatnonzero(np.diff(chunk_of)) + 1):
             starts = np.cumsum(sizes[chunk]) - sizes[chunk]
-            records, index = [b''] * len(chunk), {}
+            written, index = [b''] * len(chunk), {}
             for number, block in enumerate(blocks):
                 places = np.flatnonzero(which[chunk] == number)
                 if not len(places):
@@ -136,11 +124,11 @@ class McapWriter:
                 mine, channel = rows[chunk[places]], self._channels[block.topic].id
                 for place, record in zip(places.tolist(), _records(block, mine, channel),
                                          strict=True):
-                    records[place] = record
+                    written[place] = record
                 index[channel] = np.empty(len(mine), dtype=_INDEX_ENTRY)
                 index[channel]['log_time'] = block.log_times[mine]
                 index[channel]['offset'] = starts[places]
-            self._write_chunk(b''.join(records), index)
+            self._write_chunk(b''.join(written), index)
 
     def _write_chunk(self, data: bytes, index: Mapping[int, NDArray[np.void]]) -> None:
         """Write message records and their places: entries (N,) of _INDEX_ENTRY by channel."""
@@ -157,7 +145,7 @@ class McapWriter:
             places[channel] = self._file.tell()
             self._raw(Opcode.MESSAGE_INDEX, struct.pack('<HI', channel, entries.nbytes),
                       entries.tobytes())
-        self._chunks.append(ChunkIndex(
+        self._chunks.append(records.ChunkIndex(
             message_start_time=first, message_end_time=last, chunk_start_offset=start,
             chunk_length=length, message_index_offsets=places,
             message_index_length=self._file.tell() - start - length, compression='zstd',
@@ -168,37 +156,37 @@ class McapWriter:
         self._write_gathered()
         for name, texts in metadata.items():
             self.add_metadata(name, texts)
-        self._write(DataEnd(0))
+        self._write(records.DataEnd(0))
         start = self._file.tell()
         starts = [chunk.message_start_time for chunk in self._chunks]
         ends = [chunk.message_end_time for chunk in self._chunks]
-        statistics = Statistics(
+        statistics = records.Statistics(
             attachment_count=0, channel_count=len(self._channels),
             channel_message_counts=self._counts, chunk_count=len(self._chunks),
             message_count=sum(self._counts.values()), metadata_count=len(self._metadata),
             message_start_time=min(starts, default=0), message_end_time=max(ends, default=0),
             schema_count=len(self._schemas))
-        groups: list[tuple[Opcode, Sequence[McapRecord]]] = [
+        groups: list[tuple[Opcode, Sequence[records.McapRecord]]] = [
             (Opcode.SCHEMA, list(self._schemas.values())),
             (Opcode.CHANNEL, list(self._channels.values())),
             (Opcode.STATISTICS, [statistics]), (Opcode.CHUNK_INDEX, self._chunks),
             (Opcode.METADATA_INDEX, self._metadata)]
         summary = RecordBuilder()
         places = []
-        for opcode, records in groups:
+        for opcode, group in groups:
             begin = summary.count
-            for record in records:
+            for record in group:
                 record.write(summary)
-            places.append(SummaryOffset(group_opcode=opcode, group_start=start + begin,
-                                        group_length=summary.count - begin))
+            places.append(records.SummaryOffset(group_opcode=opcode, group_start=start + begin,
+                                                group_length=summary.count - begin))
         offsets_start = start + summary.count
         for place in places:
             place.write(summary)
         data = bytes(summary.end())
         foot = struct.pack('<BQQQ', Opcode.FOOTER, 20, start, offsets_start)
         self._file.write(data)
-        self._write(Footer(summary_start=start, summary_offset_start=offsets_start,
-                           summary_crc=zlib.crc32(foot, zlib.crc32(data))))
+        self._write(records.Footer(summary_start=start, summary_offset_start=offsets_start,
+                                   summary_crc=zlib.crc32(foot, zlib.crc32(data))))
         self._file.write(MAGIC)
         self._file.close()
 
@@ -207,7 +195,7 @@ class McapWriter:
         with suppress(OSError):
             self._file.close()
 
-    def _write(self, record: McapRecord) -> int:
+    def _write(self, record: records.McapRecord) -> int:
         builder = RecordBuilder()
         record.write(builder)
         return self._file.write(builder.end())

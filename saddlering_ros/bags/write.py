@@ -19,14 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags import interfaces
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 import yaml
 
@@ -56,10 +49,11 @@ LIBRARY = 'saddlering_ros'
 FOLDER_RECORD = 'rosbag2'
 """Name of the MCAP metadata record that holds the content of metadata.yaml."""
 
-_FOREVER = QosTime(9223372036, 854775807)
-RELIABLE = Qos(
-    QosHistory.KEEP_LAST, 1000, QosReliability.RELIABLE, QosDurability.VOLATILE,
-    _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
+_FOREVER = interfaces.QosTime(9223372036, 854775807)
+RELIABLE = interfaces.Qos(
+    interfaces.QosHistory.KEEP_LAST, 1000, interfaces.QosReliability.RELIABLE,
+    interfaces.QosDurability.VOLATILE,
+    _FOREVER, _FOREVER, interfaces.QosLiveliness.AUTOMATIC, _FOREVER, False)
 
 _DUMPER = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 """libyaml's where PyYAML was built with it; both write the same text."""
@@ -73,7 +67,7 @@ class BagTopic:
     type: str
     definition: str
     type_hash: str
-    qos: Qos
+    qos: interfaces.Qos
     count: int = 0
     first: int = 2 ** 63 - 1
     last: int = 0
@@ -95,7 +89,7 @@ def declared_topics(
     store = get_typestore(Stores.ROS2_JAZZY)
     for kind, text in definitions.items():
         store.register(get_types_from_msg(text, kind))
-    lasting = RELIABLE._replace(durability=QosDurability.TRANSIENT_LOCAL)
+    lasting = RELIABLE._replace(durability=interfaces.QosDurability.TRANSIENT_LOCAL)
     return {name: BagTopic(name, kind, store.generate_msgdef(kind, ros_version=2)[0],
                            store.hash_rihs01(kind), lasting if name in latched else RELIABLE)
             for name, kind in kinds.items()}
@@ -125,7 +119,7 @@ def _information(
         'custom_data': dict(custom_data) or None, 'ros_distro': 'rosbags'}
 
 
-def _qos(qos: Qos) -> dict[str, Any]:
+def _qos(qos: interfaces.Qos) -> dict[str, Any]:
     return {
         'history': qos.history.name.lower(), 'depth': qos.depth,
         'reliability': qos.reliability.name.lower(),
@@ -136,12 +130,12 @@ def _qos(qos: Qos) -> dict[str, Any]:
         'avoid_ros_namespace_conventions': qos.avoid_ros_namespace_conventions}
 
 
-def _time(time: QosTime) -> dict[str, int]:
+def _time(time: interfaces.QosTime) -> dict[str, int]:
     return {'sec': time.sec, 'nsec': time.nsec}
 
 
 @lru_cache(maxsize=8)
-def _qos_text(qos: Qos) -> str:
+def _qos_text(qos: interfaces.Qos) -> str:
     return _text([_qos(qos)]).strip()
 
 

@@ -11,23 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from saddlering_ros.errors import plain_number, refuse_unknown_keys
-from saddlering_ros.importing import clock
-from saddlering_ros.importing.calibration import (
-    ANGLE,
-    Calibration,
-    FORCE,
-    ImportingError,
-    LENGTH,
-    Linear,
-    Polynomial,
-    PRESSURE,
-    read_table,
-    scaled_unit,
-    TIME,
-    Unit,
-    unit_of,
-    units_of,
-)
+from saddlering_ros.importing import calibration, clock
+from saddlering_ros.importing.calibration import Calibration, ImportingError, Unit, unit_of
 from saddlering_ros.importing.clock import CountedTime, DatedTime, FileTime, start_of, TimeSource
 from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.record.metadata import DETAILS
@@ -43,7 +28,7 @@ RADIAL = tuple(f'eddy_current_{number}' for number in OPPOSITE)
 ABSENT = 'absent'
 """In place of a radial probe that the rig does not have (rig.probes.absent)."""
 
-QUANTITIES = {'N': FORCE, 'm': LENGTH, 'rad': ANGLE}
+QUANTITIES = {'N': calibration.FORCE, 'm': calibration.LENGTH, 'rad': calibration.ANGLE}
 """Quantity of a topic, by its unit in the bag."""
 
 TO_DO = 'TODO'
@@ -204,9 +189,10 @@ def _time(section: Any, where: str) -> TimeSource:
     names = tuple(map(str, columns)) if isinstance(columns, list) else (str(columns),)
     if 'unit' in section and 'format' not in section:
         unit = unit_of(section['unit'], f'{where}.unit')
-        if unit.quantity != TIME or len(names) != 1:
-            raise ImportingError(f'{where}.unit is {unit.name}: give a unit of time '
-                                 f'({", ".join(units_of(TIME))}) and one column')
+        if unit.quantity != calibration.TIME or len(names) != 1:
+            known = ', '.join(calibration.units_of(calibration.TIME))
+            raise ImportingError(f'{where}.unit is {unit.name}: give a unit of time ({known}) and '
+                                 'one column')
         return CountedTime(names[0], unit, start or 0)
     if 'format' not in section:
         raise ImportingError(f'{where}: the unit of the time is not stated: give unit: s (ms, us, '
@@ -228,7 +214,7 @@ def _channel(name: str, section: Any, file: str, folder: Path) -> ChannelMap:
                              'give unit:')
     topic = CHANNELS[name]
     unit = unit_of(section['unit'], f'{where}.unit')
-    calibration = _calibration(section, unit, where, folder)
+    found = _calibration(section, unit, where, folder)
     piston = _number(section.get('piston_area', 0.0), f'{where}.piston_area')
     rod = _number(section.get('rod_area', 0.0), f'{where}.rod_area')
     if ('rod_area' in section) != ('rod_pressure' in section):
@@ -238,20 +224,20 @@ def _channel(name: str, section: Any, file: str, folder: Path) -> ChannelMap:
             raise ImportingError(f'{where}.{key} is {area:g}: give an area in m2')
     if 'rod_area' in section and not piston:
         raise ImportingError(f'{where}: rod_area needs piston_area: give both, in m2')
-    if piston and calibration.unit.quantity != PRESSURE:
+    if piston and found.unit.quantity != calibration.PRESSURE:
         raise ImportingError(f'{where}: piston_area is for a pressure, and the column is in '
-                             f'{calibration.unit.name}: correct one')
+                             f'{found.unit.name}: correct one')
     areas = piston, rod
-    wanted = PRESSURE if areas[0] else QUANTITIES[topic.unit]
-    if calibration.unit.quantity != wanted:
+    wanted = calibration.PRESSURE if areas[0] else QUANTITIES[topic.unit]
+    if found.unit.quantity != wanted:
         raise ImportingError(
-            f'{where}: is a {calibration.unit.quantity} ({calibration.unit.name}) where a '
-            f'{wanted} is needed: {_remedy(calibration.unit, wanted)}')
+            f'{where}: is a {found.unit.quantity} ({found.unit.name}) where a '
+            f'{wanted} is needed: {_remedy(found.unit, wanted)}')
     polarity = _number(section.get('polarity', 1), f'{where}.polarity')
     if polarity not in (-1.0, 1.0):
         raise ImportingError(f'{where}.polarity is {polarity:g}: give 1 or -1')
     return ChannelMap(
-        name=name, topic=topic, column=str(section['column']), calibration=calibration,
+        name=name, topic=topic, column=str(section['column']), calibration=found,
         time=(_time(section['time'], f'{file}: channels.{name}.time') if 'time' in section
               else None),
         file=str(section.get('file', '*')),
@@ -293,11 +279,11 @@ def instruments_text(channels: Sequence[ChannelMap]) -> str:
 
 
 def _remedy(unit: Unit, wanted: str) -> str:
-    if unit.quantity == PRESSURE and wanted == FORCE:
+    if unit.quantity == calibration.PRESSURE and wanted == calibration.FORCE:
         return 'give piston_area: in m2 (and rod_pressure:, rod_area:)'
-    known = ', '.join(units_of(wanted))
-    return (f'give a table:, or scale: with scale_unit: like {units_of(wanted)[0]}/{unit.name}, '
-            f'or correct the unit ({known})')
+    known = calibration.units_of(wanted)
+    return (f'give a table:, or scale: with scale_unit: like {known[0]}/{unit.name}, '
+            f'or correct the unit ({", ".join(known)})')
 
 
 def _calibration(section: Mapping[str, Any], unit: Unit, where: str, folder: Path) -> Calibration:
@@ -310,7 +296,7 @@ def _calibration(section: Mapping[str, Any], unit: Unit, where: str, folder: Pat
                                  'the table')
         value_unit = unit_of(section['table_unit'], f'{where}.table_unit') \
             if 'table_unit' in section else None
-        return read_table(folder / str(section['table']), unit, value_unit)
+        return calibration.read_table(folder / str(section['table']), unit, value_unit)
     if 'polynomial' in section:
         numbers = section['polynomial']
         if not isinstance(numbers, list) or not numbers or 'offset' in section:
@@ -319,12 +305,13 @@ def _calibration(section: Mapping[str, Any], unit: Unit, where: str, folder: Pat
         if 'polynomial_unit' not in section:
             raise ImportingError(f'{where}: the unit of the result of the polynomial is not '
                                  'stated: add polynomial_unit:')
-        return Polynomial(unit_of(section['polynomial_unit'], f'{where}.polynomial_unit'),
-                          tuple(_number(number, f'{where}.polynomial') for number in numbers))
-    result = scaled_unit(str(section['scale_unit']), unit, where) \
+        return calibration.Polynomial(
+            unit_of(section['polynomial_unit'], f'{where}.polynomial_unit'),
+            tuple(_number(number, f'{where}.polynomial') for number in numbers))
+    result = calibration.scaled_unit(str(section['scale_unit']), unit, where) \
         if 'scale_unit' in section else unit
-    return Linear(result, _number(section.get('scale', 1.0), f'{where}.scale'),
-                  _number(section.get('offset', 0.0), f'{where}.offset'))
+    return calibration.Linear(result, _number(section.get('scale', 1.0), f'{where}.scale'),
+                              _number(section.get('offset', 0.0), f'{where}.offset'))
 
 
 def _range(value: Any, topic: RigTopic, where: str) -> tuple[float, ...]:

@@ -13,17 +13,9 @@ from nptdms.log import log_manager
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.importing import source
 from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.source import (
-    as_numbers,
-    Column,
-    MOMENT,
-    NUMBER,
-    SlicedSource,
-    Source,
-    TEXT,
-    Timing,
-)
+from saddlering_ros.importing.source import Column, SlicedSource, Source, Timing
 
 _LABVIEW = -2_082_844_800
 """1904-01-01, from which LabVIEW counts, in seconds since 1970."""
@@ -57,10 +49,10 @@ class TdmsSource(SlicedSource):
         except Exception as problem:
             raise ImportingError(f'{self.path}: channel {name} cannot be read ({problem}): save '
                                  'the file again') from problem
-        if self.column(name).kind == MOMENT:
+        if self.column(name).kind == source.MOMENT:
             return _nanoseconds(values)
-        return np.asarray(values, dtype=object) if self.column(name).kind == TEXT \
-            else as_numbers(values)
+        return np.asarray(values, dtype=object) if self.column(name).kind == source.TEXT \
+            else source.as_numbers(values)
 
     def _column(self, name: str) -> Column:
         channel = self._channels[name]
@@ -74,11 +66,11 @@ class TdmsSource(SlicedSource):
 
 
 @contextmanager
-def _log_as_warnings(source: Source) -> Iterator[None]:
+def _log_as_warnings(file: Source) -> Iterator[None]:
     """Make what npTDMS logs (that the file is cut off, say) a warning of the import."""
     handler = logging.Handler(logging.WARNING)
-    setattr(handler, 'emit', lambda record: source.warnings.add(  # noqa: B010
-        f'{source.path}: npTDMS: {record.getMessage()}'))
+    setattr(handler, 'emit', lambda record: file.warnings.add(  # noqa: B010
+        f'{file.path}: npTDMS: {record.getMessage()}'))
     loggers = list(log_manager.loggers.values())
     before = [logger.handlers for logger in loggers]
     for logger in loggers:
@@ -92,7 +84,7 @@ def _log_as_warnings(source: Source) -> Iterator[None]:
 
 def _kind(channel: Any) -> str:
     kind = channel.data_type.__name__ if channel.data_type is not None else ''
-    return MOMENT if kind == 'TimeStamp' else TEXT if kind == 'String' else NUMBER
+    return {'TimeStamp': source.MOMENT, 'String': source.TEXT}.get(kind, source.NUMBER)
 
 
 def _nanoseconds(moments: Any) -> NDArray[np.int64]:

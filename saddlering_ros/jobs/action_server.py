@@ -23,24 +23,11 @@ from saddlering_ros.files import share_directory
 from saddlering_ros.jobs.worker import CANCELED, DONE, FAILED, Outcome, REFUSED, Worker
 from saddlering_ros.progress import Progress
 from saddlering_ros.rig import ParameterSet, Rig
+from saddlering_ros.ros import names, parameters
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, to_message
 from saddlering_ros.ros.messages import parameters_to_message
-from saddlering_ros.ros.names import (
-    diagnostic_name,
-    DIAGNOSTICS,
-    NodeError,
-    PARAMETERS_IN_FORCE,
-    rig_name,
-)
-from saddlering_ros.ros.parameters import (
-    bag_below,
-    below,
-    declare,
-    declare_rig,
-    HARDWARE_ID,
-    NodeParameter,
-    root_folder,
-)
+from saddlering_ros.ros.names import NodeError
+from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import LATCHED, MANY_REQUESTS
 from saddlering_ros.ros.rig_state import RigAgreement
 from saddlering_ros.ros.streaming_node import run
@@ -98,17 +85,17 @@ class ActionNode(Node):
         NodeParameter(
             'longest_goal', 86400.0, 'a goal that takes longer than this [s] is aborted', low=1.0,
             high=1e7),
-        HARDWARE_ID,
+        parameters.HARDWARE_ID,
     )
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        self.settings = declare(self, self.PARAMETERS)
-        self.rig: Rig = declare_rig(self)
+        self.settings = parameters.declare(self, self.PARAMETERS)
+        self.rig: Rig = parameters.declare_rig(self)
         self._agreement = RigAgreement(self, self.rig)
-        self.bag_root = root_folder(self, 'bag_root', share_directory() / 'bags')
-        self.parameters_root = root_folder(self, 'parameters_root', self.bag_root)
-        self._hardware_id = rig_name(self, self.settings.text('hardware_id'))
+        self.bag_root = parameters.root_folder(self, 'bag_root', share_directory() / 'bags')
+        self.parameters_root = parameters.root_folder(self, 'parameters_root', self.bag_root)
+        self._hardware_id = names.rig_name(self, self.settings.text('hardware_id'))
         self.stopping = False
         self._answered: deque[float] = deque()
         self._busy = threading.Lock()
@@ -116,8 +103,8 @@ class ActionNode(Node):
         self._level = OK
         self._worker = Worker(self.JOB)
         self._done = self.create_guard_condition(lambda: None)
-        self._found = self.create_publisher(RingParameters, PARAMETERS_IN_FORCE, LATCHED)
-        self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
+        self._found = self.create_publisher(RingParameters, names.PARAMETERS_IN_FORCE, LATCHED)
+        self._diagnostics = self.create_publisher(DiagnosticArray, names.DIAGNOSTICS, 10)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._server = PacedActionServer(
             self, self.ACTION, self.NAME, pace=self._pace, execute_callback=self._execute,
@@ -141,21 +128,21 @@ class ActionNode(Node):
         """Put the job's answer into the result."""
         raise NotImplementedError
 
-    def offers(self, parameters: ParameterSet) -> bool:
+    def offers(self, found: ParameterSet) -> bool:
         """Whether the parameters of a result are offered to simulators on ring/parameters."""
         return True
 
     # --- bags ---
 
-    def bags(self, names: Sequence[str]) -> tuple[str, ...]:
+    def bags(self, named: Sequence[str]) -> tuple[str, ...]:
         """The bags of a goal as paths below bag_root, with every file they consist of."""
-        if len(names) > MAX_BAGS:
-            raise NodeError(f'the goal names {len(names)} bags: give at most {MAX_BAGS}')
-        return tuple(str(bag_below(self.bag_root, name)) for name in names)
+        if len(named) > MAX_BAGS:
+            raise NodeError(f'the goal names {len(named)} bags: give at most {MAX_BAGS}')
+        return tuple(str(parameters.bag_below(self.bag_root, name)) for name in named)
 
     def parameters_path(self, name: str) -> str:
         """A parameter file of a goal as a path below parameters_root; '' stays ''."""
-        return str(below(self.parameters_root, name, 'parameter file')) if name else ''
+        return str(parameters.below(self.parameters_root, name, 'parameter file')) if name else ''
 
     # --- the life of a goal ---
 
@@ -254,20 +241,20 @@ class ActionNode(Node):
         self._last = f'{outcome.kind}: {result.message}'
         self.get_logger().info(f'goal {self._last}')
 
-    def _publish(self, parameters: ParameterSet, result: Any) -> None:
-        message = parameters_to_message(parameters, self.get_clock().now().to_msg())
+    def _publish(self, found: ParameterSet, result: Any) -> None:
+        message = parameters_to_message(found, self.get_clock().now().to_msg())
         result.parameters = message
-        if self.offers(parameters):
+        if self.offers(found):
             self._found.publish(message)
         else:
             self.get_logger().warning(
                 'the parameters are not offered to simulators, because the data do not determine '
-                f'{", ".join(parameters.source.undetermined)}')
+                f'{", ".join(found.source.undetermined)}')
 
     def _diagnose(self) -> None:
         status = TaskStatus(self._level, self._stage, {'last goal': self._last})
         message = to_message(
-            diagnostic_name(self), [
+            names.diagnostic_name(self), [
                 (f'/{self.NAME}', status), ('rig', self._agreement.report(1.0))],
             self._hardware_id)
         message.header.stamp = self.get_clock().now().to_msg()

@@ -17,14 +17,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool, Header
 
-from saddlering_interfaces.msg import (
-    ReplayProgress,
-    ReplayState,
-    RigIdentity,
-    RingAlarm,
-    RingDisplacement,
-    RingParameters,
-)
+from saddlering_interfaces import msg
 from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
 from saddlering_ros.errors import LiveError
@@ -37,8 +30,8 @@ from saddlering_ros.ros.streaming_node import StreamingNode
 NAME = 'saddlering_recorder'
 RING_STREAMS = tuple(f'/{name}' for name in names.DISPLACEMENTS)
 KEPT: dict[str, Any] = {
-    f'/{names.PARAMETERS_IN_FORCE}': RingParameters, f'/{names.STATE}': ReplayState,
-    f'/{names.RING_ALARM}': RingAlarm, f'/{names.WITHIN_LIMITS}': Bool}
+    f'/{names.PARAMETERS_IN_FORCE}': msg.RingParameters, f'/{names.STATE}': msg.ReplayState,
+    f'/{names.RING_ALARM}': msg.RingAlarm, f'/{names.WITHIN_LIMITS}': Bool}
 """Topics whose last message is there for late joiners."""
 
 OTHERS: dict[str, Any] = {names.DIAGNOSTICS: DiagnosticArray, f'/{names.ZERO}': Header}
@@ -58,10 +51,10 @@ class Recorder(StreamingNode):
         self._published: dict[str, int] = {}
         self._rigs: dict[str, str] = {}
         self.create_subscription(
-            RigIdentity, names.RIG_IDENTITY,
+            msg.RigIdentity, names.RIG_IDENTITY,
             lambda message: self._rigs.update({message.node: message.rig_hash}),
             raw_topics.LATCHED_BY_SEVERAL)
-        self.create_subscription(ReplayProgress, names.PROGRESS, self._hear, 200)
+        self.create_subscription(msg.ReplayProgress, names.PROGRESS, self._hear, 200)
         for topic, kind in {**KEPT, **OTHERS}.items():
             self.create_subscription(
                 kind, name_of(topic),
@@ -84,7 +77,7 @@ class Recorder(StreamingNode):
                 seconds, rest = _stamp.unpack_from(messages[-1], 4)
                 flow.last_stamp = seconds * SECOND + rest
 
-    def _hear(self, message: ReplayProgress) -> None:
+    def _hear(self, message: msg.ReplayProgress) -> None:
         self._published.update(zip(message.outputs, map(int, message.published), strict=False))
 
     def missing(self, sent: Mapping[str, int]) -> str:
@@ -128,7 +121,7 @@ class Recorder(StreamingNode):
 def streams() -> dict[str, Any]:
     """Message classes of the streams by topic: those of the rig and those computed from them."""
     return {**{name: raw_topics.message_class(topic.type) for name, topic in TOPICS.items()},
-            **dict.fromkeys(RING_STREAMS, RingDisplacement)}
+            **dict.fromkeys(RING_STREAMS, msg.RingDisplacement)}
 
 
 def name_of(topic: str) -> str:

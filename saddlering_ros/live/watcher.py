@@ -22,13 +22,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Range
 
-from saddlering_interfaces.msg import (
-    ReplayProgress,
-    ReplayState,
-    RingAlarm,
-    RingDisplacement,
-    RingParameters,
-)
+from saddlering_interfaces import msg
 from saddlering_ros.bags.wire import CdrError, decode_displacements, decode_samples
 from saddlering_ros.errors import LiveError, SaddleringError
 from saddlering_ros.live.commands import Action, ACTIONS, Change, Commands, Job
@@ -123,7 +117,7 @@ class Watcher:
         self.lock = threading.Lock()
         self._streams = {
             name: RawSubscription(
-                self.node, topic, WrenchStamped if name == 'load' else RingDisplacement)
+                self.node, topic, WrenchStamped if name == 'load' else msg.RingDisplacement)
             for name, topic in STREAMS.items()}
         self._sensors = {name: RawSubscription(self.node, topic.relative, TYPES[topic.type])
                          for name, topic in SENSORS.items()}
@@ -148,13 +142,14 @@ class Watcher:
         self._alarm: dict[str, Any] | None = None
         self._jobs: dict[str, Job] = {}
         self._actions = {name: Action(self.node, name, self._set_job) for name in ACTIONS}
-        self._progress = self.node.create_publisher(ReplayProgress, names.PROGRESS, PROGRESS_QOS)
+        self._progress = self.node.create_publisher(
+            msg.ReplayProgress, names.PROGRESS, PROGRESS_QOS)
         subscribe = self.node.create_subscription
         subscribe(DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, 50)
-        subscribe(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters, LATCHED_BY_SEVERAL)
-        subscribe(ReplayState, names.STATE, self._on_replay, raw_topics.LATCHED)
-        self._reports = RawSubscription(self.node, names.PROGRESS, ReplayProgress, depth=1000)
-        subscribe(RingAlarm, names.RING_ALARM, self._on_alarm, raw_topics.LATCHED)
+        subscribe(msg.RingParameters, PARAMETERS_IN_FORCE, self._on_parameters, LATCHED_BY_SEVERAL)
+        subscribe(msg.ReplayState, names.STATE, self._on_replay, raw_topics.LATCHED)
+        self._reports = RawSubscription(self.node, names.PROGRESS, msg.ReplayProgress, depth=1000)
+        subscribe(msg.RingAlarm, names.RING_ALARM, self._on_alarm, raw_topics.LATCHED)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=names.LIVE_PAGE, daemon=True)
 
@@ -329,7 +324,7 @@ class Watcher:
         # Every node reports a thousand times a second; the last report of each counts.
         last = {report[:NODE_NAME]: report for report in self._reports.take()}
         for report in last.values():
-            self._on_progress(deserialize_message(report, ReplayProgress))
+            self._on_progress(deserialize_message(report, msg.ReplayProgress))
         for action in self._actions.values():
             action.look_after()
 
@@ -383,7 +378,7 @@ class Watcher:
                 self._facts.update((item.key, item.value) for item in status.values
                                    if item.key == ELEVATION_KEY)
 
-    def _on_parameters(self, message: RingParameters) -> None:
+    def _on_parameters(self, message: msg.RingParameters) -> None:
         if not message.applied_by:
             return  # only offered
         try:
@@ -403,7 +398,7 @@ class Watcher:
             self._contact = contact
             self._parameters = {'source': str(message.source), 'rows': rows}
 
-    def _on_replay(self, message: ReplayState) -> None:
+    def _on_replay(self, message: msg.ReplayState) -> None:
         start, end = to_stamp(message.start), to_stamp(message.end)
         share = (to_stamp(message.now) - start) / max(end - start, 1)
         words = ('waiting', 'playing', 'paused', 'finished')[min(message.state, 3)]
@@ -415,11 +410,11 @@ class Watcher:
                             'speed': round(float(message.speed), 1),
                             'waiting_for': list(message.waiting_for)}
 
-    def _on_progress(self, message: ReplayProgress) -> None:
+    def _on_progress(self, message: msg.ReplayProgress) -> None:
         with self.lock:
             self._published.update(zip(message.outputs, map(int, message.published), strict=False))
 
-    def _on_alarm(self, message: RingAlarm) -> None:
+    def _on_alarm(self, message: msg.RingAlarm) -> None:
         shown = alarm_as_page(message)
         with self.lock:
             self._alarm = shown

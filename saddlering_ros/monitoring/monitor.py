@@ -12,15 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.monitoring import noise
 from saddlering_ros.monitoring.detector import BlockWatch
-from saddlering_ros.monitoring.noise import (
-    assumed_noise,
-    MonitoringError,
-    RestLearner,
-    RestNoise,
-    SECOND,
-    UNKNOWN,
-)
+from saddlering_ros.monitoring.noise import MonitoringError, RestLearner, RestNoise, UNKNOWN
 from saddlering_ros.quantities import quantity, signed
 
 Array = NDArray[np.float64]
@@ -227,7 +221,7 @@ class Monitor:
             self._lapse(f'the elevation changed to {math.degrees(sample.elevation):.3f} deg: the '
                         'evidence restarts', sample.stamp)
             self._clear_evidence()
-        pause = (sample.stamp - last.stamp) / SECOND
+        pause = (sample.stamp - last.stamp) / noise.SECOND
         if self.rest is not None and pause > MAX_GAP * self.rest.block + self.rest.interval:
             self._lapse(f'no samples for {pause:.3g} s: the evidence restarts', sample.stamp)
             self._clear_evidence()
@@ -257,9 +251,9 @@ class Monitor:
         if found is None:
             return
         self.rest = found
-        noise = [assumed_noise(one, least, found.block)
-                 for one, least in zip(found.noise, self._least_wander, strict=True)]
-        self._watch = BlockWatch(noise, found.block, self.settings.false_alarm_hours)
+        assumed = [noise.assumed_noise(one, least, found.block)
+                   for one, least in zip(found.noise, self._least_wander, strict=True)]
+        self._watch = BlockWatch(assumed, found.block, self.settings.false_alarm_hours)
         self.changes += 1
         lost = [name for name, one in zip(CHANNELS, found.noise, strict=True) if one == UNKNOWN]
         if lost:
@@ -331,7 +325,7 @@ class Monitor:
         stamps, rows = stamps[known], rows[known]
         return replace(
             alarm, since=int(stamps[0]), size=float(rows[:, channel].mean()),
-            follows=first_guess(rows[:, channel], rows[:, -1], (stamps - stamps[0]) / SECOND,
+            follows=first_guess(rows[:, channel], rows[:, -1], (stamps - stamps[0]) / noise.SECOND,
                                 self._rest_band))
 
 

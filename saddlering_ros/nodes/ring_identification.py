@@ -70,9 +70,9 @@ class RingIdentificationNode(ActionNode):
                                if name in answer.parameters.source.undetermined]
         result.offered = self.offers(answer.parameters)
 
-    def offers(self, parameters: ParameterSet) -> bool:
+    def offers(self, found: ParameterSet) -> bool:
         """Numbers none of which the data determine are of no use to a simulator."""
-        return len(parameters.source.undetermined) < len(PARAMETER_NAMES)
+        return len(found.source.undetermined) < len(PARAMETER_NAMES)
 
 
 def settings_of(goal: IdentifyRing.Goal) -> IdentificationSettings:

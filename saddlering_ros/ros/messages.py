@@ -8,16 +8,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 import numpy as np
 
-from saddlering_interfaces.msg import (
-    DetectionLimit,
-    DiagnosedCause,
-    DiagnosisCandidate,
-    DiagnosisRemainder,
-    ReplayProgress,
-    RingAlarm,
-    RingExpected,
-    RingParameters,
-)
+from saddlering_interfaces import msg
 from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.monitoring.expected import Expected
 from saddlering_ros.monitoring.monitor import Monitor
@@ -30,10 +21,10 @@ FIELDS = ('k1', 'n1', 'd1', 'k2', 'n2', 'd2')
 """Fields of RingParameters in the order of ContactParameters."""
 
 
-def parameters_to_message(parameters: ParameterSet, stamp: Time) -> RingParameters:
+def parameters_to_message(parameters: ParameterSet, stamp: Time) -> msg.RingParameters:
     """A RingParameters message of `parameters`."""
-    message = RingParameters(source=words_of(parameters.source),
-                             rig_hash=parameters.source.rig_hash)
+    message = msg.RingParameters(source=words_of(parameters.source),
+                                 rig_hash=parameters.source.rig_hash)
     message.header.stamp = stamp
     for name, value in zip(FIELDS, parameters.contact.to_array().tolist(), strict=True):
         setattr(message, name, value)
@@ -50,7 +41,7 @@ def parameters_to_message(parameters: ParameterSet, stamp: Time) -> RingParamete
     return message
 
 
-def parameters_from_message(message: RingParameters) -> ParameterSet:
+def parameters_from_message(message: msg.RingParameters) -> ParameterSet:
     """The ParameterSet of a message; SaddleringError for an entry that cannot be used."""
     values = [float(getattr(message, name)) for name in FIELDS]
     if not np.isfinite(values).all():
@@ -69,7 +60,7 @@ def parameters_from_message(message: RingParameters) -> ParameterSet:
     return ParameterSet(ContactParameters(*values), _effects(message), source)
 
 
-def _effects(message: RingParameters) -> Effects:
+def _effects(message: msg.RingParameters) -> Effects:
     names, values = message.effect_parameter_names, message.effect_parameter_values
     if len(names) != len(values):
         raise NodeError(f'/ring/parameters: {len(names)} effect parameters have {len(values)} '
@@ -92,7 +83,7 @@ def words_of(source: ParameterSource) -> str:
     return f'{words} ({source.note})' if source.note else words
 
 
-def causes_to_messages(document: Mapping[str, Any]) -> list[DiagnosedCause]:
+def causes_to_messages(document: Mapping[str, Any]) -> list[msg.DiagnosedCause]:
     """The causes of a verdict document (`diagnose --json`) as messages; NaN for null."""
     return [_cause_to_message(cause) for cause in document['causes'] if 'effect' in cause]
 
@@ -112,30 +103,30 @@ def fill_diagnosis(result: Any, document: Mapping[str, Any]) -> None:
     result.outcomes = list(probabilities)
     result.probabilities = [_number(value) for value in probabilities.values()]
     result.remainder = [
-        DiagnosisRemainder(
+        msg.DiagnosisRemainder(
             run=str(rest['run']), channel=rest['channel'], along=rest.get('along') or '',
             share_of_range=_number(rest['share_of_range']),
             times_noise=_number(rest['times_noise']))
         for rest in document.get('remainder') or ()]
     result.detection_limits = [
-        DetectionLimit(
+        msg.DetectionLimit(
             effect=limit['effect'], unit=limit['unit'], limit=_number(limit['limit']),
             best_limit=_number(limit['best_limit']), testable=bool(limit['testable']),
             material_limit=_number(limit['material_limit']))
         for limit in document.get('detection_limits') or ()]
     result.candidates = [
-        DiagnosisCandidate(
+        msg.DiagnosisCandidate(
             effects=list(model['effects']), step=int(model['step']),
             **{name: _number(model.get(name)) for name in (
                 'p_value', 'delta_bic', 'misfit', 'share_of_range')})
         for model in document.get('candidates') or ()]
 
 
-def _cause_to_message(cause: Mapping[str, Any]) -> DiagnosedCause:
+def _cause_to_message(cause: Mapping[str, Any]) -> msg.DiagnosedCause:
     items = cause['parameters']
     values = [float(item['value']) for item in items.values()]
     stds = [_number(item['std']) for item in items.values()]
-    return DiagnosedCause(
+    return msg.DiagnosedCause(
         effect=cause['effect'], group=list(cause['group']), parameter_names=list(items),
         units=[item['unit'] for item in items.values()], values=values, stds=stds,
         lower=[value - 1.96 * std for value, std in zip(values, stds, strict=True)],
@@ -150,9 +141,9 @@ def _number(value: float | None) -> float:
     return float('nan') if value is None else float(value)
 
 
-def alarm_message(monitor: Monitor, words: str, frame_id: str) -> RingAlarm:
+def alarm_message(monitor: Monitor, words: str, frame_id: str) -> msg.RingAlarm:
     """The message of ring/alarm for a monitor whose state is `words`."""
-    message = RingAlarm(
+    message = msg.RingAlarm(
         state=monitor.state, message=words, log_threshold=monitor.log_threshold,
         log_evidence=monitor.log_evidence, materiality=monitor.materiality,
         false_alarm_hours=monitor.settings.false_alarm_hours,
@@ -166,12 +157,12 @@ def alarm_message(monitor: Monitor, words: str, frame_id: str) -> RingAlarm:
     return message
 
 
-def expected_message(expected: Expected, stamp: int, load: float, parameters: RingParameters,
-                     frame_id: str) -> RingExpected:
+def expected_message(expected: Expected, stamp: int, load: float, parameters: msg.RingParameters,
+                     frame_id: str) -> msg.RingExpected:
     """The message of ring/expected at the stamp [ns] of a load [N]."""
     x, y, gamma = expected.motion.tolist()
     x_by_load, y_by_load, gamma_by_load = expected.by_load.tolist()
-    message = RingExpected(
+    message = msg.RingExpected(
         load=load, delta_x=x, delta_y=y, gamma=gamma, delta_x_by_load=x_by_load,
         delta_y_by_load=y_by_load, gamma_by_load=gamma_by_load, parameters=parameters,
         covariance=expected.covariance.ravel(), validity=expected.validity)
@@ -191,9 +182,9 @@ def to_stamp(time: Time) -> int:
 
 
 def progress_of(node: str, subscriptions: list[RawSubscription], publishers: list[RawPublisher],
-                replayed_until: int = 0) -> ReplayProgress:
+                replayed_until: int = 0) -> msg.ReplayProgress:
     """Report of a node with these flows."""
-    message = ReplayProgress(node=node, replayed_until=to_time(replayed_until))
+    message = msg.ReplayProgress(node=node, replayed_until=to_time(replayed_until))
     message.inputs = [flow.topic for flow in subscriptions]
     message.input_stamps = [to_time(flow.last_stamp) for flow in subscriptions]
     message.received = [flow.received for flow in subscriptions]
@@ -223,10 +214,10 @@ class LockstepGroup:
     def __init__(self, names: list[str]) -> None:
         self.names = names
         self.malformed = 0
-        self.said: dict[str, ReplayProgress] = {}
+        self.said: dict[str, msg.ReplayProgress] = {}
         self.heard: dict[str, float] = {}
         self.excused: set[str] = set()
-        self._spectators: dict[str, tuple[float, ReplayProgress]] = {}
+        self._spectators: dict[str, tuple[float, msg.ReplayProgress]] = {}
         self._owing: set[str] = set()
         self._start = 0
 
@@ -234,7 +225,7 @@ class LockstepGroup:
         """All are matched, and the replay begins behind `start` [ns]."""
         self._owing, self._start = {*self.said, *self._spectators}, start
 
-    def hear(self, message: ReplayProgress, now: float) -> None:
+    def hear(self, message: msg.ReplayProgress, now: float) -> None:
         """Take a node's word at monotonic `now` [s].
 
         Reports of other nodes are not kept, nor messages whose lists differ in length.
@@ -265,7 +256,7 @@ class LockstepGroup:
                     if count and topic in last
                     and (to_stamp(time) or said.node in self._owing)), default=0)
 
-    def _watching(self, now: float) -> list[ReplayProgress]:
+    def _watching(self, now: float) -> list[msg.ReplayProgress]:
         """The last reports of the live pages that are there."""
         return [said for heard, said in self._spectators.values()
                 if said.inputs and now - heard < SPECTATOR_LEASE]
@@ -300,7 +291,7 @@ class LockstepGroup:
                 reasons.append(f'{name}: {reason}')
         return reasons
 
-    def _unmatched(self, said: ReplayProgress) -> str:
+    def _unmatched(self, said: msg.ReplayProgress) -> str:
         others = [self.said[name] for name in self.names if name != said.node]
         writers = {topic for other in others for topic in other.outputs}
         for topic, count in zip(said.inputs, said.publishers, strict=True):
@@ -324,13 +315,13 @@ class LockstepGroup:
                 reasons.append(f'{said.node}: {reason}')
         return reasons
 
-    def _last_stamps(self, writers: list[ReplayProgress]) -> dict[str, int]:
+    def _last_stamps(self, writers: list[msg.ReplayProgress]) -> dict[str, int]:
         """By topic the stamp [ns] of the last message that one of them published."""
         return {topic: to_stamp(time) for said in writers
                 for topic, time in zip(said.outputs, said.output_stamps, strict=True)
                 if to_stamp(time)}
 
-    def _lag(self, said: ReplayProgress, until: int, last: dict[str, int]) -> str:
+    def _lag(self, said: msg.ReplayProgress, until: int, last: dict[str, int]) -> str:
         replayed = to_stamp(said.replayed_until)
         if replayed not in (0, until):
             return 'has not received the clock yet' if replayed == 1 else (
@@ -342,7 +333,7 @@ class LockstepGroup:
         return ''
 
 
-def _is_whole(message: ReplayProgress) -> bool:
+def _is_whole(message: msg.ReplayProgress) -> bool:
     """Whether every topic has its stamp and its counts."""
     taken, given = len(message.inputs), len(message.outputs)
     return (len(message.input_stamps) == len(message.received) == len(message.publishers) == taken

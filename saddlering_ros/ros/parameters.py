@@ -11,12 +11,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, Protocol
 
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces import msg
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
@@ -50,9 +45,9 @@ class NodeParameter:
     nan_allowed: bool = False
     while_inactive: bool = False
 
-    def descriptor(self) -> ParameterDescriptor:
+    def descriptor(self) -> msg.ParameterDescriptor:
         """Text of `ros2 param describe`."""
-        descriptor = ParameterDescriptor(
+        descriptor = msg.ParameterDescriptor(
             name=self.name, description=self.words,
             read_only=not (self.changeable or self.while_inactive))
         if self.choices:
@@ -60,10 +55,10 @@ class NodeParameter:
         bounded = math.isfinite(self.low) and math.isfinite(self.high) and not self.nan_allowed
         if isinstance(self.default, float) and bounded:
             descriptor.floating_point_range = [
-                FloatingPointRange(from_value=self.low, to_value=self.high)]
+                msg.FloatingPointRange(from_value=self.low, to_value=self.high)]
         elif isinstance(self.default, int) and not isinstance(self.default, bool):
             descriptor.integer_range = [
-                IntegerRange(from_value=int(self.low), to_value=int(self.high))]
+                msg.IntegerRange(from_value=int(self.low), to_value=int(self.high))]
         return descriptor
 
     def refusal(self, value: Any) -> str:
@@ -113,7 +108,7 @@ def declare(node: Node, parameters: Sequence[NodeParameter]) -> NodeSettings:
         settings[parameter.name] = _declare_one(node, parameter)
     by_name = {parameter.name: parameter for parameter in parameters}
 
-    def judge(changes: list[RosParameter]) -> SetParametersResult:
+    def judge(changes: list[RosParameter]) -> msg.SetParametersResult:
         for change in changes:
             known = by_name.get(change.name)
             reason = known.refusal(change.value) if known is not None else ''
@@ -121,8 +116,8 @@ def declare(node: Node, parameters: Sequence[NodeParameter]) -> NodeSettings:
                 reason = (f'{known.name} can change only while the node is inactive: ros2 '
                           f'lifecycle set {node.get_fully_qualified_name()} deactivate first')
             if reason:
-                return SetParametersResult(successful=False, reason=reason)
-        return SetParametersResult(successful=True)
+                return msg.SetParametersResult(successful=False, reason=reason)
+        return msg.SetParametersResult(successful=True)
 
     def keep(changes: list[RosParameter]) -> None:
         for change in changes:
@@ -189,7 +184,7 @@ def declare_rig(node: Node) -> Rig:
     is_given = any(name.startswith('rig.') for name in given)
     nested: dict[str, Any] = {}
     for name, default in _rig_values(default_rig() if is_given else load_rig()).items():
-        descriptor = ParameterDescriptor(
+        descriptor = msg.ParameterDescriptor(
             name=name, description=rig_words(name), read_only=True, dynamic_typing=True)
         value = node.declare_parameter(name, default, descriptor).value
         if not is_given or name in given:
@@ -252,7 +247,7 @@ def given_sections(node: Node, sections: Sequence[str]) -> dict[str, Any]:
     for name in sorted(overrides):
         if name.partition('.')[0] not in sections:
             continue
-        descriptor = ParameterDescriptor(name=name, read_only=True, dynamic_typing=True)
+        descriptor = msg.ParameterDescriptor(name=name, read_only=True, dynamic_typing=True)
         value = node.declare_parameter(name, overrides[name].value, descriptor).value
         plain_value = value if isinstance(value, (bool, int, float, str)) else list(value)
         _put(nested, name.split('.'), plain_value)

@@ -11,19 +11,13 @@ import importlib
 import time
 from typing import Any, NamedTuple, Protocol, TypeVar
 
+from rclpy import qos
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    LivelinessPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-)
 
 from saddlering_ros.bags.wire import CdrError, decode_samples
 from saddlering_ros.record.batches import Samples
@@ -34,16 +28,16 @@ DEPTH = 5000
 """Messages that may wait at either end of a stream: five seconds at 1 kHz."""
 
 
-def stream_qos(reliable: bool = True, depth: int = DEPTH) -> QoSProfile:
+def stream_qos(reliable: bool = True, depth: int = DEPTH) -> qos.QoSProfile:
     """The QoS of a measured or simulated stream: deep, so that a busy reader loses no message."""
-    kind = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
-    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=kind,
-                      durability=DurabilityPolicy.VOLATILE)
+    kind = qos.ReliabilityPolicy.RELIABLE if reliable else qos.ReliabilityPolicy.BEST_EFFORT
+    return qos.QoSProfile(history=qos.HistoryPolicy.KEEP_LAST, depth=depth, reliability=kind,
+                          durability=qos.DurabilityPolicy.VOLATILE)
 
 
-def _latched(depth: int) -> QoSProfile:
-    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE,
-                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
+def _latched(depth: int) -> qos.QoSProfile:
+    return qos.QoSProfile(depth=depth, reliability=qos.ReliabilityPolicy.RELIABLE,
+                          durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 LATCHED = _latched(1)
@@ -59,17 +53,18 @@ and time within which a dead publisher is noticed. A reader may ask for as much,
 """
 
 
-def promised_qos() -> QoSProfile:
+def promised_qos() -> qos.QoSProfile:
     """The QoS of a stream that a node of the suite computes."""
-    qos = stream_qos()
-    qos.deadline, qos.liveliness, qos.liveliness_lease_duration = (
-        DEADLINE, LivelinessPolicy.AUTOMATIC, LEASE)
-    return qos
+    promised = stream_qos()
+    promised.deadline, promised.liveliness, promised.liveliness_lease_duration = (
+        DEADLINE, qos.LivelinessPolicy.AUTOMATIC, LEASE)
+    return promised
 
 
-LIMIT_QOS = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    deadline=DEADLINE, liveliness=LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=LEASE)
+LIMIT_QOS = qos.QoSProfile(
+    depth=1, reliability=qos.ReliabilityPolicy.RELIABLE,
+    durability=qos.DurabilityPolicy.TRANSIENT_LOCAL,
+    deadline=DEADLINE, liveliness=qos.LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=LEASE)
 
 PROGRESS_QOS = stream_qos(depth=200)
 ZERO_QOS = stream_qos(depth=10)
@@ -143,7 +138,7 @@ class RawSubscription:
                  for info in self._node.get_publishers_info_by_topic(self.topic)}
         if not kinds:
             return False
-        reliable = ReliabilityPolicy.BEST_EFFORT not in kinds
+        reliable = qos.ReliabilityPolicy.BEST_EFFORT not in kinds
         if reliable == self.reliable:
             return False
         self._node.get_logger().info(
@@ -196,10 +191,10 @@ class RawSubscription:
 class RawPublisher:
     """One topic that a node writes. It takes serialized messages and counts them."""
 
-    def __init__(self, node: Node, topic: str, message_type: Any, qos: QoSProfile | None = None,
-                 ) -> None:
+    def __init__(self, node: Node, topic: str, message_type: Any,
+                 profile: qos.QoSProfile | None = None) -> None:
         self._node = node
-        self.publisher = node.create_publisher(message_type, topic, qos or promised_qos())
+        self.publisher = node.create_publisher(message_type, topic, profile or promised_qos())
         self.topic = node.resolve_topic_name(topic)
         self.published = 0
         self.last_stamp = 0
