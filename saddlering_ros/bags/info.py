@@ -14,7 +14,7 @@ from saddlering_ros.bags.scan import OnShare, Scan, scan
 from saddlering_ros.doubts import readings
 from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import findings_on_rig
-from saddlering_ros.doubts.reading import absent_topic, mirrored_topic, run_of_record
+from saddlering_ros.doubts.readings import absent_topic, mirrored_topic, run_of_record
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import finite_json
 from saddlering_ros.record.batches import gap_mask

@@ -14,8 +14,7 @@ from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
 from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import findings_on_rig
-from saddlering_ros.doubts.reading import absent_topic, mirrored_topic, run_of_record
-from saddlering_ros.doubts.readings import MIN_SAMPLES
+from saddlering_ros.doubts.readings import absent_topic, MIN_SAMPLES, mirrored_topic, run_of_record
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.batches import JITTER_NS
 from saddlering_ros.record.metadata import TestMetadata

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
 
     from saddlering_ros.bags import read_raw
     from saddlering_ros.doubts.comparison import refuse_other_hash
-    from saddlering_ros.doubts.reading import absent_topic
+    from saddlering_ros.doubts.readings import absent_topic
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.launcher import ALARM_NODES, REPLAY_NODES, RING_NODES, start_nodes
     from saddlering_ros.ros.names import namespace_of, NodeError

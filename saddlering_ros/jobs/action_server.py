@@ -73,7 +73,6 @@ class ActionNode(Node):
 
     ACTION: ClassVar[Any]
     NAME: ClassVar[str]
-    JOB: ClassVar[str]
 
     PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = (
         NodeParameter(
@@ -101,7 +100,7 @@ class ActionNode(Node):
         self._busy = threading.Lock()
         self._stage, self._last = 'idle', 'no goal yet'
         self._level = OK
-        self._worker = Worker(self.JOB)
+        self._worker = Worker('saddlering_ros.jobs.requests')
         self._done = self.create_guard_condition(lambda: None)
         self._found = self.create_publisher(RingParameters, names.PARAMETERS_IN_FORCE, LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, names.DIAGNOSTICS, 10)

@@ -8,7 +8,7 @@ from typing import Any
 
 from saddlering_interfaces.action import DiagnoseRing
 from saddlering_ros.jobs.action_server import ActionNode, serve
-from saddlering_ros.jobs.diagnosis import DiagnosisAnswer, DiagnosisRequest
+from saddlering_ros.jobs.requests import DiagnosisAnswer, DiagnosisRequest
 from saddlering_ros.progress import Progress
 from saddlering_ros.ros.messages import fill_diagnosis
 from saddlering_ros.ros.names import DIAGNOSE, NodeError
@@ -20,7 +20,6 @@ class RingDiagnosisNode(ActionNode):
 
     ACTION = DiagnoseRing
     NAME = DIAGNOSE
-    JOB = 'saddlering_ros.jobs.diagnosis'
 
     def __init__(self) -> None:
         super().__init__('ring_diagnosis')

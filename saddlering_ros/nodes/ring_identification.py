@@ -9,7 +9,7 @@ from typing import Any
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_ros.identification import IdentificationSettings, SwarmSettings
 from saddlering_ros.jobs.action_server import ActionNode, serve
-from saddlering_ros.jobs.identification import IdentificationAnswer, IdentificationRequest
+from saddlering_ros.jobs.requests import IdentificationAnswer, IdentificationRequest
 from saddlering_ros.progress import Progress, SearchStep
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet
 from saddlering_ros.ros.names import IDENTIFY, NodeError
@@ -37,7 +37,6 @@ class RingIdentificationNode(ActionNode):
 
     ACTION = IdentifyRing
     NAME = IDENTIFY
-    JOB = 'saddlering_ros.jobs.identification'
 
     def __init__(self) -> None:
         super().__init__('ring_identification')

@@ -16,8 +16,7 @@ from saddlering_ros.bags import read_raw
 from saddlering_ros.bags.reader import usable_facts
 from saddlering_ros.bags.wire import decode_clock, encode_samples, SECOND
 from saddlering_ros.doubts.comparison import refuse_other_hash
-from saddlering_ros.doubts.reading import absent_topic
-from saddlering_ros.doubts.readings import check_values
+from saddlering_ros.doubts.readings import absent_topic, check_values
 from saddlering_ros.files import share_directory
 from saddlering_ros.record import RawRecord, RawTopic
 from saddlering_ros.record.batches import Samples

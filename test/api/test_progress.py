@@ -14,7 +14,7 @@ from saddlering_ros import Cancelled, diagnose, identify, Progress
 from saddlering_ros.bags import write_bag
 from saddlering_ros.identification import Identification, IdentificationSettings, SwarmSettings
 from saddlering_ros.jobs import identification as identification_job
-from saddlering_ros.jobs.identification import IdentificationRequest
+from saddlering_ros.jobs.requests import IdentificationRequest
 from saddlering_ros.jobs.worker import Worker
 from saddlering_ros.progress import SearchStep
 from saddlering_ros.record import TestMetadata
@@ -52,7 +52,7 @@ def test_a_report_names_its_step_in_words():
 
 
 def test_a_worker_that_is_cancelled_raises_as_the_api_does(paths):
-    worker = Worker('saddlering_ros.jobs.identification')
+    worker = Worker('saddlering_ros.jobs.requests')
     try:
         with pytest.raises(Cancelled):
             worker.run(IdentificationRequest(paths, (), RIG, QUICK), lambda _: None, lambda: True)
