@@ -23,7 +23,7 @@ from scipy.signal import lfilter
 from saddlering_ros.bags.reader import put_in_order
 from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import findings_on_rig
-from saddlering_ros.doubts.reading import run_of_record
+from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.identification import Identification, identify
 from saddlering_ros.record import (

@@ -18,7 +18,7 @@ from rigs import as_read, sized_rig
 
 from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import findings_on_rig
-from saddlering_ros.doubts.reading import run_of_record
+from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.record import RawRecord
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.rig import ContactParameters, FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE

@@ -350,22 +350,24 @@ class Watcher:
     def _take(self, name: str, messages: list[bytes]) -> None:
         if name == 'load':
             load = decode_samples(messages, LOAD)
-            self._streams[name].last_stamp = int(load.stamps[-1])
-            self.traces.push(name, load.stamps, load.values[None, :])
+            self._draw(name, load.stamps, load.values[None, :])
             self.gauges.push(name, float(load.values[-1]))
-            self._received_at = time.monotonic()
-            playing = self._replay is not None and self._replay['state'] != 'finished'
-            self.session.follow(self.traces.number, self._bag if playing else '')
             self.session.keep(LOAD.name, messages)
             return
         batch = decode_displacements(messages)
-        self._streams[name].last_stamp = int(batch.stamps[-1])
-        self.traces.push(name, batch.stamps, batch.channels)
+        self._draw(name, batch.stamps, batch.channels)
         if not math.isnan(batch.elevations[-1]):
             self._elevation = float(batch.elevations[-1])
-        self._received_at = time.monotonic()
         if name == 'residual':
             self._doubt = doubt_words(batch.validity)
+
+    def _draw(self, name: str, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        """Draw samples (C, N); any stream may be the first that comes of a test."""
+        self._streams[name].last_stamp = int(stamps[-1])
+        self.traces.push(name, stamps, values)
+        self._received_at = time.monotonic()
+        playing = self._replay is not None and self._replay['state'] != 'finished'
+        self.session.follow(self.traces.number, self._bag if playing else '')
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()

@@ -13,7 +13,7 @@ from identification_records import dynamic_run, RIG, static_run
 from saddlering_ros import Cancelled, diagnose, identify, Progress
 from saddlering_ros.bags import write_bag
 from saddlering_ros.identification import Identification, IdentificationSettings, SwarmSettings
-from saddlering_ros.jobs import identification as identification_job
+from saddlering_ros.jobs import requests as identification_job
 from saddlering_ros.jobs.requests import IdentificationRequest
 from saddlering_ros.jobs.worker import Worker
 from saddlering_ros.progress import SearchStep

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from saddlering_interfaces.msg import ReplayProgress
-from saddlering_ros.bags.wire import encode_samples
+from saddlering_ros.bags.wire import encode_displacements, encode_samples
 from saddlering_ros.live.session import Session
 from saddlering_ros.live.traces import TestCurves
 from saddlering_ros.live.watcher import Watcher
-from saddlering_ros.record.batches import Samples
+from saddlering_ros.record.batches import Displacements, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 
 STAMPS = 10**18 + 10_000_000 * np.arange(100)
@@ -55,3 +55,13 @@ def test_messages_of_a_probe_that_a_replay_sent_and_that_did_not_come_are_counte
         watcher.session.keep(PROBES[0].name, messages(PROBES[0], slice(0, 20)))
         watcher._sensors['probe_1'].received += 20
         assert watcher.state()['missing'] == ''
+
+
+@pytest.mark.ros
+def test_a_displacement_may_come_before_the_load_of_its_test(ros_domain):
+    rows = Displacements(STAMPS, np.ones((4, 100)), STAMPS, np.ones(100))
+    with Watcher(ros_domain) as watcher:
+        watcher.traces.push('load', STAMPS, np.ones((1, 100)))
+        watcher.clear()
+        watcher._take('measured', encode_displacements(rows, 'ring'))
+        assert watcher.now()['test']['number'] == 2

@@ -17,7 +17,7 @@ from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.api import comparison
 from saddlering_ros.bags import write_bag
-from saddlering_ros.jobs import diagnosis
+from saddlering_ros.jobs import requests
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.batches import Displacements, Samples
 from saddlering_ros.record.displacement import DisplacementStream
@@ -231,7 +231,7 @@ def test_a_change_fills_the_result_of_the_action(monkeypatch: Any) -> None:
     change = SimpleNamespace(verdict='none', headline='Nothing changed.',
                              to_json=lambda: document)
     monkeypatch.setattr(comparison, 'compare', lambda before, after, **options: change)
-    answer = diagnosis.run(diagnosis.DiagnosisRequest(
+    answer = requests.run(requests.DiagnosisRequest(
         ('later',), ('earlier',), (), default_rig(), '', 0), lambda progress: None)
     assert answer.parameters is None
     result = DiagnoseRing.Result()
