@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.virtual_rig.effects import effect, TrueSize
-from saddlering_ros.virtual_rig.effects_load import X_AND_T
-from saddlering_ros.virtual_rig.effects_ring import Motion
+from saddlering_ros.virtual_rig.effects_ring import Motion, X_AND_T
 from saddlering_ros.virtual_rig.numerics import low_pass
 
 Floats = NDArray[np.float64]

@@ -19,7 +19,7 @@ from saddlering_ros.compiled import Compiler
 
 HERE = Path(__file__).parent
 
-compiled = Compiler(*(HERE / name for name in ('integrator.py', 'numerics.py', 'effects_load.py')))
+compiled = Compiler(*(HERE / name for name in ('integrator.py', 'numerics.py')))
 Floats = NDArray[np.float64]
 
 
@@ -126,3 +126,15 @@ def _bouc_wen(z: float, steps: float, presliding: float) -> tuple[float, float]:
     start = min(start, 1.0 - 1e-12)
     after = math.tanh(math.atanh(start) + left)
     return sign * after, (1.0 - after * after) / presliding
+
+
+@compiled()
+def hysteresis(law: int, values: Floats, presliding: float, initial: float) -> Floats:
+    """State z (N,) of a friction element that follows `values` (N,)."""
+    state = np.empty(values.shape[0])
+    z = initial
+    state[0] = z
+    for n in range(1, values.shape[0]):
+        z, _ = follow(law, z, values[n] - values[n - 1], presliding, 0.0, 1.0)
+        state[n] = z
+    return state

@@ -11,9 +11,8 @@ from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.virtual_rig import integrator as at
 from saddlering_ros.virtual_rig.effects import EffectRequest
-from saddlering_ros.virtual_rig.effects_load import LoadPath
 from saddlering_ros.virtual_rig.effects_probes import ProbeMotion
-from saddlering_ros.virtual_rig.effects_ring import FrictionElements, Motion
+from saddlering_ros.virtual_rig.effects_ring import FrictionElements, LoadPath, Motion
 from saddlering_ros.virtual_rig.integrator import make_rollers, Scatter
 
 Floats = NDArray[np.float64]
