@@ -1,15 +1,15 @@
 """Do intervals with instruments drawn from their certificates hold, and is the budget right?
 
-    python benchmarks/certificates.py coverage [--rigs 300] [--json FILE]     over drawn rigs
-    python benchmarks/certificates.py budget [--draws 150]     each source against Monte Carlo
-    python benchmarks/certificates.py gain [--pairs 40]     a load gain of five certificates
+    python benchmarks/certificates.py [--what coverage] [--count 300]     over drawn rigs
+    python benchmarks/certificates.py --what budget [--count 150]     sources against Monte Carlo
+    python benchmarks/certificates.py --what gain [--count 40]     a gain of five certificates
 
 The errors are applied to the readings and to the true rig, apart from the code that counts them.
 The tests are two static ones, which determine K and n. `budget` fits the readings of one ring
 again with every draw (JCGM 101), with the whole identification, so that nothing is linearised.
 Its shares by source are those of a regression on the draws, which are a Latin hypercube. In `gain`
 contact, rollers, friction and errors within the certificates are drawn for each ring, and its
-later session has the gain.
+later session has the gain. Rows are kept in --out, and a campaign goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -18,13 +18,12 @@ import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')
 
-import argparse
 from dataclasses import replace
-import json
 import math
 from pathlib import Path
 import sys
 
+from frame import arguments, keep, kept_rows, share
 import numpy as np
 from rigs import NO_SCATTER, RIG, virtual_run
 from scipy.stats import norm
@@ -101,36 +100,33 @@ def off(value: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.where(LOGARITHMIC, np.log(value / truth), value - truth)
 
 
-def coverage(rigs: int, file: Path | None) -> None:
+def contact_of(random: np.random.Generator) -> ContactParameters:
+    """K and D within a factor of 1.6 of the usual ones."""
+    return ContactParameters(*TRUE_TO_SCALE.to_array() * np.where(
+        LOGARITHMIC, np.exp(random.uniform(-0.5, 0.5, 6)), 1.0))
+
+
+def coverage(rigs: int, file: Path) -> None:
     """Share of 95 % intervals of rigs with drawn instruments that hold the true parameter."""
-    scores: list[list[float | None]] = json.loads(file.read_text()) if (
-        file is not None and file.exists()) else []
-    usual = TRUE_TO_SCALE.to_array()
-    for number in range(len(scores), rigs):
+    for number in range(len(kept_rows(file)), rigs):
         random = np.random.default_rng([2700, number])
-        truth = usual * np.where(LOGARITHMIC, np.exp(random.uniform(-0.5, 0.5, 6)), 1.0)
-        contact, errors = ContactParameters(*truth), drawn(random)
+        contact, errors = contact_of(random), drawn(random)
         runs = [recorded(test, degrees, contact, errors, int(random.integers(2**31)), 0.3e-6,
                          number + 2)
                 for test, degrees in (('static', 50.0), ('static', 70.0))]
         found = identify(runs, CERTIFIED, IdentificationSettings(seed=number))
         value = found.parameters.contact.to_array()
         std = np.sqrt(np.diag(found.covariance))
-        score = off(value, truth) / np.where(LOGARITHMIC, std / value, std)
-        scores.append([float(one) if found.determined[name] else None
-                       for one, name in zip(score, PARAMETER_NAMES, strict=True)])
-        if file is not None:
-            file.write_text(json.dumps(scores))
-    for column, name in enumerate(PARAMETER_NAMES):
-        own = np.array([row[column] for row in scores if row[column] is not None])
-        if not own.size:
-            print(f'{name}: static tests do not determine it')
-            continue
-        print(f'{name}: {100.0 * np.mean(np.abs(own) <= WIDTH_95):.1f} % of {own.size}, '
-              f'rms {np.sqrt(np.mean(own**2)):.2f}')
+        score = off(value, contact.to_array()) / np.where(LOGARITHMIC, std / value, std)
+        keep(file, {name: float(one) for one, name in zip(score, PARAMETER_NAMES, strict=True)
+                    if found.determined[name]})
+    for name in PARAMETER_NAMES:
+        own = np.array([row[name] for row in kept_rows(file) if name in row])
+        print(f'{name}: {share(np.abs(own) <= WIDTH_95)}, '
+              f'rms {np.sqrt(np.mean(own**2)) if own.size else math.nan:.2f}')
 
 
-def budget(draws: int) -> None:
+def budget(draws: int, _: Path) -> None:
     """Deviation by source of K, n and D in the budget and by Monte Carlo."""
     contact, sound = TRUE_TO_SCALE, dict.fromkeys(SOURCES, 0.0)
     tests = (('static', 50.0), ('static', 70.0))
@@ -163,17 +159,14 @@ def budget(draws: int) -> None:
                       f'({100.0 * (own / abs(slope) - 1.0):+.1f} %)')
 
 
-def gain(pairs: int) -> None:
+def gain(pairs: int, file: Path) -> None:
     """How often a load gain of five times its certificate is found between two sessions."""
     sys.path[:0] = [str(Path(__file__).parents[1] / place) for place in ('.', 'test/comparison')]
     from sessions_made import session
 
-    right = 0
-    for number in range(pairs):
+    for number in range(len(kept_rows(file)), pairs):
         random = np.random.default_rng([2701, number])
-        contact = ContactParameters(*TRUE_TO_SCALE.to_array() * np.where(
-            LOGARITHMIC, np.exp(random.uniform(-0.5, 0.5, 6)), 1.0))
-        own = drawn_dirt(random)
+        contact, own = contact_of(random), drawn_dirt(random)
         grown = {**own, 'load_gain': own['load_gain'] + (5e-3 if number % 2 else -5e-3)}
         before, after = (
             session(10 + 2 * number + day, [
@@ -182,9 +175,10 @@ def gain(pairs: int) -> None:
             for day, sizes in enumerate((own, grown)))
         found = compare(before, after, rig=CERTIFIED).to_json()
         named = [cause['group'] for cause in found['causes']]
-        right += found['verdict'] in ('named', 'ambiguous') and 'load_gain' in named[0]
+        right = found['verdict'] in ('named', 'ambiguous') and 'load_gain' in named[0]
+        keep(file, {'verdict': found['verdict'], 'groups': named, 'right': right})
         print(number, found['verdict'], named, found['headline'], flush=True)
-    print(f'{right} of {pairs}')
+    print('found:', share(row['right'] for row in kept_rows(file)))
 
 
 def drawn_dirt(random: np.random.Generator) -> dict[str, float]:
@@ -198,20 +192,14 @@ def drawn_dirt(random: np.random.Generator) -> dict[str, float]:
     return {**errors, **friction}
 
 
+WHAT = {'coverage': (coverage, 300), 'budget': (budget, 150), 'gain': (gain, 40)}
+"""Each campaign and its usual number of rigs, draws or pairs."""
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('what', choices=('coverage', 'budget', 'gain'))
-    parser.add_argument('--rigs', type=int, default=300)
-    parser.add_argument('--draws', type=int, default=150)
-    parser.add_argument('--pairs', type=int, default=40)
-    parser.add_argument('--json', type=Path)
-    args = parser.parse_args()
-    if args.what == 'coverage':
-        coverage(args.rigs, args.json)
-    elif args.what == 'budget':
-        budget(args.draws)
-    else:
-        gain(args.pairs)
+    args = arguments(__doc__, {'count': 1}, what='coverage', count=0, out=Path)
+    campaign, count = WHAT[args.what]
+    campaign(args.count or count, args.out or Path('out') / f'certificates_{args.what}.jsonl')
 
 
 if __name__ == '__main__':
