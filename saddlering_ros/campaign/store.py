@@ -78,7 +78,13 @@ class Store:
 
     def read_result(self, key: str) -> dict[str, Any] | None:
         """The result of a task; None where there is none, or only a damaged or altered file."""
-        return _read(self.place_of(key), key)
+        try:
+            document = json.loads(self.place_of(key).read_text(encoding='utf-8'))
+        except (OSError, ValueError):
+            return None
+        if not isinstance(document, dict) or document.get('key') != key:
+            return None
+        return document if document.pop(HASH, '') == _hash_of(document) else None
 
     def write_result(self, document: dict[str, Any]) -> None:
         """Keep a result, whole or not at all, with the hash of its content."""
@@ -97,16 +103,6 @@ class Store:
         except (OSError, ValueError, TypeError) as problem:
             raise CampaignError(f'{self.folder}: holds no campaign: give the --out of a '
                                 'campaign') from problem
-
-
-def _read(path: Path, key: str) -> dict[str, Any] | None:
-    try:
-        document = json.loads(path.read_text(encoding='utf-8'))
-    except (OSError, ValueError):
-        return None
-    if not isinstance(document, dict) or document.get('key') != key:
-        return None
-    return document if document.pop(HASH, '') == _hash_of(document) else None
 
 
 def _hash_of(document: dict[str, Any]) -> str:

@@ -7,12 +7,12 @@ of these, and its seed comes from the key, so that a result is the same wherever
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 import hashlib
-import importlib
 import json
 from pathlib import Path
+from pkgutil import resolve_name
 import resource
 from typing import Any
 
@@ -176,7 +176,7 @@ def _changed(task: SessionTask) -> str:
 def _answer(task: SessionTask) -> dict[str, Any]:
     """The verdict on a session, or the reason why there is none."""
     try:
-        compute = _load(task.compute)
+        compute = resolve_name(task.compute)
         # Allow `size` bytes of address space beyond those mapped already.
         mapped = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
@@ -194,13 +194,6 @@ def _answer(task: SessionTask) -> dict[str, Any]:
 def failure(kind: str, reason: str) -> dict[str, Any]:
     """Entry of a result that has no verdict."""
     return {'status': 'failed', 'kind': kind, 'reason': reason}
-
-
-def _load(name: str) -> Callable[[SessionTask], dict[str, Any]]:
-    module, _, function = name.partition(':')
-    found: Callable[[SessionTask], dict[str, Any]] = getattr(
-        importlib.import_module(module), function)
-    return found
 
 
 def session_verdict(task: SessionTask) -> dict[str, Any]:

@@ -169,8 +169,7 @@ class SessionNeighbourhoods:
 
     def predict(self, run: RunBlocks) -> list[Array]:
         """Channels (B, C, N) of each group."""
-        prepared = self.by_session[self.system.session_of(run)]
-        return prepared.predict(run)
+        return self.by_session[self.system.session_of(run)].predict(run)
 
 
 def seen_in(session: float, point: Point) -> Point:

@@ -179,6 +179,5 @@ def _judged(
         apart, spread = means[index] - centre, spread + around
         p_values.append(float(chi2.sf(apart @ np.linalg.solve(spread, apart), apart.size)))
         z_scores.append(apart / np.sqrt(np.diag(spread)))
-    stands = benjamini_hochberg(p_values, level)
-    return [Unlikeness(z, p, bool(found))
-            for z, p, found in zip(z_scores, p_values, stands, strict=True)]
+    return [Unlikeness(z, p, bool(found)) for z, p, found in zip(
+        z_scores, p_values, benjamini_hochberg(p_values, level), strict=True)]
