@@ -344,8 +344,7 @@ def _repeats(rig: Rig, degrees: float) -> list[Proposal]:
         'slewed_ring': Proposal('', static, as_made=on_slewed_ring, is_other_place=True),
         'reference_load': Proposal('', static, readings=cell),
         'inclinometer': Proposal('', static, readings=angles),
-        'heights': Proposal('', static, readings=heights),
-        'zero_load': Proposal('', rest),
+        'heights': Proposal('', static, readings=heights), 'zero_load': Proposal('', rest),
     }
     return [replace(one, sentence=words[kind], kind=kind) for kind, one in made.items()]
 

@@ -59,15 +59,10 @@ def diagnose(
     if parameters is not None:
         start = dict(zip(PARAMETER_NAMES, parameters.contact.to_array(), strict=True))
     diagnosis = discrepancy.diagnose(
-        RingSystem(rig),
-        fitted,
+        RingSystem(rig), fitted,
         hold_out=[record.run for record in records if record.run.held_out],
-        settings=settings or Settings(seed=seed),
-        start=start,
-        proposals=propose(rig, fitted),
-        on_progress=on_progress,
-        is_cancelled=is_cancelled,
-    )
+        settings=settings or Settings(seed=seed), start=start, proposals=propose(rig, fitted),
+        on_progress=on_progress, is_cancelled=is_cancelled)
     figures = tuple(
         verdict.run_figures(rig, diagnosis, record, prediction.before, prediction.after)
         for record, prediction in zip(records, diagnosis.runs, strict=True)

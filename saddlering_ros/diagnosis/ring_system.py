@@ -142,13 +142,10 @@ class RingSystem:
         starts = dict(zip(PARAMETER_NAMES, TRUE_TO_SCALE.to_array(), strict=True))
         return tuple(
             Parameter(
-                *self.rig.bounds[name],
-                name=name,
+                *self.rig.bounds[name], name=name,
                 start=float(np.clip(starts[name], *self.rig.bounds[name])),
-                scale='linear' if name.startswith('n') else 'log',
-                unit=PARAMETER_UNITS[name],
-                step=FINE_STEP,
-            )
+                scale='linear' if name.startswith('n') else 'log', unit=PARAMETER_UNITS[name],
+                step=FINE_STEP)
             for name in PARAMETER_NAMES
         )
 
@@ -169,8 +166,7 @@ class RingSystem:
     def views(self) -> Mapping[str, Array]:
         probes = self.rig.probes
         views = {
-            'delta_x': np.array([0.5, 0.0, -0.5, 0.0]),
-            'delta_y': np.array([0.0, 0.5, 0.0, 0.5]),
+            'delta_x': np.array([0.5, 0.0, -0.5, 0.0]), 'delta_y': np.array([0.0, 0.5, 0.0, 0.5]),
             'gamma': np.array([0.0, 1.0, 0.0, -1.0]) / probes.axial_span,
             'parity': np.array([0.5, 0.0, 0.5, 0.0]),
         }
@@ -337,8 +333,7 @@ class RingSystem:
         less, more = (
             self.simulated(
                 replace(run, payload=replace(grid, load=grid.load + change)),
-                [(point.base, self.extension(point))],
-            )[0]
+                [(point.base, self.extension(point))])[0]
             for change in (-step, step)
         )
         return {'hydraulic_load': (more - less) / (2.0 * step)}
@@ -424,17 +419,11 @@ def engine_effect(
         for item in ordered
     }
     return Effect(
-        effect.title,
-        parameters,
+        effect.title, parameters,
         variants=tuple(dict(item.values) for item in effect.variants[: variants.stop]),
-        starts=_starts(effect, ordered, rig),
-        settled_by=effect.settled_by,
-        line=_line_channels(effect) if effect.line else (),
-        form=effect.form,
-        id=effect.id,
-        first_variant=variants.start,
-        contains=effect.variants[variants.start].contains,
-    )
+        starts=_starts(effect, ordered, rig), settled_by=effect.settled_by,
+        line=_line_channels(effect) if effect.line else (), form=effect.form, id=effect.id,
+        first_variant=variants.start, contains=effect.variants[variants.start].contains)
 
 
 def _line_channels(effect: catalogue_of_effects.RingEffect) -> tuple[tuple[int, ...], ...]:
@@ -477,8 +466,7 @@ def _starts(
         elif item.logarithmic and not effect.starts:
             starts += [
                 {
-                    size.name: sizes[1],
-                    **usual,
+                    size.name: sizes[1], **usual,
                     item.name: item.low * (item.high / item.low) ** share,
                 }
                 for share in (0.15, 0.85)

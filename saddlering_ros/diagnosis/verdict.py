@@ -170,16 +170,12 @@ class Verdict:
             }
         made = self.provenance(held_out=False)
         source = ParameterSource(
-            method='diagnose',
-            bags=tuple(origin.path for origin in made.bags),
+            method='diagnose', bags=tuple(origin.path for origin in made.bags),
             objective=float(self.diagnosis.fits.after.misfit),
             covariance=self.contact_law.covariance,
             note=f'verdict {self.verdict}, seed {self.seed}',
-            sha256=tuple(origin.sha256 for origin in made.bags),
-            versions=made.versions_in_words,
-            undetermined=self.contact_law.reasons_after,
-            rig_hash=self.rig.digest,
-        )
+            sha256=tuple(origin.sha256 for origin in made.bags), versions=made.versions_in_words,
+            undetermined=self.contact_law.reasons_after, rig_hash=self.rig.digest)
         return ParameterSet(ContactParameters.from_array(values), effects, source)
 
     def provenance(self, *, held_out: bool = True) -> Provenance:
@@ -320,9 +316,7 @@ def _cause_entries(diagnosis: Diagnosis) -> list[CauseEntry | ShapeEntry]:
     if fast.visible >= MATERIAL:
         entries.append({
             'shape': ring_wording.swing_words(fast.view, fast.frequency, fast.run, fast.visible),
-            'channel': fast.view,
-            'coordinate': 'time',
-            'p_value': fast.p_value,
+            'channel': fast.view, 'coordinate': 'time', 'p_value': fast.p_value,
             'share_of_range': fast.visible,
         })
     for cause in causes:
@@ -352,20 +346,16 @@ def _run_entry(figures: RunFigures) -> dict[str, Any]:
     return {
         'bag': str(record.test_run.path),
         'elevation_deg': float(np.degrees(record.test_run.elevation)),
-        'test': record.test_run.test,
-        'held_out': record.run.held_out,
+        'test': record.test_run.test, 'held_out': record.run.held_out,
         'channels': {name: vars(misfit) for name, misfit in figures.channels.items()},
     }
 
 
 def _simulated_test(separation: Separation) -> SimulatedTestEntry:
     return {
-        'test': separation.proposal.sentence,
-        'kind': separation.proposal.kind,
-        'draws': separation.draws,
-        'share_alone': separation.share,
-        'interval_95': list(separation.interval),
-        'share_kept': separation.kept / separation.draws,
+        'test': separation.proposal.sentence, 'kind': separation.proposal.kind,
+        'draws': separation.draws, 'share_alone': separation.share,
+        'interval_95': list(separation.interval), 'share_kept': separation.kept / separation.draws,
         'by_truth': {' + '.join(ids): share for ids, share in separation.by_truth.items()},
     }
 
@@ -376,9 +366,7 @@ def _evidence_entry(one: Evidence) -> dict[str, Any]:
 
 def _shape_entry(shape: ShapeTest) -> ShapeEntry:
     return {
-        'channel': shape.view,
-        'coordinate': shape.coordinate,
-        'p_value': shape.p_value,
+        'channel': shape.view, 'coordinate': shape.coordinate, 'p_value': shape.p_value,
         'share_of_range': shape.visible,
     }
 

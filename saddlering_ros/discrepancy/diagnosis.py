@@ -153,11 +153,8 @@ def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
         return diagnosis
     causes = tuple(replace(cause, partial=True) for cause in diagnosis.causes)
     return replace(
-        diagnosis,
-        verdict='unknown' if causes or under else diagnosis.verdict,
-        causes=causes,
-        warnings=(*over, *under, *diagnosis.warnings),
-    )
+        diagnosis, verdict='unknown' if causes or under else diagnosis.verdict, causes=causes,
+        warnings=(*over, *under, *diagnosis.warnings))
 
 
 def _in_units(prediction: RunPrediction, system: ModelSystem) -> RunPrediction:
@@ -168,8 +165,7 @@ def _in_units(prediction: RunPrediction, system: ModelSystem) -> RunPrediction:
         measured = np.where(prediction.run.present, measured, 0.0)
     return RunPrediction(
         replace(prediction.run, channels=measured), prediction.before * scale,
-        prediction.after * scale
-    )
+        prediction.after * scale)
 
 
 SOUND_SHARE, OPEN_FACTOR = 0.4, 3.0

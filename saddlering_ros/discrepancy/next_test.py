@@ -54,10 +54,8 @@ def next_test_of(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> Nex
     open_models = [OpenModel(fit, others[0].less), *others]
     rule = JudgingRule(
         floor=alternative_floor(space.pairs, space.settings),
-        excess=max(space.slow_residual(fit).excess, 0.0),
-        log_size=space.log_size,
-        settings=space.settings,
-    )
+        excess=max(space.slow_residual(fit).excess, 0.0), log_size=space.log_size,
+        settings=space.settings)
     separations = simulate_tests(
         space.metric, open_models, space.tangent_of, space.problem.proposals, rule,
         seed=space.settings.seed) if space.problem.proposals else []
@@ -420,13 +418,9 @@ def _left(
         # The first model stands for no particular cause; the other names the cause in question.
         taken = (less[best] if number == 0 else less[number]) - misfits[best]
         stays = number == best or indistinguishable(
-            distance=misfits[number] - misfits[best],
-            taken=taken,
-            excess=rule.excess,
+            distance=misfits[number] - misfits[best], taken=taken, excess=rule.excess,
             fewer=open_models[best].fit.theta_unit.size - open_model.fit.theta_unit.size,
-            floor=rule.floor,
-            settings=rule.settings,
-        )
+            floor=rule.floor, settings=rule.settings)
         if stays:
             left.append(number)
     return left

@@ -43,7 +43,5 @@ class AxialClearance(RingEffect):
         half = 0.5 * values['change']
         spread = abs(half) * values['spread']
         return replace(
-            extension,
-            upper_row=replace(upper, gap=upper.gap + half, gap_spread=spread),
-            lower_row=replace(lower, gap=lower.gap + half, gap_spread=spread),
-        )
+            extension, upper_row=replace(upper, gap=upper.gap + half, gap_spread=spread),
+            lower_row=replace(lower, gap=lower.gap + half, gap_spread=spread))

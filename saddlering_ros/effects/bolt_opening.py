@@ -25,8 +25,7 @@ class BoltOpening(RingEffect):
     )
     outcomes = Outcomes(
         slewed_ring='a kink at another tilting moment',
-        other_elevation='a kink at the same tilting moment and another load',
-    )
+        other_elevation='a kink at the same tilting moment and another load')
     stage = 'ring'
     form = 0.05  # bolts need not open evenly over the range of moments
     channels = ('gamma',)

@@ -24,9 +24,7 @@ class BracketPlay(RingEffect):
     outcomes = Outcomes(
         inclinometer='an angle that jumps when the load changes direction',
         second_rate='a loop of the same height',
-        repeat_cycle='a loop that repeats and stays open during the holds',
-        pull_push=UNCLEAR,
-    )
+        repeat_cycle='a loop that repeats and stays open during the holds', pull_push=UNCLEAR)
     stage = 'load path'
     form = 0.1  # a bracket seats bit by bit, not all at one load
     channels = ('delta_x', 'delta_y', 'gamma')

@@ -55,8 +55,7 @@ class CarriageResonance(RingEffect):
     )
     variants = (
         Variant('all alike', {'coordinates': ALIKE}),
-        Variant('each coordinate', {'coordinates': EACH}, frees=('share_y', 'share_tilt')),
-    )
+        Variant('each coordinate', {'coordinates': EACH}, frees=('share_y', 'share_tilt')))
     choices = (Choice('coordinates', (ALIKE, EACH), '0 all swing alike, 1 each by its own share'),)
     starts = tuple({'period': period} for period in PERIODS)
     dynamic_only = True

@@ -27,9 +27,7 @@ class CylinderFriction(RingEffect):
     outcomes = Outcomes(
         reference_load='a difference that changes its sign between loading and unloading',
         second_rate='a loop of the same height',
-        repeat_cycle='a loop that repeats and stays open during the holds',
-        pull_push=UNCLEAR,
-    )
+        repeat_cycle='a loop that repeats and stays open during the holds', pull_push=UNCLEAR)
     stage = 'load path'
     form = 0.1  # seals grip harder at rest and at higher pressure
     channels = ('delta_x', 'delta_y', 'gamma')

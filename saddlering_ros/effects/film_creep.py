@@ -29,10 +29,8 @@ class FilmCreep(RingEffect):
     )
     outcomes = Outcomes(
         second_rate='a loop whose height depends on the rate',
-        repeat_cycle='a loop that closes during the holds',
-        zero_load=base.UNCLEAR,
-        pull_push=base.UNCLEAR,
-    )
+        repeat_cycle='a loop that closes during the holds', zero_load=base.UNCLEAR,
+        pull_push=base.UNCLEAR)
     stage = 'ring'
     form = 0.1  # films creep with more than one time constant
     channels = ('delta_x', 'delta_y', 'gamma')
@@ -53,8 +51,7 @@ class FilmCreep(RingEffect):
         Variant('all rows', {'rows': ALL_ROWS}),
         Variant('radial row', {'rows': RADIAL}, ('delta_x',)),
         Variant('axial rows', {'rows': AXIAL}, ('delta_y', 'gamma')),
-        Variant('radial and axial rows', {'rows': EACH}, frees=('share_axial',)),
-    )
+        Variant('radial and axial rows', {'rows': EACH}, frees=('share_axial',)))
     choices = (
         Choice('rows', (ALL_ROWS, RADIAL, AXIAL, EACH),
                '0 all rows, 1 radial row, 2 axial rows, 3 radial and axial rows by their own'),)

@@ -20,8 +20,7 @@ class LoadGain(RingEffect):
     )
     outcomes = Outcomes(
         reference_load='a difference that is a fixed share of the load',
-        other_elevation='the same share of every displacement at both elevations',
-    )
+        other_elevation='the same share of every displacement at both elevations')
     stage = 'load path'
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (

@@ -16,9 +16,7 @@ class LoadOffset(RingEffect):
     )
     settled_by = 'A zero-load record with the cylinder disconnected, or a reference load.'
     outcomes = Outcomes(
-        reference_load='the same difference in newtons at every load',
-        zero_load=UNCLEAR,
-    )
+        reference_load='the same difference in newtons at every load', zero_load=UNCLEAR)
     stage = 'load path'
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (

@@ -22,9 +22,7 @@ class MainsPickup(RingEffect):
     )
     settled_by = 'A zero-load record at the highest sampling rate.'
     outcomes = Outcomes(
-        zero_load='a line in the spectrum at constant preload',
-        swapped_probes=UNCLEAR,
-    )
+        zero_load='a line in the spectrum at constant preload', swapped_probes=UNCLEAR)
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (

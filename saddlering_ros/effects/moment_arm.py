@@ -21,8 +21,7 @@ class MomentArm(RingEffect):
     )
     outcomes = Outcomes(
         heights='another height of the loading axis than in the rig file',
-        other_elevation='a misfit of tilt and axial motion only, in the same share',
-    )
+        other_elevation='a misfit of tilt and axial motion only, in the same share')
     stage = 'load path'
     channels = ('delta_y', 'gamma')
     parameters = (

@@ -20,8 +20,7 @@ class ProbeDrift(RingEffect):
         second_rate='a misfit that grows with the time and not with the load',
         repeat_cycle='a misfit that continues to grow during the holds at preload',
         zero_load='readings that drift at constant preload',
-        swapped_probes='a misfit that moves with the probe',
-    )
+        swapped_probes='a misfit that moves with the probe')
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (

@@ -21,8 +21,7 @@ class ProbeHeight(RingEffect):
     )
     outcomes = Outcomes(
         heights='another height of probes 1 and 3 than in the rig file',
-        other_elevation='a radial misfit in proportion to the tilt',
-    )
+        other_elevation='a radial misfit in proportion to the tilt')
     stage = 'measurement'
     channels = ('delta_x',)
     parameters = (

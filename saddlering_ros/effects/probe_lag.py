@@ -22,9 +22,7 @@ class ProbeLag(RingEffect):
     )
     settled_by = 'A second loading rate (x4), with swapped probes if only one is slow.'
     outcomes = Outcomes(
-        second_rate='a delay of the same time with rounded corners',
-        swapped_probes=UNCLEAR,
-    )
+        second_rate='a delay of the same time with rounded corners', swapped_probes=UNCLEAR)
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (
@@ -47,7 +45,5 @@ class ProbeLag(RingEffect):
         """Add to the probe chosen."""
         probe = probe_of(values)
         return replace(
-            extension,
-            probe_lag=with_probe(extension.probe_lag, probe, values['time']),
-            probe_lag_second=set_probe(extension.probe_lag_second, probe, values['second']),
-        )
+            extension, probe_lag=with_probe(extension.probe_lag, probe, values['time']),
+            probe_lag_second=set_probe(extension.probe_lag_second, probe, values['second']))

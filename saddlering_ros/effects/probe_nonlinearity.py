@@ -21,8 +21,7 @@ class ProbeNonlinearity(RingEffect):
     )
     outcomes = Outcomes(
         swapped_probes='a misfit that moves with the probe',
-        other_gap='a misfit that moves to another load',
-    )
+        other_gap='a misfit that moves to another load')
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (

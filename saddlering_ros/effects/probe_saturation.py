@@ -25,8 +25,7 @@ class ProbeSaturation(RingEffect):
     )
     outcomes = Outcomes(
         swapped_probes='a misfit that moves with the probe',
-        other_gap='a flat part that moves to another load or disappears',
-    )
+        other_gap='a flat part that moves to another load or disappears')
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (
@@ -37,8 +36,7 @@ class ProbeSaturation(RingEffect):
     )
     variants = (
         *probe_variants({'side': 1.0}, ', increasing readings'),
-        *probe_variants({'side': -1.0}, ', decreasing readings'),
-    )
+        *probe_variants({'side': -1.0}, ', decreasing readings'))
     choices = (ONE_PROBE, Choice('side', (1.0, -1.0), '1 increasing readings, -1 decreasing ones'))
     starts = tuple({'limit': limit} for limit in (2e-5, 4e-5, 8e-5, 1.2e-4, 1.6e-4, 2e-4))
 

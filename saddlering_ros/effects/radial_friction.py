@@ -26,9 +26,7 @@ class RadialFriction(RingEffect):
     )
     outcomes = Outcomes(
         second_rate='a loop of the same height',
-        repeat_cycle='a loop that repeats and stays open during the holds',
-        pull_push=UNCLEAR,
-    )
+        repeat_cycle='a loop that repeats and stays open during the holds', pull_push=UNCLEAR)
     stage = 'ring'
     form = 0.1  # sticking exceeds sliding by a tenth to a quarter, and how much the speed decides
     channels = ('delta_x',)

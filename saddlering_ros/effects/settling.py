@@ -31,12 +31,9 @@ class Settling(RingEffect):
     outcomes = Outcomes(
         second_rate='no misfit in the repeated test',
         repeat_cycle='a misfit in the first cycle only',
-        swapped_probes='no misfit in the repeated test',
-        slewed_ring=base.UNCLEAR,
-        other_elevation=base.UNCLEAR,
-        other_gap='no misfit in the repeated test',
-        pull_push=base.UNCLEAR,
-    )
+        swapped_probes='no misfit in the repeated test', slewed_ring=base.UNCLEAR,
+        other_elevation=base.UNCLEAR, other_gap='no misfit in the repeated test',
+        pull_push=base.UNCLEAR)
     stage = 'ring'
     form = 0.05  # joints settle not quite in proportion to the load
     channels = ('delta_x', 'delta_y', 'gamma')
@@ -58,8 +55,7 @@ class Settling(RingEffect):
         Variant('delta_x', {'coordinate': 0.0}, ('delta_x',)),
         Variant('delta_y', {'coordinate': 1.0}, ('delta_y',)),
         Variant('gamma', {'coordinate': 2.0}, ('gamma',)),
-        Variant('each coordinate', {'coordinate': EACH}, frees=('settling_y', 'settling_tilt')),
-    )
+        Variant('each coordinate', {'coordinate': EACH}, frees=('settling_y', 'settling_tilt')))
     choices = (
         Choice('coordinate', (0.0, 1.0, 2.0, EACH), '0 delta_x, 1 delta_y, 2 gamma, 3 each'),)
 

@@ -32,9 +32,7 @@ class TiltFriction(RingEffect):
     )
     outcomes = Outcomes(
         second_rate='a loop of the same height',
-        repeat_cycle='a loop that repeats and stays open during the holds',
-        pull_push=base.UNCLEAR,
-    )
+        repeat_cycle='a loop that repeats and stays open during the holds', pull_push=base.UNCLEAR)
     stage = 'ring'
     form = 0.1  # sticking exceeds sliding by a tenth to a quarter, and how much the speed decides
     channels = ('delta_x', 'delta_y', 'gamma')

@@ -25,9 +25,7 @@ class WornSectorAxial(RingEffect):
     )
     settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
     outcomes = Outcomes(
-        slewed_ring='a misfit that disappears or moves to another load',
-        pull_push=UNCLEAR,
-    )
+        slewed_ring='a misfit that disappears or moves to another load', pull_push=UNCLEAR)
     stage = 'ring'
     form = 0.2  # worn arcs end softly, and no two rollers on them alike
     channels = ('delta_y', 'gamma')
@@ -45,7 +43,5 @@ class WornSectorAxial(RingEffect):
         row = values['row']
         upper, lower = extension.upper_row, extension.lower_row
         return replace(
-            extension,
-            upper_row=upper if row == LOWER else replace(upper, wear=wear),
-            lower_row=lower if row == UPPER else replace(lower, wear=wear),
-        )
+            extension, upper_row=upper if row == LOWER else replace(upper, wear=wear),
+            lower_row=lower if row == UPPER else replace(lower, wear=wear))

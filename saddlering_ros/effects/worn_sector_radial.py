@@ -22,9 +22,7 @@ class WornSectorRadial(RingEffect):
     )
     settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
     outcomes = Outcomes(
-        slewed_ring='a misfit that disappears or moves to another load',
-        pull_push=UNCLEAR,
-    )
+        slewed_ring='a misfit that disappears or moves to another load', pull_push=UNCLEAR)
     stage = 'ring'
     form = 0.2  # worn arcs end softly, and no two rollers on them alike
     channels = ('delta_x',)

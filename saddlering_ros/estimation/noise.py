@@ -240,10 +240,8 @@ def measure_noise(
     # One shape: the statistics of each channel over its own size, all in one mixture.
     scaled = [one.observed / total for one, total in zip(channels, totals, strict=True)]
     shape = Statistics(
-        np.concatenate(scaled),
-        np.vstack([one.columns for one in channels]),
-        np.concatenate([one.weights for one in channels]),
-    ).mixture()[1:]
+        np.concatenate(scaled), np.vstack([one.columns for one in channels]),
+        np.concatenate([one.weights for one in channels])).mixture()[1:]
     fine = min(segment.step for segment in segments)
     noise = []
     for channel, (statistics, total) in enumerate(zip(channels, totals, strict=True)):

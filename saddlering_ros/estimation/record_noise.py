@@ -185,10 +185,8 @@ def widened(noise: ChannelNoise, record: ChannelRecord) -> ChannelNoise:
         return noise
     extra = _noise_of_fast_values(record, values, waves, noise)
     return replace(
-        noise.with_relaxations(extra.slow, extra.time_constants),
-        white=noise.white + extra.white,
-        pairs=min(noise.pairs, extra.pairs),
-    )
+        noise.with_relaxations(extra.slow, extra.time_constants), white=noise.white + extra.white,
+        pairs=min(noise.pairs, extra.pairs))
 
 
 def with_model_error(
@@ -277,9 +275,7 @@ def _spectrum_above(values: Array, waves: int, bins: int) -> _Spectrum:
     half_waves = np.arange(waves + 1, count, dtype=np.float64)
     return _Spectrum(
         np.add.reduceat(half_waves, begin) / lines / (2.0 * count),
-        np.add.reduceat(power, begin) / lines,
-        lines.astype(np.float64),
-    )
+        np.add.reduceat(power, begin) / lines, lines.astype(np.float64))
 
 
 def _expected_power(noise: ChannelNoise, frequency: Array, step: float) -> Array:
@@ -340,8 +336,7 @@ def common_noise(
     share = share / share.sum(axis=0)
     kinds = (
         [a + b for a, b in zip(first, second, strict=True)],
-        [a - b for a, b in zip(first, second, strict=True)], first, second,
-    )
+        [a - b for a, b in zip(first, second, strict=True)], first, second)
     of_sum, of_difference, of_first, of_second = (
         np.sum(share * _variances(kind, counts, pairs), axis=0) for kind in kinds)
     common, freedom = 0.25 * (of_sum - of_difference), pairs.sum(axis=0)

@@ -160,10 +160,7 @@ def channel_figures(
     areas = _loop_areas(shape_load, shape_measured, shape_simulated, extent)
     rating = rate(shape_measured, shape_simulated) if is_simulated else None
     return ChannelFigures(
-        unit=UNITS[CHANNELS[position]],
-        range=extent,
-        zero_error=zero_error,
-        rmse=rmse,
+        unit=UNITS[CHANNELS[position]], range=extent, zero_error=zero_error, rmse=rmse,
         nrmse=_ratio(rmse, extent),
         noise_floor=_ratio(_noise_of_sample(residual, rests, noise, step), extent),
         sound=_ratio(sound, extent),
@@ -176,11 +173,8 @@ def channel_figures(
         zero_return=_zero_return(run, residual, rests),
         time_shift=None if static or not is_simulated else _time_shift(run, position),
         iso18571=None if rating is None else rating.overall,
-        iso18571_parts=None if rating is None else asdict(rating),
-        comparison_error=error,
-        validation_uncertainty=uncertainty,
-        e_over_uval=_ratio(error, uncertainty),
-    )
+        iso18571_parts=None if rating is None else asdict(rating), comparison_error=error,
+        validation_uncertainty=uncertainty, e_over_uval=_ratio(error, uncertainty))
 
 
 def _ratio(value: float, over: float) -> float | None:
@@ -304,8 +298,7 @@ def rate(reference: Array, signal: Array) -> Rating:
         corridor=float(np.mean(np.clip(score, 0.0, 1.0) ** 2)),
         phase=_score(abs(shift) / len(reference), MAX_SHIFT),
         magnitude=_score(distance / float(np.sum(np.abs(matched_reference))), MAX_MAGNITUDE_ERROR),
-        slope=_slope(matched_reference, matched_signal),
-    )
+        slope=_slope(matched_reference, matched_signal))
 
 
 def _shortened(values: Array) -> Array:

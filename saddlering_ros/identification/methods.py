@@ -143,8 +143,7 @@ class _Search:
         best = swarm.minimise(
             lambda points: objective(space.contacts(points)), space.low, space.high,
             self.swarm_settings, seed=self.settings.seed, on_iteration=report_iteration,
-            is_cancelled=self.is_cancelled,
-        )
+            is_cancelled=self.is_cancelled)
         self.evaluations += objective.evaluations - before
         self.notes.append(f'{stage}: {best.iterations} iterations, {best.stopped.value}')
         contact = ContactParameters.from_array(space.contacts(best.position)[0])
@@ -211,14 +210,12 @@ def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Outcome:
     averaged = [average_branches(one.coarse(), search.rig.limits.level_step) for one in static]
     contact, objective = search.run_swarm(
         'static step', PaperObjective(search.rig, averaged, channels),
-        search.space(STATIC_NAMES, _start(search.bounds), log=False),
-    )
+        search.space(STATIC_NAMES, _start(search.bounds), log=False))
     if not dynamic or search.cancelled:
         return _Outcome(contact, objective, STATIC_NAMES, observations)
     contact, objective = search.run_swarm(
         'dynamic step', PaperObjective(search.rig, [one.coarse() for one in dynamic], channels),
-        search.space(DAMPING_NAMES, contact, log=False),
-    )
+        search.space(DAMPING_NAMES, contact, log=False))
     return _Outcome(contact, objective, PARAMETER_NAMES, observations)
 
 
@@ -232,8 +229,7 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Outcom
         averaged = [average_branches(one.coarse(), search.rig.limits.level_step) for one in static]
         contact, best = search.run_swarm(
             'static swarm', WeightedObjective(search.rig, averaged, channels),
-            search.space(STATIC_NAMES, contact, log=True),
-        )
+            search.space(STATIC_NAMES, contact, log=True))
     if dynamic and not search.cancelled:
         # The run whose load moves fastest shows the damping well enough for a start.
         shown = [max(dynamic, key=lambda one: float(np.ptp(one.load) / np.ptp(one.time)))]
@@ -336,8 +332,7 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
         parameters=ParameterSet(contact, source=ParameterSource(
             method=search.settings.method, bags=bags, objective=outcome.objective,
             covariance=trust.noise_covariance, note='; '.join([status, *trust.reasons.values()]),
-            undetermined=trust.reasons, rig_hash=search.rig.digest,
-        )),
+            undetermined=trust.reasons, rig_hash=search.rig.digest)),
         method=search.settings.method,
         objective=outcome.objective,
         chi_square=best.chi_square,

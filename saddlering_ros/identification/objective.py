@@ -61,8 +61,7 @@ def predict(rig: Rig, contacts: Array, observation: Observation) -> Array:
     zero = static_batch(rig, contacts, observation.elevation, loads[:1])
     moving = dynamic_batch(
         rig, contacts, observation.elevation, observation.fine_time, observation.fine_load,
-        _longest_step(observation),
-    )
+        _longest_step(observation))
     return np.asarray(_means(observation, moving) - zero)
 
 

@@ -133,8 +133,7 @@ class Observation:
             displacement=self.displacement - np.tensordot(errors, self.load_errors.answers, 1),
             load=self.load - wrong,
             fine_load=self.fine_load - np.interp(self.fine_time, self.time, wrong),
-            zero_load=self.zero_load - float(errors @ self.load_errors.at_zero),
-        )
+            zero_load=self.zero_load - float(errors @ self.load_errors.at_zero))
 
     def whiten(self, residuals: Array, channels: Sequence[int]) -> Array:
         """Residuals (B, C * N) of raw ones (B, C, N) for the given channels, with white noise.

@@ -114,8 +114,7 @@ class Identification:
             'ellipses': {key: points.tolist() for key, points in self.ellipses.items()},
             'profiles': {
                 name: {
-                    'values': profile.values.tolist(),
-                    'rise': profile.rise.tolist(),
+                    'values': profile.values.tolist(), 'rise': profile.rise.tolist(),
                     'interval': list(profile.interval),
                 }
                 for name, profile in self.profiles.items()
@@ -131,10 +130,8 @@ class Identification:
             'value': float(getattr(self.parameters.contact, name)),
             'std': _number(self.std[index]) if self.determined[name] else None,
             'interval': None if interval is None else list(interval),
-            'unit': PARAMETER_UNITS[name],
-            'pinned': self.determined[name],
-            'reason': self.reasons.get(name),
-            'at_bound': self.at_bound[name],
+            'unit': PARAMETER_UNITS[name], 'pinned': self.determined[name],
+            'reason': self.reasons.get(name), 'at_bound': self.at_bound[name],
         }
 
 

@@ -144,13 +144,9 @@ def minimise(
             stopped = reason
             break
     return SwarmResult(
-        position=swarm.best_position,
-        objective=swarm.best_objective,
-        evaluations=swarm.iteration * settings.particles,
-        iterations=swarm.iteration,
-        stopped=stopped,
-        history=np.array(history),
-    )
+        position=swarm.best_position, objective=swarm.best_objective,
+        evaluations=swarm.iteration * settings.particles, iterations=swarm.iteration,
+        stopped=stopped, history=np.array(history))
 
 
 def _reason_to_stop(history: list[float], settings: SwarmSettings) -> StopReason | None:

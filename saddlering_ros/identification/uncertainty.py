@@ -199,8 +199,7 @@ def _whitened(objective: WeightedObjective, contact: Array, imperfection: Imperf
             one, fine_load=imperfection.on_load(one, full_scale),
             load=imperfection.load(one.load, full_scale),
             elevation=one.elevation + imperfection.elevation,
-            zero_load=float(imperfection.load(np.array(one.zero_load), full_scale)),
-        )
+            zero_load=float(imperfection.load(np.array(one.zero_load), full_scale)))
         predicted = imperfection.reading(predict(rig, contact[None, :], changed))
         parts.append(predicted - one.displacement)
     return np.concatenate(objective.whiten(parts), axis=1)[0]
@@ -290,8 +289,7 @@ def profile_likelihood(
             point[position] = held_at[place]
             reduced = SearchSpace(
                 space.free[rest], space.logarithmic, space.low[rest], space.high[rest],
-                space.contacts(point)[0],
-            )
+                space.contacts(point)[0])
             lowest = refine(objective, reduced, start)
             start = lowest.point
             rise[place] = max(0.0, (lowest.chi_square - best.chi_square) / widening)

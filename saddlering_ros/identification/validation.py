@@ -203,15 +203,11 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
         )
     notes = () if measured.zero.near_preload else ('the record does not start near preload',)
     result = RunValidation(
-        name=name, test=run.test, elevation=float(run.elevation), channels={},
-        time=measured.time, load=measured.load, measured=actual, simulated=simulated,
-        compared=compared,
+        name=name, test=run.test, elevation=float(run.elevation), channels={}, time=measured.time,
+        load=measured.load, measured=actual, simulated=simulated, compared=compared,
         reading_load=_means(measured.load[None, :], readings)[0],
-        reading_measured=_means(actual, readings),
-        reading_simulated=_means(simulated, readings),
-        notes=(*run.notes, *notes),
-        origin=run.origin,
-    )
+        reading_measured=_means(actual, readings), reading_simulated=_means(simulated, readings),
+        notes=(*run.notes, *notes), origin=run.origin)
     return _Comparison(result, measured, rests, channels)
 
 
@@ -257,8 +253,7 @@ def _input_variance(
     loads = np.quantile(run.load[run.compared], np.linspace(0.0, 1.0, 25))
     still = static_batch(
         rig, np.concatenate([contact + steps, contact - steps]), run.elevation,
-        np.append(loads, zero_load),
-    )
+        np.append(loads, zero_load))
     increments = still[:, :, :-1] - still[:, :, -1:]
     slopes = (increments[:6] - increments[6:]) / (2.0 * np.diag(steps))[:, None, None]
     determined = [PARAMETER_NAMES.index(name) for name in ('K1', 'n1', 'K2', 'n2')]

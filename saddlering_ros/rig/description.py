@@ -234,8 +234,7 @@ def _row(section: _Section, with_height: bool) -> RollerRow:
         rollers=section.count('rollers', 3),
         pitch_radius=section.number('pitch_radius', 1e-3, 50.0),
         clearance=section.number('clearance', -1e-3, 1e-2),
-        height=section.number('height', -5.0, 5.0, default=0.0) if with_height else 0.0,
-    )
+        height=section.number('height', -5.0, 5.0, default=0.0) if with_height else 0.0)
     section.finish()
     return row
 
@@ -309,19 +308,15 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
         carriage=Carriage(
             mass=carriage.number('mass', 1e-3, 1e9), inertia=carriage.number('inertia', 1e-3, 1e9),
             weight=carriage.number('weight', 0.0, 1e9),
-            weight_x=carriage.number('weight_x', -50.0, 50.0),
-        ),
+            weight_x=carriage.number('weight_x', -50.0, 50.0)),
         trunnion=Trunnion(
             x=trunnion.number('x', -50.0, 50.0), y=trunnion.number('y', -50.0, 50.0),
         ),
         probes=Probes(
             axial_span=probes.number('axial_span', 1e-2, 100.0),
             radial_height=probes.number('radial_height', -5.0, 5.0),
-            polarity=_polarity(probes, where),
-            min_range=probes.number('min_range', 0.0, 1.0),
-            max_range=probes.number('max_range', 0.0, 1.0),
-            absent=_absent(probes, where),
-        ),
+            polarity=_polarity(probes, where), min_range=probes.number('min_range', 0.0, 1.0),
+            max_range=probes.number('max_range', 0.0, 1.0), absent=_absent(probes, where)),
         preload=rig.number('preload', 0.0, 1e9),
         full_scale_load=rig.number('full_scale_load', 1.0, 1e9, default=units.FULL_SCALE_LOAD),
         full_scale_time=rig.number('full_scale_time', 1e-4, 1e4, default=units.FULL_SCALE_TIME),

@@ -53,9 +53,8 @@ def probes_to_displacement(probes: Probes, increments: ArrayLike) -> Displacemen
     # Without a height, delta_x is known even where an axial probe, and so gamma, is not.
     lean = gamma * probes.radial_height if probes.radial_height else 0.0
     return Displacement(
-        delta_x=(first - third) / 2.0 - lean,
-        delta_y=(second + fourth) / 2.0, gamma=gamma, parity=(first + third) / 2.0,
-    )
+        delta_x=(first - third) / 2.0 - lean, delta_y=(second + fourth) / 2.0, gamma=gamma,
+        parity=(first + third) / 2.0)
 
 
 def mirrored_gap(probes: Probes, gaps: NDArray[np.float64]) -> NDArray[np.float64]:

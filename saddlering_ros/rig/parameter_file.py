@@ -68,9 +68,8 @@ PARAMETER_UNITS: dict[str, str] = {
 }
 
 TRUE_TO_SCALE = ContactParameters(
-    K1=6e4 * 1000.0 ** (10.0 / 9.0), n1=10.0 / 9.0, D1=3e6,
-    K2=6e4 * 1000.0 ** (10.0 / 9.0), n2=10.0 / 9.0, D2=3e6,
-)
+    K1=6e4 * 1000.0 ** (10.0 / 9.0), n1=10.0 / 9.0, D1=3e6, K2=6e4 * 1000.0 ** (10.0 / 9.0),
+    n2=10.0 / 9.0, D2=3e6)
 """Values that give displacements of the size measured on a real ring (a project assumption)."""
 
 
@@ -188,15 +187,11 @@ def _source(section: Any, where: str) -> ParameterSource:
             raise RigError(f"{where}: source.undetermined holds {text!r}: give 'K1: why'")
         reasons[name] = reason
     return ParameterSource(
-        method=str(section.get('method', 'given')),
-        bags=_texts(section, 'bags', where),
+        method=str(section.get('method', 'given')), bags=_texts(section, 'bags', where),
         objective=None if objective is None else _number(objective, 'source.objective', where),
         covariance=matrix, note=str(section.get('note', '')),
-        sha256=_texts(section, 'sha256', where),
-        versions=str(section.get('versions', '')),
-        undetermined=reasons,
-        rig_hash=str(section.get('rig_hash', '')),
-    )
+        sha256=_texts(section, 'sha256', where), versions=str(section.get('versions', '')),
+        undetermined=reasons, rig_hash=str(section.get('rig_hash', '')))
 
 
 def _texts(section: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:

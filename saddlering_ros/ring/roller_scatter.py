@@ -142,8 +142,7 @@ def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
             (
                 replace(rig, axial_rows=replace(axial, clearance=axial.clearance + gap)),
                 replace(rig, radial_row=replace(middle, clearance=middle.clearance + gap)),
-                replace(rig, carriage=replace(carriage, weight=carriage.weight * weight)),
-            )
+                replace(rig, carriage=replace(carriage, weight=carriage.weight * weight)))
         )
     return list(zip(*pairs, strict=True))
 

@@ -431,10 +431,8 @@ def probe_pattern(rig: Rig, target: str) -> Floats:
     """Change of the four probes' increments by one unit of a channel or of one probe."""
     half = 0.5 * rig.probes.axial_span
     patterns = {
-        'delta_x': (1.0, 0.0, -1.0, 0.0),
-        'delta_y': (0.0, 1.0, 0.0, 1.0),
-        'gamma': (0.0, half, 0.0, -half),
-        'parity': (1.0, 0.0, 1.0, 0.0),
+        'delta_x': (1.0, 0.0, -1.0, 0.0), 'delta_y': (0.0, 1.0, 0.0, 1.0),
+        'gamma': (0.0, half, 0.0, -half), 'parity': (1.0, 0.0, 1.0, 0.0),
     }
     if target in patterns:
         return np.array(patterns[target])

@@ -196,8 +196,7 @@ def span_of(runs: Sequence[ObservedRun], name: str) -> tuple[float, float]:
     """Range of a coordinate over the runs."""
     return (
         min(float(run.coordinates[name].min()) for run in runs),
-        max(float(run.coordinates[name].max()) for run in runs),
-    )
+        max(float(run.coordinates[name].max()) for run in runs))
 
 
 def blocks_of(runs: tuple[ObservedRun, ...]) -> list[ShapeFamily]:

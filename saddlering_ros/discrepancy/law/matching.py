@@ -317,9 +317,7 @@ def _search(misfit: Misfit, fit: BlockFit, form: Form, wanted: Array) -> tuple[f
         np.zeros(len(free)),
         method='Nelder-Mead',
         options={
-            'maxfev': 60,
-            'xatol': 1e-4,
-            'fatol': 1e-7 * max(lefts[best], 1e-300),
+            'maxfev': 60, 'xatol': 1e-4, 'fatol': 1e-7 * max(lefts[best], 1e-300),
             'initial_simplex': np.vstack([np.zeros(len(free)), 0.1 * np.eye(len(free))]),
         },
     )

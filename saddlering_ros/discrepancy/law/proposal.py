@@ -311,11 +311,8 @@ def _one_rate(runs: tuple[ObservedRun, ...]) -> bool:
 def describe(term: Term) -> str:
     """One sentence on a term."""
     words = {
-        LOAD: 'the load',
-        DIRECTION: 'the direction of the load times a curve over the load',
-        RATE: 'the rate of the load',
-        TIME: 'time',
-        HYSTERESIS: 'the history of the load',
+        LOAD: 'the load', DIRECTION: 'the direction of the load times a curve over the load',
+        RATE: 'the rate of the load', TIME: 'time', HYSTERESIS: 'the history of the load',
     }
     along = words.get(term.coordinate, term.coordinate)
     return f'{term.target} has an addition that follows {along}: {term.law} ({term.words})'

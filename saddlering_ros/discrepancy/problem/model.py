@@ -242,16 +242,8 @@ class ModelSystem:
         width = np.gradient(run.time)
         width = np.minimum(width, 3.0 * np.median(width))
         return RunBlocks(
-            run.name,
-            '',
-            run.time,
-            width,
-            np.where(present, readings, 0.0),
-            _coordinates(run),
-            held_out=held_out,
-            payload=run,
-            present=None if present.all() else present,
-        )
+            run.name, '', run.time, width, np.where(present, readings, 0.0), _coordinates(run),
+            held_out=held_out, payload=run, present=None if present.all() else present)
 
     def values(self, point: Point) -> dict[str, float]:
         """All parameters by the names that `simulate` uses."""
@@ -346,13 +338,8 @@ class ModelSystem:
                 # Noise as a share of the range.
                 power = scale**2
                 noise[run.name, number] = ChannelNoise(
-                    whole.white / power,
-                    whole.slow / power,
-                    whole.held / power,
-                    whole.pairs,
-                    whole.time_constants,
-                    floor=whole.floor / power,
-                )
+                    whole.white / power, whole.slow / power, whole.held / power, whole.pairs,
+                    whole.time_constants, floor=whole.floor / power)
         return noise
 
     def _simulated(self, asked: list[dict[str, float]], run: Run) -> list[Outputs | None]:

@@ -297,8 +297,7 @@ class LackOfFitTests:
         total = len(tests)
         return sorted(
             (replace(test, p_value=min(1.0, test.p_value * total)) for test in tests),
-            key=lambda test: (test.p_value, -test.statistic / test.dimensions),
-        )
+            key=lambda test: (test.p_value, -test.statistic / test.dimensions))
 
     def _shape_test(
         self, fit: Fit, orthogonal: Array, coordinate: str, family: Family, view: str

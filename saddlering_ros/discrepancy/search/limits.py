@@ -246,18 +246,12 @@ def _confirmed(
         return stated
     limit = _size_reaching(lambda size: _part(shown(size), 'length'), stated.limit, needed, reach)
     material = _size_reaching(
-        lambda size: _part(shown(size), 'visible'),
-        stated.material_limit,
-        settings.materiality,
-        reach,
-    )
+        lambda size: _part(shown(size), 'visible'), stated.material_limit, settings.materiality,
+        reach)
     return replace(
-        stated,
-        limit=limit,
+        stated, limit=limit,
         best_limit=max(stated.best_limit, limit if stated.best_limit == stated.limit else 0.0),
-        material_limit=material,
-        testable=stated.testable and bool(np.isfinite(limit)),
-    )
+        material_limit=material, testable=stated.testable and bool(np.isfinite(limit)))
 
 
 def _part(shown: Shown | None, name: str) -> float:

@@ -253,7 +253,5 @@ def _pair_gains(stack: Array, products: Array, reach: Array) -> tuple[Array, Arr
     best = gains.argmax(axis=0)[None]
     first, second = (np.stack(factors) for factors in zip(*pairs, strict=True))
     return (
-        np.take_along_axis(gains, best, 0)[0],
-        np.take_along_axis(first, best, 0)[0],
-        np.take_along_axis(second, best, 0)[0],
-    )
+        np.take_along_axis(gains, best, 0)[0], np.take_along_axis(first, best, 0)[0],
+        np.take_along_axis(second, best, 0)[0])

@@ -275,13 +275,10 @@ def stopped_sizes(problem: Problem, fit: Fit) -> list[tuple[Effect, float]]:
 def _is_indistinguishable(space: ModelSpace, other: Fit, best: Fit, less: Fit) -> bool:
     """Whether these data leave `other` open beside `best`; `less`: the common model."""
     return indistinguishable(
-        distance=other.misfit - best.misfit,
-        taken=less.misfit - best.misfit,
+        distance=other.misfit - best.misfit, taken=less.misfit - best.misfit,
         excess=max(space.slow_residual(best).excess, 0.0),
         fewer=best.theta_unit.size - other.theta_unit.size,
-        floor=alternative_floor(space.pairs, space.settings),
-        settings=space.settings,
-    )
+        floor=alternative_floor(space.pairs, space.settings), settings=space.settings)
 
 
 def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:

@@ -259,11 +259,8 @@ def whitened_by(metric: Metric, signatures: Sequence[Signature], base: Tangent) 
         left, lengths, shares = _beyond(metric, part, orthogonal)
         answers += [
             replace(
-                signature,
-                white=left[:, column],
-                share=float(shares[column]),
-                length=float(lengths[column]),
-            )
+                signature, white=left[:, column], share=float(shares[column]),
+                length=float(lengths[column]))
             for column, signature in enumerate(batch)
         ]
     return answers
