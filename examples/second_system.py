@@ -16,6 +16,7 @@ from saddlering_ros.discrepancy import (
     Effect,
     Parameter,
     Point,
+    Problem,
     RestSegment,
     RunBlocks,
 )
@@ -108,8 +109,9 @@ if __name__ == '__main__':
     effect = next(item for item in Axis.effects if item.id == chosen.effect)
     size = 0.1 * effect.size.high if chosen.size is None else chosen.size
     hidden = {effect.id: {effect.size.name: size}}
-    found = diagnose_system(Axis(), [measure(chosen.seed + k, hidden, period)
-                              for k, period in enumerate((4.0, 8.0, 16.0))])
+    runs = [measure(chosen.seed + k, hidden, period)
+            for k, period in enumerate((4.0, 8.0, 16.0))]
+    found = diagnose_system(Problem(Axis(), runs))
     print(f'hidden: {hidden}\nverdict: {found.verdict}, {found.seconds:.1f} s')
     for cause in found.causes:
         print(cause.group, dict(cause.parameters), f'gain left out {cause.gain.held_out:.0%}')

@@ -206,12 +206,12 @@ def compare_records(
     renewed, said = renewed_between(before, after)
     system = TwoSessions(RingSystem(rig), frozenset(item.run.name for item in earlier), renewed)
     fitted = [item.run for item in (*earlier, *later)]
-    found = diagnose_system(
+    found = diagnose_system(Problem(
         system, fitted, replace(SETTINGS, seed=seed),
         assumptions=Assumptions(model_error=PERSISTENT_MODEL_ERROR, proposes_law=False,
                                 is_persistent=True),
         start=start, proposals=propose(rig, [item.run for item in later]),
-        on_progress=on_progress, is_cancelled=is_cancelled)
+        watch=Watch('diagnose', on_progress, is_cancelled)))
     notes += [*said, *check_set([*earlier, *later], rig), *found.warnings,
               *certificate_notes(rig, found.causes), *assumed_notes(rig)]
     contact = contact_of_sessions(found, system)

@@ -16,6 +16,7 @@ from saddlering_ros.estimation.rest import quiet_stretches, stretches_at_rest
 from saddlering_ros.estimation.rounding import probe_rounding
 from saddlering_ros.estimation.statistics import span_means
 from saddlering_ros.record import displacement_of_run, MeasuredRun, plateaus, Record
+from saddlering_ros.record.quality import white_noise
 from saddlering_ros.rig import Rig
 
 Array = NDArray[np.float64]
@@ -190,26 +191,6 @@ def _dynamic(readings: _Readings) -> _Blocks:
     return _Blocks(blocks, rest, hold, None, 1)
 
 
-@dataclass(frozen=True)
-class _Means:
-    """Blocks in the form of the engine: middle, width (N,) [s], probes (4, N) [m]."""
-
-    time: Array
-    width: Array
-    probes: Array
-
-    @classmethod
-    def over(cls, time: Array, probes: Array, blocks: Sequence[Span]) -> _Means:
-        step = float(np.median(np.diff(time)))
-        return cls(
-            np.array([time[block.first : block.last].mean() for block in blocks]),
-            np.array([(block.last - block.first) * step for block in blocks]),
-            np.array(
-                [probes[:, block.first : block.last].mean(axis=1) for block in blocks]
-            ).reshape(-1, probes.shape[0]).T,
-        )
-
-
 def _load_grid(readings: _Readings, blocks: _Blocks) -> LoadGrid:
     """Mean time and load of the parts of every block, and of the samples between blocks.
 
@@ -232,13 +213,8 @@ def _load_grid(readings: _Readings, blocks: _Blocks) -> LoadGrid:
         time=np.add.reduceat(readings.time, starts) / count,
         load=np.add.reduceat(readings.load, starts) / count, zero_load=readings.zero_load,
         first=np.array(first), last=np.array(last), max_step=LONGEST_STEP,
-        load_noise=_white_noise(readings.load)
+        load_noise=white_noise(readings.load)
         / np.sqrt([block.last - block.first for block in blocks.spans]))
-
-
-def _white_noise(load: Array) -> float:
-    """Standard deviation [N] of a load's white noise, from second differences."""
-    return float(1.4826 * np.median(np.abs(np.diff(load, 2))) / math.sqrt(6.0))
 
 
 def smooth_rate(load: Array, time: Array) -> Array:
@@ -250,30 +226,25 @@ def smooth_rate(load: Array, time: Array) -> Array:
 def _run(readings: _Readings, blocks: _Blocks, held_out: bool) -> RunBlocks:
     rig, test_run, branch = readings.rig, readings.test_run, blocks.branch
     grid = _load_grid(readings, blocks)
-    means = _Means.over(readings.time, readings.probes, blocks.spans)
+    spans = [slice(block.first, block.last) for block in blocks.spans]
+    probes = np.array([readings.probes[:, span].mean(axis=1) for span in spans])
+    time = np.array([readings.time[span].mean() for span in spans])
     load = grid.block_means(grid.load)
-    direction = (
-        direction_of(load, rig.limits.reversal_band) if branch is None else _carried(branch)
-    )
-    if test_run.test != 'static':
-        rate = smooth_rate(load, means.time)
+    if branch is None:
+        direction = direction_of(load, rig.limits.reversal_band)
     else:
-        rate = np.zeros(load.size)
-    degrees = np.degrees(test_run.elevation)
-    name = test_run.path.name or test_run.name
-    return RunBlocks(
-        name=name, group=f'{degrees:.1f} deg', time=means.time, width=means.width,
-        channels=means.probes, inputs={'load': load}, rest=tuple(blocks.rest), held_out=held_out,
-        payload=grid, direction=direction, rate=rate, hold=blocks.hold)
-
-
-def _carried(branch: Array) -> Array:
-    """Branch of plateaus; turning points belong to the branch before them."""
-    direction = branch.copy()
-    for index in range(direction.size):
-        if direction[index] == 0.0:
+        # Turning points belong to the branch before them.
+        direction = branch.copy()
+        for index in np.flatnonzero(direction == 0.0):
             direction[index] = direction[index - 1] if index else 1.0
-    return direction
+    return RunBlocks(
+        name=test_run.path.name or test_run.name,
+        group=f'{np.degrees(test_run.elevation):.1f} deg', time=time,
+        width=np.array([(span.stop - span.start) * readings.step for span in spans]),
+        channels=probes.reshape(-1, readings.probes.shape[0]).T, inputs={'load': load},
+        rest=tuple(blocks.rest), held_out=held_out, payload=grid, direction=direction,
+        rate=np.zeros(load.size) if test_run.test == 'static' else smooth_rate(load, time),
+        hold=blocks.hold)
 
 
 def rigs_of(records: Sequence[PreparedRecord]) -> list[str]:

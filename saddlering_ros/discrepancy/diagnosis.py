@@ -8,7 +8,7 @@ import time as clock
 
 import numpy as np
 
-from saddlering_ros.discrepancy.engine import diagnose_problem
+from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.noise import noise_sentence, overestimated, underestimated
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, fit_base, tangent
 from saddlering_ros.discrepancy.problem.model import Model, ModelSystem, Run
@@ -54,7 +54,7 @@ def diagnose(
     problem = problem_of(
         model, runs, hold_out, settings=settings, start=start, proposals=proposals,
         watch=Watch('diagnose', on_progress, is_cancelled))
-    diagnosis = diagnose_problem(problem)
+    diagnosis = diagnose_system(problem)
     if isinstance(problem.system, ModelSystem):
         return _finished(diagnosis, problem.system)
     return diagnosis

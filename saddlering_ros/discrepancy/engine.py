@@ -6,14 +6,14 @@ cause explains it, which causes cannot be told apart, and what no cause of the c
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import time as clock
 
 from saddlering_ros.discrepancy.law.proposal import Proposer
 from saddlering_ros.discrepancy.next_test import next_test_of, NextTest
-from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
-from saddlering_ros.discrepancy.problem.system import Array, Proposal, RunBlocks, Settings, System
+from saddlering_ros.discrepancy.problem.problem import Problem
+from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search.limits import observed
 from saddlering_ros.discrepancy.search.selection import (
     check_alternatives,
@@ -42,32 +42,15 @@ from saddlering_ros.discrepancy.verdict.naming import (
 )
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, Residual, Verdict
 from saddlering_ros.discrepancy.verdict.steady_lines import find_steady_lines, find_swings
-from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
+from saddlering_ros.progress import one_blas_thread
 
 PARTIAL_SUBJECT = 0.5
 """A law is proposed beside partial causes that explain this share of the misfit, else alone: with
 less than half explained, the causes describe the misfit worse than the law might."""
 
 
-def diagnose_system(
-    system: System,
-    runs: Sequence[RunBlocks],
-    settings: Settings | None = None,
-    *,
-    assumptions: Assumptions | None = None,
-    start: Mapping[str, float] | None = None,
-    proposals: Sequence[Proposal] = (),
-    on_progress: OnProgress | None = None,
-    is_cancelled: IsCancelled | None = None,
-) -> Diagnosis:
-    """Differences between `system` and `runs`, and their causes. The arguments: see `Problem`."""
-    return diagnose_problem(Problem(
-        system, runs, settings or Settings(), assumptions or Assumptions(), start, proposals,
-        Watch('diagnose', on_progress, is_cancelled)))
-
-
 @one_blas_thread()
-def diagnose_problem(problem: Problem) -> Diagnosis:
+def diagnose_system(problem: Problem) -> Diagnosis:
     """Differences between the system and the runs of a problem, and their causes."""
     began, watch = clock.monotonic(), problem.watch
     start = prepare(problem)
@@ -200,7 +183,7 @@ def _beside_error(strict: Answer) -> Answer:
     because the main one may be. If none is, all are told.
     """
     noise_alone = strict.search.space
-    has_forms = noise_alone.problem.assumptions.form_error > 0.0
+    has_forms = not noise_alone.problem.assumptions.exact_laws
     if has_forms and strict.taken < HOPELESS:
         return strict
     search, process = search_beside_error(strict.search)
@@ -244,7 +227,7 @@ def _answer_beside(
         *established.own_kind_left(noise_alone, seen, left)]
     if most_dropped**2 > established.MAINLY * max(one.visible for one in published.causes) ** 2:
         doubts.append(wording.AS_LARGE)
-    if noise_alone.problem.assumptions.form_error == 0.0:
+    if noise_alone.problem.assumptions.exact_laws:
         doubts += established.shared_directions(search.space, fit, search.alternatives)
     is_open = any(search.alternatives.get(name) for name in fit.candidate.ids)
     verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'

@@ -129,6 +129,6 @@ def test_friction_against_radial_motion_alone_has_no_alternative_that_contains_i
     seal = {'radial_friction': {'force': 6000.0, 'presliding': 2e-6, 'sharpness': 0.5,
                                 'initial': 0.0}}
     changed = [replace(run, channels=run.channels + with_effects(runs, seal)(run)) for run in runs]
-    found = diagnose_system(RingSystem(default_rig()), changed)
+    found = diagnose_system(Problem(RingSystem(default_rig()), changed))
     assert [cause.effect for cause in found.causes] == ['radial_friction']
     assert 'tilt_friction' not in found.causes[0].group

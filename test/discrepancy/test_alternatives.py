@@ -11,6 +11,7 @@ from saddlering_ros.discrepancy import (
     Effect,
     Parameter,
     Point,
+    Problem,
     RestSegment,
     Settings,
 )
@@ -41,7 +42,7 @@ def found(stretches: int) -> Cause:
     seen = seen + NOISE * chance.normal(size=seen.shape)
     rest = [RestSegment(NOISE * chance.normal(size=(1, 80)), STEP) for _ in range(stretches)]
     exact = Settings(form_error=0.0)
-    (cause,) = diagnose_system(Bow(), [recorded('slow', seen, rest)], exact).causes
+    (cause,) = diagnose_system(Problem(Bow(), [recorded('slow', seen, rest)], exact)).causes
     return cause
 
 

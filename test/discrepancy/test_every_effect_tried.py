@@ -6,7 +6,7 @@ from bench import LOAD, recorded, System
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point, Settings
+from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point, Problem, Settings
 
 NOISE = 1e-3
 
@@ -31,7 +31,7 @@ def test_an_effect_of_a_small_first_order_gain_is_refitted_before_another_is_nam
     true = {'some power': {'size': 0.2, 'power': 4.5}}
     seen = Bow().predict('slow', Point(np.ones(1), true))
     seen = seen + NOISE * chance.normal(size=seen.shape)
-    found = diagnose_system(Bow(), [recorded('slow', seen)], Settings(refits=1))
+    found = diagnose_system(Problem(Bow(), [recorded('slow', seen)], Settings(refits=1)))
     tried = {item.effects for item in found.search.candidates if item.step == 1}
     (cause,) = found.causes
     assert tried == {('some power',), ('third power',)}

@@ -11,7 +11,14 @@ from bench import LOAD, recorded, System, TIME
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point, RunBlocks
+from saddlering_ros.discrepancy import (
+    diagnose_system,
+    Effect,
+    Parameter,
+    Point,
+    Problem,
+    RunBlocks,
+)
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'examples'))
 
@@ -31,13 +38,14 @@ def swinging(run: RunBlocks, frequency: float, share: float) -> RunBlocks:
 
 
 def test_noise_alone_gives_no_verdict_and_no_material_swing() -> None:
-    found = diagnose_system(second_system.Axis(), runs(7))
+    found = diagnose_system(Problem(second_system.Axis(), runs(7)))
     assert found.verdict == 'none'
     assert found.residual_after.fast.visible < 1e-3
 
 
 def test_a_swing_too_fast_for_the_drive_is_unknown_and_told_by_its_frequency() -> None:
-    found = diagnose_system(second_system.Axis(), [swinging(run, 4.0, 0.02) for run in runs(7)])
+    swung = [swinging(run, 4.0, 0.02) for run in runs(7)]
+    found = diagnose_system(Problem(second_system.Axis(), swung))
     assert found.verdict == 'unknown'
     assert found.residual_after.fast.visible > 1e-3
     assert found.residual_after.fast.frequency == pytest.approx(4.0, rel=0.2)
@@ -51,7 +59,7 @@ def test_an_idealised_law_widens_the_interval_of_its_size() -> None:
             if item.id == 'friction'
         )
 
-    found = diagnose_system(Idealised(), runs(3, friction={'force': 2.0}))
+    found = diagnose_system(Problem(Idealised(), runs(3, friction={'force': 2.0})))
     force = found.causes[0].parameters['force']
     assert 0.1 < force.std / force.value < 0.15
 
@@ -77,5 +85,5 @@ PEAK = 0.02 * np.exp(-((TIME - 12.0) / 0.15) ** 2)
 def test_a_structure_is_not_larger_than_the_residual_in_which_it_is_seen() -> None:
     noise = 2e-4 * np.random.default_rng(5).standard_normal((2, TIME.size))
     measured = [recorded(f'run {k}', (LOAD + PEAK + own)[None, :]) for k, own in enumerate(noise)]
-    found = diagnose_system(Imitated(), measured)
+    found = diagnose_system(Problem(Imitated(), measured))
     assert found.residual_before.slow.visible < 0.0143  # rms of the residual; the wave is 0.07

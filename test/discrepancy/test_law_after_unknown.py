@@ -15,6 +15,7 @@ from saddlering_ros.discrepancy import (
     Effect,
     Parameter,
     Point,
+    Problem,
     RunBlocks,
 )
 
@@ -46,7 +47,7 @@ def runs(size: float, seed: int = 3) -> list[RunBlocks]:
 
 @pytest.fixture(scope='module')
 def found() -> Diagnosis:
-    return diagnose_system(Bench(), runs(0.05))
+    return diagnose_system(Problem(Bench(), runs(0.05)))
 
 
 def test_the_verdict_stays_unknown_and_carries_the_law(found: Diagnosis) -> None:
@@ -62,7 +63,7 @@ def test_the_law_is_worth_as_much_on_the_run_held_out(found: Diagnosis) -> None:
 
 
 def test_a_clean_rig_gets_no_proposal() -> None:
-    clean = diagnose_system(Bench(), runs(0.0))
+    clean = diagnose_system(Problem(Bench(), runs(0.0)))
     assert clean.verdict == 'none'
     assert clean.law is None
 
@@ -82,7 +83,7 @@ class BenchWithTheLaw(Bench):
 
 
 def test_the_law_put_into_the_catalogue_is_named_on_fresh_data(found: Diagnosis) -> None:
-    again = diagnose_system(BenchWithTheLaw(found.law), runs(0.05, seed=17))
+    again = diagnose_system(Problem(BenchWithTheLaw(found.law), runs(0.05, seed=17)))
     assert again.verdict == 'named'
     assert again.causes[0].effect == 'proposed'
     assert again.causes[0].parameters['size'].value == pytest.approx(0.05, rel=0.05)
@@ -108,7 +109,7 @@ def test_a_law_that_bent_the_base_fit_counts_with_the_base_fitted_beside_it() ->
     exact = bench.predict('', Point(np.array([4.0, 1.2]), {})) + law
     made = [recorded(f'run {k}', exact + random.normal(size=exact.shape) * NOISE)
             for k in range(3)]
-    found = diagnose_system(bench, [*made[:2], replace(made[2], held_out=True)])
+    found = diagnose_system(Problem(bench, [*made[:2], replace(made[2], held_out=True)]))
     without = found.runs[2].before - made[2].channels
     assert found.law is not None
     assert found.law.term.coordinate == 'load'

@@ -5,7 +5,14 @@ from __future__ import annotations
 from bench import LOAD, recorded, STEP, System, TIME
 import numpy as np
 
-from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Effect, Parameter, Point
+from saddlering_ros.discrepancy import (
+    diagnose_system,
+    Diagnosis,
+    Effect,
+    Parameter,
+    Point,
+    Problem,
+)
 
 NOISE = 5e-4
 SIZE, TIME_CONSTANTS = 0.3, (0.25, 4.0)
@@ -49,7 +56,7 @@ def measured(bend: float, sway: float) -> np.ndarray:
 
 
 def diagnosed(bend: float = 0.0, sway: float = 0.0) -> Diagnosis:
-    return diagnose_system(Film(), [recorded('slow', measured(bend, sway))])
+    return diagnose_system(Problem(Film(), [recorded('slow', measured(bend, sway))]))
 
 
 def names(found: Diagnosis) -> set[str]:

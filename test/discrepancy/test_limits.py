@@ -18,6 +18,7 @@ from saddlering_ros.discrepancy import (
     Noise,
     Parameter,
     Point,
+    Problem,
     Run,
     Settings,
 )
@@ -55,7 +56,7 @@ def diagnosed(size: float, seed: int) -> Diagnosis:
     seen = Bent().predict('slow', point)
     run = recorded('slow', seen + NOISE * chance.normal(size=seen.shape))
     # As rare an error as each of many candidates is allowed.
-    return diagnose_system(Bent(), [run], Settings(error_rate=1e-4))
+    return diagnose_system(Problem(Bent(), [run], Settings(error_rate=1e-4)))
 
 
 def test_a_limit_holds_for_the_dullest_channel_and_the_best_is_told_beside_it() -> None:
@@ -95,7 +96,8 @@ def test_a_start_at_which_an_effect_does_nothing_has_no_limit_and_stops_nothing(
 
     seen = Bent().predict('slow', Point(np.ones(1), {}))
     run = recorded('slow', seen + NOISE * np.random.default_rng(1).normal(size=seen.shape))
-    limits = {item.effect: item for item in diagnose_system(Placed(), [run]).observability.limits}
+    found = diagnose_system(Problem(Placed(), [run]))
+    limits = {item.effect: item for item in found.observability.limits}
     assert not limits['idle'].testable
     assert np.isinf(limits['idle'].limit)
     assert limits['bend'].testable

@@ -6,7 +6,14 @@ from bench import LOAD, recorded, System
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Effect, Parameter, Point
+from saddlering_ros.discrepancy import (
+    diagnose_system,
+    Diagnosis,
+    Effect,
+    Parameter,
+    Point,
+    Problem,
+)
 from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.ranking import _pair_gains
 
@@ -31,7 +38,8 @@ def diagnosed(**sizes: float) -> Diagnosis:
     """The diagnosis of a run with effects of these sizes."""
     truth = Point(np.ones(1), {name: {'size': size} for name, size in sizes.items()})
     noise = np.random.default_rng(2).normal(0.0, NOISE, (1, LOAD.size))
-    return diagnose_system(Spring(), [recorded('slow', Spring().predict('slow', truth) + noise)])
+    seen = Spring().predict('slow', truth) + noise
+    return diagnose_system(Problem(Spring(), [recorded('slow', seen)]))
 
 
 def test_two_causes_that_mask_each_other_are_both_named(monkeypatch: pytest.MonkeyPatch) -> None:

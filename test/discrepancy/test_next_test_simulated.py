@@ -11,6 +11,7 @@ from saddlering_ros.discrepancy import (
     Effect,
     Parameter,
     Point,
+    Problem,
     Proposal,
     Reading,
     RunBlocks,
@@ -57,7 +58,7 @@ def verdict():
     tests = [proposed('same'), proposed('fast'), proposed('low'),
              proposed('direct', readings=(Reading('rate', 1e-3),))]
     runs = [measured('first', {'parabola': {'size': 0.1}}, 1)]
-    return diagnose_system(Spring(), runs, proposals=tests)
+    return diagnose_system(Problem(Spring(), runs, proposals=tests))
 
 
 def share_of(name: str) -> float:
@@ -97,5 +98,5 @@ def test_the_summary_states_the_test_and_its_share():
 def test_the_promise_is_kept_by_a_second_diagnosis_with_the_test_made(cause):
     truth = {cause: {'size': 0.1}}
     runs = [measured('first', truth, 3), measured('fast', truth, 4)]
-    found = diagnose_system(Spring(), runs)
+    found = diagnose_system(Problem(Spring(), runs))
     assert (found.verdict, [item.effect for item in found.causes]) == ('named', [cause])

@@ -6,7 +6,7 @@ from bench import LOAD, recorded, System
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point
+from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point, Problem
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.evidence import SearchLog
@@ -44,6 +44,6 @@ def test_one_effect_takes_the_place_of_two_that_fit_no_better(
     chance = np.random.default_rng(3)
     seen = Bow().predict('slow', Point(np.ones(1), {'both': {'size': 0.2}}))
     seen = seen + NOISE * chance.normal(size=seen.shape)
-    (cause,) = diagnose_system(Bow(), [recorded('slow', seen)]).causes
+    (cause,) = diagnose_system(Problem(Bow(), [recorded('slow', seen)])).causes
     assert cause.effect == 'both'
     assert cause.parameters['size'].value == pytest.approx(0.2, rel=0.1)

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Point, RunBlocks
+from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Point, Problem, RunBlocks
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'examples'))
 
@@ -31,7 +31,7 @@ def diagnosed(hidden: str = '', size: float = 0.0, seed: int = 1, *missing: str)
         second_system.measure(100 * seed + k, effects, period)
         for k, period in enumerate((3.0, 6.0))
     ]
-    return diagnose_system(Short(*missing), runs)
+    return diagnose_system(Problem(Short(*missing), runs))
 
 
 def effect_size(name: str) -> str:
@@ -68,4 +68,4 @@ def test_a_simulator_of_the_wrong_shape_is_told_so() -> None:
             return np.zeros((len(points), 1, run.time.size))
 
     with pytest.raises(ValueError, match='wrong shape'):
-        diagnose_system(Wrong(), [second_system.measure(1, {}, 3.0)])
+        diagnose_system(Problem(Wrong(), [second_system.measure(1, {}, 3.0)]))

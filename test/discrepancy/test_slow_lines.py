@@ -13,6 +13,7 @@ from saddlering_ros.discrepancy import (
     Effect,
     Parameter,
     Point,
+    Problem,
     RestSegment,
     RunBlocks,
 )
@@ -55,7 +56,7 @@ def line(frequency: float = FREQUENCY) -> np.ndarray:
 
 
 def test_a_line_below_ten_hertz_is_named_while_the_load_moves() -> None:
-    found = diagnose_system(Bench(), two_runs(line()))
+    found = diagnose_system(Problem(Bench(), two_runs(line())))
     (cause,) = found.causes
     assert (found.verdict, cause.effect) == ('named', 'pickup')
     assert cause.parameters['frequency'].value == pytest.approx(FREQUENCY, abs=0.02)
@@ -63,7 +64,7 @@ def test_a_line_below_ten_hertz_is_named_while_the_load_moves() -> None:
 
 
 def test_a_cause_beside_the_line_is_named_too() -> None:
-    found = diagnose_system(Bench(), two_runs(line(), bend=0.1))
+    found = diagnose_system(Problem(Bench(), two_runs(line(), bend=0.1)))
     assert found.verdict == 'named'
     assert {cause.effect for cause in found.causes} == {'pickup', 'bend'}
 
@@ -74,17 +75,17 @@ def test_a_cause_beside_the_line_is_named_too() -> None:
     0.024 * np.cos(2.0 * np.pi * 0.4 * TIME),
 ], ids=['ringing after corners', 'under load only', 'slow sway'])
 def test_a_swing_that_is_no_steady_line_is_not_named_one(swing: np.ndarray) -> None:
-    found = diagnose_system(Bench(), two_runs(swing))
+    found = diagnose_system(Problem(Bench(), two_runs(swing)))
     assert 'pickup' not in {cause.effect for cause in found.causes}
 
 
 def test_noise_alone_shows_no_line() -> None:
-    assert diagnose_system(Bench(), two_runs(np.zeros(TIME.size))).verdict == 'none'
+    assert diagnose_system(Problem(Bench(), two_runs(np.zeros(TIME.size)))).verdict == 'none'
 
 
 def frequencies(runs: list) -> list[float]:
     """Frequencies of the lines that are named."""
-    found = diagnose_system(Bench(), runs)
+    found = diagnose_system(Problem(Bench(), runs))
     lines = [item for item in found.causes if item.effect == 'pickup']
     return sorted(item.parameters['frequency'].value for item in lines)
 
@@ -138,7 +139,8 @@ def test_a_line_is_named_from_the_holds_where_static_tests_alone_were_made() -> 
 
 
 def test_holds_without_a_line_show_none() -> None:
-    assert diagnose_system(Bench(), [held_test(1, 0.0), held_test(2, 0.0)]).verdict == 'none'
+    runs = [held_test(1, 0.0), held_test(2, 0.0)]
+    assert diagnose_system(Problem(Bench(), runs)).verdict == 'none'
 
 
 def test_a_swing_of_two_periods_in_the_one_fast_run_is_no_line() -> None:
@@ -152,5 +154,5 @@ def test_a_swing_of_two_periods_in_the_one_fast_run_is_no_line() -> None:
         runs.append(RunBlocks(
             name, 'bench', time, np.full(count, step), seen, {'load': load},
             (RestSegment(seen[:, load == 0.0], step),), direction=np.sign(np.gradient(load))))
-    found = diagnose_system(Bench(), runs)
+    found = diagnose_system(Problem(Bench(), runs))
     assert 'pickup' not in {cause.effect for cause in found.causes}

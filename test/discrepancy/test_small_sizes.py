@@ -6,7 +6,7 @@ from bench import LOAD, recorded, System
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import Cause, diagnose_system, Effect, Parameter, Point
+from saddlering_ros.discrepancy import Cause, diagnose_system, Effect, Parameter, Point, Problem
 
 NOISE = 1e-4
 
@@ -37,7 +37,7 @@ def cause_of(effect: str, parameter: str, value: float) -> Cause:
     chance = np.random.default_rng(1)
     seen = Stopped().predict('slow', Point(np.ones(1), {effect: {parameter: value}}))
     seen = seen + NOISE * chance.normal(size=seen.shape)
-    (cause,) = diagnose_system(Stopped(), [recorded('slow', seen)]).causes
+    (cause,) = diagnose_system(Problem(Stopped(), [recorded('slow', seen)])).causes
     return cause
 
 
@@ -57,6 +57,6 @@ def test_the_limit_of_a_clip_is_told_as_the_clip_and_not_as_its_distance_from_no
     chance = np.random.default_rng(1)
     seen = Stopped().predict('slow', Point(np.ones(1), {}))
     run = recorded('slow', seen + NOISE * chance.normal(size=seen.shape))
-    found = diagnose_system(Stopped(), [run])
+    found = diagnose_system(Problem(Stopped(), [run]))
     limits = next(item for item in found.observability.limits if item.effect == 'clip')
     assert 0.8 < limits.limit <= limits.best_limit < 1.0  # of a reading that goes to 1

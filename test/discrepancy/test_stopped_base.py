@@ -6,7 +6,7 @@ from bench import LOAD, recorded, STEP, System
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point
+from saddlering_ros.discrepancy import diagnose_system, Effect, Parameter, Point, Problem
 
 RATE = np.gradient(LOAD, STEP)
 NOISE = 1e-4
@@ -40,7 +40,7 @@ def test_an_effect_that_does_nothing_at_that_bound_is_found_all_the_same() -> No
     chance = np.random.default_rng(1)
     seen = Dragged().predict('slow', Point(np.array([1.0, 0.5]), {'turning': {'share': 0.9}}))
     run = recorded('slow', seen + NOISE * chance.normal(size=seen.shape))
-    found = diagnose_system(Dragged(), [run])
+    found = diagnose_system(Problem(Dragged(), [run]))
     (cause,) = found.causes
     assert cause.group == ('turning',)
     assert cause.parameters['share'].value == pytest.approx(0.9, rel=0.05)

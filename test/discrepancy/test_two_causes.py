@@ -9,7 +9,14 @@ from bench import LOAD, recorded, System, TIME
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Effect, Parameter, Point
+from saddlering_ros.discrepancy import (
+    diagnose_system,
+    Diagnosis,
+    Effect,
+    Parameter,
+    Point,
+    Problem,
+)
 
 PHASE = np.clip((TIME - 4.0) / 16.0, 0.0, 1.0)
 LATE = np.sin(2.0 * np.pi * PHASE)
@@ -48,7 +55,7 @@ def diagnosed(inexact: float, **sizes: float) -> Diagnosis:
         seen[0] += (name == 'fast') * inexact * sizes['late'] * np.sin(6.0 * np.pi * PHASE)
         seen += NOISE * chance.normal(size=seen.shape)
         runs.append(recorded(name, seen))
-    return diagnose_system(Spring(), runs)
+    return diagnose_system(Problem(Spring(), runs))
 
 
 def names(found: Diagnosis) -> set[str]:

@@ -297,7 +297,7 @@ class ModelSystem:
             offsets=tuple(offsets),
             allowed_error=tuple(item.model_error for item in self.model.channels.values()),
             model_error=None,
-            form_error=0.0,
+            exact_laws=True,
             coordinate_waves=(COORDINATE_WAVES, COORDINATE_WAVES),
             proposes_law=False,  # Its numbers would be shares of range.
         )

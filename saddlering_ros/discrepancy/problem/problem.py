@@ -61,9 +61,8 @@ class Assumptions:
     residual of a model with the causes; offsets: spread of the constant of each channel, None
     if it is free; allowed_error: share of the range of each channel under which a residual is
     nothing, whatever its shape, None for 0; model_error: smooth error over the drive, None for
-    none; form_error: share of the misfit explained by an effect by which its shapes may exceed
-    their bounds while a name remains valid; 0: laws are exact, so that every residual beyond
-    noise is a doubt;
+    none; exact_laws: whether every residual beyond noise is a doubt, because the laws of the
+    effects are exact; else a residual within Settings.form_error of them is none;
     coordinate_waves: half waves that are tested along the first coordinate and along each
     other one; proposes_law: whether a law is proposed if no cause explains the misfit;
     many_valleys: whether the base may have several minima, so that the best one without an
@@ -76,7 +75,7 @@ class Assumptions:
     offsets: tuple[float, ...] | None = None
     allowed_error: tuple[float, ...] | None = None
     model_error: ModelErrorPrior | None = field(default_factory=ModelErrorPrior)
-    form_error: float = 0.1
+    exact_laws: bool = False
     coordinate_waves: tuple[int, int] = (6, 3)
     proposes_law: bool = True
     many_valleys: bool = False

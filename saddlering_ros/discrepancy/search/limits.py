@@ -205,30 +205,16 @@ def observed(space: ModelSpace) -> Observability:
         space.signatures, settings.error_rate, settings.materiality, space.pairs)
     if space.problem.assumptions.many_valleys:
         trials = max(shapes_tried(space.signatures), 1)
-        limits = confirmed_limits(space, limits, trials)
+        effects = {effect.id: effect for effect in space.problem.system.effects}
+        limits = [confirmed(space, limit, effects[limit.effect], trials) for limit in limits]
     labels, cosines = angle_matrix(space.signatures)
     return Observability(tuple(limits), tuple(labels), cosines)
 
 
-@dataclass(frozen=True)
-class Shown:
-    """Visible part of an effect of one size beside the base: deviations, share of range."""
-
-    length: float
-    visible: float
-
-
-def confirmed_limits(
-    space: ModelSpace, limits: Sequence[DetectionLimit], trials: int
-) -> list[DetectionLimit]:
-    """The same limits, larger where the refitted base imitates more than its tangents do."""
-    effects = {effect.id: effect for effect in space.problem.system.effects}
-    return [_confirmed(space, limit, effects[limit.effect], trials) for limit in limits]
-
-
-def _confirmed(
+def confirmed(
     space: ModelSpace, stated: DetectionLimit, effect: Effect, trials: int
 ) -> DetectionLimit:
+    """The same limit, larger where the refitted base imitates more than its tangents do."""
     if not np.isfinite(stated.limit) or effect.neutral != 0.0 or not stated.configurations:
         return stated
     settings, pairs = space.settings, space.pairs
@@ -237,25 +223,26 @@ def _confirmed(
     needed = needed_length(len(effect.ordered), settings.error_rate / trials, pairs)
     reach = max(abs(effect.size.low), abs(effect.size.high))
 
-    def shown(size: float) -> Shown | None:
+    def shown(size: float) -> tuple[float, float] | None:
+        """As `_shown`, for the sign with the smaller part; None if the simulator fails."""
         space.watch.check()
-        return _shown(space, effect, configuration, size)
+        low, high = effect.size.low, effect.size.high
+        signs = [sign for sign in (1.0, -1.0) if low <= sign * size <= high]
+        parts = [_shown(space, effect, configuration, sign * size) for sign in signs]
+        return min(filter(None, parts), key=lambda part: part[0], default=None)
 
     first = shown(stated.limit)
-    if first is None or first.length >= ENOUGH * needed:
+    if first is None or first[0] >= ENOUGH * needed:
         return stated
-    limit = _size_reaching(lambda size: _part(shown(size), 'length'), stated.limit, needed, reach)
+    limit = _size_reaching(
+        lambda size: (shown(size) or UNSEEN)[0], stated.limit, needed, reach)
     material = _size_reaching(
-        lambda size: _part(shown(size), 'visible'), stated.material_limit, settings.materiality,
+        lambda size: (shown(size) or UNSEEN)[1], stated.material_limit, settings.materiality,
         reach)
     return replace(
         stated, limit=limit,
         best_limit=max(stated.best_limit, limit if stated.best_limit == stated.limit else 0.0),
         material_limit=material, testable=stated.testable and bool(np.isfinite(limit)))
-
-
-def _part(shown: Shown | None, name: str) -> float:
-    return 0.0 if shown is None else float(getattr(shown, name))
 
 
 def _size_reaching(
@@ -279,20 +266,17 @@ def _size_reaching(
     return float(np.inf)
 
 
+UNSEEN = (0.0, 0.0)
+"""An effect at which the simulator fails shows nothing."""
+
+
 def _shown(
     space: ModelSpace, effect: Effect, configuration: Configuration, size: float
-) -> Shown | None:
-    """Visible part of one size beside the refitted base, for the sign with the smaller part."""
-    signs = [sign for sign in (1.0, -1.0) if effect.size.low <= sign * size <= effect.size.high]
-    refits = [_refitted(space, effect, configuration, sign * size) for sign in signs]
-    kept = [shown for shown in refits if shown is not None]
-    return min(kept, key=lambda shown: shown.length) if kept else None
+) -> tuple[float, float] | None:
+    """Part of an effect that the base, fitted to the effect's prediction, does not imitate.
 
-
-def _refitted(
-    space: ModelSpace, effect: Effect, configuration: Configuration, size: float
-) -> Shown | None:
-    """Part of an effect that the base, fitted to the effect's prediction, does not imitate."""
+    Its length [standard deviations], and its share of the range; None if the simulator fails.
+    """
     metric, base = space.metric, space.base
     problem = metric.problem
     variant = next(
@@ -320,4 +304,4 @@ def _refitted(
     problem.simulations += other.simulations
     left = fit.prediction - target
     visible = max(max(problem.view_sizes(left, view)) for view in problem.system.views)
-    return Shown(float(np.sqrt(fit.misfit)), visible)
+    return float(np.sqrt(fit.misfit)), visible

@@ -383,7 +383,7 @@ MIN_DEGREES = 4
 def search_beside_error(search: Search) -> tuple[Search, Array]:
     """The causes that stand out against model error as large as what they leave."""
     space, fit, log = search.space, search.fit, SearchLog()
-    has_forms = space.problem.assumptions.form_error > 0.0
+    has_forms = not space.problem.assumptions.exact_laws
     for _ in range(MAX_LEARNT):
         learnt_from = fit.candidate.key
         space, fit, process = space_beside_error(space, fit)

@@ -330,7 +330,7 @@ def remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Remai
     told = {item.channel for item in left}
     for test in (*residual.consistency, *residual.shapes):
         # A declared error may have any smooth shape: only its size counts, which is judged above.
-        is_free = problem.assumptions.form_error == allowed[test.view] == 0.0
+        is_free = problem.assumptions.exact_laws and allowed[test.view] == 0.0
         is_real = test.p_value < settings.error_rate and test.visible >= settings.materiality
         if is_free and is_real and test.view not in told:
             run = problem.runs[int(np.argmax(slow.sizes[test.view]))]

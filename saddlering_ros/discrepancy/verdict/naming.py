@@ -239,7 +239,7 @@ def residual_of(space: ModelSpace, fit: Fit) -> Residual:
     sensitivities, slow = space.tangent_of(fit), space.slow_residual(fit)
     shapes = space.tests.shapes(fit, sensitivities.white)
     consistency: list[ShapeTest] = []
-    if space.problem.assumptions.form_error == 0.0:
+    if space.problem.assumptions.exact_laws:
         consistency = consistency_tests(
             space.metric, fit, sensitivities, slow, space.max_pairs)
     return Residual(slow, space.tests.fast(fit), tuple(shapes), tuple(consistency))
@@ -312,7 +312,7 @@ def _exceeds_declared_error(space: ModelSpace, residual: Residual) -> bool:
 def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
     """Channels and runs whose residual exceeds the noise and the declared model error."""
     problem = space.problem
-    if problem.assumptions.form_error > 0.0:
+    if not problem.assumptions.exact_laws:
         return []  # Judged in each view, against the form error of the effects.
     allowed = allowed_sizes(space)
     least = {view: max(space.settings.materiality, own) for view, own in allowed.items()}
@@ -337,7 +337,7 @@ def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[
     doubts = []
     if _is_left(space, after):
         where = ', '.join(_unexplained(space, after)) or after.slow.where or after.fast.view
-        is_exact = assumptions.form_error == 0.0
+        is_exact = assumptions.exact_laws
         if share < settings.min_total or is_exact or space.tests.slow(
                 with_forms(space, fit, fit)).is_real_and_material(settings):
             doubts.append(wording.partial_words(fit.candidate.ids, share, where))
@@ -360,6 +360,7 @@ def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
     variances = np.diag(covariance(white, PRIOR))
     slopes = white.T @ fit.whitened
     floor = alternative_floor(space.pairs, settings)
+    form_error = 0.0 if problem.assumptions.exact_laws else settings.form_error
     taken = max(space.base.misfit - fit.misfit, 0.0)
     sentences = []
     for effect, _, part in fit.candidate.slices(len(problem.system.base_parameters)):
@@ -368,7 +369,7 @@ def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
         for parameter, theta_unit, slope, variance in list(shapes)[1:]:
             outward = slope if theta_unit < 0.5 else -slope
             beyond = max(float(outward), 0.0) ** 2 * variance
-            allowed = max(floor, problem.assumptions.form_error * taken)
+            allowed = max(floor, form_error * taken)
             bound = parameter.high if theta_unit > 0.5 else parameter.low
             is_near = not parameter.periodic and min(theta_unit, 1.0 - theta_unit) < AT_BOUND
             is_stopped = is_near and bound not in (parameter.neutral, parameter.start)
