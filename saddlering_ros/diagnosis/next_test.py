@@ -145,10 +145,13 @@ def between(effects: Sequence[str]) -> str | None:
 
 def _of_table(effects: Sequence[str]) -> RigTest | None:
     """The test that separates most pairs; among equal ones, the first effect from most others."""
-    scored = [(separated(test, effects), _first_separated(test, effects), test)
-              for test in RIG_TESTS]
-    best = max(scored, key=lambda score: score[:2])
-    return best[2] if best[0] else None
+    def score(test: RigTest) -> tuple[int, int]:
+        first, *others = (outcome(name, test) for name in effects)
+        return separated(test, effects), sum(
+            UNCLEAR not in (first, other) and other != first for other in others)
+
+    best = max(RIG_TESTS, key=score)
+    return best if score(best)[0] else None
 
 
 def confirming(effect_id: str, alternatives: Sequence[str]) -> str:
@@ -168,32 +171,29 @@ def confirming(effect_id: str, alternatives: Sequence[str]) -> str:
 
 def look_alikes(effect_id: str, cosines: Mapping[str, Mapping[str, float]]) -> list[str]:
     """The effects with the most similar signatures, the most similar first."""
+    return _alike(effect_id, cosines, MIN_LIKENESS)[:MAX_ALTERNATIVES]
+
+
+def _alike(effect_id: str, cosines: Mapping[str, Mapping[str, float]], least: float) -> list[str]:
+    """Other effects with a cosine of `least` or more in any variant, the most similar first."""
     alike: dict[str, float] = {}
     for label, row in cosines.items():
-        if label.partition(':')[0] != effect_id:
-            continue
-        for other, value in row.items():
+        for other, value in row.items() if label.partition(':')[0] == effect_id else ():
             name = other.partition(':')[0]
-            if name != effect_id and value >= MIN_LIKENESS:
+            if name != effect_id and value >= least:
                 alike[name] = max(value, alike.get(name, 0.0))
-    return sorted(alike, key=lambda name: -alike[name])[:MAX_ALTERNATIVES]
+    return sorted(alike, key=lambda name: -alike[name])
 
 
 def repeated_laws(laws: Sequence[str], cosines: Mapping[str, Mapping[str, float]]) -> list[str]:
     """One sentence for each law of the user that repeats an effect of the catalogue here."""
     sentences = []
     for name in laws:
-        rows = [row for label, row in cosines.items() if label.partition(':')[0] == name]
-        alike: dict[str, float] = {}
-        for row in rows:
-            for label, value in row.items():
-                other = label.partition(':')[0]
-                if other not in laws and value >= SAME:
-                    alike[other] = max(value, alike.get(other, 0.0))
-        if alike:
-            others = ', '.join(sorted(alike, key=lambda other: -alike[other]))
-            sentences.append(f'{name} changes these data in the same way as {others} of the '
-                             'catalogue: the law and the effect are one cause in these data')
+        others = [other for other in _alike(name, cosines, SAME) if other not in laws]
+        if others:
+            sentences.append(f'{name} changes these data in the same way as {", ".join(others)} '
+                             'of the catalogue: the law and the effect are one cause in these '
+                             'data')
     return sentences
 
 
@@ -240,11 +240,6 @@ def for_swing(channel: str, frequency: float) -> str:
     return (f'Record ten minutes at constant preload, at the highest sampling rate. If {channel} '
             f'oscillates at {frequency:.2g} Hz there too, pickup of a probe is the cause. If it '
             'does not, the rig oscillates with the load.')
-
-
-def _first_separated(test: RigTest, effects: Sequence[str]) -> int:
-    first, *others = (outcome(name, test) for name in effects)
-    return sum(UNCLEAR not in (first, other) and other != first for other in others)
 
 
 def _meanings(test: RigTest, effects: Sequence[str]) -> str:

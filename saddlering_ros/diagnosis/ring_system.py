@@ -198,16 +198,11 @@ class RingSystem:
         """Groups of points with their extensions, and the tangents that each group allows."""
         if any(rig_dimensions.has_dimensions(point) for group in groups for point in group):
             return self._by_rig(groups)
-        candidates = [
-            [(point.base, self.extension(point)) for point in group] for group in groups
-        ]
-        near = [
-            [has_tangent(group[0], other) for other in group[1:]] for group in candidates
-        ]
+        candidates = [[(point.base, self.extension(point)) for point in group] for group in groups]
+        near = [[has_tangent(group[0], other) for other in group[1:]] for group in candidates]
         passes = Neighbourhoods(self.rig, [
             (group[0], list(compress(group[1:], own)))
-            for group, own in zip(candidates, near, strict=True)
-        ])
+            for group, own in zip(candidates, near, strict=True)])
         return RingNeighbourhood(self, groups, candidates, near, passes)
 
     def _by_rig(self, groups: Sequence[Sequence[Point]]) -> NeighbourhoodsByRig:
@@ -260,14 +255,10 @@ class RingSystem:
                 [replace(self, rig=rig).predict_many(run, [point])[0] for rig in pair]
                 for pair in roller_scatter.known_rigs(self.rig)
             ]
-            known.append(
-                np.stack(
-                    [0.5 * (above - below) for above, below in sides]
-                    + [CURVATURE * (0.5 * (above + below) - usual) for above, below in sides]
-                    + self.instrument_errors(run, point.base),
-                    axis=-1,
-                )
-            )
+            known.append(np.stack([
+                *(0.5 * (above - below) for above, below in sides),
+                *(CURVATURE * (0.5 * (above + below) - usual) for above, below in sides),
+                *self.instrument_errors(run, point.base)], axis=-1))
         joined = compressed(np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
         noisy = self._load_noise(runs, points)
         answer, start = [], 0
@@ -316,12 +307,10 @@ class RingSystem:
     def _per_newton(self, run: RunBlocks, point: Point) -> Array:
         """Change (C, N) by one more newton in all of a run, its zero included."""
         extension, step = self.extension(point), LOAD_STEP * self.rig.full_scale_load
-        less, more = (
-            replace(extension, load_offset=extension.load_offset + change)
-            for change in (step, -step)
-        )
-        answers = self.simulated(run, [(point.base, less), (point.base, more)])
-        return np.asarray((answers[1] - answers[0]) / (2.0 * step))
+        less, more = self.simulated(run, [
+            (point.base, replace(extension, load_offset=extension.load_offset + change))
+            for change in (step, -step)])
+        return np.asarray((more - less) / (2.0 * step))
 
     def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
         """Change by one more newton at the ring, for laws that add to its load.
@@ -406,39 +395,22 @@ def engine_effect(
     ordered = sorted(own, key=lambda item: not item.amplitude)
     parameters = {
         item.name: Parameter(
-            item.low,
-            item.high,
+            item.low, item.high, unit=item.unit, scale='log' if item.logarithmic else 'linear',
             start=float(np.clip(item.start, item.low, item.high)),
-            unit=item.unit,
             neutral=item.neutral if item.amplitude or item is ordered[0] else None,
-            scale='log' if item.logarithmic else 'linear',
-            step=FINE_STEP
-            if item.logarithmic
-            else float(np.clip(0.003 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)),
-        )
+            step=FINE_STEP if item.logarithmic else float(
+                np.clip(0.003 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)))
         for item in ordered
     }
+    # Channels of each variant of a line on one probe, or on all probes for 0.
+    probes = [int(item.values['probe']) for item in effect.variants] if effect.line else []
     return Effect(
         effect.title, parameters,
         variants=tuple(dict(item.values) for item in effect.variants[: variants.stop]),
         starts=_starts(effect, ordered, rig), settled_by=effect.settled_by,
-        line=_line_channels(effect) if effect.line else (), form=effect.form, id=effect.id,
-        first_variant=variants.start, contains=effect.variants[variants.start].contains)
-
-
-def _line_channels(effect: catalogue_of_effects.RingEffect) -> tuple[tuple[int, ...], ...]:
-    """Channels of each variant of an effect on one probe, or on all probes for 0."""
-    probes = [int(variant.values['probe']) for variant in effect.variants]
-    return tuple((probe - 1,) if probe else (0, 1, 2, 3) for probe in probes)
-
-
-def _declared_starts(
-    effect: catalogue_of_effects.RingEffect, rig: Rig,
-) -> list[dict[str, float]]:
-    """Starts that an effect declares for the rig of the catalogue, in the sizes of this rig."""
-    factors = {item.name: size_factor(item.unit, rig) for item in effect.parameters}
-    return [{name: value * factors.get(name, 1.0) for name, value in start.items()}
-            for start in effect.starts]
+        line=tuple((probe - 1,) if probe else (0, 1, 2, 3) for probe in probes),
+        form=effect.form, id=effect.id, first_variant=variants.start,
+        contains=effect.variants[variants.start].contains)
 
 
 def _starts(
@@ -455,20 +427,18 @@ def _starts(
         sizes += [float(np.clip(-part * size.scale, size.low, size.high)) for part in OTHER_SIGN]
     usual = {item.name: item.start for item in shapes}
     starts = [{size.name: value, **usual} for value in sizes]
-    for other in _declared_starts(effect, rig):
+    rig_factors = {item.name: size_factor(item.unit, rig) for item in effect.parameters}
+    for declared in effect.starts:
+        other = {name: value * rig_factors.get(name, 1.0) for name, value in declared.items()}
         if size.name in other or any(
-            other.get(item.name, item.start) != item.start for item in shapes
-        ):
+                other.get(item.name, item.start) != item.start for item in shapes):
             starts.append({**usual, size.name: sizes[1], **other})
     for item in shapes:
         if item.amplitude:
             starts.append({size.name: 0.2 * sizes[1], **usual, item.name: item.scale})
         elif item.logarithmic and not effect.starts:
             starts += [
-                {
-                    size.name: sizes[1], **usual,
-                    item.name: item.low * (item.high / item.low) ** share,
-                }
-                for share in (0.15, 0.85)
-            ]
+                {size.name: sizes[1], **usual,
+                 item.name: item.low * (item.high / item.low) ** share}
+                for share in (0.15, 0.85)]
     return tuple(starts)

@@ -7,7 +7,7 @@ import pytest
 
 from saddlering_ros.discrepancy import DiscrepancyError, Effect, Model, Noise, Parameter, Run
 from saddlering_ros.discrepancy.diagnosis import problem_of
-from saddlering_ros.discrepancy.engine import diagnose_problem
+from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem.fits import Candidate, refit, run_refits
 from saddlering_ros.discrepancy.problem.model import Channel
 from saddlering_ros.discrepancy.search.evidence import SearchLog
@@ -51,7 +51,7 @@ def test_the_base_is_fitted_from_where_an_effect_has_led_it(run: Run) -> None:
 
 
 def test_a_wrong_start_of_the_base_brings_no_cause(run: Run) -> None:
-    found = diagnose_problem(problem_of(MODEL, [run], start={'rate': WRONG}))
+    found = diagnose_system(problem_of(MODEL, [run], start={'rate': WRONG}))
     assert found.verdict in ('none', 'unknown')
 
 
