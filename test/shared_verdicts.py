@@ -18,13 +18,13 @@ from saddlering_ros import diagnosis
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.record import Record
 
-PLACE = 'saddlering_ros.diagnosis.diagnose'
+PLACE = 'saddlering_ros.diagnosis.diagnose_ring'
 """Where commands and the API find the function that these tests replace."""
 
 
 def shared_diagnose(made: MadeOnce) -> Callable[..., Verdict]:
     """The diagnosis of a ring, which computes once for each runs, rig, start and seed."""
-    compute = diagnosis.diagnose
+    compute = diagnosis.diagnose_ring
 
     def diagnose(runs: Sequence[Record], hold_out: Sequence[Record] = (), *, rig: Any,
                  parameters: Any = None, seed: int = 0, **more: Any) -> Verdict:

@@ -104,7 +104,7 @@ def diagnose(
                              parameters=parameters, on_progress=on_progress,
                              is_cancelled=is_cancelled)
     fitted, held_out = inputs.for_fits(given.bags, given.held_out)
-    answer = diagnosis.diagnose(
+    answer = diagnosis.diagnose_ring(
         runs_of(fitted), runs_of(held_out), rig=given.rig, parameters=given.parameters, seed=seed,
         on_progress=on_progress, is_cancelled=is_cancelled)
     if on_progress is not None:

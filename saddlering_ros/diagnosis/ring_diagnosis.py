@@ -27,7 +27,7 @@ from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig
 
 
-def diagnose(
+def diagnose_ring(
     runs: Sequence[Record],
     hold_out: Sequence[Record] = (),
     *,

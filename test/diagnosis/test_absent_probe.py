@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from saddlering_ros.bags import read_run
-from saddlering_ros.diagnosis import diagnose
+from saddlering_ros.diagnosis import diagnose_ring
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Point
@@ -40,7 +40,7 @@ def test_the_model_of_three_probes_is_that_of_four_without_the_third(campaign):
 
 def test_an_effect_is_named_without_probe_3_and_no_figure_of_the_parity_is_given(campaign):
     bags = campaign('moment_arm', 0.06, 'offset', runs=('static_50', 'static_70'))
-    found = diagnose([read_run(bag, rig=LESS) for bag in bags], rig=LESS)
+    found = diagnose_ring([read_run(bag, rig=LESS) for bag in bags], rig=LESS)
     document = found.to_json()
     assert [cause['group'] for cause in document['causes']] == [['moment_arm']]
     assert all(set(run['channels']) == {'delta_x', 'delta_y', 'gamma'}

@@ -23,7 +23,7 @@ def notes_of(bags) -> str:
 
 def test_no_bags_is_an_error_in_one_line():
     with pytest.raises(DiagnosisError, match='at least one'):
-        diagnosis.diagnose([], rig=default_rig())
+        diagnosis.diagnose_ring([], rig=default_rig())
 
 
 def test_a_bag_that_is_not_there_is_status_2_and_one_line(tmp_path, capsys):

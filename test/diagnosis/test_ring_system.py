@@ -128,7 +128,7 @@ def test_bags_of_different_rigs_get_no_confident_name(
     assert found.verdict == 'named'
     monkeypatch.setattr('saddlering_ros.discrepancy.diagnose',
                         lambda *_, **__: found.diagnosis)
-    apart = diagnosis.diagnose([first, replace(second, rig='another rig')], [held_out],
+    apart = diagnosis.diagnose_ring([first, replace(second, rig='another rig')], [held_out],
                                rig=default_rig())
     assert apart.diagnosis.causes
     assert apart.verdict == 'unknown'
@@ -199,7 +199,7 @@ def test_a_wrong_span_in_the_rig_file_is_named_by_its_entry(campaign):
     rig = default_rig()
     narrow = replace(rig, probes=replace(rig.probes, axial_span=1.1))
     bags = [bag for bag in campaign() if bag.name.startswith('static')]
-    found = diagnosis.diagnose([read_run(bag) for bag in bags], rig=narrow)
+    found = diagnosis.diagnose_ring([read_run(bag) for bag in bags], rig=narrow)
     assert 'rig_axial_span' in {name for cause in found.diagnosis.causes for name in cause.group}
     assert found.verdict != 'unknown'
     assert found.next_test is not None
