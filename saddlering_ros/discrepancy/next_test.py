@@ -170,13 +170,12 @@ def simulate_tests(
     proposals: Sequence[Proposal],
     rule: JudgingRule,
     *,
-    draws: int = DRAWS,
     seed: int = 0,
 ) -> list[Separation]:
     """Each proposal with its separation of the models, the best first."""
     fits, random = _distinct(open_models), np.random.default_rng(seed)
     answers = [
-        _separation(proposal, open_models, fits, forecasts, rule, draws, random)
+        _separation(proposal, open_models, fits, forecasts, rule, random)
         for proposal, forecasts in _forecast_each(metric, open_models, tangent_of, proposals)]
     return sorted(answers, key=lambda answer: (-answer.alone, -answer.kept))
 
@@ -383,7 +382,6 @@ def _separation(
     fits: Sequence[Fit],
     forecasts: Sequence[_Forecast],
     rule: JudgingRule,
-    draws: int,
     random: np.random.Generator,
 ) -> Separation:
     """Separation of the models by a test, with each model as the truth in turn."""
@@ -392,7 +390,7 @@ def _separation(
     less_places = [number[open_model.less.candidate.key] for open_model in open_models]
     alone, kept, by_truth = 0, 0, {}
     for truth, open_model in enumerate(open_models):
-        results = forecasts[own_places[truth]].drawn(random, draws)
+        results = forecasts[own_places[truth]].drawn(random, DRAWS)
         misfits = np.array([
             fit.misfit + forecast.misfits(results)
             for fit, forecast in zip(fits, forecasts, strict=True)
@@ -403,8 +401,8 @@ def _separation(
             kept += truth in left
             own += left == [truth]
         alone += own
-        by_truth[open_model.fit.candidate.ids] = own / draws
-    return Separation(proposal, draws * len(open_models), alone, kept, by_truth)
+        by_truth[open_model.fit.candidate.ids] = own / DRAWS
+    return Separation(proposal, DRAWS * len(open_models), alone, kept, by_truth)
 
 
 def _left(

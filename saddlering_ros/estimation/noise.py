@@ -210,7 +210,6 @@ def measure_noise(
     count: int,
     series: Sequence[HeldSeries] = (),
     longest: float = np.inf,
-    time_constants: Array = TIME_CONSTANTS,
 ) -> list[ChannelNoise]:
     """Noise of each of `count` channels, pooled over all stretches at rest.
 
@@ -231,10 +230,10 @@ def measure_noise(
     labelled = [segment for segment in segments if segment.label]
     if len(labelled) >= MIN_LABELLED:
         segments = labelled
-    used = np.append(True, longest >= time_constants)
+    used = np.append(True, longest >= TIME_CONSTANTS)
     channels = []
     for channel in range(count):
-        statistics = _rest_statistics(segments, channel, series, time_constants)
+        statistics = _rest_statistics(segments, channel, series)
         channels.append(replace(statistics, columns=statistics.columns * used))
     totals = [max(float(one.observed.max()), np.finfo(float).tiny) for one in channels]
     # One shape: the statistics of each channel over its own size, all in one mixture.
@@ -251,22 +250,19 @@ def measure_noise(
             white, size = replace(statistics, columns=columns).mixture()
             slow = size * shape
         else:
-            white, slow = statistics.mixture()[0], np.zeros(time_constants.size)
+            white, slow = statistics.mixture()[0], np.zeros(TIME_CONSTANTS.size)
         white = max(float(white), MIN_WHITE * total * fine)
         step = _quantum([segment.values[channel] for segment in segments])
         held = 0.0
         if step:
             spread = float(np.sqrt(white / fine + slow.sum()))
             held = 0.5 * (step / np.pi) ** 2 * float(np.exp(-4.0 * (np.pi * spread / step) ** 2))
-        noise.append(ChannelNoise(white, slow, held, len(segments), time_constants))
+        noise.append(ChannelNoise(white, slow, held, len(segments)))
     return noise
 
 
 def _rest_statistics(
-    segments: Sequence[RestSegment],
-    channel: int,
-    series: Sequence[HeldSeries],
-    time_constants: Array,
+    segments: Sequence[RestSegment], channel: int, series: Sequence[HeldSeries]
 ) -> Statistics:
     """Allan variances at rest, and second differences from hold to hold."""
     rows = _without_common_course(segments, channel)
@@ -275,7 +271,7 @@ def _rest_statistics(
         raise EstimationError(TOO_SHORT)
     short = scales < SMOOTHED * min(step for _, step in rows)
     weights = 1.0 / (1.0 / pairs + np.where(short, SHORT_MODEL_ERROR, MODEL_ERROR) ** 2)
-    columns = allan_columns(scales, time_constants)
+    columns = allan_columns(scales, TIME_CONSTANTS)
     differences, widths, spacings = [np.zeros(0)], [], []
     for holds in series:
         spacing = np.diff(holds.time)
@@ -288,7 +284,7 @@ def _rest_statistics(
     if joined.size < MIN_DIFFERENCES:
         return Statistics(observed, columns, weights)
     width, apart = float(np.mean(widths)), float(np.mean(spacings))
-    between = [_second_difference(width / tau, apart / tau) for tau in time_constants]
+    between = [_second_difference(width / tau, apart / tau) for tau in TIME_CONSTANTS]
     robust = float(np.median(np.abs(joined)) / 0.6745) ** 2
     return Statistics(np.append(observed, robust),
                       np.vstack([columns, np.array([[6.0 / width, *between]])]),

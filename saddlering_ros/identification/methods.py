@@ -333,34 +333,18 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
             method=search.settings.method, bags=bags, objective=outcome.objective,
             covariance=trust.noise_covariance, note='; '.join([status, *trust.reasons.values()]),
             undetermined=trust.reasons, rig_hash=search.rig.digest)),
-        method=search.settings.method,
-        objective=outcome.objective,
-        chi_square=best.chi_square,
-        degrees_of_freedom=objective.size - len(space.free),
-        covariance=trust.covariance,
-        correlation=trust.correlation,
-        std=trust.std,
-        intervals=trust.intervals,
-        determined=trust.determined,
-        reasons=trust.reasons,
+        **vars(trust), method=search.settings.method, objective=outcome.objective,
+        chi_square=best.chi_square, degrees_of_freedom=objective.size - len(space.free),
         at_bound={
             name: name in space.names and bool(best.at_bound[space.names.index(name)])
             for name in PARAMETER_NAMES
         },
-        systematic=trust.systematic,
-        collinearity=trust.collinearity,
-        budget=trust.budget,
         ellipses={
             f'K{row},n{row}': stiffness_ellipse(contact.to_array(), trust.covariance, row)
             for row in (1, 2)
         },
-        evaluations=search.evaluations,
-        elapsed=time.monotonic() - search.started,
-        status=status,
-        cancelled=cancelled,
-        notes=tuple(search.notes),
-        profiles=drawn,
-    )
+        evaluations=search.evaluations, elapsed=time.monotonic() - search.started, status=status,
+        cancelled=cancelled, notes=tuple(search.notes), profiles=drawn)
 
 
 def _status(cancelled: bool, reduced: float, open_names: Sequence[str], advice: str) -> str:

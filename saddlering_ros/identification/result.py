@@ -13,7 +13,7 @@ from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification.imperfections import IMPERFECTIONS
-from saddlering_ros.identification.uncertainty import Profile
+from saddlering_ros.identification.uncertainty import Profile, Uncertainty
 from saddlering_ros.quantities import percent, quantity, significant, span
 from saddlering_ros.record import Record
 from saddlering_ros.rig import (
@@ -27,15 +27,13 @@ from saddlering_ros.rig import (
 
 
 @dataclass(frozen=True)
-class Identification:
+class Identification(Uncertainty):
     """Identified contact parameters and their uncertainty.
 
-    objective: the paper's J (method 'paper') or chi square (method 'default'). covariance and
-    correlation (6, 6), std (6,) in the order of PARAMETER_NAMES. If the data do not determine
-    a parameter, std is NaN, the interval is None, reasons states why, and the value is the
-    best known one. All of these allow for unequal rollers; the covariance in the parameters'
-    source counts noise alone, for predictions of the same ring and its changes. systematic:
-    shift (6,) in (ln K, n, ln D) by each small imperfection that no fit can see.
+    objective: the paper's J (method 'paper') or chi square (method 'default'). If the data do not
+    determine a parameter, std is NaN, the interval is None, reasons states why, and the value is
+    the best known one. All of these allow for unequal rollers; the covariance in the parameters'
+    source counts noise alone, for predictions of the same ring and its changes.
     """
 
     parameters: ParameterSet
@@ -43,16 +41,7 @@ class Identification:
     objective: float
     chi_square: float
     degrees_of_freedom: int
-    covariance: Array
-    correlation: Array
-    std: Array
-    intervals: dict[str, tuple[float, float] | None]
-    determined: dict[str, bool]
-    reasons: dict[str, str]
     at_bound: dict[str, bool]
-    systematic: dict[str, Array]
-    collinearity: dict[str, float]
-    budget: dict[str, dict[str, float]]
     ellipses: dict[str, Array] = field(repr=False)
     evaluations: int
     elapsed: float
@@ -68,11 +57,6 @@ class Identification:
             self.parameters.source, sha256=tuple(origin.sha256 for origin in made.bags),
             versions=made.versions_in_words)
         return replace(self, parameters=replace(self.parameters, source=source))
-
-    @property
-    def reduced_chi_square(self) -> float:
-        """Chi square per degree of freedom; 1 if the misfit equals the noise."""
-        return self.chi_square / max(1, self.degrees_of_freedom)
 
     @property
     def noise_factor(self) -> float:

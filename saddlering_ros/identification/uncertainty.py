@@ -47,7 +47,8 @@ class Uncertainty:
     correlation (6, 6). noise_covariance (6, 6) and noise_std (6,) (coordinates) count noise
     alone: the change of the estimate by another test of the same ring. intervals by name;
     systematic: imperfection to shift (6,) in coordinates; determined and reasons by name;
-    collinearity by subset of names ('K1,n1'); budget: per free parameter the share of its variance
+    collinearity by subset of names ('K1,n1'); reduced_chi_square: chi square per degree of
+    freedom, 1 if the misfit equals the noise; budget: per free parameter the share of its variance
     by source, of noise, unequal rollers and each instrument with a certificate.
     """
 
@@ -235,9 +236,9 @@ def _judge(
 
 
 def stiffness_ellipse(
-    contact: Array, covariance: Array, row: int, level: float = 0.95, points: int = 73
+    contact: Array, covariance: Array, row: int
 ) -> Array:
-    """Joint confidence region of (K, n) of a row (1 or 2): points (2, points), K first.
+    """Joint 95 % confidence region of (K, n) of a row (1 or 2): points (2, P), K first.
 
     An ellipse in (ln K, n), where K's uncertainty is symmetric.
     """
@@ -246,8 +247,8 @@ def stiffness_ellipse(
     scale = np.array([1.0 / contact[first], 1.0])
     inner = covariance[np.ix_([first, second], [first, second])] * np.outer(scale, scale)
     value, vector = np.linalg.eigh(inner)
-    angle = np.linspace(0.0, 2.0 * np.pi, points)
-    circle = np.sqrt(chi_squared_quantile(level, 2)) * np.stack([np.cos(angle), np.sin(angle)])
+    angle = np.linspace(0.0, 2.0 * np.pi, 73)
+    circle = np.sqrt(chi_squared_quantile(0.95, 2)) * np.stack([np.cos(angle), np.sin(angle)])
     log_k, exponent = vector @ (np.sqrt(np.maximum(value, 0.0))[:, None] * circle)
     return np.stack([contact[first] * np.exp(log_k), contact[second] + exponent])
 

@@ -234,9 +234,9 @@ def _held(matrices: Floats, share: float, radius: float) -> Floats:
     return np.asarray(matrices + share * trace * np.diag([1.0, 1.0, radius**2]))
 
 
-def compressed(columns: Floats, most: int = COLUMNS) -> Floats:
-    """At most `most` columns with almost the same covariance as columns (n, k)."""
+def compressed(columns: Floats) -> Floats:
+    """At most COLUMNS columns with almost the same covariance as columns (n, k)."""
     values, vectors = np.linalg.eigh(columns.T @ columns)
-    order = np.argsort(values)[::-1][:most]
+    order = np.argsort(values)[::-1][:COLUMNS]
     order = order[values[order] > 1e-12 * values[-1]]
     return np.asarray(columns @ vectors[:, order])

@@ -261,7 +261,7 @@ def other_laws(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> list[
     On development draws, 1 first cause of 42 with such a sign was right.
     """
     stopped = [*shapes_at_bounds(space, fit), *sizes_at_bounds(space.problem, fit)]
-    if space.problem.assumptions.form_error > 0.0:
+    if not space.problem.assumptions.exact_laws:
         return stopped
     return stopped + shared_directions(space, fit, alternatives)
 
