@@ -52,7 +52,7 @@ from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import identify
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
-from saddlering_ros.quantities import finite_json
+from saddlering_ros.quantities import finite_json, quantity
 from saddlering_ros.record import Record
 from saddlering_ros.rig import Instruments, PARAMETER_NAMES, Rig
 from saddlering_ros.rig.instruments import difference_of, NAMES, stated_by
@@ -168,11 +168,12 @@ def name_of(effect_id: str) -> str:
 
 
 def change_words(cause: Cause) -> str:
-    """A cause with the change of its size: 'dry friction ... by +1.5e+03 +/- 1.6e+02 N'."""
+    """A cause with the change of its size: 'dry friction ..., force by +1.50 ± 0.16 kN'."""
     name, size = next(iter(cause.parameters.items()))
     others = ' or '.join(name_of(effect) for effect in cause.group if effect != cause.effect)
-    words = (f'{cause.definition.title.lower()}, {name} by {size.value:+.3g} +/- {size.std:.2g} '
-             f'{size.unit}').rstrip(' 1')
+    sign = '+' if size.value > 0.0 else ''
+    words = (f'{cause.definition.title.lower()}, {name} by {sign}'
+             f'{quantity(size.value, size.unit, size.std)}')
     return f'{words} (or {others.lower()})' if others else words
 
 
@@ -290,8 +291,8 @@ def _as_change(cause: Cause) -> Cause:
     """The cause with the change of its size, after minus before."""
     parameters = {name: item for name, item in cause.parameters.items() if name != SESSION}
     if cause.effect == CONTACT_CHANGE:
-        quantity = QUANTITIES[round(parameters.pop('quantity').value)]
-        return replace(cause, parameters={quantity: parameters['change']})
+        name = QUANTITIES[round(parameters.pop('quantity').value)]
+        return replace(cause, parameters={name: parameters['change']})
     if cause.parameters[SESSION].value == EARLIER:
         size = cause.definition.size.name
         parameters[size] = replace(parameters[size], value=-parameters[size].value)

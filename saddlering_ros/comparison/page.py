@@ -25,6 +25,7 @@ from saddlering_ros.pages.charts import (
     NOISE,
     Panel,
     Ticks,
+    without_inner_labels,
 )
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import probability, quantity
@@ -81,15 +82,16 @@ def change_chart(change: Change) -> Chart:
                          problem.view_residuals(residual, view), strict=True))
                 for residual in (before, after)]
         panels += [
-            Panel(row, column, 'load [kN]', f'{view} [{MICRO_UNITS[view]}]', (
+            Panel(row, column, 'load / kN', f'{view} / {MICRO_UNITS[view]}', (
                 markers(_load(run), PER_MILLION * seen[0][run.name], '.', BEFORE,
                         'without the causes', size=2.5),
                 line(_load(run), PER_MILLION * (seen[0][run.name] - seen[1][run.name]), AFTER,
                      'explained by the causes')),
                 title=run.name.partition(': ')[2] if not row else '',
-                shows_x_label=row == len(views) - 1, shows_y_label=not column)
+                shows_y_label=not column)
             for column, run in enumerate(runs)]
-    return Chart(tuple(panels), 3.6 * len(runs), 1.9 * len(views), (1.0,) * len(views), len(runs))
+    return Chart(tuple(without_inner_labels(panels, len(views))), 3.6 * len(runs),
+                 1.9 * len(views), (1.0,) * len(views), len(runs), shares_x=True)
 
 
 def series_chart(series: ChangeSeries) -> Chart:
@@ -104,7 +106,7 @@ def series_chart(series: ChangeSeries) -> Chart:
             markers(places, decades, 'o', AFTER),
             line(places[[0, -1]], np.full(2, math.log10(CHANGED)), BEFORE, 'changed', dash='--')),
             x_ticks=ticks),
-        Panel(0, 1, 'session', f'{series.parameter} [{series.unit}]', (
+        Panel(0, 1, 'session', f'{series.parameter} / {series.unit}', (
             line(np.stack([places, places, gaps], axis=1).ravel(),
                  np.stack([low, high, gaps], axis=1).ravel(), NOISE, 'two deviations'),
             markers(places, series.sizes, 'o', MEASURED, 'change since the base session')),
