@@ -114,8 +114,13 @@ def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
     warnings += system.failure_sentences()
     if not diagnosis.converged:
         warnings.append(wording.NOT_CONVERGED)
-    predictions = tuple(_in_units(prediction, system) for prediction in diagnosis.runs)
-    return replace(diagnosis, warnings=tuple(warnings), runs=predictions)
+    scale, predictions = system.scales[:, None], []
+    for one in diagnosis.runs:
+        present = True if one.run.present is None else one.run.present
+        measured = np.where(present, one.run.channels * scale, 0.0)
+        predictions.append(RunPrediction(
+            replace(one.run, channels=measured), one.before * scale, one.after * scale))
+    return replace(diagnosis, warnings=tuple(warnings), runs=tuple(predictions))
 
 
 def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
@@ -155,17 +160,6 @@ def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
     return replace(
         diagnosis, verdict='unknown' if causes or under else diagnosis.verdict, causes=causes,
         warnings=(*over, *under, *diagnosis.warnings))
-
-
-def _in_units(prediction: RunPrediction, system: ModelSystem) -> RunPrediction:
-    """A run and its predictions in the units of the channels."""
-    scale = system.scales[:, None]
-    measured = prediction.run.channels * scale
-    if prediction.run.present is not None:
-        measured = np.where(prediction.run.present, measured, 0.0)
-    return RunPrediction(
-        replace(prediction.run, channels=measured), prediction.before * scale,
-        prediction.after * scale)
 
 
 SOUND_SHARE, OPEN_FACTOR = 0.4, 3.0

@@ -227,8 +227,6 @@ def _answer_beside(
         *established.own_kind_left(noise_alone, seen, left)]
     if most_dropped**2 > established.MAINLY * max(one.visible for one in published.causes) ** 2:
         doubts.append(wording.AS_LARGE)
-    if noise_alone.problem.assumptions.exact_laws:
-        doubts += established.shared_directions(search.space, fit, search.alternatives)
     is_open = any(search.alternatives.get(name) for name in fit.candidate.ids)
     verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'
     judgement = Judgement(verdict, explained_share_of(strict.before, left),

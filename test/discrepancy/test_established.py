@@ -325,8 +325,7 @@ def test_a_slow_simulator_reports_its_progress_with_the_time_left(monkeypatch) -
 
 
 def test_a_fitted_run_that_gets_worse_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ('shapes_at_bounds', 'sizes_at_bounds'):
-        monkeypatch.setattr(established, name, lambda *_: [])
+    monkeypatch.setattr(established, 'other_laws', lambda *_: [])
     space, fit = SimpleNamespace(problem=None, settings=None), SimpleNamespace(
         candidate=SimpleNamespace(ids=(), effects=()))
     for worst, doubts in ((0.1, []), (-0.1, [wording.WORSE_RUN])):

@@ -207,7 +207,7 @@ def doubts_of(
     alternatives: Alternatives,
 ) -> list[str]:
     """Reasons why the effects of a fit beside model error are not established."""
-    doubts = [*shapes_at_bounds(space, fit), *sizes_at_bounds(space.problem, fit)]
+    doubts = other_laws(space, fit, alternatives)
     for name, own in {' and '.join(fit.candidate.ids): whole, **members}.items():
         if own.best < MIN_TAKEN:
             doubts.append(wording.weak_words(name, own.best, MIN_TAKEN))
@@ -256,14 +256,10 @@ def own_kind_left(space: ModelSpace, fit: Fit, residual: Residual) -> list[str]:
 
 
 def other_laws(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> list[str]:
-    """Signs that the law is another than that of the causes, however much of the misfit they take.
-
-    On development draws, 1 first cause of 42 with such a sign was right.
-    """
+    """Signs that the law is another than that of the causes, whatever they take of the misfit."""
     stopped = [*shapes_at_bounds(space, fit), *sizes_at_bounds(space.problem, fit)]
-    if not space.problem.assumptions.exact_laws:
-        return stopped
-    return stopped + shared_directions(space, fit, alternatives)
+    is_exact = space.problem.assumptions.exact_laws
+    return stopped + shared_directions(space, fit, alternatives) if is_exact else stopped
 
 
 def shared_directions(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> list[str]:
