@@ -114,8 +114,8 @@ def planned_test(text: str) -> PlannedTest:
     except ValueError:
         elevation = math.nan
     if not -20.0 <= elevation <= 90.0:
-        raise PlanError(f'--test {text}: {degrees or "nothing"} is no elevation: give degrees '
-                        'from -20 to 90, such as static:50')
+        fault = f'{degrees} is no elevation' if degrees else 'the elevation is missing'
+        raise PlanError(f'--test {text}: {fault}: give degrees from -20 to 90, such as static:50')
     return PlannedTest(kind, elevation)
 
 
