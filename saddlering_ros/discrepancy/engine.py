@@ -202,13 +202,20 @@ def _beside_error(strict: Answer) -> Answer:
             answer = _answer_beside(strict, search, published, process, most_dropped)
             if answer.judgement.verdict != 'unknown':
                 return answer
-            unknown = strict if has_forms else unknown or answer
+            unknown = _with_suspect(strict, answer) if has_forms else unknown or answer
             if len(sizes) == 1:
                 return unknown
             weak = min(sizes, key=lambda name: sizes[name])
         most_dropped = max(most_dropped, sizes[weak])
         search, process = learnt_without(noise_alone, search, weak, dropped)
     return unknown or strict
+
+
+def _with_suspect(strict: Answer, beside: Answer) -> Answer:
+    """The strict verdict, with why the main cause beside model error is not established."""
+    words = wording.suspect_words(beside.search.fit.candidate.ids, beside.judgement.warnings)
+    judgement = strict.judgement
+    return replace(strict, judgement=replace(judgement, warnings=(*judgement.warnings, words)))
 
 
 def _answer_beside(

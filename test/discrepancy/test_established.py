@@ -21,6 +21,8 @@ from saddlering_ros.discrepancy import (
     probabilities_of,
     Run,
 )
+from saddlering_ros.discrepancy.diagnosis import problem_of
+from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.verdict import established, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
@@ -164,6 +166,15 @@ def test_a_secondary_cause_with_alternatives_takes_no_name_from_the_main_one() -
 
 def test_a_cause_is_not_the_main_one_if_one_without_a_name_moves_about_as_much() -> None:
     assert named_beside_friction(0.3, cubic=0.5, channel='other') == []
+
+
+def test_with_laws_that_are_not_exact_unknown_says_why_the_main_cause_has_no_name() -> None:
+    problem = problem_of(MODEL, [record(number, 0.3, 0.2) for number in range(3)])
+    rough = replace(problem.assumptions, exact_laws=False)
+    answer = diagnose_system(replace(problem, assumptions=rough))
+    assert answer.verdict == 'unknown'
+    said = [item for item in answer.warnings if 'the main cause is friction' in item]
+    assert [' of the power of the misfit' in item for item in said] == [True]
 
 
 def named_beside_friction(friction: float, cubic: float, channel: str) -> list[str]:

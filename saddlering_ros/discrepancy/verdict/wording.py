@@ -221,6 +221,12 @@ def weak_words(name: str, taken: float, needed: float) -> str:
             'for')
 
 
+def suspect_words(ids: Sequence[str], doubts: Sequence[str]) -> str:
+    """Why the main causes are not established if what remains is error of the model."""
+    return (f'with what remains as error of the model, the main cause is {" and ".join(ids)}, '
+            f'which is not established: {"; ".join(doubts)}')
+
+
 def worse_view_words(view: str) -> str:
     """That the causes make worse what they mainly move."""
     return f'in {view}, where the causes move most, the misfit is larger with them'
