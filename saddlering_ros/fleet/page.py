@@ -17,6 +17,9 @@ from saddlering_ros.pages.charts import AFTER, Chart, line, markers, MEASURED, N
 MAX_DRAWN = 12
 """Rings whose histories are drawn, those of most concern first."""
 
+EPOCH = 1970.0
+"""Year from which the calendar time of a history counts (`SessionFigures.time`)."""
+
 UNLIKE_TEST = (
     'Test the ring on another rig. If it differs there too, measure its clearances. If it does '
     'not, the rig is at fault.'
@@ -95,7 +98,7 @@ def _links(ring: RingJudgement) -> html.Cell:
 
 def _histories(fleet: Fleet) -> str:
     pictures = [
-        html.picture(_history_chart(ring), f'history_{ring.ring}', f'Ring {ring.ring}.')
+        html.picture(history_chart(ring), f'history_{ring.ring}', f'Ring {ring.ring}.')
         for ring in [item for item in fleet.rings if item.history.of][:MAX_DRAWN]]
     words = html.paragraph(
         f'The {MAX_DRAWN} rings of most concern. Points: values with two standard deviations. '
@@ -104,12 +107,13 @@ def _histories(fleet: Fleet) -> str:
     return html.section('Histories', words, *pictures) if pictures else ''
 
 
-def _history_chart(ring: RingJudgement) -> Chart:
+def history_chart(ring: RingJudgement) -> Chart:
     """Readings with two standard deviations, the filtered level, services as dashed lines.
 
     Logarithms are drawn as percent of the first level, exponents and sizes unchanged.
     """
-    unit = 'h' if ring.history.clock == 'service_hours' else 'years'
+    by_hours = ring.history.clock == 'service_hours'
+    begin, label = (0.0, 'time / h') if by_hours else (EPOCH, 'year')
     panels = []
     for column, (name, history) in enumerate(ring.history.of.items()):
         series, first = history.series, history.level[0]
@@ -119,15 +123,16 @@ def _history_chart(ring: RingJudgement) -> Chart:
             return np.asarray(100.0 * np.expm1(numbers - first)) if is_relative else numbers
 
         low, high = shown(series.value - 2.0 * series.std), shown(series.value + 2.0 * series.std)
-        renewed = series.time[series.renewed]
+        time = begin + series.time
+        renewed = time[series.renewed]
         ends = float(low.min()), float(high.max())
         drawn = (
             _strokes(renewed, np.full(renewed.size, ends[0]), np.full(renewed.size, ends[1]),
                      '--'),
-            _strokes(series.time, low, high), line(series.time, shown(history.level), AFTER),
-            markers(series.time, shown(series.value), 'o', MEASURED, size=3.0))
+            _strokes(time, low, high), line(time, shown(history.level), AFTER),
+            markers(time, shown(series.value), 'o', MEASURED, size=3.0))
         panels.append(Panel(
-            0, column, f'time / {unit}', 'change / %' if is_relative else 'value', drawn,
+            0, column, label, 'change / %' if is_relative else 'value', drawn,
             title=name.replace('_', ' '), shows_y_label=False))
     return Chart(tuple(panels), width=11.4, height=2.1, columns=len(panels))
 

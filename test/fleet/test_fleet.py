@@ -20,7 +20,7 @@ from saddlering_ros.fleet import (
 from saddlering_ros.fleet.drifts import scales_alike, YEAR
 from saddlering_ros.fleet.history import follow, remaining_life, TimeSeries
 from saddlering_ros.fleet.observations import to_coordinates
-from saddlering_ros.fleet.page import fleet_page
+from saddlering_ros.fleet.page import fleet_page, history_chart
 from saddlering_ros.fleet.statistics import (
     benjamini_hochberg,
     e_value,
@@ -108,6 +108,13 @@ def test_a_wearing_ring_drifts_and_its_sisters_do_not():
     assert drifting.ring == 'SR-worn'
     assert drifting.drift.group == ('stiffness_1',)
     assert drifting is fleet.rings[0]
+
+
+def test_a_history_without_service_hours_is_drawn_over_calendar_years():
+    sessions = [replace(session, service_hours=math.nan) for session in sessions_of('SR-1', STILL)]
+    panel = history_chart(judge_fleet(sessions).rings[0]).panels[0]
+    assert panel.x_label == 'year'
+    assert np.nanmin(panel.series[-1].x) == pytest.approx(2026.0)
 
 
 def test_the_size_of_a_cause_has_a_history_of_its_own():
