@@ -216,15 +216,15 @@ def size_at_bound_words(name: str, size: Parameter, value: float) -> str:
 
 def weak_words(name: str, taken: float, needed: float) -> str:
     """That causes take too small a share of the misfit's power to be established."""
-    return (f'{name} takes {percent(max(taken, 0.0))} of the power of the misfit beyond noise, '
-            f'less than the {percent(needed)} that a cause takes which nothing else could stand '
-            'for')
+    return (f'{name} takes {percent(max(taken, 0.0))} of the power of the misfit beyond noise; '
+            f'a cause is established from {percent(needed)} on, because a wrong cause can take '
+            'nearly as much')
 
 
 def suspect_words(ids: Sequence[str], doubts: Sequence[str]) -> str:
     """Why the main causes are not established if what remains is error of the model."""
-    return (f'with what remains as error of the model, the main cause is {" and ".join(ids)}, '
-            f'which is not established: {"; ".join(doubts)}')
+    return (f'if what remains is error of the model, the main cause is {" and ".join(ids)}, '
+            f'and it is not established: {"; ".join(doubts)}')
 
 
 def worse_view_words(view: str) -> str:
