@@ -69,8 +69,9 @@ def before_and_after(
     for name in PARAMETER_NAMES:
         if name not in first or name not in last:
             continue
-        std = last.get(f'{name}_std')
-        changed = (_contact(name, first[name], None), _moved(first[name], last[name]),
+        std = None if name in reasons else last.get(f'{name}_std')
+        changed = (_contact(name, first[name], None),
+                   '–' if name in reasons else _moved(first[name], last[name]),
                    f'{abs(first[name] - last[name]) / std:.1f}' if std else '–')
         was, moved, ratio = changed if is_extended else ('', '', '')
         rows.append([

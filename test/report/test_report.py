@@ -264,6 +264,15 @@ def test_a_page_on_parameters_shows_the_interval_that_was_identified_not_one_of_
     assert '<td>–</td><td>not determined by these data: why</td>' in cells
 
 
+def test_no_interval_and_no_removed_bias_is_printed_for_what_the_data_do_not_determine():
+    values = document()['parameters']
+    table = parameters.before_and_after(document(parameters={
+        **values, 'undetermined': {'after': {'K2': 'no run loads the radial row'}}}))
+    row = next(line for line in table.split('<tr>') if '<code>K2</code>' in line)
+    assert 'not determined by these data: no run loads the radial row' in row
+    assert row.count('>–<') == 3  # interval, bias removed and its ratio
+
+
 def test_a_page_of_several_chapters_lists_them_with_links(page):
     names = re.findall(r'<section id="([^"]+)">', page)
     links = re.findall(r'<a href="#([^"]+)">', page)
