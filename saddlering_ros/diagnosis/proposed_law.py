@@ -28,104 +28,73 @@ UNITS = {'gamma': 'rad', 'hydraulic_load': 'N'}
 ALONG = {'load': 'N', 'direction': 'N', 'hysteresis': 'N', 'rate': 'N/s', 'time': 's'}
 
 
-def channel_of(term: Term) -> str:
-    """Target of a term, by its name in bags and effect files."""
-    return CHANNELS.get(term.target, term.target)
-
-
-def unit_of(channel: str) -> str:
-    """Unit of an addition to a channel."""
-    return UNITS.get(channel, 'm')
-
-
 def proposal_document(law: LawProposal | None, files: tuple[str, ...]) -> dict[str, Any] | None:
     """The JSON of docs/diagnosis.md; `files` hold the effects."""
     if law is None:
         return None
-    terms = [_term_document(term) for term in law.terms]
+    terms = []
+    for term in law.terms:
+        channel = CHANNELS.get(term.target, term.target)
+        unit, along = UNITS.get(channel, 'm'), ALONG.get(term.coordinate, '1')
+        units = {'target': unit, 'coordinate': along, 'target per coordinate': f'{unit}/{along}'}
+        terms.append({
+            'channel': channel, 'coordinate': term.coordinate, 'law': term.law,
+            'formula': term.words,
+            'parameters': {
+                name: {
+                    'value': size.value, 'std': size.std, 'unit': units.get(size.unit, size.unit),
+                    'interval_95': [size.value - 1.96 * size.std, size.value + 1.96 * size.std]}
+                for name, size in term.parameters.items()
+            },
+            'curve': {
+                'at': term.at.tolist(), 'at_unit': along, 'values': term.values.tolist(),
+                'std': term.band.tolist(), 'unit': unit,
+            },
+        })
     return {
-        **terms[0],
-        'gain': {'fit': law.fit, 'held_out': law.held_out},
-        'share': law.share,
-        'p_value': law.p_value,
-        'doubts': list(law.doubts),
-        'effect_file': files[0] if files else None,
-        'effect_files': list(files),
-        'terms': terms,
-        'alternatives': [
-            {'channel': CHANNELS.get(other.target, other.target), 'coordinate': other.coordinate,
-             'share': other.share}
-            for other in law.alternatives
-        ],
+        **terms[0], 'gain': {'fit': law.fit, 'held_out': law.held_out}, 'share': law.share,
+        'p_value': law.p_value, 'doubts': list(law.doubts),
+        'effect_file': files[0] if files else None, 'effect_files': list(files), 'terms': terms,
     }
 
 
-def _term_document(term: Term) -> dict[str, Any]:
-    channel = channel_of(term)
-    target, along = unit_of(channel), ALONG.get(term.coordinate, '1')
-    units = {'target': target, 'coordinate': along, 'target per coordinate': f'{target}/{along}'}
-    return {
-        'channel': channel,
-        'coordinate': term.coordinate,
-        'law': term.law,
-        'formula': term.words,
-        'parameters': {
-            name: {'value': size.value, 'std': size.std, 'unit': units.get(size.unit, size.unit),
-                   'interval_95': [size.value - 1.96 * size.std, size.value + 1.96 * size.std]}
-            for name, size in term.parameters.items()
-        },
-        'curve': {
-            'at': term.at.tolist(), 'at_unit': along, 'values': term.values.tolist(),
-            'std': term.band.tolist(), 'unit': target,
-        },
-    }
+def effect_paths(law: LawProposal, folder: Path) -> dict[Path, Term]:
+    """Each term that can be simulated, by the path of its file; none for curves of single runs."""
+    return {folder / f'{_effect_id(term)}.yaml': term
+            for term in law.terms if term.law != 'own curve'}
+
+
+def _effect_id(term: Term) -> str:
+    return f'proposed_{CHANNELS.get(term.target, term.target)}_{term.coordinate}'
 
 
 def write_effect_files(law: LawProposal, folder: Path, full_scale_load: float) -> list[Path]:
-    """One file per term that can be simulated; none for separate curves of the runs."""
+    """One effect file per term that can be simulated."""
     paths = effect_paths(law, folder)
-    for path, term in zip(paths, _simulated_terms(law), strict=True):
+    for path, term in paths.items():
+        coordinate, at, values = _table(term)
+        size = float(np.abs(values).max()) or 1.0
+        channel = CHANNELS.get(term.target, term.target)
+        document = {
+            'id': _effect_id(term),
+            'title': f'Proposed: {term.law} in {term.coordinate}, added to {channel}',
+            'words': describe(term),
+            'settled_by': 'A run at another rate and elevation: the law must hold there without a '
+                          'change.',
+            'target': channel,
+            'coordinate': coordinate,
+            'unit': UNITS.get(channel, 'm'),
+            'turn': TURN * full_scale_load,
+            'size': {'low': -REACH * size, 'high': REACH * size, 'scale': size, 'start': size},
+            'table': {
+                'at': [float(f'{value:.9g}') for value in at],
+                'values': [float(f'{value / size:.6g}') for value in values],
+            },
+        }
         folder.mkdir(parents=True, exist_ok=True)
-        write_text(path, effect_text(term, full_scale_load))
-    return paths
-
-
-def effect_paths(law: LawProposal, folder: Path) -> list[Path]:
-    """Path of the file of each term that can be simulated."""
-    return [folder / f'{effect_id(term)}.yaml' for term in _simulated_terms(law)]
-
-
-def _simulated_terms(law: LawProposal) -> list[Term]:
-    return [term for term in law.terms if term.law != 'own curve']
-
-
-def effect_id(term: Term) -> str:
-    """Id of the effect that a term becomes."""
-    return f'proposed_{channel_of(term)}_{term.coordinate}'
-
-
-def effect_text(term: Term, full_scale_load: float) -> str:
-    """The effect file of one term."""
-    coordinate, at, values = _table(term)
-    size = float(np.abs(values).max()) or 1.0
-    channel = channel_of(term)
-    document: Mapping[str, Any] = {
-        'id': effect_id(term),
-        'title': f'Proposed: {term.law} in {term.coordinate}, added to {channel}',
-        'words': describe(term),
-        'settled_by': 'A run at another rate and elevation: the law must hold there without a '
-                      'change.',
-        'target': channel,
-        'coordinate': coordinate,
-        'unit': unit_of(channel),
-        'turn': TURN * full_scale_load,
-        'size': {'low': -REACH * size, 'high': REACH * size, 'scale': size, 'start': size},
-        'table': {
-            'at': [float(f'{value:.9g}') for value in at],
-            'values': [float(f'{value / size:.6g}') for value in values],
-        },
-    }
-    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=98)
+        write_text(path, yaml.safe_dump(
+            document, sort_keys=False, default_flow_style=None, width=98))
+    return list(paths)
 
 
 def _table(term: Term) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:

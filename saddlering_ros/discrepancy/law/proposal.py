@@ -26,9 +26,7 @@ from saddlering_ros.discrepancy.law.families import (
     own_curves,
     ranked_fits,
     RATE,
-    refitted,
     span_of,
-    stacked,
     TIME,
 )
 from saddlering_ros.discrepancy.law.matching import match_law, Term
@@ -39,7 +37,7 @@ from saddlering_ros.discrepancy.problem.fits import (
     plain_fits,
     tangent,
 )
-from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, System
 
 MIN_SHARE = 0.1
@@ -65,26 +63,15 @@ differ a little in their largest load."""
 BACKFITS = 3
 """Rounds in which two families are fitted in turn. Chosen for cost."""
 
+DIRECTION_BAND = 0.01
+"""Smallest return of the drive that changes its direction, as a share of its range. Chosen
+between the ripple of a load and the smallest reversal of a test."""
+
 MeanSquare = Callable[[ObservedRun, Array], float]
 """Mean square of a plain residual (C, N) of a run over the ranges, as in the gain."""
 
-
-@dataclass(frozen=True)
-class Alternative:
-    """Another target and coordinate, with the share of the misfit that its family predicts."""
-
-    target: str
-    coordinate: str
-    share: float
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Residuals (C, N) of one run without and with a law."""
-
-    run: ObservedRun
-    before: Array
-    after: Array
+Outcomes = Mapping[str, tuple[float, float]]
+"""Mean squares without and with a law, by the name of the run."""
 
 
 @dataclass(frozen=True)
@@ -92,20 +79,19 @@ class LawProposal:
     """A law that would explain the residual.
 
     terms: one or two additions. share: explained share of the whitened misfit. p_value: with
-    all families counted. fit, held_out: gain as 1 - rms with / rms without; negative if the
-    law predicts worse. move (P,): change of base parameters beside the law. worse: runs that it
-    predicts worse. reasons: further reasons not to trust it, one sentence each.
+    all families counted. move (P,): change of base parameters beside the law. reasons: reasons not
+    to trust it, one sentence each. fit, held_out: gain as 1 - rms with / rms without; negative if
+    the law predicts worse. worse: runs that it predicts worse.
     """
 
     terms: tuple[Term, ...]
     share: float
     p_value: float
-    fit: float
-    held_out: float | None
     move: Array
-    worse: tuple[str, ...]
     reasons: tuple[str, ...]
-    alternatives: tuple[Alternative, ...]
+    fit: float = 0.0
+    held_out: float | None = None
+    worse: tuple[str, ...] = ()
 
     @property
     def term(self) -> Term:
@@ -129,15 +115,17 @@ class LawProposal:
             added += run.added(term.target, term.evaluate(run.coordinates)[:, None])[:, :, 0]
         return added
 
-    def judged_by(self, fitted: Sequence[Outcome], held_out: Sequence[Outcome],
-                  mean_square: MeanSquare) -> LawProposal:
-        """The same law with the gains of these residuals."""
-        fit, worse = _gain_of(fitted, mean_square)
-        held = None
-        if held_out and self.predicts:
-            held, more = _gain_of(held_out, mean_square)
-            worse += [f'{name} (held out)' for name in more]
-        return replace(self, fit=fit, held_out=held, worse=tuple(worse))
+    def judged_by(self, fitted: Outcomes, held_out: Outcomes) -> LawProposal:
+        """The same law with the gains of these mean squares."""
+        def gain(outcomes: Outcomes) -> float:
+            before, after = np.mean(list(outcomes.values()), axis=0)
+            return 1.0 - float(np.sqrt(after / max(float(before), 1e-300)))
+
+        worse = [name for name, (before, after) in fitted.items() if after > before]
+        worse += [f'{name} (held out)' for name, (before, after) in held_out.items()
+                  if after > before]
+        return replace(self, fit=gain(fitted), held_out=gain(held_out) if held_out else None,
+                       worse=tuple(worse))
 
 
 def propose_law(
@@ -161,35 +149,30 @@ def propose_law(
         return None
     chosen = [first]
     left = _left(wanted, chosen)
-    second = max((refitted(misfit, fit, left) for fit in families), key=lambda fit: fit.predicted)
+    second = max((fit.refitted(misfit, left) for fit in families), key=lambda fit: fit.predicted)
     enough = second.predicted >= MIN_SECOND_SHARE * float(left @ left)
     if enough and second.p_value(misfit.degrees, trials * trials) < error_rate:
         # Both are fitted together, each to the residual of the other, in turn; the larger first.
         chosen = [first, second]
         for _ in range(BACKFITS):
             for number, fit in enumerate(chosen):
-                chosen[number] = refitted(misfit, fit, _left(wanted, chosen, number))
+                chosen[number] = fit.refitted(misfit, _left(wanted, chosen, number))
         chosen.sort(key=lambda fit: -fit.taken)
     terms = tuple(match_law(misfit, fit, _left(wanted, chosen, number))
                   for number, fit in enumerate(chosen))
-    change = _changes(misfit, terms, chosen)
-    unexplained = [run.residual - part for run, part in zip(misfit.runs, change, strict=True)]
+    unexplained = _unexplained(misfit, terms, chosen)
     move, white_left = _base_move(misfit, unexplained)
-    others = tuple(
-        Alternative(fit.target, fit.block.coordinate, fit.predicted / total)
-        for fit in ranked[1:6] if fit.predicted > 0.0)
-    reasons = _reasons(misfit, ranked, terms, held_out)
-    share = 1.0 - float(white_left @ white_left) / total
     law = LawProposal(
-        terms=terms, share=share, p_value=p_value, fit=0.0, held_out=None, move=move, worse=(),
-        reasons=tuple(reasons), alternatives=others)
-    fitted = [Outcome(run, run.residual, part - run.slopes @ move)
-              for run, part in zip(misfit.runs, unexplained, strict=True)]
-    held = [
-        Outcome(run, run.residual, run.residual - law.addition(run) - run.slopes @ move)
-        for run in held_out if law.predicts
-    ]
-    return law.judged_by(fitted, held, mean_square)
+        terms=terms, share=1.0 - float(white_left @ white_left) / total, p_value=p_value,
+        move=move, reasons=tuple(_reasons(misfit, ranked, terms, held_out)))
+    fitted = {
+        run.name: (mean_square(run, run.residual), mean_square(run, part - run.slopes @ move))
+        for run, part in zip(misfit.runs, unexplained, strict=True)}
+    held = {
+        run.name: (mean_square(run, run.residual),
+                   mean_square(run, run.residual - law.addition(run) - run.slopes @ move))
+        for run in held_out if law.predicts}
+    return law.judged_by(fitted, held)
 
 
 def _left(wanted: Array, fits: Sequence[BlockFit], without: int | None = None) -> Array:
@@ -201,41 +184,31 @@ def _left(wanted: Array, fits: Sequence[BlockFit], without: int | None = None) -
     return left
 
 
-def _changes(misfit: Misfit, terms: tuple[Term, ...], fits: list[BlockFit]) -> list[Array]:
-    """Plain change (C, N) of each run's channels by all terms."""
+def _unexplained(
+    misfit: Misfit, terms: Sequence[Term], fits: Sequence[BlockFit]
+) -> list[Array]:
+    """Plain residual (C, N) of each run without the part of all terms."""
     total = np.zeros(misfit.size)
     for term, fit in zip(terms, fits, strict=True):
         if term.law == 'own curve':
-            shapes = tuple((part @ fit.coefficients)[:, None] for part in fit.block.shapes)
+            shapes = [(part @ fit.coefficients)[:, None] for part in fit.block.shapes]
         else:
-            shapes = tuple(term.evaluate(run.coordinates)[:, None] for run in misfit.runs)
-        total += stacked(misfit.runs, term.target, shapes)[:, 0]
-    return [
-        total[rows].reshape(run.residual.shape)
-        for rows, run in zip(misfit.rows, misfit.runs, strict=True)
-    ]
+            shapes = [term.evaluate(run.coordinates)[:, None] for run in misfit.runs]
+        total += misfit.plain(term.target, shapes)[:, 0]
+    ends = np.cumsum([run.residual.size for run in misfit.runs])
+    return [run.residual - part.reshape(run.residual.shape)
+            for run, part in zip(misfit.runs, np.split(total, ends[:-1]), strict=True)]
 
 
 def _base_move(misfit: Misfit, unexplained: list[Array]) -> tuple[Array, Array]:
     """Change of base parameters (P,) beside the law, and the whitened residual (n,)."""
-    slopes = np.concatenate([run.slopes.reshape(-1, run.slopes.shape[2]) for run in misfit.runs])
     plain = np.concatenate([part.ravel() for part in unexplained])
-    joined = misfit.whiten(np.column_stack([plain, slopes]))
+    joined = misfit.whiten(np.column_stack([plain, misfit.slopes]))
     white, columns = joined[:, 0], joined[:, 1:]
     # Bound-scaled parameters have a prior of one range, so that idle ones stay.
     gram = columns.T @ columns + np.eye(columns.shape[1])
     move = np.linalg.solve(gram, columns.T @ white)
     return np.asarray(move), np.asarray(white - columns @ move)
-
-
-def _gain_of(outcomes: Sequence[Outcome], mean_square: MeanSquare) -> tuple[float, list[str]]:
-    """Gain over some runs, and the names of those that get worse."""
-    before = [mean_square(outcome.run, outcome.before) for outcome in outcomes]
-    after = [mean_square(outcome.run, outcome.after) for outcome in outcomes]
-    worse = [outcome.run.name for outcome, old, new in zip(outcomes, before, after, strict=True)
-             if new > old]
-    gain = 1.0 - float(np.sqrt(np.mean(after) / max(float(np.mean(before)), 1e-300)))
-    return gain, worse
 
 
 def _reasons(
@@ -247,7 +220,13 @@ def _reasons(
     best = ranked[0]
     reasons: list[str] = []
     for term in terms:
-        reasons += _outside(misfit, term, held_out)
+        along = LOAD if term.coordinate in (DIRECTION, HYSTERESIS) else term.coordinate
+        low, high = span_of(misfit.runs, along)
+        slack = BEYOND * (high - low)
+        reasons += [
+            f'{run.name} (held out) has a {along} outside the fitted range' for run in held_out
+            if run.coordinates[along].min() < low - slack
+            or run.coordinates[along].max() > high + slack]
         if term.law == 'own curve':
             reasons.append(
                 f'{term.target} follows a separate curve over time in each run, which predicts '
@@ -266,33 +245,14 @@ def _reasons(
         f'an addition to {name} explains nearly as much as an addition to {best.target} (within '
         '10 %): these runs do not tell the two apart'
         for name in sorted(targets)]
-    if _one_rate(misfit.runs):
+    fastest = [float(np.abs(run.coordinates.get(RATE, np.zeros(1))).max()) for run in misfit.runs]
+    moving = [rate for rate in fastest if rate > 0.0]
+    if len(moving) < 2 or max(moving) < 1.5 * min(moving):
         reasons.append('all runs have one rate of loading: whether the law depends on the rate is '
                        'open')
     if len(misfit.runs) == 1:
         reasons.append('the law was fitted to one run')
     return reasons
-
-
-def _outside(misfit: Misfit, term: Term, held_out: Sequence[ObservedRun]) -> list[str]:
-    along = LOAD if term.coordinate in (DIRECTION, HYSTERESIS) else term.coordinate
-    low, high = span_of(misfit.runs, along)
-    slack = BEYOND * (high - low)
-    beyond = []
-    for run in held_out:
-        seen = run.coordinates[along]
-        if seen.min() < low - slack or seen.max() > high + slack:
-            beyond.append(f'{run.name} (held out) has a {along} outside the fitted range')
-    return beyond
-
-
-def _one_rate(runs: tuple[ObservedRun, ...]) -> bool:
-    """Whether all moving runs have about the same largest rate."""
-    if any(RATE not in run.coordinates for run in runs):
-        return True
-    fastest = [float(np.abs(run.coordinates[RATE]).max()) for run in runs]
-    moving = [rate for rate in fastest if rate > 0.0]
-    return len(moving) < 2 or max(moving) < 1.5 * min(moving)
 
 
 def describe(term: Term) -> str:
@@ -303,11 +263,6 @@ def describe(term: Term) -> str:
     }
     along = words.get(term.coordinate, term.coordinate)
     return f'{term.target} has an addition that follows {along}: {term.law} ({term.words})'
-
-
-DIRECTION_BAND = 0.01
-"""Smallest return of the drive that changes its direction, as a share of its range. Chosen
-between the ripple of a load and the smallest reversal of a test."""
 
 
 @runtime_checkable
@@ -349,64 +304,63 @@ class Proposer:
         again = self._judged(again, subject, self._beside(again, fit))
         return max(first, again, key=lambda law: law.fit)
 
-    @property
-    def _problem(self) -> Problem:
-        return self.metric.problem
-
     def _law_about(self, fit: Fit) -> LawProposal | None:
         """The law that the residual of a fit shows, with the slopes of its prediction."""
-        problem = self._problem
+        problem = self.metric.problem
+        base = problem.system.base_parameters
         slopes = problem.by_run(tangent(self.metric, fit).plain)
         residuals = problem.by_run(problem.measured - fit.prediction)
         fitted = [_observed(problem.system, run, fit.point, residual, slope)
                   for run, residual, slope in zip(problem.runs, residuals, slopes, strict=True)]
+        asked, steps = neighbours(
+            fit.candidate.parameters(base), fit.theta_unit, range(fit.theta_unit.size))
+        points = [fit.candidate.point(base, place) for place in asked]
+        held = []
+        for run in problem.held_out:
+            answers = problem.system.predict_many(run, points)
+            slope = (answers[1:] - answers[:1]) / np.array(steps)[:, None, None]
+            held.append(_observed(problem.system, run, fit.point, run.channels - answers[0],
+                                  np.moveaxis(slope, 0, -1)))
         misfit = Misfit(tuple(fitted), self.metric.whiten, self.degrees)
-        held = [_with_slopes(problem.system, run, fit) for run in problem.held_out]
         return propose_law(misfit, self._mean_square, held, problem.settings.error_rate)
 
     def _beside(self, law: LawProposal, fit: Fit) -> Fit:
         """The model of `fit`, fitted to the runs minus the part of the law."""
-        problem = self._problem
+        problem = self.metric.problem
         runs = [replace(run, channels=run.channels - law.addition(self._plain(run, fit)))
                 for run in problem.runs]
         return plain_fits(problem.with_runs(runs), [fit])[0]
 
     def _judged(self, law: LawProposal, subject: Fit, beside: Fit) -> LawProposal:
         """The law with the gains of both models' own predictions."""
-        fitted: list[Outcome] = []
-        held: list[Outcome] = []
-        for run in [*self._problem.runs, *self._problem.held_out]:
+        fitted: dict[str, tuple[float, float]] = {}
+        held: dict[str, tuple[float, float]] = {}
+        problem = self.metric.problem
+        for run in [*problem.runs, *problem.held_out]:
             seen = self._plain(run, beside)
-            both = self._problem.system.predict_many(run, [subject.point, beside.point])
-            before, after = run.channels - both[0], run.channels - both[1] - law.addition(seen)
-            (held if run.held_out else fitted).append(Outcome(seen, before, after))
+            both = problem.system.predict_many(run, [subject.point, beside.point])
+            outcomes = held if run.held_out else fitted
+            outcomes[run.name] = (
+                self._mean_square(seen, run.channels - both[0]),
+                self._mean_square(seen, run.channels - both[1] - law.addition(seen)))
         move = beside.theta_unit - subject.theta_unit
-        return replace(law.judged_by(fitted, held, self._mean_square), move=move)
+        return replace(law.judged_by(fitted, held), move=move)
 
     def _plain(self, run: RunBlocks, fit: Fit) -> ObservedRun:
         """A run with targets and coordinates only."""
         still = np.zeros((*run.channels.shape, 0))
-        return _observed(self._problem.system, run, fit.point, run.channels, still)
+        return _observed(self.metric.problem.system, run, fit.point, run.channels, still)
 
     def _mean_square(self, run: ObservedRun, residual: Array) -> float:
-        own = next(given for given in self._problem.all_runs if given.name == run.name)
-        return mean_square(self._problem, [own], [residual])
-
-
-def _with_slopes(system: System, run: RunBlocks, fit: Fit) -> ObservedRun:
-    """A held-out run with the slopes of its prediction."""
-    base = system.base_parameters
-    parameters = fit.candidate.parameters(base)
-    asked, steps = neighbours(parameters, fit.theta_unit, range(fit.theta_unit.size))
-    answers = system.predict_many(run, [fit.candidate.point(base, place) for place in asked])
-    slopes = (answers[1:] - answers[:1]) / np.array(steps)[:, None, None]
-    residual = run.channels - answers[0]
-    return _observed(system, run, fit.point, residual, np.moveaxis(slopes, 0, -1))
+        problem = self.metric.problem
+        own = next(given for given in problem.all_runs if given.name == run.name)
+        return mean_square(problem, [own], [residual])
 
 
 def _observed(
     system: System, run: RunBlocks, point: Point, residual: Array, slopes: Array
 ) -> ObservedRun:
+    """A run with its targets and its coordinates: drive, direction, rate, time, and any others."""
     targets: dict[str, Array] = {}
     for name, weights in system.views.items():
         pattern = weights / float(weights @ weights)
@@ -414,32 +368,21 @@ def _observed(
     for number, name in enumerate(system.channel_names):
         alone = np.zeros((len(system.channel_names), run.time.size))
         alone[number] = 1.0
-        if not any(_alike(alone, other) for other in targets.values()):
+        if not any(np.allclose(alone, other / np.abs(other).max()) for other in targets.values()):
             targets[name] = alone
-    begin = float(run.time[0])
-    from_start: frozenset[str] = frozenset()
+    begin, from_start = float(run.time[0]), frozenset[str]()
     if isinstance(system, HasTargets):
         more = system.targets(run, point)
         targets.update(more)
-        from_start = frozenset(more)
-        begin = system.start_of(run)
-    return ObservedRun(run.name, coordinates_of(run, begin), targets, residual, slopes, from_start)
-
-
-def coordinates_of(run: RunBlocks, begin: float) -> dict[str, Array]:
-    """Coordinates of a run: the drive, its direction and rate, time, and any others."""
-    if not run.inputs:
-        return {TIME: run.time - begin}
-    first, *others = run.inputs
-    drive, direction, rate = run.inputs[first], run.direction, run.rate
-    if direction is None:
-        direction = direction_of(drive, DIRECTION_BAND * float(np.ptp(drive)))
-    if rate is None:
-        rate = np.gradient(drive, run.time)
-    further = {name: run.inputs[name] for name in others}
-    return {**further, LOAD: drive, TIME: run.time - begin, DIRECTION: direction, RATE: rate}
-
-
-def _alike(one: Array, other: Array) -> bool:
-    """Whether two targets are proportional."""
-    return bool(np.allclose(one / np.abs(one).max(), other / np.abs(other).max()))
+        begin, from_start = system.start_of(run), frozenset(more)
+    coordinates = {TIME: run.time - begin}
+    if run.inputs:
+        first, *others = run.inputs
+        drive, direction, rate = run.inputs[first], run.direction, run.rate
+        if direction is None:
+            direction = direction_of(drive, DIRECTION_BAND * float(np.ptp(drive)))
+        if rate is None:
+            rate = np.gradient(drive, run.time)
+        further = {name: run.inputs[name] for name in others}
+        coordinates = {**further, LOAD: drive, **coordinates, DIRECTION: direction, RATE: rate}
+    return ObservedRun(run.name, coordinates, targets, residual, slopes, from_start)
