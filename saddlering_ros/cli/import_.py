@@ -135,7 +135,7 @@ def _doubts(args: argparse.Namespace, result: ImportResult, rig: Rig) -> list[st
 def _still_probes(run: ImportedRun, rig: Rig) -> list[str]:
     """A doubt about gaps that move less than the noise of any probe while the load does."""
     spans = {name: max(course.highest) - min(course.lowest)
-             for name, course in run.envelopes.items()}
+             for name, course in run.courses.items()}
     gaps = max(span for name, span in spans.items() if name.startswith('eddy'))
     if spans['hydraulic_load'] < rig.limits.identification_min or gaps >= MIN_MOTION:
         return []
@@ -147,15 +147,12 @@ def _print_runs(result: ImportResult, rig: Rig) -> None:
     from saddlering_ros.importing.clock import words_of
 
     for run in result.runs:
-        start = min(first for first, _ in run.spans.values())
-        stop = max(last for _, last in run.spans.values())
+        stop = max(course.last for course in run.courses.values())
         print(f'{run.path}: {run.metadata.test} test at {run.metadata.elevation_deg:g} deg, '
-              f'{(stop - start) / 1e9:.3f} s from {words_of(start)}')
-        for name, count in run.counts.items():
-            low = min(run.envelopes[name].lowest)
-            high = max(run.envelopes[name].highest)
-            print(f'  {name}: {count} samples, {_reading(name, low, rig)} to '
-                  f'{_reading(name, high, rig)}')
+              f'{(stop - run.start) / 1e9:.3f} s from {words_of(run.start)}')
+        for name, course in run.courses.items():
+            print(f'  {name}: {course.count} samples, {_reading(name, min(course.lowest), rig)} '
+                  f'to {_reading(name, max(course.highest), rig)}')
 
 
 def _reading(name: str, value: float, rig: Rig) -> str:

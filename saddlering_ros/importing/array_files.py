@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import os
 from pathlib import Path
 import struct
@@ -16,7 +15,7 @@ from scipy.io import loadmat, whosmat
 from scipy.io.matlab import mat_struct, MatReadError
 
 from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.source import as_numbers, Column, NUMBER, SlicedSource, TEXT
+from saddlering_ros.importing.source import as_numbers, Column, NUMBER, Source, TEXT
 
 MAX_COLUMNS = 4096
 
@@ -25,30 +24,12 @@ MAX_UNPACKED = 1 << 30
 
 COMPRESSED = 15
 """Type of a compressed element (miCOMPRESSED)."""
+
 _UNITS = ('unit', 'units', 'Unit', 'Units', 'UNITS', 'UNIT')
+_DAMAGED = (OSError, RuntimeError, KeyError, ValueError, TypeError)
 
 
-@dataclass(frozen=True)
-class _Place:
-    """Where a column lies: dataset, field of a compound type, or row or column of a matrix."""
-
-    dataset: str
-    field: str = ''
-    index: int = -1
-    across: bool = False
-
-    def read(self, file: h5py.File, part: slice) -> NDArray[Any]:
-        """Its values in a slice of rows."""
-        dataset = file[self.dataset]
-        if self.field:
-            return np.asarray(dataset.fields(self.field)[part])
-        if self.index < 0:
-            return np.asarray(dataset[part]) if dataset.ndim == 1 else np.ravel(
-                dataset[:, part] if dataset.shape[0] == 1 else dataset[part])
-        return np.asarray(dataset[self.index, part] if self.across else dataset[part, self.index])
-
-
-class Hdf5Source(SlicedSource):
+class Hdf5Source(Source):
     """An HDF5 file; a column is a dataset, a field of a table, or path:3 of a matrix.
 
     The rows of a matrix lie along its longer side.
@@ -58,53 +39,66 @@ class Hdf5Source(SlicedSource):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
+        # Dataset of each column, with the field of a table or the index of a matrix.
+        self._places: dict[str, tuple[str, str | int]] = {}
         try:
             self._file = h5py.File(path, 'r')
-            self._places: dict[str, _Place] = {}
-            columns: list[Column] = []
-            self._file.visititems(lambda name, item: self._visit(name, item, columns))
-        except (OSError, RuntimeError, KeyError, ValueError, TypeError) as problem:
+            self._file.visititems(self._visit)
+        except _DAMAGED as problem:
             raise ImportingError(f'{path}: is damaged, or not an HDF5 file ({problem}): save it '
                                  'again') from problem
-        self.columns = tuple(columns[:MAX_COLUMNS])
 
     def read(self, name: str, part: slice) -> NDArray[Any]:
         """The values of a column in a slice of rows."""
         try:
-            values = self._places[name].read(self._file, part)
-        except (OSError, RuntimeError, ValueError, TypeError) as problem:
+            values = self._values(name, part)
+        except _DAMAGED as problem:
             raise ImportingError(f'{self.path}: {name} cannot be read ({problem}): save the file '
                                  'again') from problem
-        return _texts(values) if self.column(name).kind == TEXT else as_numbers(values)
+        return values if self.column(name).kind == TEXT else as_numbers(values)
 
-    def _visit(self, name: str, item: Any, columns: list[Column]) -> None:
+    def _values(self, name: str, part: slice) -> NDArray[Any]:
+        path, which = self._places[name]
+        dataset = self._file[path]
+        if isinstance(which, str):
+            values = dataset.fields(which)[part] if which else dataset[part]
+        else:
+            values = dataset[which, part] if dataset.shape[1] > dataset.shape[0] \
+                else dataset[part, which]
+        if values.dtype.kind not in 'SUO':
+            return np.asarray(values)
+        return np.array([value.decode('utf-8', 'replace') if isinstance(value, bytes)
+                         else str(value) for value in values], dtype=object)
+
+    def _visit(self, name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith('#') or (item.size or 0) < 2:
             return
-        unit = _unit_of(item)
         if item.dtype.names:
             for field in item.dtype.names:
-                self._add(columns, f'{name}/{field}', _Place(name, field), item.shape[0],
-                          item.dtype[field], unit)
-        elif item.ndim == 1 or (item.ndim == 2 and 1 in item.shape):
-            self._add(columns, name, _Place(name), max(item.shape), item.dtype, unit)
+                self._add(f'{name}/{field}', name, field, item.dtype[field])
+        elif item.ndim == 1:
+            self._add(name, name, '', item.dtype)
+        elif item.ndim == 2 and 1 in item.shape:
+            self._add(name, name, 0, item.dtype)
         elif item.ndim == 2:
-            across = item.shape[1] > item.shape[0]
             for index in range(min(*item.shape, MAX_COLUMNS)):
-                self._add(columns, f'{name}:{index + 1}', _Place(name, '', index, across),
-                          max(item.shape), item.dtype, unit)
+                self._add(f'{name}:{index + 1}', name, index, item.dtype)
 
-    def _add(self, columns: list[Column], name: str, place: _Place, rows: int, kind: np.dtype[Any],
-             unit: str) -> None:
-        if kind.kind not in 'fiuSOU':
-            return
+    def _add(self, name: str, path: str, which: str | int, kind: np.dtype[Any]) -> None:
         is_text = kind.kind in 'SU' or (kind.kind == 'O' and h5py.check_string_dtype(kind))
-        if kind.kind == 'O' and not is_text:
+        if (not is_text and kind.kind not in 'fiu') or len(self.columns) == MAX_COLUMNS:
             return
-        self._places[name] = place
-        first = place.read(self._file, slice(0, min(rows, 3)))
-        shown = _texts(first) if is_text else first
-        columns.append(Column(name, unit, rows, TEXT if is_text else NUMBER,
-                              tuple(map(str, shown)), others=_others(name)))
+        self._places[name] = path, which
+        item = self._file[path]
+        rows = max(item.shape)
+        units = [item.attrs.get(key) for key in _UNITS]
+        unit = next((value for value in units if isinstance(value, (bytes, str))), '')
+        self.columns += (Column(
+            name, unit.decode('utf-8', 'replace') if isinstance(unit, bytes) else unit, rows,
+            TEXT if is_text else NUMBER,
+            tuple(map(str, self._values(name, slice(0, min(rows, 3))))),
+            # /path with a leading slash, with dots as MATLAB writes it, and the last part
+            others=(f'/{name}', name.replace('/', '.'), name.rpartition('/')[2])),)
 
 
 class Matlab73Source(Hdf5Source):
@@ -112,11 +106,60 @@ class Matlab73Source(Hdf5Source):
 
     FORMAT = 'MAT 7.3'
 
-    def _visit(self, name: str, item: Any, columns: list[Column]) -> None:
+    def _visit(self, name: str, item: Any) -> None:
         kind = item.attrs.get('MATLAB_class', b'')
         if bytes(kind) in (b'char', b'cell', b'function_handle') or 'MATLAB_empty' in item.attrs:
             return
-        super()._visit(name, item, columns)
+        super()._visit(name, item)
+
+
+_READ = ('double', 'single', 'int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'int64',
+         'uint64', 'struct')
+
+
+class MatlabSource(Source):
+    """A MATLAB file of format 5; a column is a vector, name:3 of a matrix, or struct/field.
+
+    The format compresses each variable as a whole, so that a variable is read as a whole too.
+    """
+
+    FORMAT = 'MAT 5'
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        _check_unpacked_size(path)
+        try:
+            names = [name for name, _, kind in whosmat(path) if kind in _READ]
+            held = loadmat(path, variable_names=names, struct_as_record=False, squeeze_me=True)
+        except (MatReadError, *_DAMAGED, NotImplementedError, EOFError, IndexError, zlib.error,
+                MemoryError) as problem:
+            raise ImportingError(f'{path}: is damaged, or a MATLAB file of an unknown form '
+                                 f'({problem}): save it again, with -v7 or -v7.3') from problem
+        self._values: dict[str, NDArray[Any]] = {}
+        for name in names:
+            self._collect(name, held[name])
+        self.columns = tuple(
+            Column(name, '', len(values), samples=tuple(map(str, values[:3])),
+                   others=(name.replace('/', '.'), name.rpartition('/')[2]))
+            for name, values in self._values.items())
+
+    def read(self, name: str, part: slice) -> NDArray[Any]:
+        """The values of a variable in a slice of rows."""
+        return self._values[name][part]
+
+    def _collect(self, name: str, value: Any) -> None:
+        if isinstance(value, mat_struct):
+            for field in value._fieldnames:
+                self._collect(f'{name}/{field}', getattr(value, field))
+            return
+        if not isinstance(value, np.ndarray) or value.dtype.kind not in 'fiu' or value.size < 2:
+            return
+        if value.ndim == 1:
+            self._values[name] = as_numbers(value)
+        elif value.ndim == 2:
+            rows = value.T if value.shape[1] > value.shape[0] else value
+            for index in range(min(rows.shape[1], MAX_COLUMNS)):
+                self._values[f'{name}:{index + 1}'] = as_numbers(rows[:, index])
 
 
 def _check_unpacked_size(path: Path) -> None:
@@ -145,72 +188,3 @@ def _check_unpacked_size(path: Path) -> None:
                     if unpacked > MAX_UNPACKED:
                         raise ImportingError(f'{path}: unpacks to more than 1 GB, and this format '
                                              'is only read as a whole: save it with -v7.3')
-
-
-def _others(name: str) -> tuple[str, ...]:
-    """/path with a leading slash, path with dots as MATLAB writes it, and the last part."""
-    return tuple(dict.fromkeys((f'/{name}', name.replace('/', '.'), name.rpartition('/')[2])))
-
-
-def _unit_of(item: Any) -> str:
-    for key in _UNITS:
-        value = item.attrs.get(key)
-        if isinstance(value, bytes):
-            return value.decode('utf-8', 'replace')
-        if isinstance(value, str):
-            return value
-    return ''
-
-
-def _texts(values: NDArray[Any]) -> NDArray[np.object_]:
-    return np.array([value.decode('utf-8', 'replace') if isinstance(value, bytes) else str(value)
-                     for value in values], dtype=object)
-
-
-_READ = ('double', 'single', 'int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'int64',
-         'uint64', 'struct')
-
-
-class MatlabSource(SlicedSource):
-    """A MATLAB file of format 5; a column is a vector, name:3 of a matrix, or struct/field.
-
-    The format compresses each variable as a whole, so that a variable is read as a whole too.
-    """
-
-    FORMAT = 'MAT 5'
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        _check_unpacked_size(path)
-        try:
-            names = [name for name, _, kind in whosmat(path) if kind in _READ]
-            held = loadmat(path, variable_names=names, struct_as_record=False, squeeze_me=True)
-        except (MatReadError, OSError, ValueError, NotImplementedError, TypeError,
-                EOFError, KeyError, IndexError, zlib.error, MemoryError) as problem:
-            raise ImportingError(f'{path}: is damaged, or a MATLAB file of an unknown form '
-                                 f'({problem}): save it again, with -v7 or -v7.3') from problem
-        self._values: dict[str, NDArray[Any]] = {}
-        for name in names:
-            self._collect(name, held[name])
-        self.columns = tuple(
-            Column(name, '', len(values), samples=tuple(map(str, values[:3])),
-                   others=tuple(dict.fromkeys((name.replace('/', '.'), name.rpartition('/')[2]))))
-            for name, values in self._values.items())
-
-    def read(self, name: str, part: slice) -> NDArray[Any]:
-        """The values of a variable in a slice of rows."""
-        return self._values[name][part]
-
-    def _collect(self, name: str, value: Any) -> None:
-        if isinstance(value, mat_struct):
-            for field in value._fieldnames:
-                self._collect(f'{name}/{field}', getattr(value, field))
-            return
-        if not isinstance(value, np.ndarray) or value.dtype.kind not in 'fiu' or value.size < 2:
-            return
-        if value.ndim == 1:
-            self._values[name] = as_numbers(value)
-        elif value.ndim == 2:
-            rows = value.T if value.shape[1] > value.shape[0] else value
-            for index in range(min(rows.shape[1], MAX_COLUMNS)):
-                self._values[f'{name}:{index + 1}'] = as_numbers(rows[:, index])

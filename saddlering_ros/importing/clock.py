@@ -31,55 +31,49 @@ EXACT_UP_TO = 1e6
 MISSING = np.iinfo(np.int64).min
 """The stamp of a row whose time cannot be read."""
 
-_FRACTION = re.compile(r'^(.*:\d{2})[.,](\d+)(.*)$', re.S)
 MAX_STAMP = 9.2e18
 """Stamp [ns], in the year 2261, above which 64 bits overflow."""
 
+_FRACTION = re.compile(r'^(.*:\d{2})[.,](\d+)(.*)$', re.S)
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
 
 @dataclass(frozen=True)
 class RegularTime:
-    """Rows at a constant rate [Hz] from `start` [ns] on."""
+    """Rows at a constant `period` [ns] from `start` [ns] on, the first `first` [ns] after it."""
 
-    rate: float
+    period: float
     start: int
+    first: float = 0.0
+    columns: tuple[str, ...] = ()
 
-    def stamps(self, first: int, count: int) -> Stamps:
-        """Stamps of `count` rows from row `first` on."""
-        rows = np.arange(first, first + count)
-        period = SECOND / self.rate
-        if period == round(period):
-            return np.asarray(self.start + rows * round(period), dtype=np.int64)
-        return np.asarray(self.start + np.rint(rows * period).astype(np.int64))
+    def stamps(self, cells: Sequence[NDArray[Any]], rows: NDArray[np.int64]) -> Stamps:
+        """Stamps of the rows (N,), counted from 0."""
+        return np.asarray(self.start + np.rint(self.first + rows * self.period).astype(np.int64))
 
 
 @dataclass(frozen=True)
 class CountedTime:
     """A column of numbers, in `unit`, counted from `start` [ns]."""
 
-    column: str
+    columns: tuple[str, ...]
     unit: Unit
     start: int
 
-    def stamps(self, cells: NDArray[Any]) -> Stamps:
-        """Stamps of cells as texts, or as numbers where the file holds numbers."""
-        if cells.dtype.kind == 'f':
-            return self._of_numbers(cells)
-        if cells.dtype.kind == 'i':
-            scale = self.unit.factor * SECOND
-            if scale.denominator == 1 and np.abs(cells).max(initial=0) < MAX_STAMP / scale:
-                return np.asarray(cells * int(scale) + self.start, dtype=np.int64)
-            return self._of_numbers(cells.astype(np.float64))
-        texts = [str(cell).strip().replace(',', '.') for cell in cells]
-        numbers = np.array([_float(text) for text in texts])
-        seconds = np.abs(numbers) * float(self.unit.factor)
-        if np.nanmax(seconds, initial=0.0) < EXACT_UP_TO:
-            return self._of_numbers(numbers)
-        return np.array([self._of_text(text) for text in texts], dtype=np.int64)
-
-    def _of_numbers(self, numbers: NDArray[np.float64]) -> Stamps:
+    def stamps(self, cells: Sequence[NDArray[Any]], rows: NDArray[np.int64]) -> Stamps:
+        """Stamps of the cells (N,), texts or the numbers of the file; MISSING for no number."""
+        numbers = cells[0]
         scale = self.unit.factor * SECOND
+        if numbers.dtype.kind not in 'fi':
+            texts = [str(cell).strip().replace(',', '.') for cell in numbers]
+            numbers = np.array([_float(text) for text in texts])
+            seconds = np.abs(numbers) * float(self.unit.factor)
+            if np.nanmax(seconds, initial=0.0) >= EXACT_UP_TO:
+                return np.array([self._of_text(text) for text in texts], dtype=np.int64)
+        is_exact = numbers.dtype.kind == 'i' and scale.denominator == 1
+        if is_exact and np.abs(numbers).max(initial=0) < MAX_STAMP / scale:
+            return np.asarray(numbers * int(scale) + self.start, dtype=np.int64)
+        numbers = numbers.astype(np.float64)
         with np.errstate(invalid='ignore'):
             nanoseconds = np.rint(numbers * float(scale)) if scale.denominator == 1 else \
                 np.rint(numbers / float(1 / scale))
@@ -106,7 +100,7 @@ class DatedTime:
     format: str
     zone: tzinfo | None
 
-    def stamps(self, cells: Sequence[NDArray[Any]]) -> Stamps:
+    def stamps(self, cells: Sequence[NDArray[Any]], rows: NDArray[np.int64]) -> Stamps:
         """Stamps of the cells (N,) of each column; MISSING where a text cannot be read."""
         if len(cells) == 1 and cells[0].dtype.kind == 'i':
             return np.asarray(cells[0], dtype=np.int64)
@@ -119,10 +113,9 @@ class DatedTime:
         result = np.empty(len(texts), dtype=np.int64)
         for row, text in enumerate(texts):
             base, fraction = _parted(str(text).strip())
-            whole = known.get(base)
-            if whole is None:
-                whole = known[base] = self._whole_seconds(base)
-            result[row] = MISSING if whole == MISSING else whole + fraction
+            if base not in known:
+                known[base] = self._whole_seconds(base)
+            result[row] = MISSING if known[base] == MISSING else known[base] + fraction
         return result
 
     def _whole_seconds(self, text: str) -> int:
@@ -130,12 +123,10 @@ class DatedTime:
             found = parse_moment(text, self.format)
         except ValueError:
             return MISSING
-        if found.tzinfo is None:
-            if self.zone is None:
-                raise ImportingError(f'the times of column {self.columns[-1]} ({text!r}) have no '
-                                     'time zone: add zone: to time:, like UTC or Europe/Berlin')
-            found = found.replace(tzinfo=self.zone)
-        stamp = _nanoseconds(found)
+        if found.tzinfo is None and self.zone is None:
+            raise ImportingError(f'the times of column {self.columns[-1]} ({text!r}) have no '
+                                 'time zone: add zone: to time:, like UTC or Europe/Berlin')
+        stamp = _nanoseconds(found, self.zone)
         return stamp if abs(stamp) < MAX_STAMP else MISSING
 
 
@@ -176,12 +167,10 @@ def start_of(value: object, zone: tzinfo | None, where: str) -> int:
         except ValueError as problem:
             raise ImportingError(f'{where} is {value!r}: give a date and time like '
                                  '"2026-11-20T08:00:00Z"') from problem
-    if found.tzinfo is None:
-        if zone is None:
-            raise ImportingError(f'{where} is {value!r} without a time zone: write it with Z or '
-                                 '+01:00, or add zone:')
-        found = found.replace(tzinfo=zone)
-    return _nanoseconds(found) + fraction
+    if found.tzinfo is None and zone is None:
+        raise ImportingError(f'{where} is {value!r} without a time zone: write it with Z or '
+                             '+01:00, or add zone:')
+    return _nanoseconds(found, zone) + fraction
 
 
 def parse_moment(text: str, format_: str) -> datetime:
@@ -197,9 +186,7 @@ def parse_moment(text: str, format_: str) -> datetime:
 
 def words_of(stamp: int) -> str:
     """A stamp as people read it, in UTC."""
-    whole, rest = divmod(int(stamp), SECOND)
-    moment = _EPOCH + timedelta(seconds=whole)
-    return f'{moment:%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d} UTC'
+    return str(np.datetime64(int(stamp) // 1_000_000, 'ms')).replace('T', ' ') + ' UTC'
 
 
 def _parted(text: str) -> tuple[str, int]:
@@ -210,9 +197,10 @@ def _parted(text: str) -> tuple[str, int]:
     return found[1] + found[3], int(found[2][:9].ljust(9, '0'))
 
 
-def _nanoseconds(moment: datetime) -> int:
-    span = moment - _EPOCH
-    return ((span.days * 86400 + span.seconds) * 1_000_000 + span.microseconds) * 1000
+def _nanoseconds(moment: datetime, zone: tzinfo | None) -> int:
+    """The stamp of a moment; zone: where it has none of its own."""
+    span = (moment if moment.tzinfo else moment.replace(tzinfo=zone)) - _EPOCH
+    return span // timedelta(microseconds=1) * 1000
 
 
 def _float(text: str) -> float:

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+import json
 import re
 
-from saddlering_ros.importing.calibration import FORCE, known_unit, LENGTH, PRESSURE, TIME
+from saddlering_ros.importing.calibration import (
+    FORCE,
+    known_unit,
+    LENGTH,
+    measures,
+    PRESSURE,
+    TIME,
+)
 from saddlering_ros.importing.clock import parse_moment, words_of
 from saddlering_ros.importing.mapping import REQUIRED, TO_DO
 from saddlering_ros.importing.source import Column, MOMENT, NUMBER, Source, TEXT
@@ -17,6 +25,22 @@ _TIME = re.compile(r'time|zeit|stamp|date|datum|^t\b', re.I)
 _NUMBERED = re.compile(r'(?<!\d)([1-4])(?!\d)')
 _DAY_FIRST = re.compile(r'^\s*\d{1,2}\.\d{1,2}\.\d{4}')
 _CLOCK = re.compile(r'^\s*\d{1,2}:\d{2}:\d{2}([.,]\d+)?\s*$')
+
+_HEAD = """\
+# Draft of a map, made from the columns of the files. Complete every TODO, check
+# the rest. A unit is given here only if the file states it.
+"""
+_TEST = """\
+test:
+  test: TODO            # static or dynamic
+  elevation_deg: TODO   # of the barrel, degrees
+  # rig: SR-017          # name of the rig
+  # run: 1
+  # date: 2026-11-20
+  # operator: name
+  # service_hours: 120
+# split: {by: gap, seconds: 1}   # several runs in one file, or {by: column, column: ..}
+"""
 
 
 @dataclass(frozen=True)
@@ -30,69 +54,54 @@ class Draft:
 def draft_map(sources: Sequence[Source]) -> Draft:
     """A map proposed from the columns of the files; unknown entries stand as TODO."""
     columns = [column for source in sources for column in source.columns]
-    lines = ['# Draft of a map, made from the columns of the files. Complete every TODO, check',
-             '# the rest. A unit is given here only if the file states it.']
-    settings = next((source.settings() for source in sources if source.settings()), None)
-    if settings is not None:
+    lines = []
+    for settings in [source.settings for source in sources if source.settings][:1]:
         shape = ', '.join(f'{key}: {_quoted(value)}' for key, value in settings.items())
         lines.append(f'csv: {{{shape}}}')
     lines += ['time:', *(f'  {line}' for line in _time(columns)), 'channels:']
     chosen = _chosen(columns)
     for name in REQUIRED:
-        entries = _channel(name, chosen.get(name))
-        if chosen.get(name) is not None:
-            entries += _rod_pressure(name, chosen[name], columns) + _clock(chosen[name], sources)
+        entries = _channel(name, chosen[name], sources) if name in chosen else \
+            [f'column: {TO_DO}', f'unit: {TO_DO}']
         lines.append(f'  {name}: {{{", ".join(entries)}}}')
-    lines += [
-        'test:',
-        f'  test: {TO_DO}            # static or dynamic',
-        f'  elevation_deg: {TO_DO}   # of the barrel, degrees',
-        '  # rig: SR-017          # name of the rig',
-        '  # run: 1', '  # date: 2026-11-20', '  # operator: name', '  # service_hours: 120',
-        '# split: {by: gap, seconds: 1}   # several runs in one file, or {by: column, column: ..}',
-    ]
-    return Draft('\n'.join(lines) + '\n', tuple(_seen(sources)))
+    return Draft(_HEAD + '\n'.join(lines) + '\n' + _TEST, tuple(_seen(sources)))
 
 
 def _seen(sources: Sequence[Source]) -> Iterator[str]:
     for source in sources:
         yield f'{source.path}: {source.FORMAT}, {len(source.columns)} columns'
-        yield from (f'  {line}' for line in source.describe())
+        yield from (f'  {line}' for line in source.shape_words)
         for column in source.columns:
             unit = f' [{column.unit}]' if column.unit else ' (no unit given)' \
                 if column.kind == NUMBER else ''
             rows = '' if column.rows is None else f', {column.rows} rows'
-            own = _timing_in_words(column)
+            own, timing = '', column.timing
+            if timing is not None:
+                how = f'{1 / timing.period:g} Hz' if timing.period else f'times in {timing.column}'
+                own = f', {how} ' + (
+                    'no date' if timing.start is None else f'from {words_of(timing.start)}')
             first = f', first {", ".join(column.samples)}' if column.samples else ''
             yield f'  {column.name}{unit}: {column.kind}s{rows}{own}{first}'
-        yield from (f'  warning: {line}' for line in source.warnings.all())
-
-
-def _timing_in_words(column: Column) -> str:
-    timing = column.timing
-    if timing is None:
-        return ''
-    start = 'no date' if timing.start is None else f'from {words_of(timing.start)}'
-    how = f'{1 / timing.period:g} Hz' if timing.period else f'times in {timing.column}'
-    return f', {how} {start}'
+        yield from (f'  warning: {line}' for line in source.warnings)
 
 
 def _quoted(value: object) -> str:
-    if not isinstance(value, str):
-        return str(value)
-    text = value.replace('\\', '\\\\').replace('"', '\\"').replace('\t', '\\t')
-    return f'"{text}"'
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(value)
+
+
+def _is_called(column: Column, pattern: re.Pattern[str]) -> bool:
+    """Whether its name without the groups before it fits the pattern."""
+    return bool(pattern.search(column.name.rpartition('/')[2]))
 
 
 def _time(columns: Sequence[Column]) -> list[str]:
     if any(column.timing is not None for column in columns):
         return ['from: file               # each channel has a time of its own in the file']
-    moments = [column for column in columns if column.kind == MOMENT]
-    if moments:
-        return [f'column: {_quoted(moments[0].name)}', 'format: file']
-    texts = [column for column in columns if column.kind == TEXT and column.samples]
-    dated = [column for column in texts
-             if _TIME.search(_last_part(column)) or _is_date(column.samples[0])]
+    for column in columns:
+        if column.kind == MOMENT:
+            return [f'column: {_quoted(column.name)}', 'format: file']
+    dated = [column for column in columns if column.kind == TEXT and column.samples
+             and (_is_called(column, _TIME) or _is_date(column.samples[0]))]
     if dated:
         return _dated(dated)
     for column in _counted(columns):
@@ -106,37 +115,11 @@ def _time(columns: Sequence[Column]) -> list[str]:
 
 def _counted(columns: Sequence[Column]) -> list[Column]:
     """Columns that count a time."""
-    return [column for column in columns
-            if column.kind == NUMBER and _TIME.search(_last_part(column))]
+    return [column for column in columns if column.kind == NUMBER and _is_called(column, _TIME)]
 
 
 def _unit_of_time(column: Column) -> str:
-    unit = known_unit(column.unit)
-    return unit.name if unit is not None and unit.quantity == TIME else TO_DO
-
-
-def _clock(column: Column, sources: Sequence[Source]) -> list[str]:
-    """The time of a channel beside it, where a table has several: that to the left of it."""
-    for source in sources:
-        if column not in source.columns or column.timing is not None:
-            continue
-        times = _counted(source.columns[:source.columns.index(column)])
-        if len(times) > 1:
-            return [f'time: {{column: {_quoted(times[-1].name)}, '
-                    f'unit: {_unit_of_time(times[-1])}}}']
-    return []
-
-
-def _rod_pressure(name: str, column: Column, columns: Sequence[Column]) -> list[str]:
-    """A second pressure beside the piston's, which acts on the other side of it."""
-    def is_pressure(one: Column) -> bool:
-        unit = known_unit(one.unit)
-        return unit is not None and unit.quantity == PRESSURE
-
-    others = [one for one in columns if one is not column and is_pressure(one)]
-    if name != 'hydraulic_load' or not is_pressure(column) or not others:
-        return []
-    return [f'rod_pressure: {_quoted(others[0].name)}', f'rod_area: {TO_DO}']
+    return column.unit if measures(column.unit, TIME) else TO_DO
 
 
 def _is_date(text: str) -> bool:
@@ -152,59 +135,50 @@ def _dated(columns: Sequence[Column]) -> list[str]:
     day = [column for column in columns if column not in clock]
     names = ', '.join(_quoted(column.name) for column in (*day[:1], *clock[:1]))
     first = (day or clock)[0].samples[0]
-    form = 'iso'
-    if _DAY_FIRST.match(first):
-        form = '"%d.%m.%Y %H:%M:%S"'
-    has_zone = bool(re.search(r'(Z|[+-]\d\d:?\d\d)\s*$', first))
+    form = '"%d.%m.%Y %H:%M:%S"' if _DAY_FIRST.match(first) else 'iso'
     lines = [f'column: [{names}]' if day and clock else f'column: {names}', f'format: {form}']
+    has_zone = bool(re.search(r'(Z|[+-]\d\d:?\d\d)\s*$', first))
     return lines if has_zone else [*lines, f'zone: {TO_DO}              # UTC, Europe/Berlin, ..']
 
 
 def _chosen(columns: Sequence[Column]) -> dict[str, Column]:
     """A column for each channel: by its unit and name; numbers 1 to 4 for the probes."""
-    numbers = [column for column in columns if column.kind == NUMBER
-               and not (_TIME.search(_last_part(column)) and not _LOAD.search(_last_part(column)))]
     chosen: dict[str, Column] = {}
-
-    def is_load(column: Column) -> bool:
-        unit = known_unit(column.unit)
-        return bool(_LOAD.search(_last_part(column))) or (
-            unit is not None and unit.quantity in (FORCE, PRESSURE))
-
-    def is_probe(column: Column) -> bool:
-        unit = known_unit(column.unit)
-        return not is_load(column) and (bool(_PROBE.search(_last_part(column))) or (
-            unit is not None and unit.quantity == LENGTH))
-
-    load = _first(numbers, is_load)
-    if load is not None:
-        chosen['hydraulic_load'] = load
-    for column in numbers:
-        found = _NUMBERED.search(_last_part(column))
-        if found and is_probe(column):
+    for column in columns:
+        is_load = _is_called(column, _LOAD)
+        if column.kind != NUMBER or (_is_called(column, _TIME) and not is_load):
+            continue
+        found = _NUMBERED.search(column.name.rpartition('/')[2])
+        if is_load or measures(column.unit, FORCE, PRESSURE):
+            chosen.setdefault('hydraulic_load', column)
+        elif found and (_is_called(column, _PROBE) or measures(column.unit, LENGTH)):
             chosen.setdefault(f'eddy_current_{found[1]}', column)
     return chosen
 
 
-def _last_part(column: Column) -> str:
-    """The name without the groups before it."""
-    return column.name.rpartition('/')[2]
-
-
-def _first(columns: Sequence[Column], which: Callable[[Column], bool]) -> Column | None:
-    return next((column for column in columns if which(column)), None)
-
-
-def _channel(name: str, column: Column | None) -> list[str]:
-    if column is None:
-        return [f'column: {TO_DO}', f'unit: {TO_DO}']
+def _channel(name: str, column: Column, sources: Sequence[Source]) -> list[str]:
+    """The entries of a channel."""
     unit = known_unit(column.unit)
     entries = [f'column: {_quoted(column.name)}', f'unit: {unit.name if unit else TO_DO}']
-    quantity = unit.quantity if unit is not None else ''
-    if name == 'hydraulic_load' and quantity == PRESSURE:
+    is_load = name == 'hydraulic_load'
+    if is_load and measures(column.unit, PRESSURE):
         entries.append(f'piston_area: {TO_DO}')
-    elif quantity not in ('', LENGTH, FORCE):
+        # A second pressure beside the piston's acts on the other side of it.
+        others = [other for source in sources for other in source.columns
+                  if other is not column and measures(other.unit, PRESSURE)]
+        if others:
+            entries += [f'rod_pressure: {_quoted(others[0].name)}', f'rod_area: {TO_DO}']
+    elif unit is not None and unit.quantity not in (LENGTH, FORCE):
         entries += [f'scale: {TO_DO}', f'scale_unit: {TO_DO}']
-    if name != 'hydraulic_load':
+    if not is_load:
         entries.append(f'range: {TO_DO}')
+    for source in sources:
+        if column not in source.columns or column.timing is not None:
+            continue
+        # Where a table has several times, that of a channel is the one to the left of it.
+        times = _counted(source.columns[:source.columns.index(column)])
+        if len(times) > 1:
+            entries.append(f'time: {{column: {_quoted(times[-1].name)}, '
+                           f'unit: {_unit_of_time(times[-1])}}}')
+            break
     return entries

@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from saddlering_ros.errors import plain_number, refuse_unknown_keys
+from saddlering_ros.errors import did_you_mean, plain_number, refuse_unknown_keys
 from saddlering_ros.importing import calibration, clock
 from saddlering_ros.importing.calibration import Calibration, ImportingError, Unit, unit_of
 from saddlering_ros.importing.clock import CountedTime, DatedTime, FileTime, start_of, TimeSource
@@ -45,7 +45,7 @@ UNCERTAINTIES = {'load': ('gain', 'offset', 'nonlinearity'),
 TEST_KEYS = ('test', 'elevation_deg', 'rig', 'run',
              *(key for key in DETAILS
                if not key.startswith(('import', 'rig_hash', 'instruments'))))
-SPLIT_KEYS = ('by', 'column', 'seconds', 'runs')
+AREA_KEYS = ('piston_area', 'rod_area')
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ class ChannelMap:
 
     delay [s]: the reading lags the quantity by so much, its stamp is that much earlier;
     polarity: -1 turns the reading's sign before anything else; range [m] of a probe, () if not
-    given; second: column of the rod side's pressure, with areas [m2] of both sides; uncertainty:
-    of the calibration, by the names of UNCERTAINTIES, and its `certificate`.
+    given; rod_pressure: column of the rod side's pressure, with areas [m2] of both sides;
+    uncertainty: of the calibration, by the names of UNCERTAINTIES, and its `certificate`.
     """
 
     name: str
@@ -67,7 +67,7 @@ class ChannelMap:
     delay: float = 0.0
     polarity: float = 1.0
     range: tuple[float, ...] = ()
-    second: str = ''
+    rod_pressure: str = ''
     areas: tuple[float, float] = (0.0, 0.0)
     uncertainty: Mapping[str, Any] = field(default_factory=dict)
 
@@ -82,7 +82,7 @@ class Split:
     by: str
     column: str = ''
     seconds: float = 1.0
-    runs: tuple[tuple[str, Mapping[str, str]], ...] = ()
+    runs: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ class ImportMap:
     @property
     def tables(self) -> list[Path]:
         """The files of its calibration tables."""
-        found = (getattr(channel.calibration, 'path', None) for channel in self.channels)
-        return [path for path in found if path is not None]
+        return [channel.calibration.path for channel in self.channels
+                if isinstance(channel.calibration, calibration.Table)]
 
 
 def read_map(path: Path) -> ImportMap:
@@ -132,16 +132,14 @@ def parse_map(document: Any, where: str, folder: Path, text: str = '') -> Import
                              'absent, and delta_x needs one of them')
     channels = tuple(
         _channel(name, given[name], where, folder) for name in given if name not in absent)
-    csv = document.get('csv') or {}
-    time = _time(document['time'], f'{where}: time')
     for channel in channels:
         if isinstance(channel.time, CountedTime) and 'start' in document['time'] and (
                 'start' not in given[channel.name]['time']):
             raise ImportingError(f'{where}: channels.{channel.name}.time has no start, and time: '
                                  'has one: give both, or start: 1970-01-01T00:00:00Z here')
-    return ImportMap(channels, time,
-                     _test(document['test'], f'{where}: test'),
-                     _split(document.get('split'), where), _section(csv, f'{where}: csv'), text)
+    return ImportMap(channels, _time(document['time'], where, 'time'),
+                     _test(document['test'], where, 'test'), _split(document.get('split'), where),
+                     _section(document.get('csv') or {}, where, 'csv'), text)
 
 
 def _refuse_todo(value: Any, name: str, where: str) -> None:
@@ -156,19 +154,22 @@ def _refuse_todo(value: Any, name: str, where: str) -> None:
         raise ImportingError(f'{where}: {name} is still {TO_DO}: state it')
 
 
-def _section(value: Any, where: str) -> Mapping[str, Any]:
+def _section(
+    value: Any, file: str, name: str, known: Sequence[str] = (),
+) -> Mapping[str, Any]:
+    """The section of that dotted name; ImportingError if it is none, or has unknown entries."""
     if not isinstance(value, Mapping):
-        raise ImportingError(f'{where} is {value!r}: give a section with entries')
+        raise ImportingError(f'{file}: {name} is {value!r}: give a section with entries')
+    if known:
+        refuse_unknown_keys(value, known, name, file, ImportingError)
     return value
 
 
 # -- time --------------------------------------------------------------------------------------
 
 
-def _time(section: Any, where: str) -> TimeSource:
-    section = _section(section, where)
-    file, _, name = where.partition(': ')
-    refuse_unknown_keys(section, TIME_KEYS, name, file, ImportingError)
+def _time(given: Any, file: str, name: str) -> TimeSource:
+    section, where = _section(given, file, name, TIME_KEYS), f'{file}: {name}'
     zone = clock.zone_of(section['zone'], f'{where}.zone') if 'zone' in section else None
     start = start_of(section['start'], zone, f'{where}.start') if 'start' in section else None
     if 'from' in section:
@@ -181,84 +182,78 @@ def _time(section: Any, where: str) -> TimeSource:
             raise ImportingError(f'{where}: a rate needs a start, like "2026-11-20T08:00:00Z"')
         if rate <= 0:
             raise ImportingError(f'{where}.rate is {rate:g}: give samples per second')
-        return clock.RegularTime(rate, start)
+        return clock.RegularTime(clock.SECOND / rate, start)
     columns = section.get('column')
     if columns is None:
         raise ImportingError(f'{where}: give column: (with unit: or format:), rate: and start:, '
                              'or from: file')
     names = tuple(map(str, columns)) if isinstance(columns, list) else (str(columns),)
-    if 'unit' in section and 'format' not in section:
-        unit = unit_of(section['unit'], f'{where}.unit')
-        if unit.quantity != calibration.TIME or len(names) != 1:
-            known = ', '.join(calibration.units_of(calibration.TIME))
-            raise ImportingError(f'{where}.unit is {unit.name}: give a unit of time ({known}) and '
-                                 'one column')
-        return CountedTime(names[0], unit, start or 0)
-    if 'format' not in section:
+    if 'format' in section:
+        form = str(section['format']).replace('.%f', '').replace(',%f', '')
+        return DatedTime(names, form, zone)
+    if 'unit' not in section:
         raise ImportingError(f'{where}: the unit of the time is not stated: give unit: s (ms, us, '
                              'ns) for numbers, format: iso or like "%d.%m.%Y %H:%M:%S" for dates')
-    return DatedTime(names, str(section['format']).replace('.%f', '').replace(',%f', ''), zone)
+    unit = unit_of(section['unit'], f'{where}.unit')
+    if unit.quantity != calibration.TIME or len(names) != 1:
+        known = ', '.join(calibration.units_of(calibration.TIME))
+        raise ImportingError(f'{where}.unit is {unit.name}: give a unit of time ({known}) and '
+                             'one column')
+    return CountedTime((names[0],), unit, start or 0)
 
 
 # -- channels ----------------------------------------------------------------------------------
 
 
-def _channel(name: str, section: Any, file: str, folder: Path) -> ChannelMap:
-    where = f'{file}: channels.{name}'
-    section = _section(section, where)
-    refuse_unknown_keys(section, CHANNEL_KEYS, f'channels.{name}', file, ImportingError)
+def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
+    where, topic = f'{file}: channels.{name}', CHANNELS[name]
+    section = _section(given, file, f'channels.{name}', CHANNEL_KEYS)
     if 'column' not in section:
         raise ImportingError(f'{where}: no column is named: give column:')
     if section.get('unit') in (None, ''):
         raise ImportingError(f'{where}: the unit of column {section["column"]!r} is not stated: '
                              'give unit:')
-    topic = CHANNELS[name]
-    unit = unit_of(section['unit'], f'{where}.unit')
-    found = _calibration(section, unit, where, folder)
-    piston = _number(section.get('piston_area', 0.0), f'{where}.piston_area')
-    rod = _number(section.get('rod_area', 0.0), f'{where}.rod_area')
+    found = _calibration(section, unit_of(section['unit'], f'{where}.unit'), where, folder)
     if ('rod_area' in section) != ('rod_pressure' in section):
         raise ImportingError(f'{where}: rod_pressure and rod_area belong together: give both')
-    for key, area in (('piston_area', piston), ('rod_area', rod)):
+    areas = [_number(section.get(key, 0.0), f'{where}.{key}') for key in AREA_KEYS]
+    for key, area in zip(AREA_KEYS, areas, strict=True):
         if key in section and not 0.0 < area < 10.0:
             raise ImportingError(f'{where}.{key} is {area:g}: give an area in m2')
-    if 'rod_area' in section and not piston:
+    piston, rod = areas
+    if rod and not piston:
         raise ImportingError(f'{where}: rod_area needs piston_area: give both, in m2')
     if piston and found.unit.quantity != calibration.PRESSURE:
         raise ImportingError(f'{where}: piston_area is for a pressure, and the column is in '
                              f'{found.unit.name}: correct one')
-    areas = piston, rod
-    wanted = calibration.PRESSURE if areas[0] else QUANTITIES[topic.unit]
+    wanted = calibration.PRESSURE if piston else QUANTITIES[topic.unit]
     if found.unit.quantity != wanted:
-        raise ImportingError(
-            f'{where}: is a {found.unit.quantity} ({found.unit.name}) where a '
-            f'{wanted} is needed: {_remedy(found.unit, wanted)}')
+        known = calibration.units_of(wanted)
+        remedy = (f'give a table:, or scale: with scale_unit: like {known[0]}/{found.unit.name}, '
+                  f'or correct the unit ({", ".join(known)})')
+        if (found.unit.quantity, wanted) == (calibration.PRESSURE, calibration.FORCE):
+            remedy = 'give piston_area: in m2 (and rod_pressure:, rod_area:)'
+        raise ImportingError(f'{where}: is a {found.unit.quantity} ({found.unit.name}) where a '
+                             f'{wanted} is needed: {remedy}')
     polarity = _number(section.get('polarity', 1), f'{where}.polarity')
     if polarity not in (-1.0, 1.0):
         raise ImportingError(f'{where}.polarity is {polarity:g}: give 1 or -1')
+    kind = 'probe' if topic.type == RANGE_TYPE else 'load'
+    uncertainty = _section(section.get('uncertainty', {}), file, f'channels.{name}.uncertainty',
+                           (*UNCERTAINTIES[kind], 'certificate'))
+    for key in set(uncertainty) - {'certificate'}:
+        if _number(uncertainty[key], f'{where}.uncertainty.{key}') <= 0.0:
+            raise ImportingError(f'{where}.uncertainty.{key} is {uncertainty[key]!r}: give a '
+                                 'standard uncertainty above zero')
     return ChannelMap(
         name=name, topic=topic, column=str(section['column']), calibration=found,
-        time=(_time(section['time'], f'{file}: channels.{name}.time') if 'time' in section
+        time=(_time(section['time'], file, f'channels.{name}.time') if 'time' in section
               else None),
         file=str(section.get('file', '*')),
         delay=_number(section.get('delay', 0.0), f'{where}.delay'), polarity=polarity,
-        range=_range(section.get('range'), topic, where),
-        second=str(section.get('rod_pressure', '')), areas=areas,
-        uncertainty=_uncertainty(section.get('uncertainty', {}), topic, where))
-
-
-def _uncertainty(section: Any, topic: RigTopic, where: str) -> dict[str, Any]:
-    """Standard uncertainties (k = 1, SI) of a calibration, each above zero."""
-    section = _section(section, f'{where}.uncertainty')
-    file, _, name = where.partition(': ')
-    known = UNCERTAINTIES['probe' if topic.type == RANGE_TYPE else 'load']
-    refuse_unknown_keys(section, (*known, 'certificate'), f'{name}.uncertainty', file,
-                        ImportingError)
-    for key in set(section) - {'certificate'}:
-        if _number(section[key], f'{where}.uncertainty.{key}') <= 0.0:
-            raise ImportingError(f'{where}.uncertainty.{key} is {section[key]!r}: give a standard '
-                                 'uncertainty above zero')
-    return dict(section)
+        range=_range(section.get('range'), topic, f'{where}.range'),
+        rod_pressure=str(section.get('rod_pressure', '')), areas=(piston, rod),
+        uncertainty=uncertainty)
 
 
 def instruments_text(channels: Sequence[ChannelMap]) -> str:
@@ -276,14 +271,6 @@ def instruments_text(channels: Sequence[ChannelMap]) -> str:
                 name = f'{kind}_{key}'
                 stated[name] = max(float(value), stated.get(name, 0.0))
     return json.dumps(stated, sort_keys=True) if stated else ''
-
-
-def _remedy(unit: Unit, wanted: str) -> str:
-    if unit.quantity == calibration.PRESSURE and wanted == calibration.FORCE:
-        return 'give piston_area: in m2 (and rod_pressure:, rod_area:)'
-    known = calibration.units_of(wanted)
-    return (f'give a table:, or scale: with scale_unit: like {known[0]}/{unit.name}, '
-            f'or correct the unit ({", ".join(known)})')
 
 
 def _calibration(section: Mapping[str, Any], unit: Unit, where: str, folder: Path) -> Calibration:
@@ -308,32 +295,36 @@ def _calibration(section: Mapping[str, Any], unit: Unit, where: str, folder: Pat
         return calibration.Polynomial(
             unit_of(section['polynomial_unit'], f'{where}.polynomial_unit'),
             tuple(_number(number, f'{where}.polynomial') for number in numbers))
-    result = calibration.scaled_unit(str(section['scale_unit']), unit, where) \
-        if 'scale_unit' in section else unit
-    return calibration.Linear(result, _number(section.get('scale', 1.0), f'{where}.scale'),
-                              _number(section.get('offset', 0.0), f'{where}.offset'))
+    if 'scale_unit' in section:
+        text = str(section['scale_unit'])
+        above, _, below = text.partition('/')
+        if calibration.known_unit(below) != unit:
+            raise ImportingError(f'{where}.scale_unit is {text!r}: give the unit of the quantity '
+                                 f'over that of the column, like mm/{unit.name}'
+                                 + did_you_mean(text, [f'mm/{unit.name}']))
+        unit = unit_of(above, f'{where}.scale_unit')
+    return calibration.Polynomial(unit, (_number(section.get('offset', 0.0), f'{where}.offset'),
+                                         _number(section.get('scale', 1.0), f'{where}.scale')))
 
 
 def _range(value: Any, topic: RigTopic, where: str) -> tuple[float, ...]:
     if value is None:
         return ()
     if topic.type != RANGE_TYPE:
-        raise ImportingError(f'{where}.range: only a probe has a range: remove it')
+        raise ImportingError(f'{where}: only a probe has a range: remove it')
     if not isinstance(value, list) or len(value) != 2:
-        raise ImportingError(f'{where}.range is {value!r}: give [low, high] in metres')
-    low, high = (_number(end, f'{where}.range') for end in value)
+        raise ImportingError(f'{where} is {value!r}: give [low, high] in metres')
+    low, high = (_number(end, where) for end in value)
     if not 0.0 <= low < high <= 1.0:
-        raise ImportingError(f'{where}.range is [{low:g}, {high:g}]: give [low, high] in metres, '
-                             'like [0, 0.002]')
+        raise ImportingError(f'{where} is [{low:g}, {high:g}]: give [low, high] in metres, like '
+                             '[0, 0.002]')
     return low, high
 
 
 def _number(value: Any, where: str) -> float:
     try:
-        if isinstance(value, bool):
-            raise ValueError
-        number = plain_number(str(value))
-    except (TypeError, ValueError) as problem:
+        number = float('nan') if isinstance(value, bool) else plain_number(str(value))
+    except ValueError as problem:
         raise ImportingError(f'{where} is {value!r}: give a number') from problem
     if not math.isfinite(number):
         raise ImportingError(f'{where} is {value!r}: give a finite number')
@@ -343,12 +334,9 @@ def _number(value: Any, where: str) -> float:
 # -- test and split ----------------------------------------------------------------------------
 
 
-def _test(section: Any, where: str) -> dict[str, str]:
-    file, _, name = where.partition(': ')
-    section = _section(section, where)
-    refuse_unknown_keys(section, TEST_KEYS, name, file, ImportingError)
-    return {str(key): _plain_text(value, f'{where}.{key}')
-            for key, value in section.items() if value is not None}
+def _test(given: Any, file: str, name: str) -> dict[str, str]:
+    return {str(key): _plain_text(value, f'{file}: {name}.{key}')
+            for key, value in _section(given, file, name, TEST_KEYS).items() if value is not None}
 
 
 def _plain_text(value: Any, where: str) -> str:
@@ -361,12 +349,11 @@ def _plain_text(value: Any, where: str) -> str:
     return str(value).strip()
 
 
-def _split(section: Any, file: str) -> Split | None:
-    if section is None:
+def _split(given: Any, file: str) -> Split | None:
+    if given is None:
         return None
     where = f'{file}: split'
-    section = _section(section, where)
-    refuse_unknown_keys(section, SPLIT_KEYS, 'split', file, ImportingError)
+    section = _section(given, file, 'split', ('by', 'column', 'seconds', 'runs'))
     by = section.get('by')
     if by not in ('column', 'gap'):
         raise ImportingError(f'{where}.by is {by!r}: give column or gap')
@@ -375,14 +362,11 @@ def _split(section: Any, file: str) -> Split | None:
     seconds = _number(section.get('seconds', 1.0), f'{where}.seconds')
     if seconds <= 0:
         raise ImportingError(f'{where}.seconds is {seconds:g}: give the gap between two runs in s')
-    runs = section.get('runs') or {}
-    if by == 'column' and isinstance(runs, Mapping):
-        pairs = tuple((_plain_text(key, where), _test(values, f'{where}.runs'))
-                      for key, values in runs.items())
-    elif by == 'gap' and isinstance(runs, (list, Mapping)):
-        pairs = tuple((str(i), _test(values, f'{where}.runs'))
-                      for i, values in enumerate(runs or [], 1))
-    else:
+    runs = section.get('runs') or ({} if by == 'column' else [])
+    if not isinstance(runs, Mapping if by == 'column' else list):
         raise ImportingError(f'{where}.runs: give a section by value of the column, or a list of '
                              'sections in order of time for by: gap')
-    return Split(str(by), str(section.get('column', '')), seconds, pairs)
+    pairs = runs.items() if isinstance(runs, Mapping) else enumerate(runs, 1)
+    return Split(str(by), str(section.get('column', '')), seconds,
+                 {_plain_text(label, where): _test(test, file, 'split.runs')
+                  for label, test in pairs})

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 import re
 import struct
-from typing import Any, BinaryIO
+from typing import Any
 import zlib
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.source import BLOCK_ROWS, Column, NUMBER, Source, Timing
+from saddlering_ros.importing.source import Block, BLOCK_ROWS, Column, NUMBER, Source, Timing
 
 _HEAD = struct.Struct('<4s4xQQ')
 HEADER_PLACE = 64
@@ -31,6 +31,13 @@ MAX_BLOCK = 1 << 28
 
 MAX_BLOCKS = 1_000_000
 """A list of more blocks has no end."""
+
+_FIXED, _MASTER, _VIRTUAL_MASTER = 0, 2, 3
+_TIME = 1
+_NUMBERS = {0: '<u', 1: '>u', 2: '<i', 3: '>i', 4: '<f', 5: '>f'}
+_ALL_INVALID, _HAS_INVALID_BIT = 1, 2
+_CONVERSIONS = (0, 1, 2, 4, 5)
+"""Kinds of conversions that are read: none, linear, rational, table with and without lines."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +50,16 @@ class MdfBlock:
 
 
 class MdfBlocks:
-    """Reads the blocks of an open file."""
+    """Reads the blocks of a file."""
 
-    def __init__(self, file: BinaryIO, where: str) -> None:
-        self._file = file
-        self._where = where
-        self._file.seek(0, 2)
-        self._size = self._file.tell()
+    def __init__(self, path: Path) -> None:
+        self._where = str(path)
+        self._file = path.open('rb')
+        self._size = path.stat().st_size
+
+    def start(self) -> bytes:
+        """The bytes before the header block."""
+        return self._file.read(HEADER_PLACE)
 
     def block(self, place: int, *ids: str) -> MdfBlock:
         """The block at `place`, which must be one of `ids`."""
@@ -117,23 +127,21 @@ class MdfBlocks:
         return name.decode('ascii', 'replace'), length, links
 
     def _plain(self, place: int, length: int) -> Iterator[bytes]:
-        self._file.seek(place)
         while length > 0:
+            self._file.seek(place)
             piece = self._file.read(min(length, 1 << 22))
             if not piece:
                 raise self.damaged('its records end too early')
             length -= len(piece)
             place += len(piece)
             yield piece
-            self._file.seek(place)
 
     def _unzipped(self, block: MdfBlock) -> bytes:
         kind, parameter, size, packed = struct.unpack_from('<xxBxIQQ', block.data)
         if size > MAX_BLOCK:
             raise self.damaged('a zipped block of more than 256 MB')
         try:
-            unzip = zlib.decompressobj()
-            data = unzip.decompress(block.data[24:24 + packed], size)
+            data = zlib.decompressobj().decompress(block.data[24:24 + packed], size)
         except zlib.error as problem:
             raise self.damaged('zipped records cannot be unzipped') from problem
         if len(data) != size:
@@ -145,16 +153,9 @@ class MdfBlocks:
         return table.T.tobytes() + data[rows * parameter:]
 
 
-_MASTER, _VIRTUAL_MASTER = 2, 3
-_TIME = 1
-_FIXED = 0
-_NUMBERS = {0: '<u', 1: '>u', 2: '<i', 3: '>i', 4: '<f', 5: '>f'}
-_ALL_INVALID, _HAS_INVALID_BIT = 1, 2
-
-
 @dataclass(frozen=True)
 class _Group:
-    """Records of one group: where their bytes are, and how long each is."""
+    """Records of one group: where their bytes are, how long each is, and where channels begin."""
 
     data: int
     record: int
@@ -167,7 +168,7 @@ class _Group:
 class _Channel:
     """A number in each record of a group; conversion: kind and its values."""
 
-    group: int
+    group: _Group
     offset: int
     bit: int
     bits: int
@@ -175,23 +176,22 @@ class _Channel:
     invalid_bit: int
     conversion: tuple[int, tuple[float, ...]]
 
-    def values(self, records: NDArray[np.uint8], group: _Group) -> NDArray[np.float64]:
+    def values(self, records: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Physical values of records (N, length) as bytes; NaN where marked invalid."""
-        start = group.prefix + self.offset
-        raw = self._raw(records, start)
-        values = _converted(raw, *self.conversion)
+        start = self.group.prefix + self.offset
+        size = (self.bit + self.bits + 7) // 8
+        values = self._converted(self._raw(np.ascontiguousarray(records[:, start:start + size])))
         if self.invalid_bit >= 0:
-            place = group.prefix + group.content + self.invalid_bit // 8
+            place = self.group.prefix + self.group.content + self.invalid_bit // 8
             values = np.where(records[:, place] >> (self.invalid_bit % 8) & 1, np.nan, values)
         return values
 
-    def _raw(self, records: NDArray[np.uint8], start: int) -> NDArray[Any]:
-        size = (self.bit + self.bits + 7) // 8
-        part = np.ascontiguousarray(records[:, start:start + size])
+    def _raw(self, part: NDArray[np.uint8]) -> NDArray[Any]:
+        size = part.shape[1]
         if self.bit == 0 and self.bits in (8, 16, 32, 64):
             return part.view(f'{self.kind}{size}')[:, 0]
         order = range(size) if self.kind[0] == '<' else range(size - 1, -1, -1)
-        whole = np.zeros(len(records), dtype=np.uint64)
+        whole = np.zeros(len(part), dtype=np.uint64)
         for shift, byte in enumerate(order):
             whole |= part[:, byte].astype(np.uint64) << np.uint64(8 * shift)
         whole = (whole >> np.uint64(self.bit)) & np.uint64((1 << self.bits) - 1)
@@ -199,6 +199,22 @@ class _Channel:
             return whole
         lost = np.uint64(64 - self.bits)
         return (whole << lost).view(np.int64) >> lost.astype(np.int64)
+
+    def _converted(self, raw: NDArray[Any]) -> NDArray[np.float64]:
+        kind, values = self.conversion
+        numbers = raw.astype(np.float64)
+        if kind == 1:
+            offset, factor = values[:2]
+            return numbers * factor + offset if (offset, factor) != (0.0, 1.0) else numbers
+        if kind == 2:
+            above, below = values[:3], values[3:6]
+            return np.asarray(np.polyval(above, numbers) / np.polyval(below, numbers))
+        if kind == 4:
+            return np.asarray(np.interp(numbers, values[0::2], values[1::2]))
+        if kind == 5:
+            nearest = np.abs(numbers[:, None] - np.array(values[0::2])).argmin(axis=1)
+            return np.array(values[1::2])[nearest]
+        return numbers
 
 
 class MdfSource(Source):
@@ -208,142 +224,116 @@ class MdfSource(Source):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._file = path.open('rb')
-        head = self._file.read(HEADER_PLACE)
-        version = head[8:12].decode('ascii', 'replace')
+        self._blocks = MdfBlocks(path)
+        version = self._blocks.start()[8:12].decode('ascii', 'replace')
         if not version.startswith('4'):
             raise ImportingError(f'{path}: is of MDF version {version.strip()}: save it as MDF 4')
-        self._blocks = MdfBlocks(self._file, str(path))
-        self._groups: list[_Group] = []
         self._channels: dict[str, _Channel] = {}
         try:
-            self._read_header(self._blocks.block(HEADER_PLACE, '##HD'))
+            header = self._blocks.block(HEADER_PLACE, '##HD')
+            start, flags = struct.unpack_from('<Q4xB', header.data)
+            if flags & 1:
+                self.warn('gives its start in local time without a zone, which is not used: give '
+                          'start: in the map')
+            start = None if flags & 1 else start or None
+            number = 0
+            for group in self._blocks.chain(header.links[0], '##DG'):
+                number += self._read_data_group(group, number, start)
         except (struct.error, IndexError) as problem:
             raise self._blocks.damaged('a block is shorter than it should be') from problem
 
-    def blocks(
-        self, names: Sequence[str], as_text: Collection[str] = (),
-    ) -> Iterator[dict[str, NDArray[Any]]]:
+    def blocks(self, names: Sequence[str], as_text: Collection[str] = ()) -> Iterator[Block]:
         """Channels of one group, block by block."""
         groups = {self._channels[name].group for name in names}
         if len(groups) > 1:
             raise ImportingError(f'{self.path}: {", ".join(names)} belong to different groups: '
                                  'give each channel a time: of its own')
-        group = self._groups[groups.pop()]
-        for records in self._records(group):
-            yield {name: self._channels[name].values(records, group) for name in names}
+        for records in self._records(groups.pop()):
+            yield {name: self._channels[name].values(records) for name in names}
 
     def _records(self, group: _Group) -> Iterator[NDArray[np.uint8]]:
         left, rows = b'', group.rows
         for piece in self._blocks.pieces(group.data):
             left += piece
-            while rows and (len(left) >= group.record * BLOCK_ROWS or
-                            len(left) >= group.record * rows):
+            while rows and len(left) >= group.record * min(BLOCK_ROWS, rows):
                 count = min(BLOCK_ROWS, rows)
-                size = count * group.record
-                yield np.frombuffer(left, np.uint8, size).reshape(count, group.record)
-                left, rows = left[size:], rows - count
+                yield _table(left, group.record, count)
+                left, rows = left[count * group.record:], rows - count
         if rows:
             count = len(left) // group.record
-            self.warnings.add(f'{self.path}: a group ends {rows - count} records early: the file '
-                              'was not closed properly')
-            yield np.frombuffer(left, np.uint8, count * group.record).reshape(count, group.record)
+            self.warn(f'a group ends {rows - count} records early: the file was not closed '
+                      'properly')
+            yield _table(left, group.record, count)
 
     # -- the description -----------------------------------------------------------------------
 
-    def _read_header(self, header: MdfBlock) -> None:
-        stamp, flags = struct.unpack_from('<Q4xB', header.data)
-        self._start = stamp or None
-        if flags & 1:
-            self._start = None
-            self.warnings.add(f'{self.path}: gives its start in local time without a zone, which '
-                              'is not used: give start: in the map')
-        for group in self._blocks.chain(header.links[0], '##DG'):
-            self._read_data_group(group)
-
-    def _read_data_group(self, block: MdfBlock) -> None:
+    def _read_data_group(self, block: MdfBlock, number: int, start: int | None) -> int:
+        """Read the channels of a data group; how many groups of records it has, 0 or 1."""
         prefix = block.data[0]
         groups = [group for group in self._blocks.chain(block.links[1], '##CG')
                   if struct.unpack_from('<8xQ', group.data)[0]]
         if len(groups) > 1:
             raise ImportingError(f'{self.path}: has unsorted records: sort it in the program that '
                                  'wrote it, or with asammdf')
-        for group in groups:
-            rows, flags, content, invalid = struct.unpack_from('<8xQH6xII', group.data)
-            if flags & 1:
-                continue
-            self._groups.append(_Group(block.links[2], prefix + content + invalid, prefix,
-                                       content, rows))
-            number, timing = len(self._groups) - 1, None
-            channels = list(self._blocks.chain(group.links[1], '##CN'))
-            for channel in channels:
-                kind, sync = channel.data[0], channel.data[1]
-                name = f'{number}/{self._blocks.text(channel.links[2])}'
-                if kind == _VIRTUAL_MASTER and sync == _TIME:
-                    how, values = self._conversion(channel.links[4])
-                    first, period = (values[0], values[1]) if how == 1 else (0.0, 1.0)
-                    timing = Timing(self._start, first, period)
-                elif kind == _MASTER and sync == _TIME:
-                    timing = Timing(self._start, column=name)
-            for channel in channels:
-                self._read_channel(channel, number, timing)
+        if not groups:
+            return 0
+        rows, flags, content, invalid = struct.unpack_from('<8xQH6xII', groups[0].data)
+        if flags & 1:
+            return 0
+        group = _Group(block.links[2], prefix + content + invalid, prefix, content, rows)
+        channels = list(self._blocks.chain(groups[0].links[1], '##CN'))
+        timing = None
+        for channel in channels:
+            kind, sync = channel.data[0], channel.data[1]
+            if kind == _VIRTUAL_MASTER and sync == _TIME:
+                how, values, _ = self._conversion(channel.links[4])
+                first, period = (values[0], values[1]) if how == 1 else (0.0, 1.0)
+                timing = Timing(start, first, period)
+            elif kind == _MASTER and sync == _TIME:
+                timing = Timing(start, column=f'{number}/{self._blocks.text(channel.links[2])}')
+        for channel in channels:
+            self._read_channel(channel, number, group, timing)
+        return 1
 
-    def _read_channel(self, block: MdfBlock, number: int, timing: Timing | None) -> None:
+    def _read_channel(
+        self, block: MdfBlock, number: int, group: _Group, timing: Timing | None,
+    ) -> None:
         kind, _, form, bit, offset, bits, flags, invalid = struct.unpack_from(
             '<BBBBIIII', block.data)
-        text = self._blocks.text(block.links[2])
         if kind not in (_FIXED, _MASTER) or form not in _NUMBERS or not 0 < bits <= 64 \
                 or block.links[1] or flags & _ALL_INVALID:
             return
         if form in (4, 5) and (bit or bits not in (16, 32, 64)):
             return
-        conversion = self._conversion(block.links[4])
-        if conversion[0] not in (0, 1, 2, 4, 5):
-            self.warnings.add(f'{self.path}: channel {text!r} is left out, because its '
-                              'conversion is to text or by a formula')
+        text = self._blocks.text(block.links[2])
+        how, values, unit = self._conversion(block.links[4])
+        if how not in _CONVERSIONS:
+            self.warn(f'channel {text!r} is left out, because its conversion is to text or by a '
+                      'formula')
             return
         name = f'{number}/{text}'
         while name in self._channels:
             name += '#2'
-        self._channels[name] = _Channel(number, offset, bit, bits, _NUMBERS[form],
-                                        invalid if flags & _HAS_INVALID_BIT else -1, conversion)
-        unit = self._blocks.text(block.links[6]) or self._unit_of_conversion(block.links[4])
-        own = timing if timing is None or timing.column != name else None
-        rows = self._groups[number].rows
-        self.columns += (Column(name, unit, rows, NUMBER, self._samples(name), own, (text,)),)
-
-    def _samples(self, name: str) -> tuple[str, ...]:
-        """The first three values, for people; none where they cannot be read."""
-        channel = self._channels[name]
-        group = self._groups[channel.group]
-        first = next(iter(self._blocks.pieces(group.data)), b'')
+        channel = self._channels[name] = _Channel(
+            group, offset, bit, bits, _NUMBERS[form],
+            invalid if flags & _HAS_INVALID_BIT else -1, (how, values))
+        first = next(self._blocks.pieces(group.data), b'')
         count = min(3, len(first) // group.record)
-        records = np.frombuffer(first, np.uint8, count * group.record).reshape(count, group.record)
-        return tuple(map(str, channel.values(records, group)))
+        samples = tuple(map(str, channel.values(_table(first, group.record, count))))
+        own = timing if timing is None or timing.column != name else None
+        self.columns += (Column(name, self._blocks.text(block.links[6]) or unit, group.rows,
+                                NUMBER, samples, own, (text,)),)
 
-    def _conversion(self, place: int) -> tuple[int, tuple[float, ...]]:
+    def _conversion(self, place: int) -> tuple[int, tuple[float, ...], str]:
+        """Kind, values and unit of the conversion at `place`, if there is one."""
         if not place:
-            return 0, ()
-        data = self._blocks.block(place, '##CC').data
-        kind, count = struct.unpack_from('<B5xH', data)
-        return kind, struct.unpack_from(f'<{count}d', data, 24)
-
-    def _unit_of_conversion(self, place: int) -> str:
-        return self._blocks.text(self._blocks.block(place, '##CC').links[1]) if place else ''
+            return 0, (), ''
+        block = self._blocks.block(place, '##CC')
+        kind, count = struct.unpack_from('<B5xH', block.data)
+        unit = self._blocks.text(block.links[1])
+        return kind, struct.unpack_from(f'<{count}d', block.data, 24), unit
 
 
-def _converted(raw: NDArray[Any], kind: int, values: tuple[float, ...]) -> NDArray[np.float64]:
-    """Physical values by the conversion of the file."""
-    numbers = raw.astype(np.float64)
-    if kind == 1:
-        offset, factor = values[:2]
-        return numbers * factor + offset if (offset, factor) != (0.0, 1.0) else numbers
-    if kind == 2:
-        above, below = values[:3], values[3:6]
-        return np.asarray(np.polyval(above, numbers) / np.polyval(below, numbers))
-    if kind == 4:
-        return np.asarray(np.interp(numbers, values[0::2], values[1::2]))
-    if kind == 5:
-        nearest = np.abs(numbers[:, None] - np.array(values[0::2])).argmin(axis=1)
-        return np.array(values[1::2])[nearest]
-    return numbers
+def _table(data: bytes, record: int, count: int) -> NDArray[np.uint8]:
+    """The first `count` records of some bytes."""
+    return np.frombuffer(data, np.uint8, count * record).reshape(count, record)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import fnmatch
 from functools import cached_property
 from importlib import import_module
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.errors import did_you_mean
-from saddlering_ros.files import sha256_of_file
+from saddlering_ros.files import resolved, sha256_of_file
 from saddlering_ros.importing.calibration import ImportingError
 
 BLOCK_ROWS = 1 << 16
@@ -27,13 +26,16 @@ _HDF5 = b'\x89HDF\r\n\x1a\n'
 NUMBER, TEXT, MOMENT = 'number', 'text', 'moment'
 """Kinds of columns: float64, text, int64 nanoseconds since 1970-01-01 UTC."""
 
+Block = dict[str, NDArray[Any]]
+"""Rows of some columns, by name."""
+
 
 @dataclass(frozen=True)
 class Timing:
     """The time that a file gives a channel of its own.
 
     start [ns], None where the file has no date; first [s] of the first row after it and period [s]
-    of regular rows; column: of the times otherwise, in seconds after `start` or as moments.
+    of regular rows; column: of the times otherwise, in seconds after `start`.
     """
 
     start: int | None
@@ -59,48 +61,37 @@ class Column:
     others: tuple[str, ...] = ()
 
 
-@dataclass
-class Warnings:
-    """Faults of a file that do not prevent its use: words and places."""
-
-    lines: list[str] = field(default_factory=list)
-    counts: dict[str, list[Any]] = field(default_factory=dict)
-
-    def add(self, line: str) -> None:
-        """A warning of its own."""
-        if line not in self.lines:
-            self.lines.append(line)
-
-    def count(self, what: str, number: int, first: str = '') -> None:
-        """`number` more cases of `what`; the first is named."""
-        entry = self.counts.setdefault(what, [0, first])
-        entry[0] += number
-
-    def all(self) -> list[str]:
-        """Every warning as one line."""
-        counted = [f'{what}: {number}' + (f', first {first}' if first else '')
-                   for what, (number, first) in self.counts.items()]
-        return [*self.lines, *counted]
-
-
-class Source(ABC):
+class Source:
     """One measured file; `columns` in the order of the file, which a reader finds."""
 
     FORMAT = ''
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.warnings = Warnings()
         self.columns: tuple[Column, ...] = ()
+        self.shape_words: tuple[str, ...] = ()
+        self.settings: dict[str, Any] = {}
+        self._warnings: dict[str, list[Any]] = {}
 
-    @abstractmethod
-    def blocks(
-        self, names: Sequence[str], as_text: Collection[str] = (),
-    ) -> Iterator[dict[str, NDArray[Any]]]:
+    def blocks(self, names: Sequence[str], as_text: Collection[str] = ()) -> Iterator[Block]:
         """The named columns, rows together, BLOCK_ROWS or so at a time.
 
         as_text: columns of a text file whose cells are read as text.
         """
+        counts = {name: self.column(name).rows or 0 for name in names}
+        rows = counts[names[0]]
+        if set(counts.values()) != {rows}:
+            listed = ', '.join(f'{name}: {count}' for name, count in counts.items())
+            raise ImportingError(f'{self.path}: columns that belong together have different '
+                                 f'numbers of rows ({listed}): give each channel a time: of its '
+                                 'own')
+        for start in range(0, rows, BLOCK_ROWS):
+            part = slice(start, min(start + BLOCK_ROWS, rows))
+            yield {name: self.read(name, part) for name in names}
+
+    def read(self, name: str, part: slice) -> NDArray[Any]:
+        """The values of a column in a slice of rows, for a reader without blocks of its own."""
+        raise NotImplementedError
 
     def number_texts(self, name: str, cells: NDArray[Any], first: int) -> NDArray[Any]:
         """Texts of numbers in plain digits with a decimal point; first: row of the first cell."""
@@ -111,61 +102,52 @@ class Source(ABC):
         """Of the whole file."""
         return sha256_of_file(self.path)
 
-    def describe(self) -> list[str]:
-        """Findings about the shape of the file, for people."""
-        return []
-
-    def settings(self) -> dict[str, Any]:
-        """Entries of a map on the shape of the file, as found."""
-        return {}
-
     def column(self, name: str) -> Column:
         """The column of that exact name."""
         return next(column for column in self.columns if column.name == name)
 
-    def check_equal_rows(self, names: Sequence[str]) -> None:
-        """ImportingError if columns that are read together have different numbers of rows."""
-        rows = {name: self.column(name).rows for name in names}
-        if len(set(rows.values())) > 1:
-            listed = ', '.join(f'{name}: {count}' for name, count in rows.items())
-            raise ImportingError(f'{self.path}: columns that belong together have different '
-                                 f'numbers of rows ({listed}): give each channel a time: of its '
-                                 'own')
+    def warn(self, words: str, number: int = 0, first: str = '') -> None:
+        """Note a fault that does not prevent the use of the file.
+
+        number: of cases more, 0 for a fault that is not counted; first: the place
+        of the first case.
+        """
+        self._warnings.setdefault(f'{self.path}: {words}', [0, first])[0] += number
+
+    @property
+    def warnings(self) -> list[str]:
+        """Every fault that was noted, as one line."""
+        return [line + (f': {number}' if number else '') + (f', first {first}' if first else '')
+                for line, (number, first) in self._warnings.items()]
 
 
-class SlicedSource(Source):
-    """A file whose columns can be read a slice of rows at a time, each on its own."""
-
-    def blocks(
-        self, names: Sequence[str], as_text: Collection[str] = (),
-    ) -> Iterator[dict[str, NDArray[Any]]]:
-        """Columns of equal length, slice by slice."""
-        self.check_equal_rows(names)
-        for part in slices(self.column(names[0]).rows or 0):
-            yield {name: self.read(name, part) for name in names}
-
-    @abstractmethod
-    def read(self, name: str, part: slice) -> NDArray[Any]:
-        """The values of a column in a slice of rows."""
-
-
-def open_source(path: Path, csv_shape: Mapping[str, Any] | None = None) -> Source:
-    """The reader of the file at `path`, found by its first bytes; ImportingError if there is none.
+def open_sources(
+    files: Sequence[Path], csv_shape: Mapping[str, Any] | None = None,
+) -> list[Source]:
+    """The reader of each file, found by its first bytes; ImportingError if there is none.
 
     csv_shape: entries of a map on the shape of its text files.
     """
-    module, name = _reader(_head(path))
-    try:
-        reader = getattr(import_module(f'saddlering_ros.importing.{module}'), name)
-        source: Source = reader(path, csv_shape or {}) if module == 'csv_file' else reader(path)
-    except ModuleNotFoundError as problem:
-        raise ImportingError(f'{path}: reading this format needs the Python package '
-                             f'{problem.name}: install it (pip install {problem.name})'
-                             ) from problem
-    return source
+    seen: set[Path] = set()
+    for file in files:
+        if resolved(file) in seen:
+            raise ImportingError(f'{file}: is given twice: give each file once')
+        seen.add(resolved(file))
+    sources: list[Source] = []
+    for path in files:
+        module, name = _reader(path)
+        try:
+            reader = getattr(import_module(f'saddlering_ros.importing.{module}'), name)
+        except ModuleNotFoundError as problem:
+            raise ImportingError(f'{path}: reading this format needs the Python package '
+                                 f'{problem.name}: install it (pip install {problem.name})'
+                                 ) from problem
+        sources.append(reader(path, csv_shape or {}) if name == 'CsvSource' else reader(path))
+    return sources
 
 
-def _head(path: Path) -> bytes:
+def _reader(path: Path) -> tuple[str, str]:
+    """Module and class of the reader for the file at `path`."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise ImportingError(f'{path}: is no regular file: give a measured file')
@@ -176,11 +158,6 @@ def _head(path: Path) -> bytes:
                              ) from problem
     if not head:
         raise ImportingError(f'{path}: is empty: give a measured file')
-    return head
-
-
-def _reader(head: bytes) -> tuple[str, str]:
-    """Module and class of the reader for a file that begins with `head`."""
     if head.startswith(b'TDSm'):
         return 'tdms_file', 'TdmsSource'
     if head.startswith(b'MDF     '):
@@ -194,10 +171,17 @@ def _reader(head: bytes) -> tuple[str, str]:
 
 
 def find_column(sources: Sequence[Source], pattern: str, where: str) -> list[tuple[Source, str]]:
-    """The one column that `pattern` means, in each file that has it; ImportingError otherwise."""
+    """The one column that `pattern` means, in each file that has it; ImportingError otherwise.
+
+    An exact name comes before other names of a column, and these before patterns with * and ?.
+    """
     found = []
     for source in sources:
-        names = _matching(source.columns, pattern)
+        names = (
+            [column.name for column in source.columns if column.name == pattern]
+            or [column.name for column in source.columns if pattern in column.others]
+            or [column.name for column in source.columns
+                if fnmatch.filter((column.name, *column.others), pattern)])
         if len(names) > 1:
             raise ImportingError(f'{where}: {pattern!r} matches several columns of {source.path} '
                                  f'({", ".join(names[:5])}): give one name')
@@ -209,24 +193,6 @@ def find_column(sources: Sequence[Source], pattern: str, where: str) -> list[tup
         raise ImportingError(f'{where}: no file has a column {pattern!r}'
                              f'{did_you_mean(pattern, known)} (there are: {listed})')
     return found
-
-
-def _matching(columns: Sequence[Column], pattern: str) -> list[str]:
-    """Exact names first, then other names of a column, then patterns with * and ?."""
-    exact = [column.name for column in columns if column.name == pattern]
-    if exact:
-        return exact
-    others = [column.name for column in columns if pattern in column.others]
-    if others:
-        return others
-    return [column.name for column in columns
-            if any(fnmatch.fnmatchcase(name, pattern) for name in (column.name, *column.others))]
-
-
-def slices(rows: int) -> Iterator[slice]:
-    """`rows` rows, BLOCK_ROWS at a time."""
-    for start in range(0, rows, BLOCK_ROWS):
-        yield slice(start, min(start + BLOCK_ROWS, rows))
 
 
 def as_numbers(values: NDArray[Any]) -> NDArray[np.float64] | NDArray[np.int64]:

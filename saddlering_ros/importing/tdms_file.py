@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from saddlering_ros.importing import source
 from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.source import Column, SlicedSource, Source, Timing
+from saddlering_ros.importing.source import Column, Source, Timing
 
 _LABVIEW = -2_082_844_800
 """1904-01-01, from which LabVIEW counts, in seconds since 1970."""
 
 
-class TdmsSource(SlicedSource):
+class TdmsSource(Source):
     """A TDMS file, read in slices; every scaling that it holds is applied by npTDMS.
 
     Its columns are channels, as group/channel; the name of the channel alone will do.
@@ -32,7 +32,7 @@ class TdmsSource(SlicedSource):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         try:
-            with _log_as_warnings(self):
+            with self._log_as_warnings():
                 self._file = TdmsFile.open(path, raw_timestamps=True)
             channels = [channel for group in self._file.groups() for channel in group.channels()]
         except Exception as problem:  # npTDMS has no error class of its own
@@ -44,59 +44,54 @@ class TdmsSource(SlicedSource):
     def read(self, name: str, part: slice) -> NDArray[Any]:
         """The values of a column in a slice of rows."""
         try:
-            with _log_as_warnings(self):
+            with self._log_as_warnings():
                 values = self._channels[name].read_data(part.start, part.stop - part.start)
         except Exception as problem:
             raise ImportingError(f'{self.path}: channel {name} cannot be read ({problem}): save '
                                  'the file again') from problem
-        if self.column(name).kind == source.MOMENT:
+        kind = self.column(name).kind
+        if kind == source.MOMENT:
             return _nanoseconds(values)
-        return np.asarray(values, dtype=object) if self.column(name).kind == source.TEXT \
+        return np.asarray(values, dtype=object) if kind == source.TEXT \
             else source.as_numbers(values)
 
     def _column(self, name: str) -> Column:
         channel = self._channels[name]
         rows = len(channel)
-        kind = _kind(channel)
+        kinds = {'TimeStamp': source.MOMENT, 'String': source.TEXT}
+        kind = kinds.get(getattr(channel.data_type, '__name__', ''), source.NUMBER)
         first = channel.read_data(0, min(rows, 3)) if rows else []
-        return Column(
-            name, str(channel.properties.get('unit_string', '') or
-                      channel.properties.get('NI_UnitDescription', '')), rows, kind,
-            tuple(map(str, first)), _timing(channel), (channel.name,))
+        unit = (channel.properties.get('unit_string', '') or
+                channel.properties.get('NI_UnitDescription', ''))
+        return Column(name, str(unit), rows, kind, tuple(map(str, first)),
+                      _timing(channel.properties), (channel.name,))
 
-
-@contextmanager
-def _log_as_warnings(file: Source) -> Iterator[None]:
-    """Make what npTDMS logs (that the file is cut off, say) a warning of the import."""
-    handler = logging.Handler(logging.WARNING)
-    setattr(handler, 'emit', lambda record: file.warnings.add(  # noqa: B010
-        f'{file.path}: npTDMS: {record.getMessage()}'))
-    loggers = list(log_manager.loggers.values())
-    before = [logger.handlers for logger in loggers]
-    for logger in loggers:
-        logger.handlers, logger.propagate = [handler], False
-    try:
-        yield
-    finally:
-        for logger, handlers in zip(loggers, before, strict=True):
-            logger.handlers = handlers
-
-
-def _kind(channel: Any) -> str:
-    kind = channel.data_type.__name__ if channel.data_type is not None else ''
-    return {'TimeStamp': source.MOMENT, 'String': source.TEXT}.get(kind, source.NUMBER)
+    @contextmanager
+    def _log_as_warnings(self) -> Iterator[None]:
+        """Make what npTDMS logs (that the file is cut off, say) a warning of the import."""
+        handler = logging.Handler(logging.WARNING)
+        setattr(handler, 'emit',  # noqa: B010
+                lambda record: self.warn(f'npTDMS: {record.getMessage()}'))
+        loggers = list(log_manager.loggers.values())
+        before = [logger.handlers for logger in loggers]
+        for logger in loggers:
+            logger.handlers, logger.propagate = [handler], False
+        try:
+            yield
+        finally:
+            for logger, handlers in zip(loggers, before, strict=True):
+                logger.handlers = handlers
 
 
 def _nanoseconds(moments: Any) -> NDArray[np.int64]:
     """Moments, as seconds since 1904 and fractions of 2^-64 s, to the nearest nanosecond."""
-    high = (moments.second_fractions >> np.uint64(32)).astype(np.int64)
+    high = (np.asarray(moments.second_fractions) >> np.uint64(32)).astype(np.int64)
     fraction = (high * 1_000_000_000 + (1 << 31)) >> 32
     return np.asarray((moments.seconds + _LABVIEW) * 1_000_000_000 + fraction, dtype=np.int64)
 
 
-def _timing(channel: Any) -> Timing | None:
+def _timing(properties: Any) -> Timing | None:
     """The waveform's own time, if the channel has one."""
-    properties = channel.properties
     period = float(properties.get('wf_increment', 0.0) or 0.0)
     if period <= 0.0:
         return None

@@ -78,7 +78,7 @@ def test_two_runs_in_one_file_are_refused_until_the_map_splits_them(tmp_path: Pa
                      document(split={'by': 'gap', 'seconds': 0.1,
                                      'runs': [{'elevation_deg': 0}, {'elevation_deg': 60}]}))
     assert [run.metadata.elevation_deg for run in result.runs] == [0.0, 60.0]
-    assert [run.counts['hydraulic_load'] for run in result.runs] == [25, 25]
+    assert [run.courses['hydraulic_load'].count for run in result.runs] == [25, 25]
     assert [run.path.name for run in result.runs] == ['1', '2']
 
 
@@ -88,7 +88,7 @@ def test_a_column_splits_runs_and_names_them(tmp_path: Path) -> None:
         split={'by': 'column', 'column': 'run',
                'runs': {'up': {'elevation_deg': 30}, 'down': {'elevation_deg': 60}}}))
     assert [run.path.name for run in result.runs] == ['up', 'down']
-    assert [run.counts['eddy_current_4'] for run in result.runs] == [20, 25]
+    assert [run.courses['eddy_current_4'].count for run in result.runs] == [20, 25]
     assert [run.metadata.elevation_deg for run in result.runs] == [30.0, 60.0]
 
 
@@ -142,8 +142,8 @@ def test_lines_before_the_headings_units_below_and_equal_names_are_seen(tmp_path
     (source,) = open_sources([path])
     assert [column.name for column in source.columns] == ['Zeit [s]', 'Kraft', 'Weg', 'Weg#2']
     assert [column.unit for column in source.columns] == ['s', 'kN', 'V', 'V']
-    assert source.settings()['first_line'] == 6
-    assert "2 columns are named 'Weg'" in source.warnings.all()[0]
+    assert source.settings['first_line'] == 6
+    assert "2 columns are named 'Weg'" in source.warnings[0]
 
 
 def test_a_draft_keeps_what_it_knows_and_is_refused_until_completed(tmp_path: Path) -> None:
@@ -203,5 +203,6 @@ def test_a_bag_that_is_there_is_not_replaced_and_a_failed_import_leaves_nothing(
 @pytest.mark.parametrize('year', ['1600', '2262', '9999'])
 def test_a_date_that_no_stamp_holds_is_a_cell_that_cannot_be_read(year):
     clock = DatedTime(('time',), 'iso', timezone.utc)
-    found = clock.stamps([np.array([f'{year}-06-01T00:00:00', '2000-01-01T00:00:00'])])
+    texts = np.array([f'{year}-06-01T00:00:00', '2000-01-01T00:00:00'])
+    found = clock.stamps([texts], np.arange(2))
     assert found.tolist() == [MISSING, 946_684_800 * 10 ** 9]

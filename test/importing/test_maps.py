@@ -119,6 +119,7 @@ def test_every_way_to_state_the_time_gives_the_same_stamps(
     (document(test={'test': 'fast', 'elevation_deg': 5}), "test is 'fast': give static or dyn"),
     (document(test={**TEST, 'elevatoin': 5}), 'did you mean elevation_deg?'),
     (document(split={'by': 'gaps'}), 'give column or gap'),
+    (document(csv={'first_line': 'two'}), "csv.first_line is 'two': give a number"),
     ({'time': TIME}, 'channels: is missing'),
     ([1], 'is not a map'),
 ])

@@ -209,7 +209,7 @@ def test_a_tdms_file_that_is_cut_off_is_said_to_be(tmp_path: Path, capfd) -> Non
     write_tdms(path, make_record())
     path.write_bytes(path.read_bytes()[:-900])
     (source,) = open_sources([path])
-    assert any('less data than expected' in line for line in source.warnings.all())
+    assert any('less data than expected' in line for line in source.warnings)
     assert capfd.readouterr().err == ''
 
 
