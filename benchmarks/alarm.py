@@ -1,30 +1,21 @@
 """How often does the alarm of a sound ring come, and how late that of a step or a drift?
 
-    python benchmarks/alarm.py [--hours 2000] [--swinging 500] [--draws 200] [--rings 12]
-                               [--records 8] [--seed 0]
+    python benchmarks/alarm.py [--hours 2000] [--swinging 500] [--draws 200] [--seed 0]
 
 1. False alarms of a sound ring: blocks of white noise, and of noise with a wander where the
    residual swings through the whole of materiality; many streams run side by side.
 2. Delay after a step or a drift of 0.5, 1 and 3 standard deviations of a block, against theory:
    log(threshold) over the information a block, shift^2 / 2.
-3. Whole tests of the virtual rig with parameters that are off within materiality (no alarm) and
-   far beyond it (alarm), through `saddlering watch`'s own steps.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 import math
-from pathlib import Path
-import tempfile
 
-from examiner import draw_truth
 from frame import arguments, table
 import numpy as np
-from rigs import NO_SCATTER, RIG
-from scipy.signal import lfilter
+from rigs import RIG
 
-from saddlering_ros.bags import read_run
 from saddlering_ros.monitoring.detector import (
     BlockNoise,
     ChannelInnovations,
@@ -35,14 +26,7 @@ from saddlering_ros.monitoring.detector import (
     threshold_of,
     wander_limit,
 )
-from saddlering_ros.monitoring.monitor import Monitor, MonitorSettings, Sample, watch
-from saddlering_ros.monitoring.noise import assumed_noise, least_wander, materiality
-from saddlering_ros.monitoring.stream import residual_samples
-from saddlering_ros.record.residual import residual_stretches
-from saddlering_ros.rig import ParameterSet
-from saddlering_ros.virtual_rig.physics import PhysicalRig
-from saddlering_ros.virtual_rig.recording import record_test, TestPlan, write_record
-from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
+from saddlering_ros.monitoring.noise import assumed_noise, least_wander
 
 BLOCK = 0.02
 CHANNELS = 3
@@ -136,41 +120,6 @@ def _steady(noise: BlockNoise) -> tuple[float, float, float]:
     return 1.0 - noise.white / scale**2, scale, whitener.response
 
 
-def learnt_noise(rest: float, size: float, records: int, seed: int) -> tuple[float, int]:
-    """Hours and false alarms of whole monitors whose noise is learnt from `rest` seconds.
-
-    Two minutes at 1 kHz each, the probes' noise with its wander; the residual jumps between the
-    ends of a materiality of `size` [m].
-    """
-    alarms, seconds = 0, 0.0
-    for record in range(records):
-        chance = np.random.default_rng([seed, record])
-        time = np.arange(0.0, rest + 120.0, 1e-3)
-        residual = np.stack([_probe_noise(time.size, chance) for _ in range(CHANNELS)])
-        residual[2] *= 2.0 / RIG.probes.axial_span
-        residual -= residual[:, :500].mean(axis=1, keepdims=True)
-        moving = time > rest
-        residual[:, moving] += size * np.sign(np.sin(1.3 * time[moving]))
-        load = RIG.preload + 1e5 * np.abs(np.sin(np.maximum(time - rest, 0.0)))
-        monitor = watch(
-            Monitor(MonitorSettings(), RIG.limits.rest_band, lambda at: np.full(3, size),
-                    least_wander(RIG)),
-            (Sample(1 + round(1e9 * now), (x, y, gamma), force) for now, x, y, gamma, force in
-             zip(time.tolist(), *residual.tolist(), load.tolist(), strict=True)))
-        alarms += monitor.alarm is not None
-        seconds += monitor.seconds
-    return seconds / 3600.0, alarms
-
-
-def _probe_noise(count: int, chance: np.random.Generator) -> np.ndarray:
-    """Noise of half a difference of two probes of 0.3 um at 1 kHz, three tenths of it slow."""
-    memory = math.exp(-1e-3 / 4.0)
-    kicks = 0.064e-6 * math.sqrt(1.0 - memory**2) * chance.standard_normal(count)
-    kicks[0] = 0.064e-6 * chance.standard_normal()
-    white = 0.202e-6 * chance.standard_normal(count)
-    return np.asarray(lfilter([1.0], [1.0, -memory], kicks) + white)
-
-
 def delays(size: float, draws: int, seed: int, drift: float = 0.0) -> np.ndarray:
     """Delays [s] of the alarm after a step of `size`, or a drift to it within `drift` seconds.
 
@@ -215,73 +164,10 @@ def check_streams() -> None:
     raise AssertionError('the step was not found')
 
 
-@dataclass(frozen=True)
-class Whole:
-    """One test of the virtual rig as it was watched.
-
-    share: largest mean over 1 s of the residual beyond its zero, over materiality.
-    """
-
-    seconds: float
-    share: float
-    alarmed: bool
-    lapses: int
-
-
-def whole_test(seed: int, *, dynamic: bool, scale: float) -> Whole:
-    """A test of a drawn ring without fault or scatter; the model's stiffnesses are `scale` off."""
-    chance = np.random.default_rng([seed, 17])
-    truth = draw_truth(seed, 'clean')
-    schedule = (dynamic_schedule(RIG, duration=30.0, cycles=2) if dynamic else
-                static_schedule(RIG, hold=5.0))
-    elevation = math.radians(float(chance.choice([30.0, 50.0, 70.0])))
-    record = record_test(TestPlan(
-        PhysicalRig(RIG, truth.contact, elevation, (), NO_SCATTER, seed), schedule,
-        seed=seed, instruments=truth.instruments, rate=1000.0 if dynamic else 50.0))
-    with tempfile.TemporaryDirectory() as folder:
-        run = read_run(write_record(Path(folder) / 'bag', record, RIG), rig=RIG)
-    contact = replace(truth.contact, K1=truth.contact.K1 * scale, K2=truth.contact.K2 * scale)
-    stretches, _ = residual_stretches(RIG, run, ParameterSet(contact), [], lambda share: None)
-    (samples,) = stretches  # the record is short
-    monitor = watch(
-        Monitor(MonitorSettings(), RIG.limits.rest_band,
-                lambda at: materiality(RIG, contact, at), least_wander(RIG)),
-        residual_samples(samples, run.load[np.searchsorted(run.stamps, samples.stamps)]))
-    residual = samples.channels[:3]
-    count = 1000 if dynamic else 50
-    usable = residual.shape[1] // count * count
-    means = residual[:, :usable].reshape(3, -1, count).mean(axis=2)
-    shares = np.abs(means).max(axis=1) / monitor.materiality
-    share = float(shares.max())
-    return Whole(monitor.seconds, share, monitor.alarm is not None, len(monitor.lapses))
-
-
-def whole_tests(rings: int, seed: int) -> list[tuple[object, ...]]:
-    """Rows of whole tests with stiffnesses that are off by at most 0.5 %, and by 10 %."""
-    rows: list[tuple[object, ...]] = []
-    for dynamic in (False, True):
-        count = max(1, rings // 3) if dynamic else rings
-        chance = np.random.default_rng([seed, dynamic])
-        near = [whole_test(seed + ring, dynamic=dynamic, scale=1.0 + chance.uniform(-5e-3, 5e-3))
-                for ring in range(count)]
-        far = [whole_test(seed + ring, dynamic=dynamic, scale=1.1)
-               for ring in range(max(1, count // 4))]
-        within = [one for one in near if one.share < 1.0]
-        beyond = [one for one in near if one.share >= 1.0]
-        for words, tests in (('off by up to 0.5 %, within', within),
-                             ('the same, beyond', beyond), ('off by 10 %', far)):
-            rows.append((
-                'dynamic' if dynamic else 'static', words, len(tests),
-                max((one.share for one in tests), default=math.nan),
-                sum(one.seconds for one in tests) / 3600.0, sum(one.alarmed for one in tests),
-                sum(one.lapses > 0 for one in tests)))
-    return rows
-
-
 def main() -> None:
     args = arguments(
-        __doc__, {'hours': 200.0, 'swinging': 50.0, 'draws': 20, 'rings': 2, 'records': 1},
-        hours=2000.0, swinging=500.0, draws=200, rings=12, records=8, seed=0)
+        __doc__, {'hours': 200.0, 'swinging': 50.0, 'draws': 20},
+        hours=2000.0, swinging=500.0, draws=200, seed=0)
     check_streams()
     late = {(size, drift): delays(size, args.draws, 1 + round(drift), drift)
             for size in (0.5, 1.0, 3.0) for drift in (0.0, 10.0)}
@@ -296,13 +182,6 @@ def main() -> None:
          false_alarms_white(args.hours / 10.0, args.seed + 1, 1.0), args.hours / 10.0),
         ('noise that wanders, jumps from end to end of materiality', args.swinging,
          false_alarms_swinging(args.swinging, args.seed), args.swinging / ALLOWED_HOURS)])
-    table('Whole records with noise learnt from their rest',
-          ('rest [s]', 'materiality [um]', 'hours', 'false alarms'),
-          [(rest, 1e6 * size, *learnt_noise(rest, size, args.records, args.seed))
-           for rest in (2.0, 10.0) for size in (0.0, 0.3e-6, 1e-6)])
-    table('Whole tests of the virtual rig; share: largest residual over materiality',
-          ('test', 'stiffnesses', 'tests', 'share', 'hours', 'alarms', 'with a lapse'),
-          whole_tests(args.rings, args.seed))
 
 
 if __name__ == '__main__':

@@ -4,10 +4,9 @@
     chrt -r 10 python benchmarks/ros_speed.py          as in the unit of systemd
 
 Everything runs between real processes over DDS on this machine. A driver publishes five topics to
-the ring nodes and, in a run before it, to a plain rclpy node that does nothing else. Every node
-notes when it takes a message and when it sends one, by stamp. Then follow the same stream while an
-identification runs, ring/within_limits beside busy programs without and with real-time priority,
-a bag in lockstep, and the cancel of an identification.
+the ring nodes. Every node notes when it takes a message and when it sends one, by stamp. Then
+follow the same stream while an identification runs, a bag in lockstep, and the cancel of an
+identification.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from collections.abc import Iterator
 import contextlib
 import functools
 import itertools
-import json
 import os
 from pathlib import Path
 import subprocess
@@ -33,7 +31,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rigs import course, course_bag
-from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.action import IdentifyRing
@@ -42,9 +39,8 @@ from saddlering_ros.bags.wire import decode_displacements, encode_samples
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.topics import LOAD, PROBES
-from saddlering_ros.ros.launcher import ALARM_NODES, NodeGroup, RING_NODES, start_nodes
-from saddlering_ros.ros.messages import to_stamp
-from saddlering_ros.ros.names import PROGRESS, WITHIN_LIMITS
+from saddlering_ros.ros.launcher import NodeGroup, RING_NODES, start_nodes
+from saddlering_ros.ros.names import PROGRESS
 from saddlering_ros.ros.raw_topics import DataWait, RawPublisher, RawSubscription
 
 TRACER = """
@@ -85,10 +81,9 @@ SETTLED_NS = 1_500_000_000
 """Rows of the first 1.5 s wait for the zero and are left out."""
 
 LOCKSTEP_RATE = 1000.0
-BUSY_PROGRAMS, PRIORITY = 20, 10
 
 
-# -- the driver and the plain node, processes of their own ---------------------------------------
+# -- the driver, a process of its own ------------------------------------------------------------
 
 
 def drive(seconds: float, rate: float, published: Path) -> None:
@@ -120,48 +115,6 @@ def drive(seconds: float, rate: float, published: Path) -> None:
             flow.send([series[index]], stamp)
     np.save(published, kept)
     time.sleep(1.0)
-
-
-def plain(seconds: float, rate: float) -> None:
-    """What a plain node receives of the five topics: the stamp and the time of each callback."""
-    from geometry_msgs.msg import WrenchStamped
-    from rclpy.qos import QoSProfile
-    from sensor_msgs.msg import Range
-
-    def note(own: list[tuple[int, int]], message: Any) -> None:
-        own.append((to_stamp(message.header.stamp), time.time_ns()))
-
-    rclpy.init()
-    node = Node('plain')
-    calls: list[list[tuple[int, int]]] = [[] for _ in range(5)]
-    qos = QoSProfile(depth=10_000)
-    for kind, topic, own in zip((WrenchStamped, *[Range] * 4), (LOAD_TOPIC, *PROBE_TOPICS), calls,
-                                strict=True):
-        node.create_subscription(kind, topic, functools.partial(note, own), qos)
-    print('ready', flush=True)
-    end = time.monotonic() + seconds + 25.0
-    received, last = 0, end
-    while received < 5 * round(seconds * rate) and time.monotonic() < min(end, last + 3.0):
-        rclpy.spin_once(node, timeout_sec=1.0)
-        before, received = received, sum(map(len, calls))
-        last = time.monotonic() if received > before else last
-    print(json.dumps(calls), flush=True)
-
-
-def child(role: str, seconds: float, rate: float, group: NodeGroup, folder: str,
-          ) -> subprocess.Popen[str]:
-    """The driver or the plain node beside a group of nodes."""
-    return subprocess.Popen(
-        [sys.executable, __file__, '--role', role, '--seconds', str(seconds), '--rates', str(rate),
-         '--published', str(Path(folder) / 'published.npy')],
-        env=group.environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-
-
-def start(driver: subprocess.Popen[str], readers: str) -> None:
-    """Let a driver begin when each of its topics has so many readers."""
-    assert driver.stdin is not None
-    driver.stdin.write(f'{readers}\n')
-    driver.stdin.flush()
 
 
 # -- listening -----------------------------------------------------------------------------------
@@ -230,22 +183,6 @@ def complete(flows: list[np.ndarray]) -> np.ndarray:
                                     axis=0)])
 
 
-def plain_alone(seconds: float, rate: float) -> np.ndarray:
-    """Time [ms] from each load to the last of its five callbacks in a plain node, alone."""
-    with tempfile.TemporaryDirectory() as folder, NodeGroup() as group:
-        reader = child('plain', seconds, rate, group, folder)
-        assert reader.stdout is not None
-        reader.stdout.readline()
-        driver = child('drive', seconds, rate, group, folder)
-        start(driver, '1 1 1 1 1')
-        calls = [np.array(own, np.int64).reshape(-1, 2).T
-                 for own in json.loads(reader.stdout.readline())]
-        reader.wait()
-        driver.wait()
-        published = np.load(Path(folder) / 'published.npy')
-    return between(published, complete(calls), published[0, 0])
-
-
 def ring_nodes(seconds: float, rate: float, *, identifying: bool) -> tuple[list[np.ndarray], int]:
     """Times [ms] of each hop and of all, and how many residuals were lost."""
     count = round(seconds * rate)
@@ -257,18 +194,24 @@ def ring_nodes(seconds: float, rate: float, *, identifying: bool) -> tuple[list[
               contextlib.ExitStack() as beside):
             for name in RING_NODES:
                 group.start(name)
-            driver = child('drive', seconds, rate, group, folder)
+            published_in = Path(folder) / 'published.npy'
+            driver = subprocess.Popen(
+                [sys.executable, __file__, '--seconds', str(seconds), '--rates', str(rate),
+                 '--drive', str(published_in)],
+                env=group.environment, stdin=subprocess.PIPE, text=True)
             wait_matched(progress)
             progress.close()
             if identifying:
                 group.start('ring_identification')
                 beside.enter_context(Identifier(group.domain_id, seed=0))
-            start(driver, '2 1 1 1 1')
+            assert driver.stdin is not None
+            driver.stdin.write('2 1 1 1 1\n')  # readers of each topic
+            driver.stdin.flush()
             heard = receive(node, residual, count, seconds + 10.0)
             driver.wait()
         ring, simulator, last = (dict(np.load(Path(folder) / f'{name}.npz'))
                                  for name in RING_NODES)
-        published = np.load(Path(folder) / 'published.npy')
+        published = np.load(published_in)
     assert 'taken' + LOAD_TOPIC in simulator
     stages = [
         published, complete([ring['taken' + topic] for topic in (LOAD_TOPIC, *PROBE_TOPICS)]),
@@ -277,42 +220,6 @@ def ring_nodes(seconds: float, rate: float, *, identifying: bool) -> tuple[list[
         last['sent/ring/residual'], heard]
     hops = [between(*pair, published[0, 0]) for pair in itertools.pairwise(stages)]
     return [*hops, between(published, heard, published[0, 0])], count - heard.shape[1]
-
-
-def limits_while_busy(seconds: float, rate: float, policy: int) -> tuple[float, int, int]:
-    """Longest silence [s] of ring/within_limits among busy programs; its messages, false ones.
-
-    They count from the first true message to the last load. policy: of the scheduler, for nodes
-    and driver.
-    """
-    os.sched_setscheduler(0, policy, os.sched_param(PRIORITY if policy else 0))
-    with (tempfile.TemporaryDirectory() as folder, NodeGroup() as group,
-          listener(group.domain_id) as (node, _, progress)):
-        for name in (*RING_NODES, *ALARM_NODES):
-            group.start(name)
-        limits = RawSubscription(node, WITHIN_LIMITS, Bool)
-        heard: list[tuple[float, bool]] = []
-        driver = child('drive', seconds, rate, group, folder)
-        wait_matched(progress)
-        busy = [subprocess.Popen([sys.executable, '-c', 'while True: pass'], preexec_fn=lambda:
-                                 os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0)))
-                for _ in range(BUSY_PROGRAMS)]
-        try:
-            start(driver, '3 1 1 1 1')
-            data, end = DataWait(node.context), time.monotonic() + seconds + 30.0
-            while driver.poll() is None and time.monotonic() < end:
-                data.wait([limits], 0.1)
-                heard += [(time.time(), bool(message[4])) for message in limits.take()]
-        finally:
-            for one in busy:
-                one.kill()
-            driver.kill()
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        last = np.load(Path(folder) / 'published.npy')[1, -1] / 1e9
-    first = next((index for index, (_, within) in enumerate(heard) if within), 0)
-    counted = [(at, within) for at, within in heard[first:] if at <= last]
-    silence = np.diff([at for at, _ in counted]).max(initial=0.0)
-    return float(silence), len(counted), sum(not within for _, within in counted)
 
 
 class Identifier:
@@ -391,28 +298,18 @@ def to_cancel() -> str:
 
 def main() -> None:
     args = arguments(__doc__, {'seconds': 5.0, 'rates': [500.0]}, seconds=8.0,
-                     rates=(200.0, 500.0, 1000.0), role=str, published=Path)
-    if args.role:
-        if args.role == 'drive':
-            drive(args.seconds, args.rates[0], args.published)
-        else:
-            plain(args.seconds, args.rates[0])
+                     rates=(200.0, 500.0, 1000.0), drive=Path)
+    if args.drive:
+        drive(args.seconds, args.rates[0], args.drive)
         return
     rows: list[list[object]] = []
     for rate, identifying in [*((rate, False) for rate in args.rates), (args.rates[-1], True)]:
-        alone = None if identifying else plain_alone(args.seconds, rate)
         stages, lost = ring_nodes(args.seconds, rate, identifying=identifying)
-        pairs = ['' if times is None else '{:.2f} and {:.2f}'.format(
-            *np.percentile(times, (50, 99))) for times in (alone, stages[-1])]
-        rows.append([f'{rate:g}{", one identifies" if identifying else ""}', *pairs,
+        rows.append([f'{rate:g}{", one identifies" if identifying else ""}',
+                     '{:.2f} and {:.2f}'.format(*np.percentile(stages[-1], (50, 99))),
                      *(f'{np.median(times):.2f}' for times in stages[:-1]), lost])
     table(f'p50 and p99 [ms], p50 of each hop; load average {os.getloadavg()[0]:.1f}',
-          ('rate [Hz]', 'plain node', 'residual', *HOPS, 'lost'), rows)
-    print()
-    for policy, words in ((os.SCHED_OTHER, 'ordinary'), (os.SCHED_RR, 'real-time')):
-        silence, count, lows = limits_while_busy(args.seconds, 200.0, policy)
-        print(f'ring/within_limits beside {BUSY_PROGRAMS} busy programs, {words} priority: '
-              f'silent for {silence:.2f} s at most, {lows} of {count} messages false', flush=True)
+          ('rate [Hz]', 'residual', *HOPS, 'lost'), rows)
     print(in_lockstep(args.seconds), flush=True)
     print(to_cancel(), flush=True)
 

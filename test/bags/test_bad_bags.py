@@ -317,7 +317,7 @@ def run_or_line(path) -> Record | str:
 
 
 PLACES = 25
-"""Damaged places of each kind of file; benchmarks/fuzz.py damages thousands."""
+"""Damaged places of each kind of file."""
 
 
 @pytest.mark.parametrize(('compression', 'chunked'), [

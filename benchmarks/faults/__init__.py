@@ -1,1 +1,0 @@
-"""Faults put into running nodes, and whether the nodes keep their promises."""
