@@ -19,7 +19,7 @@ AREAS = {
     'Identification': (('identification', 'estimation'), 'identification.md'),
     'Diagnosis and comparison': (('diagnosis', 'comparison', 'discrepancy'), 'diagnosis.md'),
     'Alarm': (('monitoring',), 'alarm.md'),
-    'Nodes, replay and live page': (('ros', 'nodes', 'jobs', 'live', 'demo'), 'hardware.md'),
+    'Nodes, replay and live page': (('ros', 'nodes', 'jobs', 'live'), 'hardware.md'),
     'Campaigns and fleets': (('campaign', 'fleet'), 'campaigns.md'),
 }
 """Heading: the folders whose messages it lists, and the page that explains them."""

@@ -1,17 +1,23 @@
-"""`saddlering demo`: all steps on live nodes, from recorded bags to a named cause."""
+"""`saddlering demo`: all steps, from recorded bags to a named cause that live nodes confirm."""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
+import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli._arguments import add_json_option, bags_below, folder_filled
-from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.cli._terminal import Bar, tell_json
+from saddlering_ros.errors import BagError, SaddleringError
 
 if TYPE_CHECKING:
-    from saddlering_ros.demo.story import DemoOutcome
+    from collections.abc import Sequence
 
+    from saddlering_ros import Bag, DiagnosisResult, IdentificationResult
+    from saddlering_ros.diagnosis.ring_wording import RunEntry
+    from saddlering_ros.report.curves import Array, RunCurves
 
 EXAMPLES = (
     ('saddlering demo --out out', 'all steps; then open out/report.html'),
@@ -19,14 +25,23 @@ EXAMPLES = (
 UNTRIED = 'test/cli/test_demo.py runs it'
 """Why no test types these examples."""
 
+IDENTIFY_AT = 50.0
+"""Elevation [deg] of the published identification; the others verify."""
+
+JUDGED = ('delta_x', 'delta_y', 'gamma')
+SCRATCH_PREFIX = 'saddlering_demo_run_'
+"""Of the folder for recordings; one of a killed demo is removed by the next."""
+
+FOUND_BY = 'Before the diagnosis. The missing cause biases these contact parameters.'
+
 
 def add_parser(subparsers: Any) -> None:
     """Declare the subcommand."""
     parser = subparsers.add_parser(
         'demo', help='run all steps with live nodes, and write a report',
-        description='Replay bags through live nodes, identify the parameters, diagnose what '
-                    'the simulation lacks, and verify the result on another test. The folder '
-                    'then holds a report that opens offline.')
+        description='Identify the parameters from bags, replay another test through live nodes, '
+                    'diagnose what the simulation lacks, and verify the result by another '
+                    'replay. The folder then holds a report that opens offline.')
     parser.add_argument('--out', type=folder_filled, default=Path('out'), metavar='DIR',
                         help='folder for report, pictures, numbers, parameters (default: out)')
     parser.add_argument('--bags', type=bags_below, metavar='DIR',
@@ -35,63 +50,289 @@ def add_parser(subparsers: Any) -> None:
                              'stderr)')
 
 
+@dataclass(frozen=True)
+class LiveReplay:
+    """One replay through live nodes: what simulated, messages received and lost, its channels.
+
+    measured, simulated (4, N) [m, m, rad, m]: at the stamps of the bag's loads.
+    """
+
+    bag: Bag
+    parameters: str
+    messages: int
+    lost: int
+    seconds: float
+    measured: Array
+    simulated: Array
+
+
+@dataclass(frozen=True)
+class Story:
+    """What the demonstration found.
+
+    curves: the held-out runs as the nodes published them; runs: their misfits, as a verdict's
+    document has them; seconds: what the demonstration took.
+    """
+
+    identified: IdentificationResult
+    diagnosed: DiagnosisResult
+    replays: Sequence[LiveReplay]
+    curves: Sequence[RunCurves]
+    runs: list[RunEntry]
+    seconds: float
+
+    @property
+    def misfit(self) -> tuple[float, float]:
+        """Live misfit over runs and channels before and after the diagnosis, a share of range."""
+        found = [run['channels'][name] for run in self.runs for name in JUDGED]
+        before = sum((item['nrmse_before'] or 0.0)**2 for item in found)
+        after = sum((item['nrmse_after'] or 0.0)**2 for item in found)
+        return math.sqrt(before / len(found)), math.sqrt(after / len(found))
+
+    @property
+    def gain(self) -> float:
+        """Share by which the live misfit of the held-out runs falls."""
+        before, after = self.misfit
+        return 1.0 - after / max(before, 1e-300)
+
+
 def run(args: argparse.Namespace) -> int:
     """Run the demo, write its folder, print a summary."""
     import contextlib
     import os
     import sys
+    import tempfile
 
-    from saddlering_ros.demo.output import check_folder, numbers_of, write_all
-    from saddlering_ros.demo.story import Console, plan, STEPS, tell
-    from saddlering_ros.files import share_directory
+    from saddlering_ros.files import share_directory, temporary_folder
+    from saddlering_ros.quantities import percent
     from saddlering_ros.rig import RIG_VARIABLE
 
     os.environ.pop(RIG_VARIABLE, None)  # the demonstration is of the shipped rig
-    check_folder(args.out)
-    chosen = plan(args.bags or share_directory() / 'bags')
-    told = contextlib.redirect_stdout(sys.stderr if args.json == '-' else sys.stdout)
-    with told, Console(STEPS) as console:
-        outcome = tell(chosen, console)
-        console.step(f'writing {args.out}/')
-        files = write_all(outcome, args.out, args.command_line)
-        seconds = console.seconds
-    if tell_json(args, numbers_of(outcome)):
+    if args.out.exists() and not args.out.is_dir():
+        raise SaddleringError(f'{args.out}: is not a folder: choose another place (--out)')
+    there = next(path for path in (args.out, *args.out.absolute().parents) if path.exists())
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise SaddleringError(f'{there}: cannot be written to: choose another place (--out)')
+    fitted, held_out = planned(args.bags or share_directory() / 'bags')
+    with (contextlib.redirect_stdout(sys.stderr if args.json == '-' else sys.stdout),
+          temporary_folder(Path(tempfile.gettempdir()), SCRATCH_PREFIX) as scratch):
+        story = tell(fitted, held_out, scratch)
+        files = write_all(story, args.out, args.command_line)
+    if tell_json(args, numbers_of(story)):
         return 0
-    print(summary(outcome))
-    print(f'\n{seconds:.0f} s. Open {args.out / "report.html"} '
-          f'({len(files)} files in {args.out}/)')
+    before, after = map(percent, story.misfit)
+    print(f'\n{story.diagnosed.summary()}\n\nMisfit measured live on held-out runs: {before} -> '
+          f'{after}, reduced by {percent(story.gain)}.\n{story.seconds:.0f} s. Open '
+          f'{args.out / "report.html"} ({len(files)} files in {args.out}/)')
     return 0
 
 
-def summary(outcome: DemoOutcome) -> str:
-    """The findings in at most one screen of lines."""
-    from saddlering_ros.demo.story import JUDGED, misfit_table, overall_misfit
-    from saddlering_ros.diagnosis.ring_wording import (
-        causes_of,
-        gain_sentence,
-        headline,
-        parameter_words,
-    )
-    from saddlering_ros.quantities import percent
+def planned(folder: Path) -> tuple[list[Bag], list[Bag]]:
+    """The bags of `folder` to fit and to verify with, static ones first."""
+    from saddlering_ros import read_bag
 
-    verdict = outcome.verdict
-    lines = ['', f'Verdict: {verdict["verdict"]}. {headline(verdict)}']
-    if verdict.get('next_test'):
-        lines.append(f'Next test: {verdict["next_test"]}')
-    lines += [f'  {cause["effect"]}: {parameter_words(cause)}' for cause in causes_of(verdict)]
-    lines += [gain_sentence(verdict), '',
-              "Misfit in % of the channel's range, from the zero of the live nodes (diagnose also "
-              'fits offsets):',
-              f'  {"run":24s} {"channel":8s} {"identified":>11s} {"extended":>9s} {"noise":>7s}']
-    for entry in misfit_table(outcome.curves):
-        for name in JUDGED:
-            item = entry['channels'][name]
-            shares = (item['nrmse_before'], item['nrmse_after'], item['noise_floor'])
-            shown = ['-' if share is None else f'{100.0 * share:.2f}' for share in shares]
-            lines.append(f'  {entry["bag"]:24s} {name:8s} {shown[0]:>11s} {shown[1]:>9s} '
-                         f'{shown[2]:>7s}')
-    second = outcome.verified[0].elevation_deg
-    before, after = (overall_misfit(outcome.verified, extended=item) for item in (False, True))
-    lines += ['', f'Misfit measured live at {second:g} deg, held out before: {percent(before)} '
-                  f'-> {percent(after)}, reduced by {percent(outcome.gain)}.']
-    return '\n'.join(line for line in lines if line is not None)
+    if not folder.is_dir():
+        raise BagError(f'{folder}: no such folder: give one that holds bags (--bags)')
+    by_elevation: dict[float, list[Bag]] = {}
+    for path in sorted(folder.iterdir()):
+        if (path / 'metadata.yaml').is_file() or path.suffix == '.mcap':
+            bag = read_bag(path.resolve())
+            by_elevation.setdefault(bag.elevation_deg, []).append(bag)
+    if not by_elevation:
+        raise BagError(f'{folder}: holds no bags: give a folder that does (--bags)')
+    for bags in by_elevation.values():
+        bags.sort(key=lambda bag: (bag.test != 'static', -float(bag.run.time[-1])))
+    first = IDENTIFY_AT if IDENTIFY_AT in by_elevation else min(by_elevation)
+    fitted = by_elevation.pop(first)
+    missing = {'static', 'dynamic'} - {bag.test for bag in fitted}
+    if missing:
+        raise BagError(f'{folder}: no {missing.pop()} bag at {first:g} deg: add one')
+    if not by_elevation:
+        raise BagError(f'{folder}: every bag is at {first:g} deg: add some at another elevation '
+                       'to verify on')
+    return fitted, by_elevation[max(by_elevation)]
+
+
+def tell(fitted: list[Bag], held_out: list[Bag], scratch: Path) -> Story:
+    """All steps in the order in which a test engineer does them by hand."""
+    import time
+
+    from saddlering_ros import diagnose, identify
+    from saddlering_ros.ros.launcher import Domain
+
+    began = time.monotonic()
+    first, second = (', '.join(bag.name for bag in bags) for bags in (fitted, held_out))
+
+    def say(words: str) -> None:
+        print(f'{time.monotonic() - began:5.1f} s  {words}', flush=True)
+
+    def replayed(parameters: str) -> list[LiveReplay]:
+        done = []
+        for bag in held_out:
+            done.append(replay(bag, parameters, scratch, domain.number))
+            say(f'      {bag.name}: {done[-1].messages} messages, '
+                f'{done[-1].lost or "none"} lost')
+        return done
+
+    domain = Domain.take()
+    try:
+        say(f'[1/5] identify: contact parameters from {first}')
+        with Bar() as bar:
+            identified = identify(fitted, on_progress=bar.tell)
+        identified.save_parameters(scratch / 'identified.yaml')
+        say(f'[2/5] replay: {second} to live nodes in ROS domain {domain.number}, simulated '
+            'with these parameters')
+        before = replayed('identified')
+        say(f'[3/5] diagnose: the cause that the simulation lacks; {second} held out')
+        with Bar() as bar:
+            diagnosed = diagnose(
+                fitted, hold_out=held_out, parameters=identified, on_progress=bar.tell)
+        diagnosed.save_parameters(scratch / 'extended.yaml')
+        say('[4/5] replay: the same, with the extended model')
+        after = replayed('extended')
+    finally:
+        domain.release()
+    say('[5/5] comparing, writing the report')
+    curves = live_curves(diagnosed, before, after)
+    return Story(identified, diagnosed, (*before, *after), curves, misfits(curves),
+                 time.monotonic() - began)
+
+
+def replay(bag: Bag, parameters: str, scratch: Path, domain: int) -> LiveReplay:
+    """Replay a bag through live nodes by `saddlering replay`, and read what they published."""
+    from mcap.reader import make_reader
+    import numpy as np
+
+    from saddlering_ros.bags.wire import decode_displacements
+    from saddlering_ros.cli.main import build_parser
+    from saddlering_ros.cli.replay import play
+    from saddlering_ros.record.displacement import a_pair_reads
+    from saddlering_ros.record.topics import LOAD_TOPIC
+    from saddlering_ros.ros.names import DISPLACEMENTS
+
+    recording, run = scratch / f'{bag.name}_{parameters}', bag.run
+    told = play(build_parser()[0].parse_args([
+        'replay', str(bag.path), '--params', str(scratch / f'{parameters}.yaml'), '--rate', '0',
+        '--domain', str(domain), '--record', str(recording), '--json', '-']))
+    topics = [f'/{name}' for name in DISPLACEMENTS]
+    counts = told['messages']
+    messages = sum(counts[topic] for topic in (*topics, LOAD_TOPIC))
+    # Every load has a simulation; where a pair of probes reads, a displacement and a residual.
+    due = 2 * (len(run.time) + int(np.count_nonzero(a_pair_reads(run.gaps))))
+    kept: dict[str, list[bytes]] = {topic: [] for topic in topics}
+    with next(recording.glob('*.mcap')).open('rb') as file:
+        for _, channel, message in make_reader(file).iter_messages(topics):
+            kept[channel.topic].append(message.data)
+    channels = []
+    for topic in topics[:2]:
+        batch, placed = decode_displacements(kept[topic]), np.full((4, len(run.stamps)), np.nan)
+        _, here, there = np.intersect1d(run.stamps, batch.stamps, return_indices=True)
+        placed[:, here] = batch.channels[:, there]
+        channels.append(placed)
+    return LiveReplay(bag, parameters, messages, due - messages, told['seconds'], *channels)
+
+
+def live_curves(
+    diagnosed: DiagnosisResult, before: Sequence[LiveReplay], after: Sequence[LiveReplay],
+) -> list[RunCurves]:
+    """The held-out runs as measured and simulated live, before and after the diagnosis."""
+    from saddlering_ros.report.curves import curves_of_run
+
+    noise = {Path(run['bag']).name: {
+        name: item['noise_floor'] for name, item in run['channels'].items()}
+        for run in diagnosed.document['runs']}
+    return [curves_of_run(
+        first.bag.run, first.measured, first.simulated, last.simulated,
+        noise.get(first.bag.name, {}), held_out=True, force_unit=first.bag.rig.force_unit)
+        for first, last in zip(before, after, strict=True)]
+
+
+def misfits(curves: Sequence[RunCurves]) -> list[RunEntry]:
+    """Rms misfits of runs as shares of each channel's measured range."""
+    import numpy as np
+
+    from saddlering_ros.rig import CHANNELS
+
+    runs: list[RunEntry] = []
+    for run in curves:
+        spans = np.maximum(np.ptp(run.measured, axis=1), 1e-12)
+        before, after = (np.sqrt(np.mean((run.measured - one)**2, axis=1)) / spans
+                         for one in (run.before, run.after))
+        runs.append({
+            'bag': run.name, 'test': run.test, 'elevation_deg': run.elevation_deg,
+            'held_out': run.held_out, 'channels': {
+                name: {'nrmse_before': float(before[row]), 'nrmse_after': float(after[row]),
+                       'noise_floor': float(run.noise[name] / spans[row])}
+                for row, name in enumerate(CHANNELS)}})
+    return runs
+
+
+def numbers_of(story: Story) -> dict[str, Any]:
+    """All numbers of the demo, for a program."""
+    return {
+        'bags': {'identify': [bag.name for bag in story.identified.bags],
+                 'verify': [run.name for run in story.curves]},
+        'identification': story.identified.to_json(), 'verdict': story.diagnosed.to_json(),
+        'live': {
+            'replays': [{
+                'bag': one.bag.name, 'parameters': one.parameters, 'messages': one.messages,
+                'lost': one.lost, 'seconds': one.seconds} for one in story.replays],
+            'runs': story.runs, 'gain': story.gain},
+        'seconds': story.seconds}
+
+
+def live_chapter(story: Story) -> str:
+    """Chapter: the replays through live nodes, and the misfits that they measured."""
+    from saddlering_ros.pages import html
+    from saddlering_ros.pages.html import number
+    from saddlering_ros.quantities import percent
+    from saddlering_ros.report import chapters, figures
+
+    lost = sum(one.lost for one in story.replays)
+    before, after = map(percent, story.misfit)
+    return html.section(
+        'Measured by live nodes',
+        html.tiles([
+            (before, 'misfit of held-out runs, contact law alone'),
+            (after, 'with the extended model, replayed again'),
+            (percent(story.gain), 'misfit reduction measured live'),
+            (f'{sum(one.messages for one in story.replays):,}'.replace(',', ' '),
+             'messages received live, ' + (f'{lost} lost' if lost else 'none lost')),
+            (f'{story.seconds:.0f} s', 'for the whole demonstration')]),
+        html.picture(figures.comparison(story.curves[:3]), 'live', 'Held-out runs as the nodes '
+                     'published them: measured, and simulated before and after the diagnosis. '
+                     + chapters.FROM_ZERO),
+        html.folded('Replays', html.table(
+            ['bag', 'simulated with', *map(number, ('messages received', 'lost', 'seconds'))],
+            [[one.bag.name, one.parameters, str(one.messages), str(one.lost or '–'),
+              f'{one.seconds:.1f}'] for one in story.replays],
+            'In lockstep: the clock waits until every node has processed all messages.')))
+
+
+def write_all(story: Story, folder: Path, command: str) -> list[Path]:
+    """Write everything beside `folder` first, then move it in, at one go; the paths."""
+    import json
+
+    from saddlering_ros.files import temporary_folder
+    from saddlering_ros.pages.html import pictures_of
+    from saddlering_ros.report import parameters, write_diagnosis_report
+    from saddlering_ros.ros.launcher import signals_held
+
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with temporary_folder(folder.parent, f'.{folder.name}.') as staging:
+        page, _ = write_diagnosis_report(
+            story.diagnosed.found, staging / 'report.html', command,
+            (live_chapter(story),
+             parameters.identified(story.identified.to_json(), FOUND_BY)))
+        for name, data in pictures_of(page.read_text(encoding='utf-8')).items():
+            (staging / f'{name}.png').write_bytes(data)
+        numbers = json.dumps(numbers_of(story), indent=2)
+        (staging / 'numbers.json').write_text(numbers + '\n', encoding='utf-8')
+        story.identified.save_parameters(staging / 'parameters_identified.yaml')
+        story.diagnosed.save_parameters(staging / 'parameters_extended.yaml')
+        files = sorted(staging.iterdir())
+        with signals_held():  # Ctrl-C waits until the files are in place
+            folder.mkdir(exist_ok=True)
+            for file in files:
+                file.replace(folder / file.name)
+    return [folder / file.name for file in files]

@@ -16,6 +16,10 @@ PLAYS, AT_END = 'replay is playing', 'replay is at its end'
 START_PATIENCE = 60.0
 """How long the nodes may take until the replay starts [s]."""
 
+SAMPLES_PER_STEP, MIN_STEP, MAX_STEP = 50, 0.2, 1.8
+"""Loads in a step of a replay as fast as possible, so that a test at 25 Hz takes few steps, and
+the limits of the step [s]: those of replay_clock."""
+
 LAST_MESSAGES = 5.0
 """How long the last messages may take to the recorder [s]."""
 
@@ -59,6 +63,16 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay until the bag is at its end, or until Ctrl-C."""
+    told = play(args)
+    if not tell_json(args, told):
+        print('the bag is at its end')
+        if args.record is not None:
+            print(f'written: {args.record}, {sum(told["messages"].values())} messages')
+    return 0
+
+
+def play(args: argparse.Namespace) -> dict[str, Any]:
+    """Replay a bag to nodes of its own; what was replayed and recorded, as plain data."""
     import contextlib
     import sys
     import time
@@ -66,6 +80,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.bags import read_raw
     from saddlering_ros.doubts.comparison import refuse_other_hash
     from saddlering_ros.doubts.readings import absent_topic
+    from saddlering_ros.record.topics import LOAD_TOPIC
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.launcher import ALARM_NODES, REPLAY_NODES, RING_NODES, start_nodes
     from saddlering_ros.ros.names import namespace_of, NodeError
@@ -74,7 +89,6 @@ def run(args: argparse.Namespace) -> int:
     record = read_raw(bag, rig=rig)
     if not args.trust_rig:
         refuse_other_hash(record, rig)
-    sent = {name: len(record[name]) for name in record if name != absent_topic(rig)}
     trusted = {'trust_rig': args.trust_rig}
     simulator: dict[str, Any] = dict(trusted)
     if args.params is not None:
@@ -86,8 +100,10 @@ def run(args: argparse.Namespace) -> int:
         raise NodeError(f'--rate {args.rate:g}: give 0 (as fast as possible) to 100')
     domain = arguments.domain_of(args)
     length = (record.stop - record.start) / 1e9
-    patience = 120.0 + 10.0 * length / min(args.rate or 1.0, 1.0)
     clock: dict[str, Any] = dict(trusted)
+    if not args.rate:
+        step = SAMPLES_PER_STEP * length / max(len(record[LOAD_TOPIC]), 1)
+        clock['window'] = min(max(MIN_STEP, step), MAX_STEP)
     nodes = (*RING_NODES, *ALARM_NODES) if args.alarm else RING_NODES
     with contextlib.ExitStack() as stack:
         recorder = None
@@ -105,9 +121,11 @@ def run(args: argparse.Namespace) -> int:
                   flush=True)
         began = time.monotonic()
         try:
-            _wait(group, began + patience, length / args.rate if args.rate else None)
+            _wait(group, began + 120.0 + 10.0 * length / min(args.rate or 1.0, 1.0),
+                  length / args.rate if args.rate else None)
             if recorder is not None:
-                _wait_for_all(recorder, sent)
+                _wait_for_all(recorder, {name: len(record[name]) for name in record
+                                         if name != absent_topic(rig)})
         except BaseException:
             if recorder is not None:
                 place = recorder.keep_as_incomplete()
@@ -115,13 +133,8 @@ def run(args: argparse.Namespace) -> int:
             raise
         took = time.monotonic() - began
         counts = {} if recorder is None else recorder.counts()
-    told = {'bag': str(args.bag), 'domain': domain, 'duration': length, 'seconds': took,
+    return {'bag': str(args.bag), 'domain': domain, 'duration': length, 'seconds': took,
             'recorded': None if args.record is None else str(args.record), 'messages': counts}
-    if not tell_json(args, told):
-        print('the bag is at its end')
-        if args.record is not None:
-            print(f'written: {args.record}, {sum(counts.values())} messages')
-    return 0
 
 
 def _wait(group: Any, deadline: float, seconds: float | None) -> None:

@@ -11,9 +11,9 @@ wait, each new one replaces the oldest, so that half-open requests cannot keep a
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 import gzip
 import hmac
@@ -24,13 +24,13 @@ from pathlib import Path
 import re
 import secrets
 import threading
-import time
 from typing import Any
 
 from aiohttp import web
+from aiohttp.web_protocol import RequestHandler
 
 from saddlering_ros.errors import LiveError
-from saddlering_ros.live.commands import ACTIONS
+from saddlering_ros.live.commands import ACTIONS, SERVICES
 from saddlering_ros.live.watcher import Watcher
 from saddlering_ros.rig import default_rig, Rig
 
@@ -38,6 +38,7 @@ PAGE = Path(__file__).parent / 'page'
 FILES = {'/': ('page.html', 'text/html'), '/live.js': ('live.js', 'text/javascript'),
          '/plots.js': ('plots.js', 'text/javascript'),
          '/live.css': ('live.css', 'text/css')}
+FRESH = {'Cache-Control': 'no-cache'}
 PERIOD = 0.25
 """Period at which browsers receive new data [s]."""
 
@@ -48,7 +49,6 @@ POLICY = ("default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inlin
           "img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
           "frame-ancestors 'none'")
 
-COMMANDS = ('zero', 'start', 'pause')
 KEEP_ALIVE = 15.0
 """How long a connection may idle between two requests [s]."""
 
@@ -86,18 +86,24 @@ def address(host: str, port: int, token: str = '') -> Address:
 
 def application(watcher: Watcher, where: Address, rig: Rig | None = None) -> web.Application:
     """The web application; `rig` (default: the shipped one) is the ring that it draws."""
+    from saddlering_ros.rig.drawing import drawing_svg
+
     app = web.Application(middlewares=[_guard(where)])
     for path, (name, kind) in FILES.items():
-        app.router.add_get(path, partial(_file, (PAGE / name).read_bytes(), kind))
-    app.router.add_get('/plotly.js', _library)
-    app.router.add_get('/rig.svg', partial(_drawing, rig or default_rig()))
+        app.router.add_get(path, partial(_content, (PAGE / name).read_bytes, kind, FRESH))
+    app.router.add_get('/plotly.js', partial(_content, _zipped_library, 'text/javascript', {
+        'Content-Encoding': 'gzip', 'Cache-Control': 'max-age=86400'}))
+    app.router.add_get('/rig.svg', partial(
+        _content, lambda: drawing_svg(rig or default_rig()).encode(), 'image/svg+xml', FRESH))
     app.router.add_get('/events', partial(_events, watcher, secrets.token_hex(4)))
     app.router.add_get(r'/tests/{number:\d{1,9}}', partial(_test, watcher))
     app.router.add_get(r'/bags/{number:\d{1,9}}', partial(_bag, watcher))
-    app.router.add_post('/cancel/{action}', partial(_cancel, watcher))
-    app.router.add_post('/clear', partial(_clear, watcher))
-    for command in COMMANDS:
-        app.router.add_post(f'/{command}', partial(_ask, watcher, command))
+    app.router.add_post(f'/cancel/{{action:{"|".join(ACTIONS)}}}', partial(
+        _command, lambda request: watcher.cancel(request.match_info['action'])))
+    app.router.add_post('/clear', partial(_command, lambda request: watcher.clear()))
+    for name in SERVICES:
+        app.router.add_post(f'/{name}', partial(
+            _command, lambda request: watcher.ask(request.path[1:])))
     return app
 
 
@@ -107,53 +113,48 @@ def serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
 
     Port 0 takes a free one; `on_ready` is called with the address.
     """
-    asyncio.run(_serve(watcher, where, on_ready, until, rig))
-
-
-async def _serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
-                 until: threading.Event | None, rig: Rig | None) -> None:
-    runner = web.AppRunner(application(watcher, where, rig), access_log=None, shutdown_timeout=0.5,
-                           keepalive_timeout=KEEP_ALIVE, lingering_time=0.0)
-    loud_again = quiet_log()
-    await runner.setup()
-    door = Door()
-    server: asyncio.Server | None = None
-    try:
+    async def run() -> None:
+        runner = web.AppRunner(
+            application(watcher, where, rig), access_log=None, shutdown_timeout=0.5)
+        await runner.setup()
+        assert runner.server is not None
+        make = partial(Connection, runner.server, Door())
+        server: asyncio.Server | None = None
         try:
-            server = await asyncio.get_running_loop().create_server(
-                lambda: Connection(_protocol(runner), door), where.host, where.port, backlog=256)
-        except OSError as problem:
-            raise LiveError(f'{where.host}:{where.port}: cannot be served ({problem.strerror}): '
-                            'choose another --host or --port') from problem
-        on_ready(Address(where.host, server.sockets[0].getsockname()[1], where.token))
-        while until is None or not until.is_set():
-            await asyncio.sleep(0.2)
-    finally:
-        if server is not None:
-            server.close()
-        await runner.cleanup()
-        loud_again()
+            try:
+                server = await asyncio.get_running_loop().create_server(
+                    make, where.host, where.port, backlog=256)
+            except OSError as problem:
+                raise LiveError(f'{where.host}:{where.port}: cannot be served '
+                                f'({problem.strerror}): choose another --host or --port'
+                                ) from problem
+            on_ready(Address(where.host, server.sockets[0].getsockname()[1], where.token))
+            while until is None or not until.is_set():
+                await asyncio.sleep(0.2)
+        finally:
+            if server is not None:
+                server.close()
+            await runner.cleanup()
 
-
-def _protocol(runner: web.AppRunner) -> Any:
-    """The HTTP protocol of one connection."""
-    assert runner.server is not None
-    return runner.server()
+    with one_line_a_minute():
+        asyncio.run(run())
 
 
 def _guard(where: Address) -> Any:
-    """Middleware that lets in whom the module's first lines name, and keeps the page to itself."""
+    """Middleware: tells who may look, and keeps other sites from commands."""
+    token = where.token.encode()
 
     @web.middleware
     async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-        if where.is_loopback and _name_of(request.host) not in LOOPBACK:
+        host = re.fullmatch(r'(\[[0-9A-Fa-f:.]+\]|[\w.-]+)(:\d+)?', request.host)
+        if where.is_loopback and (host is None or host[1] not in LOOPBACK):
             raise web.HTTPForbidden(text='this page answers to localhost only\n')
         if where.token:
-            if _same(request.query.get('token', ''), where.token):
+            if hmac.compare_digest(request.query.get('token', '').encode(), token):
                 answer = web.HTTPFound(request.path)
                 answer.set_cookie(COOKIE, where.token, httponly=True, samesite='Strict')
                 raise answer
-            if not _same(request.cookies.get(COOKIE, ''), where.token):
+            if not hmac.compare_digest(request.cookies.get(COOKIE, '').encode(), token):
                 raise web.HTTPForbidden(text='open the address with the token that saddlering '
                                              'live printed\n')
         if request.method == 'POST' and HEADER not in request.headers:
@@ -168,25 +169,10 @@ def _guard(where: Address) -> Any:
     return guard
 
 
-def _same(given: str, token: str) -> bool:
-    return hmac.compare_digest(given.encode(), token.encode())
-
-
-def _name_of(host: str) -> str:
-    """The name of a Host header, with or without a port; '' for another form."""
-    found = re.fullmatch(r'(\[[0-9A-Fa-f:.]+\]|[\w.-]+)(:\d+)?', host)
-    return found[1] if found else ''
-
-
-async def _file(data: bytes, kind: str, request: web.Request) -> web.Response:
-    return web.Response(body=data, content_type=kind, charset='utf-8',
-                        headers={'Cache-Control': 'no-cache'})
-
-
-async def _library(request: web.Request) -> web.Response:
-    data = await asyncio.get_running_loop().run_in_executor(None, _zipped_library)
-    return web.Response(body=data, content_type='text/javascript', charset='utf-8',
-                        headers={'Content-Encoding': 'gzip', 'Cache-Control': 'max-age=86400'})
+async def _content(make: Callable[[], bytes], kind: str, headers: Mapping[str, str],
+                   request: web.Request) -> web.Response:
+    data = await asyncio.get_running_loop().run_in_executor(None, make)
+    return web.Response(body=data, content_type=kind, charset='utf-8', headers=headers)
 
 
 @lru_cache(maxsize=1)
@@ -194,18 +180,6 @@ def _zipped_library() -> bytes:
     from plotly.offline import get_plotlyjs
 
     return gzip.compress(get_plotlyjs().encode(), 6)
-
-
-async def _drawing(rig: Rig, request: web.Request) -> web.Response:
-    text = await asyncio.get_running_loop().run_in_executor(None, _drawn, rig)
-    return web.Response(text=text, content_type='image/svg+xml', charset='utf-8',
-                        headers={'Cache-Control': 'no-cache'})
-
-
-def _drawn(rig: Rig) -> str:
-    from saddlering_ros.rig.drawing import drawing_svg
-
-    return drawing_svg(rig)
 
 
 async def _events(watcher: Watcher, boot: str, request: web.Request) -> web.StreamResponse:
@@ -263,20 +237,9 @@ async def _bag(watcher: Watcher, request: web.Request) -> web.Response:
         'Content-Disposition': f'attachment; filename="test_{number}.mcap"'})
 
 
-async def _cancel(watcher: Watcher, request: web.Request) -> web.Response:
-    action = request.match_info['action']
-    if action not in ACTIONS:
-        raise web.HTTPNotFound
-    return web.json_response({'asked': watcher.cancel(action)})
-
-
-async def _ask(watcher: Watcher, command: str, request: web.Request) -> web.Response:
-    return web.json_response({'asked': watcher.ask(command)})
-
-
-async def _clear(watcher: Watcher, request: web.Request) -> web.Response:
-    watcher.clear()
-    return web.json_response({})
+async def _command(act: Callable[[web.Request], bool | None],
+                   request: web.Request) -> web.Response:
+    return web.json_response({'asked': act(request)})
 
 
 HEAD_SECONDS = 5.0
@@ -290,109 +253,68 @@ LOG_SECONDS = 60.0
 LOGGERS = ('aiohttp.server', 'aiohttp.web', 'aiohttp.access', 'asyncio')
 
 
+@dataclass
 class Door:
-    """Counts the connections of one server and lets in no more than it can serve."""
+    """The connections of one server: those that wait for their request, and those served."""
 
-    def __init__(self, head_seconds: float = HEAD_SECONDS, max_waiting: int = MAX_WAITING,
-                 max_served: int = MAX_SERVED) -> None:
-        self.head_seconds, self.max_waiting = head_seconds, max_waiting
-        self.max_served = max_served
-        self.waiting: dict[Connection, None] = {}
-        self.served: set[Connection] = set()
-        self.refused = 0
-
-    def enter(self, connection: Connection) -> bool:
-        """Let a new connection wait for its request; False if too many are served already."""
-        if len(self.served) >= self.max_served:
-            self.refused += 1
-            return False
-        while len(self.waiting) >= self.max_waiting:
-            next(iter(self.waiting)).drop()
-        self.waiting[connection] = None
-        return True
-
-    def leave(self, connection: Connection) -> None:
-        """Forget a connection."""
-        self.waiting.pop(connection, None)
-        self.served.discard(connection)
-
-    def drop(self, connection: Connection) -> None:
-        """Forget a connection that is closed for its slowness."""
-        self.leave(connection)
-        self.refused += 1
+    head_seconds: float = HEAD_SECONDS
+    max_waiting: int = MAX_WAITING
+    max_served: int = MAX_SERVED
+    waiting: dict[Connection, None] = field(default_factory=dict)
+    served: set[Connection] = field(default_factory=set)
 
 
-class Connection(asyncio.Protocol):
-    """One connection in front of the server's own protocol."""
+class Connection(RequestHandler):
+    """A connection of the server that is closed if the head of its request takes too long."""
 
-    def __init__(self, inner: Any, door: Door) -> None:
-        self._inner, self._door = inner, door
-        self._transport: Any = None
+    def __init__(self, server: web.Server, door: Door) -> None:
+        loop = asyncio.get_running_loop()
+        super().__init__(server, loop=loop, keepalive_timeout=KEEP_ALIVE, lingering_time=0.0)
+        self._call_later, self._door = loop.call_later, door
         self._timer: asyncio.TimerHandle | None = None
         self._head = 0
         self._tail = b''
-        self._is_inside = False
 
-    def connection_made(self, transport: Any) -> None:
-        """Wait for the request, or close at once if too many are served."""
-        self._transport = transport
-        if not self._door.enter(self):
-            transport.abort()
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Wait for the request in place of the oldest; close at once if too many are served."""
+        super().connection_made(transport)
+        if len(self._door.served) >= self._door.max_served:
+            self.drop()
             return
-        self._is_inside = True
-        self._inner.connection_made(transport)
-        self._start_timer()
+        while len(self._door.waiting) >= self._door.max_waiting:
+            next(iter(self._door.waiting)).drop()
+        self._door.waiting[self] = None
+        self._timer = self._call_later(self._door.head_seconds, self.drop)
 
     def data_received(self, data: bytes) -> None:
         """Pass on the received bytes; with a complete head the connection is served."""
-        if not self._is_inside:
-            return
         self._head += len(data)
         if END_OF_HEAD in self._tail + data:
-            self._stop_timer()
-            self._door.waiting.pop(self, None)
+            self._leave()
             self._door.served.add(self)
             self._head = 0
         elif self._timer is None:
-            self._start_timer()
+            self._timer = self._call_later(self._door.head_seconds, self.drop)
         self._tail = (self._tail + data)[-3:]
         if self._head > MAX_HEAD:
             self.drop()
-            return
-        self._inner.data_received(data)
+        else:
+            super().data_received(data)
 
-    def eof_received(self) -> Any:
-        """Pass on that the browser sends no more."""
-        return self._inner.eof_received() if self._is_inside else None
-
-    def pause_writing(self) -> None:
-        """Pass on that the browser takes no more for now."""
-        self._inner.pause_writing()
-
-    def resume_writing(self) -> None:
-        """Pass on that the browser takes more again."""
-        self._inner.resume_writing()
-
-    def connection_lost(self, problem: Exception | None) -> None:
+    def connection_lost(self, exc: BaseException | None) -> None:
         """Forget the connection."""
-        self._stop_timer()
-        self._door.leave(self)
-        if self._is_inside:
-            self._is_inside = False
-            self._inner.connection_lost(problem)
+        self._leave()
+        super().connection_lost(exc)
 
     def drop(self) -> None:
         """Close without an answer."""
-        self._stop_timer()
-        self._door.drop(self)
-        if self._transport is not None:
-            self._transport.abort()
+        self._leave()
+        if self.transport is not None:
+            self.transport.abort()
 
-    def _start_timer(self) -> None:
-        loop = asyncio.get_running_loop()
-        self._timer = loop.call_later(self._door.head_seconds, self.drop)
-
-    def _stop_timer(self) -> None:
+    def _leave(self) -> None:
+        self._door.waiting.pop(self, None)
+        self._door.served.discard(self)
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -401,16 +323,14 @@ class Connection(asyncio.Protocol):
 class OneLineAMinute(logging.Filter):
     """Lets one record a minute pass, as one line without a traceback, and counts the others."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._clock = clock
         self._next = 0.0
         self._hidden = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether this record is printed."""
-        now = self._clock()
-        if now < self._next:
+        if record.created < self._next:
             self._hidden += 1
             return False
         reason = '' if record.exc_info is None or record.exc_info[1] is None else (
@@ -418,17 +338,18 @@ class OneLineAMinute(logging.Filter):
         hidden = f'; {self._hidden} more in the last minute' if self._hidden else ''
         record.msg = f'{" ".join(record.getMessage().split())[:200]}{reason}{hidden}'
         record.args, record.exc_info, record.exc_text, record.stack_info = (), None, None, None
-        self._next, self._hidden = now + LOG_SECONDS, 0
+        self._next, self._hidden = record.created + LOG_SECONDS, 0
         return True
 
 
-def quiet_log() -> Callable[[], None]:
-    """Limit the log of the server's libraries to a line a minute; the result ends the limit."""
+@contextmanager
+def one_line_a_minute() -> Iterator[None]:
+    """Limit the log of the server's libraries to a line a minute."""
     only = OneLineAMinute()
     for name in LOGGERS:
         logging.getLogger(name).addFilter(only)
-
-    def end() -> None:
+    try:
+        yield
+    finally:
         for name in LOGGERS:
             logging.getLogger(name).removeFilter(only)
-    return end

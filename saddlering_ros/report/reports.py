@@ -35,11 +35,11 @@ VALIDATION = 'How well the parameters predict'
 
 
 def write_diagnosis_report(
-    verdict: Verdict, path: Path | str, command: str = '',
+    verdict: Verdict, path: Path | str, command: str = '', more: Sequence[str] = (),
 ) -> tuple[Path, Path]:
     """Write the page of a verdict and its curves, whole or not at all; the paths written.
 
-    command: the command line that makes the page.
+    command: the command line that makes the page; more: chapters of the caller.
     """
     beside, curves = curves_path(path), curves_of(verdict)
     tests = [(run.record.test_run, run.record.run.held_out) for run in verdict.runs]
@@ -47,7 +47,7 @@ def write_diagnosis_report(
         verdict.to_json(), curves, verdict.extended_parameters().source.covariance,
         top=background.head(DIAGNOSIS, verdict.rig, tests),
         quality=background.data_quality([run for run, _ in tests], verdict.rig),
-        command=command, curves_file=beside.name))
+        command=command, curves_file=beside.name, more=more))
     write_curves(beside, curves)
     return Path(path), beside
 
@@ -55,19 +55,20 @@ def write_diagnosis_report(
 def diagnosis_page(
     document: VerdictDocument, curves: Sequence[RunCurves],
     covariance: Array | None = None, *, top: str = f'<h1>{DIAGNOSIS}</h1>',
-    quality: str = '', command: str = '', curves_file: str = '',
+    quality: str = '', command: str = '', curves_file: str = '', more: Sequence[str] = (),
 ) -> str:
     """The page of a verdict's JSON and the curves of its runs, most important first.
 
     covariance (6, 6) of the contact parameters in the order of PARAMETER_NAMES; top: the head;
     quality: the chapter on the data; command: the command line that makes the page; curves_file:
-    the name of the file of its curves.
+    the name of the file of its curves; more: chapters of the caller, after the causes.
     """
     return html.page('Diagnosis of the ring simulation', [
         top,
         chapters.verdict_banner(document, curves),
         certainty(document, lambda name: lowered(title_of(name))),
         chapters.causes(document),
+        *more,
         chapters.proposal(document, curves[0].force_unit if curves else 't'),
         background.misfit_reductions(document),
         chapters.misfit(document),

@@ -66,10 +66,10 @@ def test_an_out_that_is_a_file_is_refused_before_any_work(tmp_path, capsys):
 def test_an_interrupted_demo_leaves_no_process_and_no_file(tmp_path):
     demo = start('--out', tmp_path / 'out', cwd=tmp_path)
     deadline = time.monotonic() + 240.0
-    while len(children_of(demo.pid)) < 8 and time.monotonic() < deadline:
+    while len(children_of(demo.pid)) < 6 and time.monotonic() < deadline:
         time.sleep(0.05)
     nodes = children_of(demo.pid)
-    assert len(nodes) >= 8
+    assert len(nodes) >= 6
     demo.send_signal(signal.SIGTERM)
     demo.communicate(timeout=60.0)
     assert demo.returncode == 128 + signal.SIGTERM
@@ -89,7 +89,7 @@ def test_the_demo_finds_a_cause_live_and_halves_the_misfit_of_the_runs_kept_back
     with mock.patch.dict(os.environ, ROS_LOG_DIR=str(tmp_path)):
         status = main(['demo', '--bags', str(bags), '--out', str(tmp_path / 'out')])
     assert status == 0, capsys.readouterr()
-    assert 'Verdict: ' in capsys.readouterr().out
+    assert 'verdict: ' in capsys.readouterr().out
     numbers = json.loads((tmp_path / 'out' / 'numbers.json').read_text())
     assert numbers['verdict']['verdict'] in ('named', 'ambiguous')
     assert numbers['live']['gain'] > 0.5
