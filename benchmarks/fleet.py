@@ -1,4 +1,4 @@
-"""Does the judgement of a fleet find hidden drifts, odd rings, bad rigs and the end of life?
+"""Does the judgement of a fleet find hidden drifts, odd rings and bad rigs?
 
     python benchmarks/fleet.py [--rings 200] [--sessions 8] [--fleets 10] [--seed 0]
 
@@ -15,7 +15,6 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-import math
 
 from frame import arguments, table
 import numpy as np
@@ -23,7 +22,6 @@ from numpy.typing import NDArray
 
 from saddlering_ros.fleet import COORDINATES, judge_fleet, SessionFigures
 from saddlering_ros.fleet.drifts import YEAR
-from saddlering_ros.fleet.history import first_passage, follow, TimeSeries
 
 Array = NDArray[np.float64]
 
@@ -136,47 +134,6 @@ def score(sessions: Sequence[SessionFigures], truth: Truth) -> dict[str, tuple[i
     }
 
 
-def life_scores(fleets: int, seed: int) -> list[tuple[str, int, int]]:
-    """(name, counted, of) of the remaining life of wearing rings.
-
-    Saxena and others, Int. J. Progn. Health Manag. 1 (2010): alpha-lambda is the share of
-    predictions within alpha of the true remaining life at lambda of the way to the limit.
-    """
-    chance = np.random.default_rng(seed)
-    limit, slope, noise = -0.5, -0.05, 0.012
-    held = {0.5: [0, 0, 0], 0.7: [0, 0, 0], 0.9: [0, 0, 0]}
-    horizons = []
-    for _ in range(fleets):
-        rate = slope * float(np.exp(0.3 * chance.standard_normal()))
-        end = limit / rate
-        begun = math.nan
-        for part in np.arange(0.3, 0.96, 0.1):
-            times = np.arange(0.0, part * end, 1.0)
-            if times.size < 5:
-                continue
-            value = rate * times + noise * chance.standard_normal(times.size)
-            history = follow(TimeSeries(times, value, np.full(times.size, noise),
-                                    np.zeros(times.size, dtype=bool)))
-            if history is None or history.drift_p_value > 0.05 or not history.predicts_well:
-                continue
-            life = first_passage(history.forecast, limit)
-            left = end - float(times[-1])
-            near = abs(life.median - left) <= 0.2 * left
-            begun = begun if near and not math.isnan(begun) else (left / end if near else math.nan)
-            for stage, counts in held.items():
-                if abs(part - stage) < 0.05:
-                    counts[0] += life.low <= left <= life.high
-                    counts[1] += near
-                    counts[2] += 1
-        if not math.isnan(begun):
-            horizons.append(begun)
-    rows = [(f'{words} at {stage:.0%} of life', counts[column], counts[2])
-            for stage, counts in held.items()
-            for column, words in enumerate(('90 % interval holds the truth', 'within 20 % of it'))]
-    return [*rows, ('from a certain point on within 20 %', len(horizons), fleets),
-            ('median % of life left there', round(100.0 * float(np.median(horizons))), 100)]
-
-
 def main() -> None:
     args = arguments(__doc__, {'fleets': 1, 'rings': 50}, rings=200, sessions=8, fleets=10, seed=0)
     total: dict[str, tuple[int, int]] = {}
@@ -188,7 +145,7 @@ def main() -> None:
     rows = [(name, count, of) for name, (count, of) in total.items()]
     table(f'{args.fleets} fleets of {args.rings} rings with {args.sessions} sessions each; '
           f'coordinates {", ".join(COORDINATES)}', ('figure', 'counted', 'of'),
-          [*rows, *life_scores(100, args.seed)])
+          rows)
 
 
 if __name__ == '__main__':

@@ -112,13 +112,13 @@ def fault_of(effect: str, draw: np.random.Generator, share: float = 1.0) -> Hidd
                       * np.sin(np.pi * p / FULL))
     elif effect == 'cylinder_friction':
         size = {'force': 3e3 * up}
-        fault = Fault(ring_load=_late_memory(lambda p: -size['force'] * slider_state(p, 2.5e3)))
+        fault = Fault(ring_load=lambda t, p: p - size['force'] * slider_state(p, 2.5e3))
     elif effect == 'elevation_error':
         size = {'angle': side * 0.02 * up}
         fault = Fault(turn=lambda t, p: np.full(p.size, size['angle']))
     elif effect == 'bracket_play':
         size = {'angle': 0.006 * up}
-        fault = Fault(turn=lambda t, p: size['angle'] * _resampled(p, t, 3e3))
+        fault = Fault(turn=lambda t, p: size['angle'] * slider_state(p, 3e3))
     elif effect == 'moment_arm':
         size = {'offset': side * 0.04 * up}
         fault = Fault(arm=size['offset'])
@@ -220,16 +220,6 @@ def fault_of(effect: str, draw: np.random.Generator, share: float = 1.0) -> Hidd
     else:
         raise ValueError(f'{effect}: no form of this effect here')
     return Hidden(effect, size, fault)
-
-
-def _late_memory(force: Callable[[Array], Array]) -> Callable[[Array, Array], Array]:
-    def at_ring(time: Array, load: Array) -> Array:
-        return load + force(load)
-    return at_ring
-
-
-def _resampled(load: Array, time: Array, travel: float) -> Array:
-    return slider_state(load, travel)
 
 
 EFFECTS = (

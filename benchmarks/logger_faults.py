@@ -25,6 +25,7 @@ from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.identification import Identification, identify
 from saddlering_ros.record import (
     displacement_of_run,
@@ -114,12 +115,6 @@ def drifting(topic: RawTopic, share: float) -> RawTopic:
     return replace(topic, stamps=topic.stamps + np.rint(share * since).astype(np.int64))
 
 
-def set_anew(topic: RawTopic, seconds: float) -> RawTopic:
-    """A clock that is set by so many seconds at 40 % of the record."""
-    is_later = np.arange(len(topic)) >= round(0.4 * len(topic))
-    return replace(topic, stamps=topic.stamps + np.where(is_later, round(1e9 * seconds), 0))
-
-
 def gained(topic: RawTopic, share: float) -> RawTopic:
     start = topic.values[:50].mean()
     return replace(topic, values=start + (1.0 + share) * (topic.values - start))
@@ -130,12 +125,6 @@ def stretch(topic: RawTopic, begin: float, seconds: float, value: float | None) 
     values, first = topic.values.copy(), int(begin * topic.values.size)
     values[first:first + max(1, round(seconds / period(topic)))] = (
         values[first] if value is None else value)
-    return replace(topic, values=values)
-
-
-def one_spike(topic: RawTopic, size: float) -> RawTopic:
-    values = topic.values.copy()
-    values[int(0.4 * values.size)] += size
     return replace(topic, values=values)
 
 
@@ -171,20 +160,6 @@ def aliased(topic: RawTopic, size: float) -> RawTopic:
     return replace(topic, values=topic.values + size * np.sin(2.0 * math.pi * 1.7 * time))
 
 
-def rolled_over(topic: RawTopic, share: float, turn: float) -> RawTopic:
-    """A counter too narrow for the last `share` of the travel.
-
-    It wraps by `turn` times the travel: a signed one to the other end, an unsigned one to the
-    start.
-    """
-    start = float(topic.values[:50].mean())
-    away = topic.values - start
-    far = float(np.abs(away).max())
-    wrapped = np.abs(away) > (1.0 - share) * far
-    return replace(topic, values=np.where(wrapped, topic.values - turn * np.sign(away) * far,
-                                          topic.values))
-
-
 def cross_talk(topics: Topics, source: str, target: str, share: float) -> Topics:
     """A share of one signal in another topic."""
     probe, other = topics[target], topics[source]
@@ -204,13 +179,11 @@ def swapped(topics: Topics, first: int, second: int, share: float) -> Topics:
 
 
 LOAD, PROBES, ONE_PROBE = (LOAD_TOPIC,), PROBE_TOPICS, (PROBE_TOPICS[1],)
-ALL = (LOAD_TOPIC, *PROBE_TOPICS)
 SAME_AXIS = ('an axial probe that reads more or less is a ring of another tilting stiffness: only '
              'a calibration of the probes shows it')
 SAME_CLOCK = ('an offset of one ramp is a damping: the readings are those of another ring; ramps '
               'of two speeds show it to diagnose')
 SOFTER = 'all displacements in proportion are a softer ring: only a calibration shows it'
-TRAVEL = '% of its travel'
 
 FAULTS: dict[str, Fault] = {
     'load held': each(LOAD, held, 60.0, 'ms', 1e-3),
@@ -220,7 +193,6 @@ FAULTS: dict[str, Fault] = {
     'clock drift': each(PROBES, drifting, 0.3, '%', 1e-2),
     'clocks apart': each(PROBES, late, 30.0, 'ms', 1e-3, SAME_CLOCK),
     'gains of all probes': each(PROBES, gained, 10.0, '%', 1e-2, SOFTER),
-    'one load spike': each(LOAD, one_spike, 50.0, 't', TONNE),
     'probe spikes in 1 %': each(PROBES, spiked, 200.0, 'um', 1e-6),
     'one probe cut off': each(ONE_PROBE, clipped, 15.0, '%', 1e-2),
     'one probe stalled': each(
@@ -245,16 +217,6 @@ FAULTS: dict[str, Fault] = {
     **{f'swapped cables {a + 1} and {b + 1}': Fault(
         lambda t, s, a=a, b=b: swapped(t, a, b, 1e-2 * s), 100.0, '% of the record')
         for a in range(4) for b in range(a + 1, 4)},
-    'daylight saving, forward': each(ALL, set_anew, 3600.0, 's'),
-    'daylight saving, back': each(ALL, set_anew, 3600.0, 's', -1.0),
-    'daylight saving of the load alone': each(LOAD, late, 3600.0, 's'),
-    'leap second, stamps repeat': each(ALL, set_anew, 1.0, 's', -1.0),
-    'leap second of the probes alone': each(PROBES, set_anew, 1.0, 's', 1.0, SAME_CLOCK),
-    '32-bit rollover of stamps in ns': each(ALL, set_anew, 2.0**32 * 1e-9, 's', -1.0),
-    **{f'{kind} rollover of {words}': each(
-        names, lambda one, s, turn=turn: rolled_over(one, s, turn), 30.0, TRAVEL, 1e-2)
-        for kind, turn in (('32-bit', 2.0), ('unsigned', 1.0))
-        for words, names in (('one probe', ONE_PROBE), ('the load', LOAD))},
 }
 
 
@@ -262,54 +224,51 @@ FAULTS: dict[str, Fault] = {
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What one severity did: largest move over its interval, of which figure, new lines."""
+class Tried:
+    """Runs with a fault of one severity and what is found from them.
 
-    severity: float
-    move: float
-    figure: str
-    lines: tuple[str, ...]
+    refused: why, if they are. move and figure: the largest move from what the sound runs give over
+    its interval, and of which figure; said: lines that the sound runs do not have.
+    """
+
+    runs: tuple[Record, ...] = ()
+    found: Identification | None = None
     refused: str = ''
+    move: float = math.inf
+    figure: str = ''
+    said: tuple[str, ...] = ()
+
+    @property
+    def lines(self) -> list[str]:
+        """Every note that `info` or `identify` has."""
+        return [*(note for run in self.runs for note in run.notes),
+                *(note for note in self.found.notes if 'iterations' not in note),
+                self.found.status]
 
     @property
     def is_silent(self) -> bool:
-        return self.move > 1.0 and not self.lines and not self.refused
+        return self.move > 1.0 and not self.said and not self.refused
 
 
-@dataclass(frozen=True)
-class Sound:
-    """The sound runs and what is found from them."""
-
-    records: tuple[RawRecord, ...]
-    runs: tuple[Record, ...]
-    found: Identification
-
-
-def runs_of(records: tuple[RawRecord, ...]) -> tuple[Record, ...]:
+def tried(records: tuple[RawRecord, ...]) -> Tried:
+    """The records judged as `info` and `identify` judge a bag."""
     runs = tuple(run_of_record(record, record.facts, RIG) for record in records)
     for run, record in zip(runs, records, strict=True):
         run.notes.extend(lines(findings_on_rig(RIG, run, record)))
-    return runs
+    return Tried(runs, identify(runs, RIG))
 
 
-def outcome(known: Sound, fault: Fault, severity: float) -> Outcome:
+def faulty(records: tuple[RawRecord, ...], sound: Tried, fault: Fault, severity: float) -> Tried:
     """Put a fault into the sound records and look at all figures again."""
     try:
-        records = tuple(replace(one, topics={
+        new = tried(tuple(replace(one, topics={
             name: as_stored(topic) for name, topic in fault.act(one.topics, severity).items()})
-            for one in known.records)
-        runs = runs_of(records)
-        found = identify(runs, RIG)
+            for one in records))
     except SaddleringError as refusal:
-        return Outcome(severity, math.inf, '', (), str(refusal))
-    before = {*known.found.notes, *(note for run in known.runs for note in run.notes)}
-    lines = [note for run in runs for note in run.notes]
-    lines += [note for note in found.notes if 'iterations' not in note]
-    if found.status != known.found.status:
-        lines.append(found.status)
-    move, figure = max([*_parameter_moves(known.found, found), *_channel_moves(known.runs, runs)])
-    return Outcome(severity, move, figure,
-                   tuple(line for line in dict.fromkeys(lines) if line not in before))
+        return Tried(refused=str(refusal))
+    move, figure = max(moves(sound, new))
+    return replace(new, move=move, figure=figure, said=tuple(
+        line for line in dict.fromkeys(new.lines) if line not in sound.lines))
 
 
 def as_stored(topic: RawTopic) -> RawTopic:
@@ -324,19 +283,13 @@ def as_stored(topic: RawTopic) -> RawTopic:
                    notes=notes)
 
 
-def _parameter_moves(old: Identification, new: Identification) -> Iterator[tuple[float, str]]:
+def moves(old: Tried, new: Tried) -> Iterator[tuple[float, str]]:
+    """Moves of parameters over their intervals; of channels (rms) over twice a reading's noise."""
     for index, name in enumerate(PARAMETER_NAMES):
-        if not (old.determined[name] and new.determined[name]):
-            continue
-        first, last = (getattr(one.parameters.contact, name) for one in (old, new))
-        yield abs(last - first) / (1.96 * float(new.std[index])), name
-
-
-def _channel_moves(
-    old: tuple[Record, ...], new: tuple[Record, ...]
-) -> Iterator[tuple[float, str]]:
-    """Largest rms change of a channel over twice the noise of a reading."""
-    for before, after in zip(old, new, strict=True):
+        if old.found.determined[name] and new.found.determined[name]:
+            first, last = (getattr(one.found.parameters.contact, name) for one in (old, new))
+            yield abs(last - first) / (WIDTH_95 * float(new.found.std[index])), name
+    for before, after in zip(old.runs, new.runs, strict=True):
         if before.time.size != after.time.size:
             continue
         motions = [displacement_of_run(RIG, run).displacement for run in (before, after)]
@@ -347,31 +300,25 @@ def _channel_moves(
             yield change / (4.0 * noise), f'{name} of {before.test}'
 
 
-def row_of(name: str, outcomes: list[Outcome]) -> tuple[object, ...]:
-    """Of one fault the smallest silent severity, and what was reported at the largest."""
-    worst = min((one for one in outcomes if one.is_silent), key=lambda one: one.severity,
-                default=None)
-    said = outcomes[0].refused or '; '.join(outcomes[0].lines[:1])
-    silent = ('none', '') if worst is None else (
-        worst.severity, f'{worst.figure}, {worst.move:.1f}')
-    return (name, FAULTS[name].unit, outcomes[-1].severity, outcomes[0].severity, *silent,
-            FAULTS[name].no_data if worst else said[:110])
-
-
 def main() -> int:
     args = arguments(__doc__, {'rounds': 1}, only=(), rounds=4)
     records = (raw_record('static'), raw_record('dynamic'))
-    runs = runs_of(records)
-    known = Sound(records, runs, identify(runs, RIG))
-    rows, unknown = [], 0
+    sound, rows, unknown = tried(records), [], 0
     for name, fault in FAULTS.items():
         if args.only and not any(word in name for word in args.only):
             continue
-        outcomes: list[Outcome] = []
-        while len(outcomes) < args.rounds and not (outcomes and outcomes[-1].move < 1.0):
-            outcomes.append(outcome(known, fault, fault.obvious / FALL**len(outcomes)))
-        rows.append(row_of(name, outcomes))
-        unknown += not fault.no_data and any(one.is_silent for one in outcomes)
+        trials: dict[float, Tried] = {}
+        for severity in (fault.obvious / FALL**number for number in range(args.rounds)):
+            trials[severity] = faulty(records, sound, fault, severity)
+            if trials[severity].move < 1.0:
+                break
+        silent = [severity for severity, trial in trials.items() if trial.is_silent]
+        worst, first = trials.get(min(silent, default=0.0)), trials[fault.obvious]
+        rows.append((
+            name, fault.unit, min(trials), fault.obvious, min(silent, default='none'),
+            f'{worst.figure}, {worst.move:.1f}' if worst else '',
+            fault.no_data if worst else (first.refused or '; '.join(first.said[:1]))[:110]))
+        unknown += bool(silent) and not fault.no_data
         print(*rows[-1], sep=' | ', flush=True)
     table('Faults by severity', ('fault', 'unit', 'least tried', 'most tried', 'smallest silent',
                                  'figure, over its interval', 'why, or what is reported'), rows)

@@ -9,7 +9,7 @@ read as a bag's is, and every note on it is printed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 
 from frame import arguments
@@ -19,37 +19,16 @@ from rigs import as_read, sized_rig
 from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.readings import run_of_record
-from saddlering_ros.record import RawRecord
 from saddlering_ros.record.metadata import TestMetadata
-from saddlering_ros.rig import ContactParameters, FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
+from saddlering_ros.rig import FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig.integrator import Scatter
 from saddlering_ros.virtual_rig.physics import PhysicalRig
 from saddlering_ros.virtual_rig.recording import Instruments, record_test, TestPlan
 from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 
-@dataclass(frozen=True)
-class Draw:
-    """A sound test: what is recorded and how."""
-
-    rig: Rig
-    contact: ContactParameters
-    elevation_deg: float
-    test: str
-    rate: float
-    probe_rate: float
-    instruments: Instruments
-    scatter: Scatter
-    speed: float
-
-    def __str__(self) -> str:
-        return (f'{self.test} at {self.elevation_deg:.0f} deg, {self.rig.axial_rows.rollers} '
-                f'rollers, {self.rig.full_scale_load / TONNE:.3g} t, load {self.rate:.4g} Hz, '
-                f'probes {self.probe_rate:.4g} Hz, {self.instruments.noise * 1e6:.2g} um')
-
-
-def drawn(seed: int) -> Draw:
-    """The test of a seed."""
+def drawn(seed: int) -> tuple[Rig, TestMetadata, TestPlan]:
+    """The test of a seed, and how it is recorded."""
     random = np.random.default_rng([2026, seed])
     tonnes = float(np.exp(random.uniform(0.0, math.log(400.0))))
     rollers = int(np.exp(random.uniform(math.log(24.0), math.log(400.0))))
@@ -62,44 +41,34 @@ def drawn(seed: int) -> Draw:
     static = random.random() < 0.4
     rate = float(random.choice([20.0, 50.0, 100.0] if static else [100.0, 200.0, 500.0, 1e3]))
     probe_rate = rate * float(random.choice([1.0, 1.0, 2.0]))
-    return Draw(
-        rig, contact, float(random.choice([0.0, 10.0, 30.0, 45.0, 50.0, 70.0])),
-        'static' if static else 'dynamic', rate, probe_rate,
-        Instruments(noise=float(np.exp(random.uniform(math.log(0.08e-6), math.log(1e-6)))),
-                    load_noise=float(np.exp(random.uniform(-9.7, -7.1))) * rig.full_scale_load),
-        Scatter(gap=float(random.uniform(0.0, 1e-6)), stiffness=float(random.uniform(0.0, 0.03))),
-        float(random.uniform(1.0, 4.0)))
-
-
-def recorded(draw: Draw, seed: int) -> RawRecord:
-    """Its record as the reader finds it in a bag."""
-    schedule = (static_schedule(draw.rig, hold=2.0, step=draw.rig.full_scale_load / 6.0)
-                if draw.test == 'static' else
-                dynamic_schedule(draw.rig, duration=6.0, speed=draw.speed))
-    record = record_test(TestPlan(
-        PhysicalRig(draw.rig, draw.contact, math.radians(draw.elevation_deg), (), draw.scatter,
-                    seed),
-        schedule, seed, draw.instruments, draw.rate, draw.probe_rate))
-    return as_read(record, draw.rig.probes, TestMetadata(draw.test, draw.elevation_deg),
-                   f'seed_{seed}')
-
-
-def notes_on(draw: Draw, seed: int) -> list[str]:
-    """What `info` would say of it."""
-    record = recorded(draw, seed)
-    run = run_of_record(record, record.facts, draw.rig)
-    return [*run.notes, *lines(findings_on_rig(draw.rig, run, record))]
+    degrees = float(random.choice([0.0, 10.0, 30.0, 45.0, 50.0, 70.0]))
+    instruments = Instruments(
+        noise=float(np.exp(random.uniform(math.log(0.08e-6), math.log(1e-6)))),
+        load_noise=float(np.exp(random.uniform(-9.7, -7.1))) * rig.full_scale_load)
+    scatter = Scatter(gap=float(random.uniform(0.0, 1e-6)),
+                      stiffness=float(random.uniform(0.0, 0.03)))
+    speed = float(random.uniform(1.0, 4.0))
+    schedule = (static_schedule(rig, hold=2.0, step=rig.full_scale_load / 6.0) if static else
+                dynamic_schedule(rig, duration=6.0, speed=speed))
+    physical = PhysicalRig(rig, contact, math.radians(degrees), (), scatter, seed)
+    return rig, TestMetadata('static' if static else 'dynamic', degrees), TestPlan(
+        physical, schedule, seed, instruments, rate, probe_rate)
 
 
 def main() -> None:
     args = arguments(__doc__, {'count': 40}, count=200, first=0)
     noted = 0
     for seed in range(args.first, args.first + args.count):
-        draw = drawn(seed)
-        notes = notes_on(draw, seed)
+        rig, facts, plan = drawn(seed)
+        record = as_read(record_test(plan), rig.probes, facts, f'seed_{seed}')
+        run = run_of_record(record, facts, rig)
+        notes = [*run.notes, *lines(findings_on_rig(rig, run, record))]
         noted += bool(notes)
         for note in notes:
-            print(f'{seed}: {draw}: {note}', flush=True)
+            print(f'{seed}: {facts.test} at {facts.elevation_deg:.0f} deg, '
+                  f'{rig.axial_rows.rollers} rollers, {rig.full_scale_load / TONNE:.3g} t, load '
+                  f'{plan.rate:.4g} Hz, probes {plan.probe_rate:.4g} Hz, '
+                  f'{plan.instruments.noise * 1e6:.2g} um: {note}', flush=True)
     print(f'{noted} of {args.count} sound records with a note')
 
 
