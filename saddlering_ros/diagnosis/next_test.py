@@ -8,14 +8,13 @@ chosen from the table of tests by the most similar causes.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from dataclasses import replace
+from itertools import combinations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from saddlering_ros.diagnosis.records import LoadGrid, LONGEST_STEP
+from saddlering_ros.diagnosis.records import Array, LoadGrid, LONGEST_STEP
 from saddlering_ros.diagnosis.rig_dimensions import entries_of, title_of_dimension
 from saddlering_ros.diagnosis.ring_wording import lowered, title_of
 from saddlering_ros.diagnosis.verdict import signature_cosines
@@ -49,6 +48,38 @@ ENOUGH = 0.5
 """Share of draws below which a simulated test is replaced by a test of the table."""
 
 
+CHANNEL_PROBES = {'delta_x': '1 and 3', 'parity': '1 and 3', 'delta_y': '2 and 4',
+                  'gamma': '2 and 4'}
+
+ELEVATIONS = (30.0, 50.0, 70.0)
+"""Elevations [deg] that are proposed besides those of the data."""
+
+BLOCKS = 250
+"""Number of block means of a simulated ramp."""
+
+RAMP, HOLD, STEPS = 1.0, 5.0, 25
+"""Seconds between the holds of a static test, seconds of a hold, and holds up to full scale."""
+
+FAST_STEP = 5e-3
+"""Longest step [s] of the simulation of a fast ramp, in which damping shows."""
+
+REST_SECONDS = 600.0
+"""Length of a record at constant preload."""
+
+SAG = 1e-4
+"""Wander of a held load in that time, as a share of full scale."""
+
+CELL_GAIN, CELL_SHARE = 2e-3, 5e-4
+"""Accuracy of a reference cell: share of the load, and share of full scale."""
+
+INCLINOMETER, SCALE = math.radians(0.02), 1e-3
+"""Standard deviations of an inclinometer [rad] and of a measured height [m]."""
+
+OTHER_PROBE = {1.0: 3.0, 3.0: 1.0, 2.0: 4.0, 4.0: 2.0}
+MOVES = 'a misfit that moves with the probe'
+"""Outcome of swapped probes for an effect that belongs to the probe and not to its place."""
+
+
 def next_test(diagnosis: Diagnosis, runs: Sequence[Record], rig: Rig) -> str | None:
     """The most valuable next test, and the cause that each outcome means.
 
@@ -59,34 +90,31 @@ def next_test(diagnosis: Diagnosis, runs: Sequence[Record], rig: Rig) -> str | N
         limits = diagnosis.observability.limits
         return for_unseen([limit.effect for limit in limits if not limit.testable])
     if diagnosis.verdict == 'unknown':
-        sentence = _for_residual(diagnosis.residual_after)
+        for_rest = for_residual(diagnosis.residual_after)
         if all(run.rig_hash == rig.digest for run in runs):
-            return sentence
+            return for_rest
         return (f'First compare the rig file with the ring ({rig_in_words(rig)}): saddlering rig '
                 '--check BAG and its drawing show a wrong dimension, span, polarity or '
-                f'elevation. {sentence}')
+                f'elevation. {for_rest}')
     entries = entries_of(rig, diagnosis.causes)
     first = ''
     if entries:
         first = f'First compare the rig file with the drawing and the ring: {", ".join(entries)}.'
-    free = free_test_words(diagnosis.held_out_evidence)
-    return ' '.join(filter(None, (free, first, _for_causes(diagnosis))))
-
-
-def _for_causes(diagnosis: Diagnosis) -> str:
-    """The test that tells a group apart or confirms a cause; '' for a dimension of the rig."""
+    named = diagnosis.causes[0].effect
     open_groups = [cause.group for cause in diagnosis.causes if len(cause.group) > 1]
+    sentence: str | None = ''
     if open_groups:
         group = [name for name in open_groups[0] if not title_of_dimension(name)]
         sentence = for_group(open_groups[0], diagnosis.separations)
-        return sentence or (catalogue()[group[0]].settled_by if group else '')
-    named = diagnosis.causes[0].effect
-    if title_of_dimension(named):
-        return ''
-    return confirming(named, look_alikes(named, signature_cosines(diagnosis)))
+        sentence = sentence or (catalogue()[group[0]].settled_by if group else '')
+    elif not title_of_dimension(named):
+        alike = look_alikes(named, signature_cosines(diagnosis))
+        sentence = confirming(named, alike[:MAX_ALTERNATIVES])
+    free = free_test_words(diagnosis.held_out_evidence)
+    return ' '.join(filter(None, (free, first, sentence)))
 
 
-def _for_residual(after: Residual) -> str:
+def for_residual(after: Residual) -> str:
     """The test for the largest part of the misfit that no cause explains; else the least likely.
 
     Among shapes that are all within chance, the largest one is that of the noisiest channel.
@@ -94,9 +122,28 @@ def _for_residual(after: Residual) -> str:
     shapes = [shape for shape in after.shapes if is_left(shape.p_value, shape.visible)]
     largest = (max(shapes, key=lambda shape: shape.visible) if shapes else
                min(after.shapes, key=lambda shape: shape.p_value))
-    if after.fast.visible >= max(MATERIAL, largest.visible):
-        return for_swing(after.fast.view, after.fast.frequency)
-    return for_shape(largest.view, largest.coordinate)
+    fast, channel = after.fast, largest.view
+    if fast.visible >= max(MATERIAL, largest.visible):
+        return (f'Record ten minutes at constant preload, at the highest sampling rate. If '
+                f'{fast.view} oscillates at {fast.frequency:.2g} Hz there too, pickup of a probe '
+                'is the cause. If it does not, the rig oscillates with the load.')
+    probes = CHANNEL_PROBES.get(channel, '1 and 3')
+    sentences = {
+        'load': f'Swap probes {probes} and repeat the static test. If the misfit of {channel} '
+        'moves with a probe, the probe is the cause. If the misfit stays, the ring or the load '
+        'is the cause.',
+        'direction': 'Record two cycles with holds of 30 s at preload and at full load. If the '
+        f'loop of {channel} repeats and stays open, friction is the cause. If the loop closes '
+        'during the holds, creep is the cause. If only the first cycle has a loop, settling is '
+        'the cause.',
+        'rate': f'Repeat the dynamic test four times slower. If the misfit of {channel} falls '
+        'with the rate, damping or a delay is the cause. If the misfit stays, stiffness or '
+        'friction is the cause.',
+        'time': f'Record ten minutes at constant preload. If {channel} moves without any load, '
+        'drift or pickup of a probe is the cause. If it does not move, creep of the ring is the '
+        'cause.',
+    }
+    return sentences.get(largest.coordinate, sentences['load'])
 
 
 def outcome(effect_id: str, test: RigTest) -> str:
@@ -126,15 +173,10 @@ def for_group(effects: Sequence[str], separations: Sequence[Separation]) -> str 
         return between(effects)
     tests = [test for test in RIG_TESTS if test.id == best.proposal.kind]
     meanings = _meanings(tests[0], effects) if tests and separated(tests[0], effects) else ''
-    return ' '.join(filter(None, (best.proposal.sentence, meanings, share_words(best))))
-
-
-def share_words(separation: Separation) -> str:
-    """The share of a test in words: 'In 87 of 100 simulated draws, ...'."""
-    share, low, high = (
-        round(100.0 * value) for value in (separation.share, *separation.interval))
-    return (f'In {share} of 100 simulated draws, this test leaves the true cause alone '
-            f'(95 % interval {low} to {high}).')
+    share, low, high = (round(100.0 * value) for value in (best.share, *best.interval))
+    words = (f'In {share} of 100 simulated draws, this test leaves the true cause alone '
+             f'(95 % interval {low} to {high}).')
+    return ' '.join(filter(None, (best.proposal.sentence, meanings, words)))
 
 
 def between(effects: Sequence[str]) -> str | None:
@@ -169,12 +211,9 @@ def confirming(effect_id: str, alternatives: Sequence[str]) -> str:
     return f'To confirm {lowered(title_of(effect_id))}: {words}'
 
 
-def look_alikes(effect_id: str, cosines: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """The effects with the most similar signatures, the most similar first."""
-    return _alike(effect_id, cosines, MIN_LIKENESS)[:MAX_ALTERNATIVES]
-
-
-def _alike(effect_id: str, cosines: Mapping[str, Mapping[str, float]], least: float) -> list[str]:
+def look_alikes(
+    effect_id: str, cosines: Mapping[str, Mapping[str, float]], least: float = MIN_LIKENESS
+) -> list[str]:
     """Other effects with a cosine of `least` or more in any variant, the most similar first."""
     alike: dict[str, float] = {}
     for label, row in cosines.items():
@@ -189,7 +228,7 @@ def repeated_laws(laws: Sequence[str], cosines: Mapping[str, Mapping[str, float]
     """One sentence for each law of the user that repeats an effect of the catalogue here."""
     sentences = []
     for name in laws:
-        others = [other for other in _alike(name, cosines, SAME) if other not in laws]
+        others = [other for other in look_alikes(name, cosines, SAME) if other not in laws]
         if others:
             sentences.append(f'{name} changes these data in the same way as {", ".join(others)} '
                              'of the catalogue: the law and the effect are one cause in these '
@@ -210,38 +249,6 @@ def for_unseen(effects: Sequence[str]) -> str | None:
             f'{test.instruction} {_meanings(test, best)}')
 
 
-CHANNEL_PROBES = {'delta_x': '1 and 3', 'parity': '1 and 3', 'delta_y': '2 and 4',
-                  'gamma': '2 and 4'}
-
-
-def for_shape(channel: str, coordinate: str) -> str:
-    """The next test for a misfit that no known cause explains, by channel and coordinate."""
-    probes = CHANNEL_PROBES.get(channel, '1 and 3')
-    sentences = {
-        'load': f'Swap probes {probes} and repeat the static test. If the misfit of {channel} '
-        'moves with a probe, the probe is the cause. If the misfit stays, the ring or the load '
-        'is the cause.',
-        'direction': 'Record two cycles with holds of 30 s at preload and at full load. If the '
-        f'loop of {channel} repeats and stays open, friction is the cause. If the loop closes '
-        'during the holds, creep is the cause. If only the first cycle has a loop, settling is '
-        'the cause.',
-        'rate': f'Repeat the dynamic test four times slower. If the misfit of {channel} falls '
-        'with the rate, damping or a delay is the cause. If the misfit stays, stiffness or '
-        'friction is the cause.',
-        'time': f'Record ten minutes at constant preload. If {channel} moves without any load, '
-        'drift or pickup of a probe is the cause. If it does not move, creep of the ring is the '
-        'cause.',
-    }
-    return sentences.get(coordinate, sentences['load'])
-
-
-def for_swing(channel: str, frequency: float) -> str:
-    """The next test for an unexplained oscillation."""
-    return (f'Record ten minutes at constant preload, at the highest sampling rate. If {channel} '
-            f'oscillates at {frequency:.2g} Hz there too, pickup of a probe is the cause. If it '
-            'does not, the rig oscillates with the load.')
-
-
 def _meanings(test: RigTest, effects: Sequence[str]) -> str:
     """Each outcome with its causes: 'A loop of the same height means dry friction; ...'."""
     causes: dict[str, list[str]] = {}
@@ -259,89 +266,47 @@ def _capital(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-ELEVATIONS = (30.0, 50.0, 70.0)
-"""Elevations [deg] that are proposed besides those of the data."""
-
-BLOCKS = 250
-"""Number of block means of a simulated ramp."""
-
-RAMP, HOLD, STEPS = 1.0, 5.0, 25
-"""Seconds between the holds of a static test, seconds of a hold, and holds up to full scale."""
-
-FAST_STEP = 5e-3
-"""Longest step [s] of the simulation of a fast ramp, in which damping shows."""
-
-REST_SECONDS = 600.0
-"""Length of a record at constant preload."""
-
-SAG = 1e-4
-"""Wander of a held load in that time, as a share of full scale."""
-
-CELL_GAIN, CELL_SHARE = 2e-3, 5e-4
-"""Accuracy of a reference cell: share of the load, and share of full scale."""
-
-INCLINOMETER, SCALE = math.radians(0.02), 1e-3
-"""Standard deviations of an inclinometer [rad] and of a measured height [m]."""
-
-OTHER_PROBE = {1.0: 3.0, 3.0: 1.0, 2.0: 4.0, 4.0: 2.0}
-MOVES = 'a misfit that moves with the probe'
-"""Outcome of swapped probes for an effect that belongs to the probe and not to its place."""
-
-
 def propose(rig: Rig, runs: Sequence[RunBlocks]) -> list[Proposal]:
     """Possible tests of this rig at the elevations of the data and at others."""
+    full, low, peak = rig.full_scale_load, rig.preload, rig.full_scale_words
     recorded = sorted({round(float(np.degrees(run.payload.elevation)), 1) for run in runs})
     proposals = []
     for degrees in sorted({*recorded, *ELEVATIONS}):
-        proposals += _courses(rig, degrees)
+        where = f'at {degrees:g} deg'
+        slow = load_run(rig, degrees, [0, 1, 31, 61, 62], [low, low, full, low, low])
+        fast = load_run(rig, degrees, [0, 1, 2.5, 4, 6], [low, low, full, low, low], FAST_STEP)
+        cycles = load_run(rig, degrees, [0, 1, 6, 36, 41, 71, 76, 106, 111, 141],
+                          [low, low, full, full, low, low, full, full, low, low])
+        proposals += [
+            Proposal(f'Record a slow ramp to {peak} and back in 60 s {where}.', slow,
+                     'second_rate'),
+            Proposal(f'Record a fast ramp to {peak} and back in 3 s {where}.', fast,
+                     'second_rate'),
+            Proposal(f'Record two cycles to {peak} with holds of 30 s at full load and at preload '
+                     f'{where}.', cycles, 'repeat_cycle')]
         if degrees not in recorded:
-            sentence = f'Repeat the static test at {degrees:g} deg.'
-            proposals.append(Proposal(sentence, staircase(rig, degrees), 'other_elevation'))
-    proposals += _repeats(rig, recorded[0])
-    return [
-        replace(proposal, run=replace(proposal.run, name=f'proposed {number}'))
-        for number, proposal in enumerate(proposals)
-    ]
-
-
-def _courses(rig: Rig, degrees: float) -> list[Proposal]:
-    """Ramps and cycles at an elevation."""
-    full, low, peak = rig.full_scale_load, rig.preload, rig.full_scale_words
-    where = f'at {degrees:g} deg'
-    slow = LoadCourse([0, 1, 31, 61, 62], [low, low, full, low, low])
-    fast = LoadCourse([0, 1, 2.5, 4, 6], [low, low, full, low, low], FAST_STEP)
-    cycles = LoadCourse([0, 1, 6, 36, 41, 71, 76, 106, 111, 141],
-                        [low, low, full, full, low, low, full, full, low, low])
-    return [
-        Proposal(f'Record a slow ramp to {peak} and back in 60 s {where}.',
-                 slow.run(rig, degrees), 'second_rate'),
-        Proposal(f'Record a fast ramp to {peak} and back in 3 s {where}.',
-                 fast.run(rig, degrees), 'second_rate'),
-        Proposal(f'Record two cycles to {peak} with holds of 30 s at full load and at preload '
-                 f'{where}.', cycles.run(rig, degrees), 'repeat_cycle'),
-    ]
-
-
-def _repeats(rig: Rig, degrees: float) -> list[Proposal]:
-    """Tests of the table that repeat a test with something changed or measured beside it."""
-    static = staircase(rig, degrees)
-    low = rig.preload
-    full = rig.full_scale_load
-    rest = LoadCourse([0, REST_SECONDS], [low, low + SAG * full]).run(rig, degrees)
+            proposals.append(Proposal(f'Repeat the static test {where}.', staircase(rig, degrees),
+                                      'other_elevation'))
+    static = staircase(rig, recorded[0])
+    rest = load_run(rig, recorded[0], [0, REST_SECONDS], [low, low + SAG * full])
     cell = (Reading('load_gain', CELL_GAIN), Reading('load_offset', CELL_SHARE * full),
-            Reading('load_nonlinearity', CELL_SHARE), Reading('cylinder_friction',
-                                                              CELL_SHARE * full))
+            Reading('load_nonlinearity', CELL_SHARE),
+            Reading('cylinder_friction', CELL_SHARE * full))
     angles = (Reading('elevation_error', INCLINOMETER), Reading('bracket_play', INCLINOMETER))
     heights = (Reading('moment_arm', SCALE), Reading('probe_height', SCALE))
     words = {test.id: test.instruction for test in RIG_TESTS}
-    made = {
+    repeats = {
         'swapped_probes': Proposal('', static, as_made=with_swapped_probes),
         'slewed_ring': Proposal('', static, as_made=on_slewed_ring, is_other_place=True),
         'reference_load': Proposal('', static, readings=cell),
         'inclinometer': Proposal('', static, readings=angles),
         'heights': Proposal('', static, readings=heights), 'zero_load': Proposal('', rest),
     }
-    return [replace(one, sentence=words[kind], kind=kind) for kind, one in made.items()]
+    proposals += [replace(one, sentence=words[kind], kind=kind) for kind, one in repeats.items()]
+    return [
+        replace(proposal, run=replace(proposal.run, name=f'proposed {number}'))
+        for number, proposal in enumerate(proposals)
+    ]
 
 
 def with_swapped_probes(point: Point) -> Point:
@@ -369,74 +334,53 @@ def on_slewed_ring(point: Point) -> Point:
     return Point(point.base, effects)
 
 
-@dataclass(frozen=True)
-class LoadCourse:
-    """A course of load: times [s] and loads [N], linear in between.
+def load_run(
+    rig: Rig, degrees: float, times: Sequence[float], loads: Sequence[float],
+    max_step: float = LONGEST_STEP,
+) -> RunBlocks:
+    """An empty run along a course of load: times [s] and loads [N], linear in between.
 
     max_step [s]: longest step of its simulation. The samples of a slow course are close
     enough.
     """
-
-    times: Sequence[float]
-    loads: Sequence[float]
-    max_step: float = LONGEST_STEP
-
-    def run(self, rig: Rig, degrees: float) -> RunBlocks:
-        """An empty run along the course."""
-        edge = np.linspace(self.times[0], self.times[-1], 2 * BLOCKS + 1)
-        time = 0.5 * (edge[:-1] + edge[1:])
-        load = np.interp(time, self.times, self.loads)
-        first = np.arange(0, 2 * BLOCKS, 2)
-        width = 2.0 * float(np.diff(edge)[0])
-        drive = load.reshape(BLOCKS, 2).mean(axis=1)
-        centre = time.reshape(BLOCKS, 2).mean(axis=1)
-        grid = LoadGrid(float(np.radians(degrees)), time, load, float(load[0]), first, first + 2,
-                        self.max_step)
-        change = np.gradient(drive, centre)
-        return _empty_run(rig, grid, centre, np.full(BLOCKS, width), np.sign(change),
-                          rate=change)
+    edge = np.linspace(times[0], times[-1], 2 * BLOCKS + 1)
+    time = 0.5 * (edge[:-1] + edge[1:])
+    load = np.interp(time, times, loads)
+    first = np.arange(0, 2 * BLOCKS, 2)
+    width = 2.0 * float(np.diff(edge)[0])
+    centre = time.reshape(BLOCKS, 2).mean(axis=1)
+    grid = LoadGrid(float(np.radians(degrees)), time, load, float(load[0]), first, first + 2,
+                    max_step)
+    change = np.gradient(load.reshape(BLOCKS, 2).mean(axis=1), centre)
+    return _empty_run(rig, grid, centre, np.full(BLOCKS, width), np.sign(change), change)
 
 
 def staircase(rig: Rig, degrees: float) -> RunBlocks:
     """An empty static run: holds up to full scale and back, four blocks each."""
     rise = np.arange(1, STEPS + 1) * rig.full_scale_load / STEPS
     levels = np.concatenate([[rig.preload], rise, rise[-2::-1]])
-    time, load = [0.0], [float(levels[0])]
-    first: list[int] = []
-    hold, branch = [], []
-    now = 0.0
-    for number, (before, level) in enumerate(pairwise(levels)):
-        for share in (0.1, 0.3, 0.5, 0.7, 0.9):
-            time.append(now + share * RAMP)
-            load.append(float(before + share * (level - before)))
-        for share in (0.125, 0.375, 0.625, 0.875):
-            if level >= rig.limits.hold_min:
-                first.append(len(time))
-                hold.append(float(number))
-                branch.append(1.0 if level > before else -1.0)
-            time.append(now + RAMP + share * HOLD)
-            load.append(float(level))
-        now += RAMP + HOLD
-    starts = np.array(first)
-    grid = LoadGrid(float(np.radians(degrees)), np.array(time), np.array(load), load[0], starts,
-                    starts + 1, 1.0)
-    blocks = len(first)
-    return _empty_run(rig, grid, grid.time[starts], np.full(blocks, HOLD / 4), np.array(branch),
-                      hold=np.array(hold), rate=np.zeros(blocks))
+    before, level = levels[:-1, None], levels[1:, None]
+    moving, still = np.array([0.1, 0.3, 0.5, 0.7, 0.9]), np.array([0.125, 0.375, 0.625, 0.875])
+    begin = (RAMP + HOLD) * np.arange(level.size)[:, None]
+    time = np.hstack([begin + moving * RAMP, begin + RAMP + still * HOLD])
+    load = np.hstack([before + moving * (level - before), np.repeat(level, still.size, axis=1)])
+    held = np.flatnonzero(level[:, 0] >= rig.limits.hold_min)
+    first = 1 + np.arange(time.size).reshape(time.shape)[held, moving.size:].ravel()
+    grid = LoadGrid(
+        float(np.radians(degrees)), np.append(0.0, time), np.append(levels[0], load),
+        float(levels[0]), first, first + 1, 1.0)
+    branch = np.where(level > before, 1.0, -1.0)[held, 0]
+    return _empty_run(
+        rig, grid, grid.time[first], np.full(first.size, HOLD / 4),
+        np.repeat(branch, still.size), np.zeros(first.size),
+        np.repeat(held.astype(np.float64), still.size))
 
 
 def _empty_run(
-    rig: Rig,
-    grid: LoadGrid,
-    time: NDArray[np.float64],
-    width: NDArray[np.float64],
-    direction: NDArray[np.float64],
-    *,
-    rate: NDArray[np.float64],
-    hold: NDArray[np.float64] | None = None,
+    rig: Rig, grid: LoadGrid, time: Array, width: Array, direction: Array, rate: Array,
+    hold: Array | None = None,
 ) -> RunBlocks:
-    drive = grid.block_means(grid.load)
     return RunBlocks(
         'proposed', f'{np.degrees(grid.elevation):.1f} deg', time, width,
-        np.zeros((len(rig.probes.present), time.size)), {'load': drive}, payload=grid,
-        direction=direction, rate=rate, hold=hold)
+        np.zeros((len(rig.probes.present), time.size)), {'load': grid.block_means(grid.load)},
+        payload=grid, direction=direction, rate=rate, hold=hold)

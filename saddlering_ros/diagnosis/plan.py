@@ -13,9 +13,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from saddlering_ros.diagnosis.next_test import LoadCourse, staircase
+from saddlering_ros.diagnosis.next_test import load_run, staircase
+from saddlering_ros.diagnosis.records import Array
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import (
     Assumptions,
@@ -37,8 +37,6 @@ from saddlering_ros.rig import (
     Rig,
     TRUE_TO_SCALE,
 )
-
-Array = NDArray[np.float64]
 
 STATIC_RATE, DYNAMIC_RATE = 25.0, 1000.0
 """Sampling rates [Hz] of the shipped tests."""
@@ -88,8 +86,8 @@ class PlannedTest:
             return replace(staircase(rig, self.elevation_deg), name=self.name)
         full, low = rig.full_scale_load, rig.preload
         times, shape, step = COURSES[self.kind]
-        course = LoadCourse(times, [low + share * (full - low) for share in shape], step)
-        return replace(course.run(rig, self.elevation_deg), name=self.name)
+        loads = [low + share * (full - low) for share in shape]
+        return replace(load_run(rig, self.elevation_deg, times, loads, step), name=self.name)
 
 
 COURSES: dict[str, tuple[list[float], list[float], float]] = {

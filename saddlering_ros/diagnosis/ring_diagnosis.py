@@ -71,7 +71,10 @@ def diagnose_ring(
     named = {name for cause in diagnosis.causes for name in cause.group}
     laws_of_user = sorted(
         name for name in named if isinstance(catalogue().get(name), LawEffect))
-    notes = [*check_set(records, rig), *diagnosis.warnings, *law.notes]
+    notes = [*check_set(records, rig), *diagnosis.warnings]
+    if law.refusal:
+        notes.append('the contact parameters are those of the diagnosis, not of an '
+                     f'identification: {law.refusal}')
     notes += certificate_notes(rig, diagnosis.causes)
     notes += repeated_laws(laws_of_user, verdict.signature_cosines(diagnosis))
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]

@@ -7,7 +7,7 @@ read. Sentences that serve a declared model too stand in discrepancy/verdict/wor
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Any, cast, TypedDict
+from typing import Any, cast, TYPE_CHECKING, TypedDict
 
 from saddlering_ros.diagnosis.proposed_law import proposal_lines
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
@@ -37,6 +37,9 @@ from saddlering_ros.quantities import (
 )
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
 
+if TYPE_CHECKING:
+    from typing_extensions import NotRequired
+
 Shares = dict[str, float]
 
 
@@ -46,29 +49,23 @@ class TotalReductionEntry(ReductionEntry):
     how: str
 
 
-class _ShapeWords(TypedDict, total=False):
-    shape: str
-
-
-class ShapeEntry(_ShapeWords):
+class ShapeEntry(TypedDict):
     """A part of the misfit that no cause explains."""
 
     channel: str
     coordinate: str
     p_value: float | None
     share_of_range: float
+    shape: NotRequired[str]
 
 
-class _ChannelMore(TypedDict, total=False):
-    sound: float | None
-
-
-class ChannelEntry(_ChannelMore):
+class ChannelEntry(TypedDict):
     """Misfits of a channel as shares of its range in the run; sound: small errors of the ring."""
 
     nrmse_before: float | None
     nrmse_after: float | None
     noise_floor: float | None
+    sound: NotRequired[float | None]
 
 
 class RunEntry(TypedDict):
@@ -81,16 +78,13 @@ class RunEntry(TypedDict):
     channels: dict[str, ChannelEntry]
 
 
-class _ParametersMore(TypedDict, total=False):
-    before_std: dict[str, float | None]
-    undetermined: dict[str, dict[str, str]]
-
-
-class ParametersEntry(_ParametersMore):
+class ParametersEntry(TypedDict):
     """Contact parameters by name; `after` holds K1_std to D2_std as well."""
 
     before: dict[str, float]
     after: dict[str, Any]
+    before_std: NotRequired[dict[str, float | None]]
+    undetermined: NotRequired[dict[str, dict[str, str]]]
 
 
 class CandidateEntry(TypedDict):
@@ -103,14 +97,6 @@ class CandidateEntry(TypedDict):
     delta_bic: float | None
     misfit: float | None
     parameters: dict[str, dict[str, float]]
-
-
-class ImmaterialEntry(TypedDict):
-    """Effects that are real and too small to matter."""
-
-    effects: list[str]
-    p_value: float | None
-    share_of_range: float | None
 
 
 class LimitEntry(TypedDict):
@@ -126,81 +112,42 @@ class LimitEntry(TypedDict):
     places: list[dict[str, Any]]
 
 
-class ShapesEntry(TypedDict):
-    """Every test of the misfit against a coordinate, before and after."""
+class VerdictDocument(TypedDict):
+    """The whole document; causes: first the shapes of an `unknown`, then causes.
 
-    before: list[ShapeEntry]
-    after: list[ShapeEntry]
-
-
-class SimulatedTestEntry(TypedDict):
-    """A test of an `ambiguous` verdict, simulated with each open model as the truth in turn.
-
-    share_alone: share of the draws that leave only the true model; share_kept: share that
-    leave it at all; by_truth: share_alone by the effects of the true model.
+    remainder: what is left beyond noise, by run and channel. simulated_tests: of an `ambiguous`
+    verdict, with shares of the draws that leave the true model alone. influence: what a stretch of
+    a run adds to the evidence. immaterial: effects that are real and too small to matter. shapes:
+    every test of the misfit against a coordinate, before and after.
     """
-
-    test: str
-    kind: str
-    draws: int
-    share_alone: float
-    interval_95: list[float]
-    share_kept: float
-    by_truth: Shares
-
-
-class RemainderEntry(TypedDict):
-    """What is left beyond noise in a channel of a run, and the coordinate that it follows."""
-
-    run: str
-    channel: str
-    share_of_range: float
-    times_noise: float
-    along: str
-
-
-class InfluenceEntry(TypedDict):
-    """What a stretch of a run adds to the evidence for the causes, in misfit."""
-
-    run: str
-    start: float
-    end: float
-    evidence: float
-
-
-class _VerdictMore(TypedDict, total=False):
-    complete: bool
-    remainder: list[RemainderEntry]
-    headline: str
-    probabilities: Shares
-    stability: float
-    refits: list[dict[str, Any]]
-    near_limit: list[str]
-    influence: list[InfluenceEntry]
-    held_out_evidence: list[dict[str, Any]]
-    simulated_tests: list[SimulatedTestEntry]
-    gain: TotalReductionEntry
-    detection_limits: list[LimitEntry]
-    immaterial: list[ImmaterialEntry]
-    unexplained: list[ShapeEntry]
-    candidates: list[CandidateEntry]
-    shapes: ShapesEntry
-    signature_cosines: dict[str, Shares]
-    notes: list[str]
-    provenance: dict[str, Any]
-    seed: int
-    seconds: float
-    proposal: dict[str, Any] | None
-
-
-class VerdictDocument(_VerdictMore):
-    """The whole document; causes: first the shapes of an `unknown`, then causes."""
 
     verdict: str
     causes: list[CauseEntry | ShapeEntry]
     runs: list[RunEntry]
     parameters: ParametersEntry
     next_test: str | None
+    complete: NotRequired[bool]
+    remainder: NotRequired[list[dict[str, Any]]]
+    headline: NotRequired[str]
+    probabilities: NotRequired[Shares]
+    stability: NotRequired[float]
+    refits: NotRequired[list[dict[str, Any]]]
+    near_limit: NotRequired[list[str]]
+    influence: NotRequired[list[dict[str, Any]]]
+    held_out_evidence: NotRequired[list[dict[str, Any]]]
+    simulated_tests: NotRequired[list[dict[str, Any]]]
+    gain: NotRequired[TotalReductionEntry]
+    detection_limits: NotRequired[list[LimitEntry]]
+    immaterial: NotRequired[list[dict[str, Any]]]
+    unexplained: NotRequired[list[ShapeEntry]]
+    candidates: NotRequired[list[CandidateEntry]]
+    shapes: NotRequired[dict[str, list[ShapeEntry]]]
+    signature_cosines: NotRequired[dict[str, Shares]]
+    notes: NotRequired[list[str]]
+    provenance: NotRequired[dict[str, Any]]
+    seed: NotRequired[int]
+    seconds: NotRequired[float]
+    proposal: NotRequired[dict[str, Any] | None]
 
 
 def causes_of(document: VerdictDocument) -> list[CauseEntry]:
@@ -211,7 +158,6 @@ def causes_of(document: VerdictDocument) -> list[CauseEntry]:
 def shapes_of(document: VerdictDocument) -> list[ShapeEntry]:
     """The parts of the misfit that no cause explains."""
     return [cause for cause in document['causes'] if 'effect' not in cause]
-
 
 
 COORDINATES = {
@@ -242,10 +188,18 @@ def headline(document: VerdictDocument) -> str:
                 'range.')
     if verdict == 'unknown':
         return _unknown(document)
-    causes = causes_of(document)
+    causes, rest = causes_of(document), ''
+    if document.get('remainder'):
+        most = document['remainder'][0]
+        rest = rest_words(most['share_of_range'], most['channel'])
     if verdict == 'ambiguous':
-        return ('The simulation lacks a cause. '
-                + ' '.join(_open_cause(cause) for cause in causes) + _rest(document))
+        words = []
+        for cause in causes:
+            group = ' or '.join(lowered(title_of(name)) for name in cause['group'])
+            words.append(
+                f'These data cannot tell the possible causes apart: {group}.'
+                if len(cause['group']) > 1 else f'One cause is {group} ({size_of(cause)}).')
+        return f'The simulation lacks a cause. {" ".join(words)}{rest}'
     names = [f'{lowered(title_of(cause["effect"]))} ({size_of(cause)})' for cause in causes]
     *others, last = names
     lacking = f'{", ".join(others)}{" and " if others else ""}{last}'
@@ -253,7 +207,7 @@ def headline(document: VerdictDocument) -> str:
         return f'The simulation lacks {lacking}.'
     gain = document['gain']
     return (f'The simulation lacks mainly {lacking}: '
-            f'{share_words(gain["fit"], gain["held_out"])}.{_rest(document)}')
+            f'{share_words(gain["fit"], gain["held_out"])}.{rest}')
 
 
 def _unknown(document: VerdictDocument) -> str:
@@ -298,14 +252,6 @@ def _sound_words(document: VerdictDocument) -> str:
                     f'({percent(misfit)} of range in {name}, where they may do '
                     f'{percent(sound)} rms), ')
     return words
-
-
-def _rest(document: VerdictDocument) -> str:
-    """The largest remainder, or nothing."""
-    if not document.get('remainder'):
-        return ''
-    most = document['remainder'][0]
-    return rest_words(most['share_of_range'], most['channel'])
 
 
 def gain_sentence(document: VerdictDocument) -> str:
@@ -418,19 +364,6 @@ def shape_words(shape: ShapeEntry) -> str:
     return f'{shape["channel"]} {words}, {percent(shape["share_of_range"])} of range rms'
 
 
-def swing_words(channel: str, frequency: float, run: str, share_of_range: float) -> str:
-    """'gamma oscillates at about 12 Hz in dynamic_50, 0.3 % of range rms'."""
-    return (f'{channel} oscillates at about {quantity(frequency, "Hz", digits=2)} in {run}, '
-            f'{percent(share_of_range)} of range rms')
-
-
-def _open_cause(cause: CauseEntry) -> str:
-    if len(cause['group']) == 1:
-        return f'One cause is {lowered(title_of(cause["effect"]))} ({size_of(cause)}).'
-    names = [lowered(title_of(name)) for name in cause['group']]
-    return f'These data cannot tell the possible causes apart: {" or ".join(names)}.'
-
-
 def certainty_lines(document: VerdictDocument) -> list[str]:
     """Probabilities and stability, why the verdict is near its limit, which runs it rests on."""
     influence = document.get('influence', []) if causes_of(document) else []
@@ -461,21 +394,19 @@ def document_text(document: VerdictDocument) -> str:
     lines += ["Misfit by run and channel, rms in % of the channel's range, with a constant "
               'offset of each probe fitted (contact law alone / '
               + ('extended model / noise):' if is_extended else 'noise):')]
-    lines += [_run_line(run, is_extended) for run in document['runs']]
+    for run in document['runs']:
+        columns = ['nrmse_before', *(['nrmse_after'] if is_extended else []), 'noise_floor']
+        shares = ', '.join(
+            f'{name} ' + ' / '.join(_share_words(cast(Shares, misfit)[key]) for key in columns)
+            for name, misfit in run['channels'].items())
+        lines.append(f'  {_bag_name(run)}{" (held out)" if run["held_out"] else ""}: {shares}')
     lines += ['', 'Contact parameters (before -> after):' if is_extended else
               'Contact parameters:', *_parameter_lines(document, is_extended)]
     return '\n'.join([*lines, *(f'note: {note}' for note in document['notes'])])
 
 
-def _run_line(run: RunEntry, is_extended: bool) -> str:
-    shares = ', '.join(
-        f'{name} ' + ' / '.join(
-            '-' if share is None else f'{100.0 * share:.2f}'
-            for share in (misfit['nrmse_before'],
-                          *((misfit['nrmse_after'],) if is_extended else ()),
-                          misfit['noise_floor']))
-        for name, misfit in run['channels'].items())
-    return f'  {_bag_name(run)}{" (held out)" if run["held_out"] else ""}: {shares}'
+def _share_words(share: float | None) -> str:
+    return '-' if share is None else f'{100.0 * share:.2f}'
 
 
 def _parameter_lines(document: VerdictDocument, is_extended: bool) -> list[str]:

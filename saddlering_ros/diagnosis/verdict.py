@@ -19,7 +19,7 @@ from saddlering_ros.diagnosis import ring_wording
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.records import LoadGrid, PreparedRecord
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
-from saddlering_ros.diagnosis.ring_wording import ShapeEntry, SimulatedTestEntry, VerdictDocument
+from saddlering_ros.diagnosis.ring_wording import ShapeEntry, VerdictDocument
 from saddlering_ros.discrepancy import (
     CauseEntry,
     DetectionLimit,
@@ -27,13 +27,12 @@ from saddlering_ros.discrepancy import (
     Estimate,
     Evidence,
     RunBlocks,
-    Separation,
     ShapeTest,
 )
-from saddlering_ros.estimation.identifiability import still_open
+from saddlering_ros.estimation.identifiability import reason_wide
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import Identification
-from saddlering_ros.quantities import finite_json, is_left, MATERIAL
+from saddlering_ros.quantities import finite_json, is_left, MATERIAL, percent, quantity
 from saddlering_ros.rig import (
     CHANNELS,
     ContactParameters,
@@ -69,14 +68,6 @@ class ContactLaw:
     reasons_after: Mapping[str, str]
     refusal: str = ''
 
-    @property
-    def notes(self) -> list[str]:
-        """Reason for values of the engine itself, if they had to be used."""
-        if not self.refusal:
-            return []
-        return ['the contact parameters are those of the diagnosis, not of an identification: '
-                f'{self.refusal}']
-
 
 def contact_law(
     diagnosis: Diagnosis, alone: Identification | str, elevations: int
@@ -86,11 +77,12 @@ def contact_law(
     alone: the identification of the runs, or the reason why they cannot be identified. With
     causes in the model, the values after are those of the engine.
     """
+    covariance = diagnosis.fits.base_covariance
     if isinstance(alone, str):
-        before = still_open(_values(diagnosis.base_alone), {}, elevations)
-        after = still_open(_values(diagnosis.base), before, elevations)
-        return ContactLaw(diagnosis.base_alone, diagnosis.base, diagnosis.fits.base_covariance,
-                          before, after, alone)
+        before = _still_open(diagnosis.base_alone, {}, elevations)
+        after = _still_open(diagnosis.base, before, elevations)
+        return ContactLaw(
+            diagnosis.base_alone, diagnosis.base, covariance, before, after, alone)
     deviations = np.sqrt(np.diag(alone.covariance))
     estimates = {
         name: Estimate(float(getattr(alone.parameters.contact, name)), float(deviation),
@@ -101,13 +93,25 @@ def contact_law(
         of_noise = alone.parameters.source.covariance
         assert of_noise is not None
         return ContactLaw(estimates, estimates, of_noise, alone.reasons, alone.reasons)
-    after = still_open(_values(diagnosis.base), alone.reasons, elevations)
-    return ContactLaw(
-        estimates, diagnosis.base, diagnosis.fits.base_covariance, alone.reasons, after)
+    after = _still_open(diagnosis.base, alone.reasons, elevations)
+    return ContactLaw(estimates, diagnosis.base, covariance, alone.reasons, after)
 
 
-def _values(estimates: Mapping[str, Estimate]) -> dict[str, tuple[float, float]]:
-    return {name: (estimate.value, estimate.std) for name, estimate in estimates.items()}
+def _still_open(
+    estimates: Mapping[str, Estimate], before: Mapping[str, str], elevations: int
+) -> dict[str, str]:
+    """Reasons by name for parameters that a larger model leaves open.
+
+    before: reasons of the contact law alone. A parameter that was open before stays open, because
+    further unknowns determine nothing.
+    """
+    reasons = dict(before)
+    for name, estimate in estimates.items():
+        relative = estimate.std / (1.0 if name[0] == 'n' else max(abs(estimate.value), 1e-300))
+        reason = reason_wide(name, relative, elevations)
+        if name not in reasons and reason is not None:
+            reasons[name] = reason
+    return reasons
 
 
 @dataclass(frozen=True)
@@ -194,7 +198,10 @@ def run_figures(
 ) -> RunFigures:
     """Misfits and curves of one run, from predictions before and after (C, N)."""
     run = record.run
-    curves = [_displacement(rig, values) for values in (run.channels, before, after)]
+    curves = []
+    for increments in (run.channels, before, after):
+        motion = measured_displacement(rig.probes, with_absent(rig.probes, increments))
+        curves.append(np.stack([np.asarray(getattr(motion, name)) for name in CHANNELS]))
     channels = {}
     views = diagnosis.fits.metric.problem.system.views
     grid: LoadGrid = run.payload
@@ -233,12 +240,6 @@ def _noise_floor(diagnosis: Diagnosis, run: RunBlocks, weights: Array) -> float:
     return math.sqrt(power)
 
 
-def _displacement(rig: Rig, increments: Array) -> Array:
-    """Channels (4, N) from the increments (C, N) of the probes that the rig has."""
-    motion = measured_displacement(rig.probes, with_absent(rig.probes, increments))
-    return np.stack([np.asarray(getattr(motion, name)) for name in CHANNELS])
-
-
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
@@ -250,7 +251,12 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
     document: VerdictDocument = finite_json({
         'verdict': diagnosis.verdict,
         'causes': _cause_entries(diagnosis),
-        'runs': [_run_entry(figures) for figures in verdict.runs],
+        'runs': [
+            {'bag': str(figures.record.test_run.path),
+             'elevation_deg': float(np.degrees(figures.record.test_run.elevation)),
+             'test': figures.record.test_run.test, 'held_out': figures.record.run.held_out,
+             'channels': {name: vars(misfit) for name, misfit in figures.channels.items()}}
+            for figures in verdict.runs],
         'parameters': _parameters_entry(verdict.contact_law),
         'next_test': verdict.next_test,
         'complete': diagnosis.complete,
@@ -261,7 +267,12 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
         'near_limit': list(diagnosis.near_limit),
         'influence': [vars(stretch) for stretch in diagnosis.influence],
         'held_out_evidence': [vars(one) for one in diagnosis.held_out_evidence],
-        'simulated_tests': [_simulated_test(one) for one in diagnosis.separations],
+        'simulated_tests': [
+            {'test': one.proposal.sentence, 'kind': one.proposal.kind, 'draws': one.draws,
+             'share_alone': one.share, 'interval_95': list(one.interval),
+             'share_kept': one.kept / one.draws,
+             'by_truth': {' + '.join(ids): share for ids, share in one.by_truth.items()}}
+            for one in diagnosis.separations],
         'detection_limits': [limit_entry(limit) for limit in diagnosis.observability.limits],
         'immaterial': [_evidence_entry(one) for one in diagnosis.search.immaterial],
         'unexplained': shapes_after[:8],
@@ -288,16 +299,11 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
 
 def limit_entry(limit: DetectionLimit) -> dict[str, Any]:
     """The entry of a limit in a verdict document."""
-    entry: dict[str, Any] = {
-        name: getattr(limit, name)
-        for name in ('effect', 'limit', 'best_limit', 'material_limit', 'unit', 'share',
-                     'testable')
-    }
-    entry['places'] = [
-        {'values': dict(one.values), 'limit': one.limit, 'material_limit': one.material_limit}
-        for one in limit.configurations
-    ]
-    return entry
+    names = ('effect', 'limit', 'best_limit', 'material_limit', 'unit', 'share', 'testable')
+    return {
+        **{name: getattr(limit, name) for name in names},
+        'places': [{'values': dict(one.values), 'limit': one.limit,
+                    'material_limit': one.material_limit} for one in limit.configurations]}
 
 
 def _cause_entries(diagnosis: Diagnosis) -> list[CauseEntry | ShapeEntry]:
@@ -314,8 +320,10 @@ def _cause_entries(diagnosis: Diagnosis) -> list[CauseEntry | ShapeEntry]:
         entries.append({'shape': ring_wording.shape_words(entry), **entry})
     fast = after.fast
     if fast.visible >= MATERIAL:
+        frequency = quantity(fast.frequency, 'Hz', digits=2)
         entries.append({
-            'shape': ring_wording.swing_words(fast.view, fast.frequency, fast.run, fast.visible),
+            'shape': f'{fast.view} oscillates at about {frequency} in {fast.run}, '
+                     f'{percent(fast.visible)} of range rms',
             'channel': fast.view, 'coordinate': 'time', 'p_value': fast.p_value,
             'share_of_range': fast.visible,
         })
@@ -338,25 +346,6 @@ def _parameters_entry(law: ContactLaw) -> dict[str, Any]:
             for name, estimate in law.before.items()
         },
         'undetermined': {'before': dict(law.reasons_before), 'after': dict(law.reasons_after)},
-    }
-
-
-def _run_entry(figures: RunFigures) -> dict[str, Any]:
-    record = figures.record
-    return {
-        'bag': str(record.test_run.path),
-        'elevation_deg': float(np.degrees(record.test_run.elevation)),
-        'test': record.test_run.test, 'held_out': record.run.held_out,
-        'channels': {name: vars(misfit) for name, misfit in figures.channels.items()},
-    }
-
-
-def _simulated_test(separation: Separation) -> SimulatedTestEntry:
-    return {
-        'test': separation.proposal.sentence, 'kind': separation.proposal.kind,
-        'draws': separation.draws, 'share_alone': separation.share,
-        'interval_95': list(separation.interval), 'share_kept': separation.kept / separation.draws,
-        'by_truth': {' + '.join(ids): share for ids, share in separation.by_truth.items()},
     }
 
 

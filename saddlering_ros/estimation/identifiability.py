@@ -5,7 +5,7 @@ K, n and D are judged in the coordinates (ln K, n, ln D) of a `SearchSpace`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -88,31 +88,9 @@ def reason_one_elevation(
             f'change it by {moved}; add a run at another elevation')
 
 
-def coordinate_std(name: str, value: float, std: float) -> float:
-    """Standard deviation in (ln K, n, ln D) from one in the unit of the parameter."""
-    return std if name[0] == 'n' else std / max(abs(value), 1e-300)
-
-
 def undetermined_words(name: str, value: str, reason: str) -> str:
     """A parameter that data do not determine, as every command prints it."""
     return f'{name}: not determined by these data (best known {value}): {reason}'
-
-
-def still_open(
-    values: Mapping[str, tuple[float, float]], before: Mapping[str, str], elevations: int
-) -> dict[str, str]:
-    """Reasons by name for parameters that a larger model leaves open.
-
-    values: name to value and standard deviation in that model; before: reasons of the contact
-    law alone. A parameter that was open before stays open, because further unknowns determine
-    nothing.
-    """
-    reasons = dict(before)
-    for name, (value, std) in values.items():
-        reason = reason_wide(name, coordinate_std(name, value, std), elevations)
-        if name not in reasons and reason is not None:
-            reasons[name] = reason
-    return reasons
 
 
 def distinct_elevations(elevations: Iterable[float]) -> int:

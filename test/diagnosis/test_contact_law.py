@@ -47,9 +47,9 @@ def test_a_cause_leaves_open_what_the_contact_law_alone_left_open(found):
     assert law.reasons_after['n1'] == found.reasons['n1']
 
 
-def test_where_identify_refuses_its_words_are_a_note_and_wide_parameters_are_open():
+def test_where_identify_refuses_its_words_stay_and_wide_parameters_are_open():
     law = contact_law(diagnosis(std=1.0), 'no unloading branch', 1)
-    assert 'no unloading branch' in law.notes[0]
+    assert law.refusal == 'no unloading branch'
     assert law.reasons_before['K1'].startswith('K1 is known only within a factor')
     assert not contact_law(diagnosis(), 'no unloading branch', 1).reasons_before
 

@@ -3,6 +3,7 @@
 from dataclasses import fields
 from itertools import combinations
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -135,8 +136,10 @@ def test_a_sound_ring_is_told_which_causes_these_data_could_not_show():
 
 
 def test_what_nothing_explains_gets_a_test_of_its_own_channel():
-    assert 'probes 2 and 4' in next_test.for_shape('gamma', 'load')
-    assert '12 Hz' in next_test.for_swing('gamma', 12.0)
+    shape = SimpleNamespace(view='gamma', coordinate='load', p_value=1e-9, visible=0.01)
+    for share, words in ((0.0, 'probes 2 and 4'), (0.02, '12 Hz')):
+        fast = SimpleNamespace(view='gamma', frequency=12.0, visible=share)
+        assert words in next_test.for_residual(SimpleNamespace(shapes=[shape], fast=fast))
 
 
 def test_a_size_is_said_with_its_place_its_sign_and_its_unit():
