@@ -6,7 +6,8 @@ from collections.abc import Iterator
 import sys
 
 from saddlering_ros.effects import catalogue
-from saddlering_ros.effects.base import EffectParameter, RIG_TESTS, RingEffect, STAGES
+from saddlering_ros.effects.base import EffectParameter, RIG_TESTS, RingEffect
+from saddlering_ros.effects.extension import STAGES
 from saddlering_ros.quantities import compact
 
 OPENING = """\

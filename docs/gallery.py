@@ -23,7 +23,7 @@ from examiner import draw_truth, DrawSettings, RecordSettings, write_campaign
 
 from saddlering_ros import diagnose
 from saddlering_ros.effects import catalogue
-from saddlering_ros.effects.base import STAGES
+from saddlering_ros.effects.extension import STAGES
 from saddlering_ros.pages.charts import AFTER, BEFORE, drawing, NOISE
 from saddlering_ros.pages.html import png
 from saddlering_ros.report.curves import curves_of, RunCurves

@@ -11,19 +11,13 @@ import os
 from pathlib import Path
 import pkgutil
 
-from saddlering_ros.effects.base import (
-    Choice,
-    EffectError,
-    EffectParameter,
-    RingEffect,
-    STAGES,
-    Variant,
-)
+from saddlering_ros.effects.base import Choice, EffectError, EffectParameter, RingEffect, Variant
 from saddlering_ros.effects.extension import (
     NO_EXTENSION,
     OwnParameter,
     RingExtension,
     shared_parameters,
+    STAGES,
 )
 from saddlering_ros.effects.law import Law, LawEffect, read_law_effect
 from saddlering_ros.rig import Rig
@@ -44,7 +38,7 @@ def _shipped() -> dict[str, RingEffect]:
     for module_info in pkgutil.iter_modules(__path__):
         module = importlib.import_module(f'{__name__}.{module_info.name}')
         for _, cls in inspect.getmembers(module, inspect.isclass):
-            is_here = cls.__module__ == module.__name__ and cls not in (RingEffect, LawEffect)
+            is_here = cls.__module__ == module.__name__ and hasattr(cls, 'title')
             if is_here and issubclass(cls, RingEffect):
                 found[cls.id] = cls()
     return found
@@ -92,23 +86,19 @@ def own_files() -> tuple[Path, ...]:
     return tuple(sorted(Path(folder).glob('*.yaml'))) if folder else ()
 
 
-def _found() -> dict[str, RingEffect]:
-    folder = os.environ.get(FOLDER_VARIABLE, '')
-    return {**_shipped(), **_of_folder(folder)} if folder else _shipped()
-
-
 def catalogue() -> dict[str, RingEffect]:
     """Every effect by its id, in alphabetical order, those of the user's folder included."""
-    return dict(sorted(_found().items()))
+    folder = os.environ.get(FOLDER_VARIABLE, '')
+    return dict(sorted({**_shipped(), **(_of_folder(folder) if folder else {})}.items()))
 
 
 def effect(effect_id: str) -> RingEffect:
     """The effect of that id; EffectError that names the ids spelled most like it."""
-    known = _found()
+    known = catalogue()
     if effect_id in known:
         return known[effect_id]
     near = difflib.get_close_matches(effect_id, known, n=3, cutoff=0.5)
-    choice = ' or '.join(near) if near else f'from {", ".join(sorted(known))}'
+    choice = ' or '.join(near) if near else f'from {", ".join(known)}'
     raise EffectError(f'effects.{effect_id} is not in the catalogue: choose {choice}')
 
 
@@ -128,8 +118,6 @@ def extension_of(
 
 def laws_of(effects: Mapping[str, Mapping[str, float]]) -> tuple[Law, ...]:
     """The laws of a user's own effects among `effects`, with their sizes."""
-    return tuple(
-        one.bound(one.complete(values))
-        for one, values in ((effect(name), values) for name, values in effects.items())
-        if isinstance(one, LawEffect)
-    )
+    chosen = [(effect(name), values) for name, values in effects.items()]
+    return tuple(one.bound(one.complete(values)) for one, values in chosen
+                 if isinstance(one, LawEffect))

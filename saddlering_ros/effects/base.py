@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from saddlering_ros.effects.extension import OwnParameter, RingExtension, STAGES, with_probe
+from saddlering_ros.effects.extension import OwnParameter, RingExtension, with_probe
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.quantities import compact
 from saddlering_ros.rig import Rig, size_factor
@@ -71,15 +71,6 @@ RIG_TESTS = (
             'the same misfit'),
 )
 """Order of preference among tests that separate as much."""
-
-
-__all__ = [
-    'STAGES', 'Choice', 'EffectError', 'EffectParameter', 'RingEffect', 'Variant', 'unit_words']
-
-
-def unit_words(unit: str) -> str:
-    """' ' and the unit; empty for a plain number ('1')."""
-    return '' if unit == '1' else f' {unit}'
 
 
 class EffectError(SaddleringError):
@@ -147,10 +138,10 @@ class Choice:
 class RingEffect:
     """One cause of a difference between measurement and simulation; one subclass, one file.
 
-    A subclass states the class attributes; a walk of the folder finds it. What it does is stated
-    by its parameters (`adds_to`), or by its own `extend`. starts: first guesses for effects that
-    need several (searched places, times); a missing name takes the start of its parameter. The
-    first variant is the default.
+    A subclass states the class attributes; a walk of the folder finds it. Its id is the name of
+    its file. What it does is stated by its parameters (`adds_to`), or by its own `extend`.
+    starts: first guesses for effects that need several (searched places, times); a missing name
+    takes the start of its parameter. The first variant is the default.
     """
 
     id: ClassVar[str]
@@ -169,6 +160,9 @@ class RingEffect:
     own_parameters: ClassVar[tuple[OwnParameter, ...]] = ()  # extension parameters of its own
     form: ClassVar[float] = 0.0               # share of the size that its idealised law may err
 
+    def __init_subclass__(cls) -> None:
+        cls.id = cls.__module__.rpartition('.')[2]
+
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """The extension with this effect added; `values` holds every parameter and choice.
 
@@ -176,7 +170,7 @@ class RingEffect:
         """
         changed: dict[str, Any] = {}
         for item in self.parameters:
-            if item.adds_to:
+            if item.adds_to and item.name in values:
                 before, value = getattr(extension, item.adds_to), values[item.name]
                 changed[item.adds_to] = (with_probe(before, round(values['probe']), value)
                                          if isinstance(before, tuple) else before + value)
@@ -212,25 +206,22 @@ class RingEffect:
                 raise EffectError(f'effects.{self.id}.{name} does not exist: '
                                   f'choose from {", ".join(known)}')
         complete = {**known, **values}
-        self._check(complete, parameters)
+        for parameter in parameters:
+            value = complete[parameter.name]
+            slack = 1e-9 * (parameter.high - parameter.low)
+            if not parameter.low - slack <= value <= parameter.high + slack:
+                unit = '' if parameter.unit == '1' else f' {parameter.unit}'
+                raise EffectError(
+                    f'effects.{self.id}.{parameter.name} is {compact(value)}: give a number from '
+                    f'{compact(parameter.low)} to {compact(parameter.high)}{unit}')
+        for choice in self.choices:
+            if complete[choice.name] not in choice.values:
+                offered = ', '.join(f'{value:g}' for value in choice.values)
+                raise EffectError(f'effects.{self.id}.{choice.name} is {complete[choice.name]:g}: '
+                                  f'choose from {offered} ({choice.words})')
         return complete
 
     def neutral_values(self, variant: Variant | None = None) -> dict[str, float]:
         """Values without influence: amplitudes neutral, the other parameters at their start."""
         values = {p.name: p.neutral if p.amplitude else p.start for p in self.parameters}
         return {**values, **(variant or self.variants[0]).values}
-
-    def _check(self, values: Mapping[str, float], parameters: tuple[EffectParameter, ...]) -> None:
-        for parameter in parameters:
-            value = values[parameter.name]
-            slack = 1e-9 * (parameter.high - parameter.low)
-            if not parameter.low - slack <= value <= parameter.high + slack:
-                raise EffectError(
-                    f'effects.{self.id}.{parameter.name} is {compact(value)}: give a number from '
-                    f'{compact(parameter.low)} to {compact(parameter.high)}'
-                    f'{unit_words(parameter.unit)}')
-        for choice in self.choices:
-            if values[choice.name] not in choice.values:
-                offered = ', '.join(f'{value:g}' for value in choice.values)
-                raise EffectError(f'effects.{self.id}.{choice.name} is {values[choice.name]:g}: '
-                                  f'choose from {offered} ({choice.words})')

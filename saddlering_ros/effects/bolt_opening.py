@@ -1,28 +1,15 @@
 """A joint that opens: gamma += c mean(max(0, M - M0)), M0 spread evenly over M0 - w to M0 + w."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.extension import RingExtension
 
 
 class BoltOpening(RingEffect):
-    """Opening bolted joint."""
-
-    id = 'bolt_opening'
     title = 'Opening bolted joint'
-    words = (
-        'Beyond a certain tilting moment the bolted joint opens on one side, and the ring tilts '
-        'more easily. Tilt has a kink at one moment, or a bend if bolts open one after another. '
-        'The kink is the same at every elevation, for rising and falling load.'
-    )
-    settled_by = (
-        'A run at another elevation: the kink stays at the same moment, not at the same load; '
-        'the ring slewed by 90 deg moves the opening to other bolts.'
-    )
+    words = ('Beyond a certain tilting moment the bolted joint opens on one side, and the ring '
+             'tilts more easily. Tilt has a kink at one moment, or a bend if bolts open one after '
+             'another. The kink is the same at every elevation, for rising and falling load.')
+    settled_by = ('A run at another elevation: the kink stays at the same moment, not at the same '
+                  'load; the ring slewed by 90 deg moves the opening to other bolts.')
     outcomes = Outcomes(
         slewed_ring='a kink at another tilting moment',
         other_elevation='a kink at the same tilting moment and another load')
@@ -30,21 +17,16 @@ class BoltOpening(RingEffect):
     form = 0.05  # bolts need not open evenly over the range of moments
     channels = ('gamma',)
     parameters = (
-        EffectParameter(
-            'compliance', 'rad/(N m)', 0.0, 1e-9, 2e-10, 2e-10,
-            'extra tilt per unit of moment beyond the opening moment',
-            amplitude=True, one_sided=True),
+        EffectParameter('compliance', 'rad/(N m)', 0.0, 1e-9, 2e-10, 2e-10,
+                        'extra tilt per unit of moment beyond the opening moment', amplitude=True,
+                        one_sided=True, adds_to='opening_compliance'),
         EffectParameter(
             'moment', 'N m', 20000.0, 250000.0, 100000.0, 100000.0,
-            'tilting moment at which the joint opens, the mean of its bolts', one_sided=True),
-        EffectParameter(
-            'spread', 'N m', 0.0, 60000.0, 10000.0, 0.0,
-            'w: bolts open from M0 - w to M0 + w; 0: all at once', one_sided=True),
+            'tilting moment at which the joint opens, the mean of its bolts', one_sided=True,
+            adds_to='opening_moment'),
+        EffectParameter('spread', 'N m', 0.0, 60000.0, 10000.0, 0.0,
+                        'w: bolts open from M0 - w to M0 + w; 0: all at once', one_sided=True,
+                        adds_to='opening_spread'),
     )
     # A sharp kink does not show its change with the spread: the search begins with a wide one
     starts = tuple({'moment': moment, 'spread': 0.2 * moment} for moment in (4e4, 7e4, 1e5, 1.4e5))
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Set the opening joint."""
-        return replace(extension, opening_compliance=values['compliance'],
-                       opening_moment=values['moment'], opening_spread=values['spread'])

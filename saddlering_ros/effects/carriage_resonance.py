@@ -19,36 +19,26 @@ SHORTEST_PERIOD = 1e-4
 
 
 class CarriageResonance(RingEffect):
-    """Resonance of the carriage."""
-
-    id = 'carriage_resonance'
     title = 'Resonance of the carriage'
-    words = (
-        'The carriage or the frame oscillates after each sudden change of the load rate. All '
-        'displacement channels oscillate at one frequency with a falling amplitude. A static run '
-        'shows nothing.'
-    )
-    settled_by = (
-        'A second loading rate (x4): the oscillation grows with the rate and keeps its frequency.'
-    )
+    words = ('The carriage or the frame oscillates after each sudden change of the load rate. All '
+             'displacement channels oscillate at one frequency with a falling amplitude. A static '
+             'run shows nothing.')
+    settled_by = ('A second loading rate (x4): the oscillation grows with the rate and keeps its '
+                  'frequency.')
     outcomes = Outcomes(second_rate='an oscillation that becomes smaller and keeps its frequency')
     stage = 'ring'
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
-        EffectParameter(
-            'share', '1', 0.0, 1.5, 1.0, 1.0,
-            'share of the motion that the second mode carries; 0: rigid',
-            amplitude=True, one_sided=True),
-        EffectParameter(
-            'period', 's', 0.0, 1.0, 0.1, 0.1,
-            'period of the second mode (one over its frequency)', one_sided=True),
-        EffectParameter(
-            'damping', '1', 0.005, 0.7, 0.05, 0.05,
-            'damping ratio of the second mode', one_sided=True, logarithmic=True),
-        EffectParameter(
-            'share_y', '1', 0.0, 1.5, 1.0, 1.0,
-            'share of delta_y where every coordinate has its own, the first being of delta_x',
-            amplitude=True, one_sided=True),
+        EffectParameter('share', '1', 0.0, 1.5, 1.0, 1.0,
+                        'share of the motion that the second mode carries; 0: rigid',
+                        amplitude=True, one_sided=True),
+        EffectParameter('period', 's', 0.0, 1.0, 0.1, 0.1,
+                        'period of the second mode (one over its frequency)', one_sided=True),
+        EffectParameter('damping', '1', 0.005, 0.7, 0.05, 0.05, 'damping ratio of the second mode',
+                        one_sided=True, logarithmic=True),
+        EffectParameter('share_y', '1', 0.0, 1.5, 1.0, 1.0,
+                        'share of delta_y where every coordinate has its own, the first being of '
+                        'delta_x', amplitude=True, one_sided=True),
         EffectParameter(
             'share_tilt', '1', 0.0, 1.5, 1.0, 1.0,
             'share of gamma where every coordinate has its own', amplitude=True, one_sided=True),
@@ -61,7 +51,6 @@ class CarriageResonance(RingEffect):
     dynamic_only = True
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Set the second mode."""
         period = values['period']
         frequency = 2.0 * math.pi / period if period > SHORTEST_PERIOD else 0.0
         share = values['share']

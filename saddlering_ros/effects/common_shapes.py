@@ -1,12 +1,21 @@
-"""Parameters that several effects share: friction loops, choice of a probe, worn arcs."""
+"""What several effects share: friction loops, clearances, choice of a probe, worn arcs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 import math
+from typing import Any, ClassVar
 
-from saddlering_ros.effects.base import Choice, EffectParameter, Variant
-from saddlering_ros.effects.extension import Hysteron, Wear
+from saddlering_ros.effects.base import (
+    Choice,
+    EffectParameter,
+    Outcomes,
+    RingEffect,
+    UNCLEAR,
+    Variant,
+)
+from saddlering_ros.effects.extension import Hysteron, RingExtension, RowGeometry, Wear
 
 
 def loop_parameters(presliding_unit: str, low: float, high: float,
@@ -32,8 +41,38 @@ def hysteron(limit: float, values: Mapping[str, float]) -> Hysteron:
     return Hysteron(limit, values['presliding'], values['sharpness'], values['initial'])
 
 
-RADIAL_CHANNELS = ('delta_x', 'parity')
-AXIAL_CHANNELS = ('delta_y', 'gamma')
+LOOP_OUTCOMES = Outcomes(
+    second_rate='a loop of the same height',
+    repeat_cycle='a loop that repeats and stays open during the holds', pull_push=UNCLEAR)
+"""What the tests on the rig show of friction."""
+
+
+class FrictionEffect(RingEffect):
+    """A friction element of `RingExtension`, of the height of the first parameter."""
+
+    element: ClassVar[str]
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """The extension with the friction element set."""
+        changed: dict[str, Any] = {
+            self.element: hysteron(values[self.parameters[0].name], values)}
+        return replace(extension, **changed)
+
+
+CLEARANCE_PARAMETERS = (
+    EffectParameter('change', 'm', -4e-5, 1e-4, 2e-5, 0.0,
+                    'true clearance minus the clearance in the rig file', amplitude=True),
+    EffectParameter('spread', '1', 0.0, 1.0, 0.3, 0.0,
+                    'difference of rollers: evenly from 1 - s to 1 + s times the change; 0: all '
+                    'alike', one_sided=True))
+CLEARANCE_STARTS = ({'change': 2e-5, 'spread': 0.8}, {'change': -1e-5, 'spread': 0.8})
+
+
+def widened(row: RowGeometry, values: Mapping[str, float]) -> RowGeometry:
+    """A row with half the change of its clearance at each side."""
+    half = 0.5 * values['change']
+    return replace(row, gap=row.gap + half, gap_spread=abs(half) * values['spread'])
+
 
 ONE_PROBE = Choice(
     'probe', (1.0, 2.0, 3.0, 4.0), 'radial: 1 rear, 3 front; axial: 2 front, 4 rear')
@@ -42,7 +81,7 @@ ANY_PROBE = Choice('probe', (0.0, 1.0, 2.0, 3.0, 4.0), '0 for all probes, else o
 
 def probe_channels(probe: int) -> tuple[str, ...]:
     """Channels that one probe feeds: 1 and 3 are the radial probes, 2 and 4 the axial ones."""
-    return RADIAL_CHANNELS if probe in (1, 3) else AXIAL_CHANNELS
+    return ('delta_x', 'parity') if probe in (1, 3) else ('delta_y', 'gamma')
 
 
 def probe_variants(more: Mapping[str, float] | None = None,
@@ -53,11 +92,6 @@ def probe_variants(more: Mapping[str, float] | None = None,
                 probe_channels(probe))
         for probe in (1, 2, 3, 4)
     )
-
-
-def probe_of(values: Mapping[str, float]) -> int:
-    """Number of the probe chosen, 0 for all."""
-    return round(values['probe'])
 
 
 STIFFNESS, GAP = 0.0, 1.0

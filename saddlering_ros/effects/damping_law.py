@@ -3,47 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.rig import Rig
 
 
 class DampingLaw(RingEffect):
-    """Damping grows with penetration."""
-
-    id = 'damping_law'
     title = 'Damping grows with penetration'
-    words = (
-        'The damping of a roller grows with its penetration, and the model has one constant D. '
-        'In a dynamic run the lag behind the load grows with the load and not with the rate '
-        'alone. A static run shows nothing. Damping may stop growing after the film is squeezed '
-        'out; with a high power, damping then begins at one penetration.'
-    )
-    settled_by = (
-        'A second loading rate (x4): the lag scales with rate at each load, and its shape over '
-        'load stays.'
-    )
+    words = ('The damping of a roller grows with its penetration, and the model has one constant '
+             'D. In a dynamic run the lag behind the load grows with the load and not with the '
+             'rate alone. A static run shows nothing. Damping may stop growing after the film is '
+             'squeezed out; with a high power, damping then begins at one penetration.')
+    settled_by = ('A second loading rate (x4): the lag scales with rate at each load, and its '
+                  'shape over load stays.')
     outcomes = Outcomes(
-        second_rate='a lag that keeps its shape over load and scales with the rate',
-    )
+        second_rate='a lag that keeps its shape over load and scales with the rate')
     stage = 'ring'
     form = 0.1  # the power of penetration and the saturation may differ between the rows
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(
             'share', '1', 0.0, 1.0, 0.5, 0.5,
-            'share of the damping that grows; h = 1 at r = 50 µm', amplitude=True, one_sided=True),
+            'share of the damping that grows; h = 1 at r = 50 µm', amplitude=True, one_sided=True,
+            adds_to='damping_penetration_share'),
         # Tsuji et al. 1992: 1/4; Kuwabara and Kono 1987: 1/2; Hunt and Crossley 1975: n
-        EffectParameter(
-            'exponent', '1', 0.2, 8.0, 1.0, 10.0 / 9.0,
-            'm, by which damping grows; left out in a file: n of each row', one_sided=True,
-            logarithmic=True),
-        EffectParameter(
-            'levelling', '1/m', 0.0, 2e5, 2e4, 0.0,
-            'L, one over the penetration beyond which damping is constant; 0: no limit',
-            one_sided=True),
+        EffectParameter('exponent', '1', 0.2, 8.0, 1.0, 10.0 / 9.0,
+                        'm, by which damping grows; left out in a file: n of each row',
+                        one_sided=True, logarithmic=True,
+                        adds_to='damping_penetration_exponent'),
+        EffectParameter('levelling', '1/m', 0.0, 2e5, 2e4, 0.0,
+                        'L, one over the penetration beyond which damping is constant; 0: no '
+                        'limit', one_sided=True, adds_to='damping_penetration_saturation'),
     )
     dynamic_only = True
     starts = ({'exponent': 0.25}, {'exponent': 6.0, 'levelling': 5e4},
@@ -55,9 +45,3 @@ class DampingLaw(RingEffect):
         if 'exponent' not in values:
             del complete['exponent']
         return complete
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Set the share of growing damping, its power and where it levels off."""
-        return replace(extension, damping_penetration_share=values['share'],
-                       damping_penetration_exponent=values.get('exponent', 0.0),
-                       damping_penetration_saturation=values['levelling'])

@@ -8,7 +8,7 @@ measurement.
 from __future__ import annotations
 
 from dataclasses import dataclass, Field, field, fields, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -92,19 +92,14 @@ def declared(stage: str, acts_on: str, neutral: Any) -> Any:
     return field(default=neutral, metadata={'stage': stage, 'acts_on': acts_on})
 
 
-def in_load_path(neutral: Any) -> Any:
-    """A parameter between the load cell and the ring."""
-    return declared('load path', MOTION, neutral)
+in_load_path = partial(declared, 'load path', MOTION)
+"""A parameter between the load cell and the ring."""
 
+in_ring = partial(declared, 'ring')
+"""A parameter of the ring itself, and its target."""
 
-def in_ring(acts_on: str, neutral: Any) -> Any:
-    """A parameter of the ring itself, and its target."""
-    return declared('ring', acts_on, neutral)
-
-
-def in_measurement(neutral: Any) -> Any:
-    """A parameter of probes, cables and clocks."""
-    return declared('measurement', READING, neutral)
+in_measurement = partial(declared, 'measurement', READING)
+"""A parameter of probes, cables and clocks."""
 
 
 @dataclass(frozen=True, order=True)
@@ -217,10 +212,4 @@ def with_probe(values: Four, probe: int, value: float) -> Four:
     """The same tuple with `value` added at probe 1 to 4, or at all probes for 0."""
     changed = [old + (value if probe in (0, number) else 0.0)
                for number, old in enumerate(values, start=1)]
-    return changed[0], changed[1], changed[2], changed[3]
-
-
-def set_probe(values: Four, probe: int, value: float) -> Four:
-    """The same tuple with `value` set at probe 1 to 4, or at all probes for 0."""
-    changed = [value if probe in (0, index + 1) else old for index, old in enumerate(values)]
     return changed[0], changed[1], changed[2], changed[3]

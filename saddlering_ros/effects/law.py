@@ -103,14 +103,15 @@ class LawEffect(RingEffect):
 
     def __init__(self, effect_id: str, law: Law, parameter: EffectParameter,
                  words: Mapping[str, str]) -> None:
-        for name, value in {
-            'id': effect_id, 'title': words['title'], 'words': words['words'],
-            'settled_by': words['settled_by'], 'parameters': (parameter,),
-            'stage': 'load path' if law.target == LOAD_TARGET else 'measurement',
-            'channels': _channels(law.target),
-        }.items():
-            setattr(self, name, value)
         self.law = law
+        channels: tuple[str, ...] = (law.target,)
+        if law.target == LOAD_TARGET:
+            channels = ('delta_x', 'delta_y', 'gamma')
+        elif law.target.startswith('eddy_current'):
+            channels = ('delta_x', 'parity') if law.target[-1] in '13' else ('delta_y', 'gamma')
+        vars(self).update(
+            words, id=effect_id, parameters=(parameter,), channels=channels,
+            stage='load path' if law.target == LOAD_TARGET else 'measurement')
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """No change: the law is added beside the extension, see `bound`."""
@@ -125,23 +126,21 @@ class LawEffect(RingEffect):
         return replace(self.law, size=values['size'])
 
 
-def _channels(target: str) -> tuple[str, ...]:
-    if target == LOAD_TARGET:
-        return 'delta_x', 'delta_y', 'gamma'
-    if target.startswith('eddy_current'):
-        return ('delta_x', 'parity') if target[-1] in '13' else ('delta_y', 'gamma')
-    return (target,)
-
-
 def read_law_effect(path: Path) -> LawEffect:
     """The effect of one file; EffectError in one line for each fault."""
     document = read_strict_yaml(path, EffectError)
     if not isinstance(document, Mapping):
         raise EffectError(f'{path}: is no effect: give id, target, coordinate, size and table')
-    target = _choice(path, document, 'target', TARGETS)
-    coordinate = _choice(path, document, 'coordinate', COORDINATES)
-    table = _mapping(path, document, 'table')
-    at, values = _numbers(path, table, 'at'), _numbers(path, table, 'values')
+    for key, allowed in (('target', TARGETS), ('coordinate', COORDINATES)):
+        if document.get(key) not in allowed:
+            raise EffectError(f'{path}: {key} is {document.get(key)!r}: choose from '
+                              f'{", ".join(allowed)}')
+    for key in ('table', 'size'):
+        if not isinstance(document.get(key), Mapping):
+            raise EffectError(f'{path}: {key} is missing: see docs/effects.md for the fields')
+    coordinate = document['coordinate']
+    at, values = (_numbers(path, f'table.{key}', document['table'].get(key))
+                  for key in ('at', 'values'))
     least = MIN_POINTS.get(coordinate, 2)
     if len(at) != len(values) or not least <= len(at) <= MAX_POINTS:
         raise EffectError(f'{path}: table: give {least} to {MAX_POINTS} numbers under at and as '
@@ -150,50 +149,24 @@ def read_law_effect(path: Path) -> LawEffect:
         raise EffectError(f'{path}: table.at must rise from number to number')
     if least == 1 and at[0] <= 0.0:
         raise EffectError(f'{path}: table.at must be above zero for {coordinate}')
-    size = _mapping(path, document, 'size')
-    numbers = {key: _number(path, size, f'size.{key}', key)
-               for key in ('low', 'high', 'scale', 'start')}
-    if not numbers['low'] <= numbers['start'] <= numbers['high'] or numbers['scale'] <= 0.0:
+    low, high, scale, start = (_numbers(path, f'size.{key}', [document['size'].get(key)])[0]
+                               for key in ('low', 'high', 'scale', 'start'))
+    if not low <= start <= high or scale <= 0.0:
         raise EffectError(f'{path}: size: start must lie from low to high, and scale above zero')
-    words = {key: str(document.get(key, '')) for key in ('title', 'words', 'settled_by', 'unit')}
+    parameter = EffectParameter('size', str(document.get('unit') or '1'), low, high, scale, start,
+                                'size of the law', amplitude=True)
+    law = Law(document['target'], coordinate, at, values,
+              _numbers(path, 'turn', [document.get('turn', 0.0)])[0])
+    words = {key: str(document.get(key, '')) for key in ('title', 'words', 'settled_by')}
     words['title'] = words['title'] or path.stem
-    turn = _number(path, document, 'turn', 'turn') if 'turn' in document else 0.0
-    parameter = EffectParameter('size', words['unit'] or '1', numbers['low'], numbers['high'],
-                                numbers['scale'], numbers['start'], 'size of the law',
-                                amplitude=True)
-    law = Law(target, coordinate, tuple(at), tuple(values), turn)
     return LawEffect(str(document.get('id', path.stem)), law, parameter, words)
 
 
-def _choice(path: Path, document: Mapping[str, Any], key: str, allowed: tuple[str, ...]) -> str:
-    value = document.get(key)
-    if value not in allowed:
-        raise EffectError(f'{path}: {key} is {value!r}: choose from {", ".join(allowed)}')
-    return str(value)
-
-
-def _mapping(path: Path, document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    value = document.get(key)
-    if not isinstance(value, Mapping):
-        raise EffectError(f'{path}: {key} is missing: see docs/effects.md for the fields')
-    return value
-
-
-def _numbers(path: Path, table: Mapping[str, Any], key: str) -> list[float]:
-    value = table.get(key)
-    if not isinstance(value, list):
-        raise EffectError(f'{path}: table.{key} is missing: give a list of numbers')
-    return [_finite(path, f'table.{key}', item) for item in value]
-
-
-def _number(path: Path, document: Mapping[str, Any], name: str, key: str) -> float:
-    if key not in document:
-        raise EffectError(f'{path}: {name} is missing: give a number')
-    return _finite(path, name, document[key])
-
-
-def _finite(path: Path, name: str, value: Any) -> float:
-    good = isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
-    if not good:
-        raise EffectError(f'{path}: {name} holds {value!r}: give finite numbers')
-    return float(value)
+def _numbers(path: Path, name: str, values: Any) -> tuple[float, ...]:
+    if not isinstance(values, list):
+        raise EffectError(f'{path}: {name} is missing: give a list of numbers')
+    for value in values:
+        good = isinstance(value, int | float) and not isinstance(value, bool)
+        if not good or not np.isfinite(value):
+            raise EffectError(f'{path}: {name} holds {value!r}: give finite numbers')
+    return tuple(map(float, values))

@@ -1,19 +1,13 @@
 """Wrong zero of the load measurement: P = P_m - P0."""
 
-from __future__ import annotations
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect, UNCLEAR
 
 
 class LoadOffset(RingEffect):
-    """Load zero offset."""
-
-    id = 'load_offset'
     title = 'Load zero offset'
-    words = (
-        'The load measurement does not read zero at zero load. The error is the same number of '
-        'newtons in every run, so that it matters most at low load, where the clearances close.'
-    )
+    words = ('The load measurement does not read zero at zero load. The error is the same number '
+             'of newtons in every run, so that it matters most at low load, where the clearances '
+             'close.')
     settled_by = 'A zero-load record with the cylinder disconnected, or a reference load.'
     outcomes = Outcomes(
         reference_load='the same difference in newtons at every load', zero_load=UNCLEAR)

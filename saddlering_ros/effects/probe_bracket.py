@@ -1,24 +1,16 @@
 """A probe bracket that bends with load: d_i += b P."""
 
-from __future__ import annotations
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
 from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_variants
 
 
 class ProbeBracket(RingEffect):
-    """Probe bracket bends with load."""
-
-    id = 'probe_bracket'
     title = 'Probe bracket bends with load'
-    words = (
-        'The bracket of one probe moves with the load, because it bends or its base moves. The '
-        'error of this probe is a straight line over load, without loop, and affects two channels.'
-    )
-    settled_by = (
-        'Swapped probes: the error stays with the bracket; the ring slewed by 90 deg does not '
-        'change the error.'
-    )
+    words = ('The bracket of one probe moves with the load, because it bends or its base moves. '
+             'The error of this probe is a straight line over load, without loop, and affects two '
+             'channels.')
+    settled_by = ('Swapped probes: the error stays with the bracket; the ring slewed by 90 deg '
+                  'does not change the error.')
     outcomes = Outcomes(other_elevation='a misfit of one probe in the same proportion to the load')
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')

@@ -1,20 +1,13 @@
 """Drift of one probe: d_i += r t."""
 
-from __future__ import annotations
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
 from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_variants
 
 
 class ProbeDrift(RingEffect):
-    """Probe drift."""
-
-    id = 'probe_drift'
     title = 'Probe drift'
-    words = (
-        'The reading of one probe drifts with time, mostly with temperature. The error follows '
-        'time and not the load, continues at rest, and leaves the loop open at zero.'
-    )
+    words = ('The reading of one probe drifts with time, mostly with temperature. The error '
+             'follows time and not the load, continues at rest, and leaves the loop open at zero.')
     settled_by = 'A zero-load record as long as a test.'
     outcomes = Outcomes(
         second_rate='a misfit that grows with the time and not with the load',
@@ -24,9 +17,8 @@ class ProbeDrift(RingEffect):
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (
-        EffectParameter(
-            'rate', 'm/s', -5e-7, 5e-7, 2e-8, 0.0,
-            'drift per second', amplitude=True, adds_to='probe_drift'),
+        EffectParameter('rate', 'm/s', -5e-7, 5e-7, 2e-8, 0.0, 'drift per second', amplitude=True,
+                        adds_to='probe_drift'),
     )
     variants = probe_variants()
     choices = (ONE_PROBE,)

@@ -1,21 +1,14 @@
 """Wrong gain of one probe: d_i (1 + g)."""
 
-from __future__ import annotations
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
 from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_variants
 
 
 class ProbeGain(RingEffect):
-    """Probe gain error."""
-
-    id = 'probe_gain'
     title = 'Probe gain error'
-    words = (
-        'One probe reads a fixed share too much or too little, because of its calibration or the '
-        'metal of its target. A radial probe (1, 3) shows it in the parity, an axial one (2, 4) '
-        'in the ratio of axial motion to tilt.'
-    )
+    words = ('One probe reads a fixed share too much or too little, because of its calibration or '
+             'the metal of its target. A radial probe (1, 3) shows it in the parity, an axial one '
+             '(2, 4) in the ratio of axial motion to tilt.')
     settled_by = 'Swapped probes: the error moves with the probe.'
     outcomes = Outcomes(swapped_probes='a misfit that moves with the probe')
     stage = 'measurement'

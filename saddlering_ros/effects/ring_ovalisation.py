@@ -12,29 +12,20 @@ OVALISATION = OwnParameter('ovalisation', 'ring', READING)
 
 
 class RingOvalisation(RingEffect):
-    """Ovalisation of the ring."""
-
-    id = 'ring_ovalisation'
     title = 'Ovalisation of the ring'
-    words = (
-        'The radial force squeezes the ring a little oval, so that both radial probes move in '
-        'the same direction. Ovalisation shows in the parity (d1 + d3)/2 only, which is zero for '
-        'a rigid ring. The parity is then a straight line over load, without loop.'
-    )
-    settled_by = (
-        'Swapped probes 1 and 3: ovalisation stays in the parity, a gain error of one probe '
-        'changes its sign.'
-    )
+    words = ('The radial force squeezes the ring a little oval, so that both radial probes move '
+             'in the same direction. Ovalisation shows in the parity (d1 + d3)/2 only, which is '
+             'zero for a rigid ring. The parity is then a straight line over load, without loop.')
+    settled_by = ('Swapped probes 1 and 3: ovalisation stays in the parity, a gain error of one '
+                  'probe changes its sign.')
     outcomes = Outcomes(other_elevation='a parity in proportion to the radial force')
     stage = 'ring'
     channels = ('parity',)
     own_parameters = (OVALISATION,)
     parameters = (
-        EffectParameter(
-            'compliance', 'm/N', -2e-10, 2e-10, 3e-11, 0.0,
-            'common radial motion per unit of radial force', amplitude=True),
+        EffectParameter('compliance', 'm/N', -2e-10, 2e-10, 3e-11, 0.0,
+                        'common radial motion per unit of radial force', amplitude=True),
     )
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the ovalisation."""
         return OVALISATION.add(extension, values['compliance'])

@@ -16,18 +16,12 @@ SETTLING = ('settling_x', 'settling_y', 'settling_tilt')
 
 
 class Settling(RingEffect):
-    """Settling in the first cycle."""
-
-    id = 'settling'
     title = 'Settling in the first cycle'
-    words = (
-        'Joints, shims or asperities settle permanently under the highest load so far. The first '
-        'cycle does not return to zero, and its loop is open at the lower end. A second cycle to '
-        'the same load shows no change.'
-    )
-    settled_by = (
-        'A repeat cycle with holds at zero and full load: the second cycle shows no settling.'
-    )
+    words = ('Joints, shims or asperities settle permanently under the highest load so far. The '
+             'first cycle does not return to zero, and its loop is open at the lower end. A '
+             'second cycle to the same load shows no change.')
+    settled_by = ('A repeat cycle with holds at zero and full load: the second cycle shows no '
+                  'settling.')
     outcomes = Outcomes(
         second_rate='no misfit in the repeated test',
         repeat_cycle='a misfit in the first cycle only',
@@ -38,18 +32,15 @@ class Settling(RingEffect):
     form = 0.05  # joints settle not quite in proportion to the load
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
-        EffectParameter(
-            'settling', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
-            'remaining motion per unit of the highest load; for tilt that at 1 m from the axis',
-            amplitude=True),
-        EffectParameter(
-            'settling_y', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
-            'the same of delta_y where every coordinate has its own, the first being of delta_x',
-            amplitude=True),
-        EffectParameter(
-            'settling_tilt', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
-            'the same of gamma, at 1 m from the axis, where every coordinate has its own',
-            amplitude=True),
+        EffectParameter('settling', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
+                        'remaining motion per unit of the highest load; for tilt that at 1 m from '
+                        'the axis', amplitude=True),
+        EffectParameter('settling_y', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
+                        'the same of delta_y where every coordinate has its own, the first being '
+                        'of delta_x', amplitude=True),
+        EffectParameter('settling_tilt', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
+                        'the same of gamma, at 1 m from the axis, where every coordinate has its '
+                        'own', amplitude=True),
     )
     variants = (
         Variant('delta_x', {'coordinate': 0.0}, ('delta_x',)),
@@ -60,7 +51,6 @@ class Settling(RingEffect):
         Choice('coordinate', (0.0, 1.0, 2.0, EACH), '0 delta_x, 1 delta_y, 2 gamma, 3 each'),)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the settling of one coordinate, or of each."""
         if values['coordinate'] == EACH:
             return replace(
                 extension,

@@ -13,32 +13,24 @@ TILT, EACH = 2.0, 3.0
 
 
 class TiltCompliance(RingEffect):
-    """Tilt compliance in series."""
-
-    id = 'tilt_compliance'
     title = 'Tilt compliance in series'
-    words = (
-        'Bolts, ring bodies or the carriage bend under the tilting moment in series with the '
-        'rollers. The additional tilt is a straight line over the moment, without loop and '
-        'without damping. A joint that bends unevenly moves the ring radially and axially too, '
-        'each in proportion to its own force.'
-    )
+    words = ('Bolts, ring bodies or the carriage bend under the tilting moment in series with the '
+             'rollers. The additional tilt is a straight line over the moment, without loop and '
+             'without damping. A joint that bends unevenly moves the ring radially and axially '
+             'too, each in proportion to its own force.')
     settled_by = 'A second loading rate (x4), or an inclinometer on the upper ring itself.'
     outcomes = Outcomes(other_elevation='a misfit of the tilt in proportion to the tilting moment')
     stage = 'ring'
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
-        EffectParameter(
-            'compliance', 'rad/(N m)', 0.0, 5e-10, 1e-10, 1e-10,
-            'motion per unit of moment', amplitude=True, one_sided=True),
-        EffectParameter(
-            'compliance_x', 'm/N', 0.0, 4e-10, 6e-11, 0.0,
-            'radial motion per unit of radial force, where every coordinate has its own',
-            amplitude=True, one_sided=True),
-        EffectParameter(
-            'compliance_y', 'm/N', 0.0, 3e-10, 5e-11, 0.0,
-            'axial motion per unit of axial force, where every coordinate has its own',
-            amplitude=True, one_sided=True),
+        EffectParameter('compliance', 'rad/(N m)', 0.0, 5e-10, 1e-10, 1e-10,
+                        'motion per unit of moment', amplitude=True, one_sided=True),
+        EffectParameter('compliance_x', 'm/N', 0.0, 4e-10, 6e-11, 0.0,
+                        'radial motion per unit of radial force, where every coordinate has its '
+                        'own', amplitude=True, one_sided=True),
+        EffectParameter('compliance_y', 'm/N', 0.0, 3e-10, 5e-11, 0.0,
+                        'axial motion per unit of axial force, where every coordinate has its own',
+                        amplitude=True, one_sided=True),
     )
     variants = (
         Variant('gamma', {'coordinate': TILT}, ('gamma',)),
@@ -49,7 +41,6 @@ class TiltCompliance(RingEffect):
     choices = (Choice('coordinate', (TILT, EACH), '2 gamma, 3 each'),)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the tilt compliance, or to each compliance."""
         tilted = replace(
             extension, tilt_compliance=extension.tilt_compliance + values['compliance'])
         if values['coordinate'] != EACH:

@@ -10,19 +10,12 @@ from saddlering_ros.effects.extension import RingExtension
 
 
 class UnequalRows(RingEffect):
-    """Unequal axial rows."""
-
-    id = 'unequal_rows'
     title = 'Unequal axial rows'
-    words = (
-        'The lower row is stiffer or softer than the upper one, by other rollers, wear or '
-        'hardness. The ratio of axial motion to tilt differs from that of equal rows, over the '
-        'whole load range.'
-    )
-    settled_by = (
-        'Pull-push through zero load, which exchanges the parts of the two rows; swapped '
-        'probes 2 and 4 rule out the instruments.'
-    )
+    words = ('The lower row is stiffer or softer than the upper one, by other rollers, wear or '
+             'hardness. The ratio of axial motion to tilt differs from that of equal rows, over '
+             'the whole load range.')
+    settled_by = ('Pull-push through zero load, which exchanges the parts of the two rows; '
+                  'swapped probes 2 and 4 rule out the instruments.')
     outcomes = Outcomes(pull_push='a misfit that changes its sign with the load')
     stage = 'ring'
     channels = ('delta_y', 'gamma')
@@ -33,7 +26,6 @@ class UnequalRows(RingEffect):
     )
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Scale the stiffness of the lower row."""
         row = extension.lower_row
         stiffness = row.stiffness * (1.0 + values['excess'])
         return replace(extension, lower_row=replace(row, stiffness=stiffness))

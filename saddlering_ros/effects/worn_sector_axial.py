@@ -14,15 +14,10 @@ ROWS = ((BOTH, 'both rows'), (UPPER, 'upper row'), (LOWER, 'lower row'))
 
 
 class WornSectorAxial(RingEffect):
-    """Worn sector of the axial rows."""
-
-    id = 'worn_sector_axial'
     title = 'Worn sector of the axial rows'
-    words = (
-        'On one arc the axial rollers or their raceway are worn, so that they carry less or come '
-        'into contact later. Tilt and axial motion are softer when the arc lies in the load zone '
-        '(front for the upper row, rear for the lower one), and right elsewhere.'
-    )
+    words = ('On one arc the axial rollers or their raceway are worn, so that they carry less or '
+             'come into contact later. Tilt and axial motion are softer when the arc lies in the '
+             'load zone (front for the upper row, rear for the lower one), and right elsewhere.')
     settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
     outcomes = Outcomes(
         slewed_ring='a misfit that disappears or moves to another load', pull_push=UNCLEAR)
@@ -38,7 +33,6 @@ class WornSectorAxial(RingEffect):
     starts = STARTS
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Wear one axial row, or both."""
         wear = worn_arc(values)
         row = values['row']
         upper, lower = extension.upper_row, extension.lower_row

@@ -11,15 +11,10 @@ from saddlering_ros.effects.extension import RingExtension
 
 
 class WornSectorRadial(RingEffect):
-    """Worn sector of the radial row."""
-
-    id = 'worn_sector_radial'
     title = 'Worn sector of the radial row'
-    words = (
-        'On one arc the radial rollers or their raceway are worn, so that they carry less or '
-        'come into contact later. The radial channel is softer when the arc lies at the rear, '
-        'where the load is, and right elsewhere.'
-    )
+    words = ('On one arc the radial rollers or their raceway are worn, so that they carry less or '
+             'come into contact later. The radial channel is softer when the arc lies at the '
+             'rear, where the load is, and right elsewhere.')
     settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
     outcomes = Outcomes(
         slewed_ring='a misfit that disappears or moves to another load', pull_push=UNCLEAR)
@@ -32,6 +27,5 @@ class WornSectorRadial(RingEffect):
     starts = STARTS  # off the rear too, to show that an arc there is not visible
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Wear the radial row."""
         row = replace(extension.radial_row, wear=worn_arc(values))
         return replace(extension, radial_row=row)

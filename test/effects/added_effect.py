@@ -12,9 +12,6 @@ HARDENING = OwnParameter('tilt_hardening', 'ring', READING)
 
 
 class TiltHardening(RingEffect):
-    """Tilt compliance that hardens."""
-
-    id = 'tilt_hardening'
     title = 'Tilt compliance that hardens'
     words = 'Something in series with the rollers bends under the tilting moment, less and less.'
     settled_by = 'An inclinometer on the upper ring itself.'
@@ -28,5 +25,4 @@ class TiltHardening(RingEffect):
     )
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        """Add to the hardening."""
         return HARDENING.add(extension, values['hardening'])
