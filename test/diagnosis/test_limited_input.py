@@ -12,8 +12,6 @@ from saddlering_ros.diagnosis.records import build_record, check_set
 from saddlering_ros.errors import BagError
 from saddlering_ros.rig import default_rig
 
-VERDICTS = ('none', 'named', 'ambiguous', 'unknown')
-
 
 def notes_of(bags) -> str:
     rig = default_rig()

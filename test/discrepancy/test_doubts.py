@@ -71,11 +71,11 @@ def test_an_extension_that_predicts_worse_has_a_negative_gain() -> None:
     assert found.gain.held_out < -0.2
 
 
-def test_points_at_which_a_simulator_fails_are_lost_alone_and_counted() -> None:
+def test_points_at_which_a_simulator_fails_are_lost_alone_and_stated() -> None:
     def fragile(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
-        if parameters['gain'] > 1.8:
+        if parameters['gain'] > 1.5:
             raise ArithmeticError('too stiff')
-        if parameters['gain'] > 1.7:
+        if parameters['gain'] > 1.4:
             return {'seen': DRIVE[:100]}  # a solver that gave up
         if parameters['gain'] < 0.6:
             return {'seen': np.full(run.time.size, np.nan)}
@@ -83,7 +83,7 @@ def test_points_at_which_a_simulator_fails_are_lost_alone_and_counted() -> None:
 
     found = diagnose(replace(MODEL, simulate=fragile), [record('a')])
     assert (found.verdict, found.causes[0].effect) == ('named', 'bend')
-    assert 'too stiff' in ' '.join(found.warnings)
+    assert 'run a: ArithmeticError: too stiff; the last at gain = 1.' in ' '.join(found.warnings)
 
 
 def test_a_simulator_that_always_fails_is_an_error_that_tells_why() -> None:
@@ -112,13 +112,6 @@ def test_noise_declared_far_too_large_gives_no_name_and_a_warning() -> None:
     assert 'noise overestimated' in ' '.join(found.warnings)
 
 
-def test_a_recording_is_not_both_fitted_and_held_out() -> None:
-    with pytest.raises(DiscrepancyError, match='same recording'):
-        diagnose(MODEL, [record('a')], hold_out=[record('b')])
-    with pytest.raises(DiscrepancyError, match='two runs are called a'):
-        diagnose(MODEL, [record('a'), record('a', seed=2)])
-
-
 def test_a_constant_is_a_misfit_unless_it_is_free_or_usual() -> None:
     straight = replace(MODEL, effects={})
 
@@ -134,6 +127,10 @@ def test_a_constant_is_a_misfit_unless_it_is_free_or_usual() -> None:
     ]
 
 
+def returning(result: object) -> Model:
+    return replace(MODEL, simulate=lambda parameters, run: result)
+
+
 @pytest.mark.parametrize(
     ('declare', 'words'),
     [
@@ -147,6 +144,20 @@ def test_a_constant_is_a_misfit_unless_it_is_free_or_usual() -> None:
         (lambda: Parameter(2, 1), 'low must be below high'),
         (lambda: Effect('x', {'size': Parameter(0, 1)}, starts=({'sise': 1.0},)), 'sise'),
         (lambda: replace(MODEL, base={'bend.size': Parameter(0, 1)}), 'two parameters'),
+        (lambda: replace(MODEL, effects=[BEND]), 'effects is a list'),
+        (lambda: replace(MODEL, channels={'seen': 'm'}), 'give a Channel'),
+        (lambda: Channel(noise=0.1), 'give Noise.white'),
+        (lambda: replace(MODEL, effects={'f': Effect('f', {'x': Parameter(0.5, 2.0)})}),
+         'neutral='),
+        (lambda: diagnose(MODEL, record('a')), 'give a list of runs'),
+        (lambda: diagnose(MODEL, [record('a'), record('a', seed=2)]), 'two runs are called a'),
+        (lambda: diagnose(MODEL, [Run('a', TIME, outputs={'seen': 0.0 * TIME})]),
+         'does not vary'),
+        (lambda: diagnose(MODEL, [record('a')], start={'gian': 1.0}), 'no base parameter'),
+        (lambda: diagnose(MODEL, [record('a')], start={'gain': 5.0}), 'is outside'),
+        (lambda: diagnose(MODEL, [record('a')], start={'gain': np.nan}), 'is outside'),
+        (lambda: diagnose(returning(None), [record('a')]), 'returned NoneType'),
+        (lambda: diagnose(returning({'seen': 'text'}), [record('a')]), 'no array of numbers'),
     ],
 )
 def test_what_is_declared_wrongly_is_told_in_one_line(declare, words: str) -> None:
@@ -223,30 +234,6 @@ def test_records_without_any_noise_get_a_name_and_no_doubt_about_noise() -> None
     assert (found.verdict, found.warnings) == ('named', ())
 
 
-def declared(**changed: object) -> Model:
-    return replace(MODEL, **changed)
-
-
-@pytest.mark.parametrize(
-    ('make', 'words'),
-    [
-        (lambda: declared(effects=[BEND]), 'effects is a list'),
-        (lambda: declared(channels={'seen': 'm'}), 'give a Channel'),
-        (lambda: Channel(noise=0.1), 'give Noise.white'),
-        (lambda: declared(effects={'f': Effect('f', {'x': Parameter(0.5, 2.0)})}), 'neutral='),
-        (lambda: Parameter(5.0, 0.0), 'parameter: low must be below high'),
-        (lambda: diagnose(MODEL, record('a')), 'give a list of runs'),
-        (
-            lambda: diagnose(MODEL, [Run('a', TIME, outputs={'seen': 0.0 * TIME})]),
-            'does not vary',
-        ),
-    ],
-)
-def test_a_declaration_that_cannot_be_is_refused_in_one_line(make, words: str) -> None:
-    with pytest.raises(DiscrepancyError, match=words):
-        make()
-
-
 def test_a_second_cause_is_looked_for_in_runs_without_coordinates() -> None:
     def forgetful(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         late = parameters['drift.rate'] * TIME / 10.0
@@ -297,33 +284,3 @@ def test_no_part_of_a_recording_is_both_fitted_and_held_out(part: slice, words: 
                 coordinates={'drive': DRIVE[part]})
     with pytest.raises(DiscrepancyError, match=words):
         diagnose(MODEL, [run], hold_out=[later])
-
-
-@pytest.mark.parametrize(
-    ('start', 'words'), [({'gian': 1.0}, 'no base parameter'), ({'gain': 5.0}, 'is outside'),
-                         ({'gain': float('nan')}, 'is outside')]
-)
-def test_a_start_that_cannot_be_used_is_refused(start: dict[str, float], words: str) -> None:
-    with pytest.raises(DiscrepancyError, match=words):
-        diagnose(MODEL, [record('a')], start=start)
-
-
-@pytest.mark.parametrize(
-    ('result', 'words'), [(None, 'returned NoneType'), ({'seen': 'text'}, 'no array of numbers')]
-)
-def test_a_simulator_that_returns_no_numbers_is_refused(result: object, words: str) -> None:
-    model = replace(MODEL, simulate=lambda parameters, run: result)  # type: ignore[arg-type]
-    with pytest.raises(DiscrepancyError, match=words):
-        diagnose(model, [record('a')])
-
-
-def test_a_warning_states_where_the_simulator_failed() -> None:
-    def breaks(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
-        if parameters['gain'] > 1.5:
-            raise RuntimeError('too stiff')
-        return simulate(parameters, run)
-
-    found = diagnose(replace(MODEL, simulate=breaks), [record('a')])
-    assert found.verdict == 'named'
-    (warning,) = found.warnings
-    assert 'run a: RuntimeError: too stiff; the last at gain = 1.' in warning

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -42,14 +43,16 @@ def run(name: str, added, seed: int, peak: float = 1.0, speed: float = 1.0) -> O
 
 
 def proposed(added, **held):
-    fitted = tuple(run(f'run {k}', added, k, speed=(1.0, 3.0)[k % 2]) for k in range(3))
-    misfit = Misfit(fitted, lambda columns: columns / NOISE, 1000)
     others = [run('held', added, 9, **held)] if held else []
+    return law_of([run(f'run {k}', added, k, speed=(1.0, 3.0)[k % 2]) for k in range(3)], others)
 
+
+def law_of(fitted: list[ObservedRun], held_out: Sequence[ObservedRun] = ()):
     def mean_square(_: ObservedRun, residual: np.ndarray) -> float:
         return float(np.mean((residual - residual.mean(axis=1, keepdims=True)) ** 2))
 
-    return propose_law(misfit, mean_square, others)
+    misfit = Misfit(tuple(fitted), lambda columns: columns / NOISE, 1000)
+    return propose_law(misfit, mean_square, held_out)
 
 
 LAWS = {
@@ -119,8 +122,7 @@ def test_coordinates_that_go_together_are_a_doubt() -> None:
             np.random.default_rng(seed).normal(size=TIME.size) * NOISE + 0.3 * load**4)
         return ObservedRun(name, coordinates, one.targets, residual, one.slopes)
 
-    misfit = Misfit((ramp('a', 1), ramp('b', 2)), lambda columns: columns / NOISE, 1000)
-    found = propose_law(misfit, lambda _, residual: float(np.mean(residual**2)))
+    found = law_of([ramp('a', 1), ramp('b', 2)])
     assert any('within 10 %' in doubt for doubt in found.doubts)
     assert any('all runs have one rate' in doubt for doubt in found.doubts)
 
@@ -131,8 +133,7 @@ def test_targets_that_go_together_are_a_doubt() -> None:
         nearly = one.targets['one'] + 0.02 * one.targets['two']
         return replace(one, targets={**one.targets, 'nearly one': nearly})
 
-    misfit = Misfit((beside('a', 1), beside('b', 2)), lambda columns: columns / NOISE, 1000)
-    found = propose_law(misfit, lambda _, residual: float(np.mean(residual**2)))
+    found = law_of([beside('a', 1), beside('b', 2)])
     told = {found.term.target, *(name for name in ('one', 'nearly one', 'two') if any(
         f'an addition to {name} explains nearly as much' in doubt for doubt in found.doubts))}
     assert told == {'one', 'nearly one'}
@@ -140,9 +141,7 @@ def test_targets_that_go_together_are_a_doubt() -> None:
 
 def test_a_held_out_run_that_gets_worse_is_a_doubt() -> None:
     step = LAWS['step'][0]
-    fitted = tuple(run(f'run {k}', step, k) for k in range(3))
     other = run('held', lambda coordinates: -step(coordinates), 9)
-    misfit = Misfit(fitted, lambda columns: columns / NOISE, 1000)
-    found = propose_law(misfit, lambda _, residual: float(np.mean(residual**2)), [other])
+    found = law_of([run(f'run {k}', step, k) for k in range(3)], [other])
     assert 'the law makes held (held out) worse' in found.doubts
     assert found.held_out < 0.0

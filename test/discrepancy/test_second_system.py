@@ -38,10 +38,6 @@ def effect_size(name: str) -> str:
     return next(item for item in second_system.Axis.effects if item.id == name).size.name
 
 
-def test_correlated_noise_alone_gives_no_cause() -> None:
-    assert diagnosed().verdict == 'none'
-
-
 @pytest.mark.parametrize(('effect', 'size'), [('friction', 2.0), ('encoder_gain', 0.02)])
 def test_a_hidden_effect_is_named_and_measured(effect: str, size: float) -> None:
     found = diagnosed(effect, size)

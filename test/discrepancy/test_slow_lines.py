@@ -79,10 +79,6 @@ def test_a_swing_that_is_no_steady_line_is_not_named_one(swing: np.ndarray) -> N
     assert 'pickup' not in {cause.effect for cause in found.causes}
 
 
-def test_noise_alone_shows_no_line() -> None:
-    assert diagnose_system(Problem(Bench(), two_runs(np.zeros(TIME.size)))).verdict == 'none'
-
-
 def frequencies(runs: list) -> list[float]:
     """Frequencies of the lines that are named."""
     found = diagnose_system(Problem(Bench(), runs))
@@ -90,27 +86,15 @@ def frequencies(runs: list) -> list[float]:
     return sorted(item.parameters['frequency'].value for item in lines)
 
 
-def test_two_lines_are_both_named() -> None:
-    both = line() + 0.6 * line(2.3)
-    assert frequencies(two_runs(both)) == pytest.approx([2.3, FREQUENCY], abs=0.03)
-
-
-def test_a_run_with_a_gap_shows_the_line_on_both_sides() -> None:
+def with_a_gap(run: RunBlocks) -> RunBlocks:
     kept = (TIME < 9.0) | (TIME > 12.0)
-    runs = [
-        replace(run, time=run.time[kept], width=run.width[kept], channels=run.channels[:, kept],
-                inputs={'load': LOAD[kept]}, direction=run.direction[kept])
-        for run in two_runs(line())
-    ]
-    assert frequencies(runs) == pytest.approx([FREQUENCY], abs=0.03)
+    return replace(run, time=run.time[kept], width=run.width[kept], direction=run.direction[kept],
+                   channels=run.channels[:, kept], inputs={'load': LOAD[kept]})
 
 
-def test_missing_samples_do_not_hide_the_line() -> None:
-    there = np.ones((1, TIME.size), dtype=bool)
-    there[0, 200:215] = False
-    runs = [replace(run, channels=run.channels * there, present=there)
-            for run in two_runs(line())]
-    assert frequencies(runs) == pytest.approx([FREQUENCY], abs=0.03)
+def with_samples_missing(run: RunBlocks) -> RunBlocks:
+    there = ~((np.arange(TIME.size) >= 200) & (np.arange(TIME.size) < 215))[None, :]
+    return replace(run, channels=run.channels * there, present=there)
 
 
 def held_test(seed: int, size: float) -> RunBlocks:
@@ -133,13 +117,19 @@ def held_test(seed: int, size: float) -> RunBlocks:
                      direction=np.repeat(np.where(np.arange(24) < 12, 1.0, -1.0), 4))
 
 
-def test_a_line_is_named_from_the_holds_where_static_tests_alone_were_made() -> None:
-    assert frequencies([held_test(1, 0.024), held_test(2, 0.024)]) == pytest.approx(
-        [FREQUENCY], abs=0.03)
+@pytest.mark.parametrize(('runs', 'seen'), [
+    (two_runs(line() + 0.6 * line(2.3)), [2.3, FREQUENCY]),
+    ([with_a_gap(run) for run in two_runs(line())], [FREQUENCY]),
+    ([with_samples_missing(run) for run in two_runs(line())], [FREQUENCY]),
+    ([held_test(1, 0.024), held_test(2, 0.024)], [FREQUENCY]),
+], ids=['two lines', 'a gap', 'samples missing', 'holds of static tests alone'])
+def test_lines_are_named_wherever_they_show(runs: list, seen: list[float]) -> None:
+    assert frequencies(runs) == pytest.approx(seen, abs=0.03)
 
 
-def test_holds_without_a_line_show_none() -> None:
-    runs = [held_test(1, 0.0), held_test(2, 0.0)]
+@pytest.mark.parametrize('runs', [
+    two_runs(np.zeros(TIME.size)), [held_test(1, 0.0), held_test(2, 0.0)]], ids=['runs', 'holds'])
+def test_noise_alone_shows_no_line(runs: list) -> None:
     assert diagnose_system(Problem(Bench(), runs)).verdict == 'none'
 
 

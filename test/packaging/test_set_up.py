@@ -39,18 +39,23 @@ def set_up(project, path, **environment):
         check=False)
 
 
-def test_no_python_names_the_package(project):
-    done = set_up(project, programs(project / 'bin'))
-    assert done.returncode == 1
-    assert 'apt install python3' in done.stderr
-    assert done.stderr.count('\n') == 1
+VERSION = 'case "$*" in *version_info*) echo 3.12;; '
 
 
-def test_a_python_too_old_names_the_version(project):
-    path = programs(project / 'bin', python3='echo 3.9')
-    done = set_up(project, path, PYTHON='python3')
+@pytest.mark.parametrize(('words', 'fakes', 'given'), [
+    ('apt install python3', {}, {}),
+    ('is Python 3.9; 3.10 to 3.13 is needed', {'python3': 'echo 3.9'}, {'PYTHON': 'python3'}),
+    ('apt install python3-venv', {'python3': f'{VERSION}*ensurepip*) exit 1;; esac'}, {}),
+    ('no C compiler: sudo apt install', {'python3': f'{VERSION}esac'}, {}),
+    ('no C++ compiler: sudo apt install', {'python3': f'{VERSION}esac', 'gcc': 'exit 0'}, {}),
+    ('apt install python3-dev', {'python3': f'{VERSION}*sysconfig*) echo /nowhere;; esac',
+                                 'gcc': 'exit 0', 'g++': 'exit 0'}, {}),
+    ('source a ROS 2 Jazzy first', {'python3': 'echo 3.12', 'uname': 'echo aarch64'}, {}),
+], ids=['no python', 'old python', 'no venv', 'no C', 'no C++', 'no headers', 'no wheels'])
+def test_what_is_missing_is_named_in_one_line(project, words, fakes, given):
+    done = set_up(project, programs(project / 'bin', **fakes), **given)
     assert done.returncode == 1
-    assert 'is Python 3.9; 3.10 to 3.13 is needed' in done.stderr
+    assert words in done.stderr
     assert done.stderr.count('\n') == 1
 
 
@@ -58,37 +63,6 @@ def test_an_old_python3_beside_a_usable_one_is_passed_over(project):
     path = programs(project / 'bin', python3='echo 3.9',
                     **{'python3.11': 'case "$*" in *version_info*) echo 3.11;; *) exit 1;; esac'})
     assert 'python3.11 cannot make environments' in set_up(project, path).stderr
-
-
-def test_no_venv_names_the_package(project):
-    script = 'case "$*" in *version_info*) echo 3.12;; *ensurepip*) exit 1;; esac'
-    done = set_up(project, programs(project / 'bin', python3=script))
-    assert done.returncode == 1
-    assert 'apt install python3-venv' in done.stderr
-    assert done.stderr.count('\n') == 1
-
-
-@pytest.mark.parametrize(('compilers', 'missing'), [((), 'C'), (('gcc',), 'C++')])
-def test_no_compiler_names_the_package(project, compilers, missing):
-    script = 'case "$*" in *version_info*) echo 3.12;; esac'
-    fakes = dict.fromkeys(compilers, 'exit 0')
-    done = set_up(project, programs(project / 'bin', python3=script, **fakes))
-    assert done.returncode == 1
-    assert f'no {missing} compiler: sudo apt install' in done.stderr
-    assert done.stderr.count('\n') == 1
-
-
-def test_no_python_headers_names_the_package(project):
-    script = 'case "$*" in *version_info*) echo 3.12;; *sysconfig*) echo /nowhere;; esac'
-    fakes = {'python3': script, 'gcc': 'exit 0', 'g++': 'exit 0'}
-    done = set_up(project, programs(project / 'bin', **fakes))
-    assert done.returncode == 1
-    assert 'apt install python3-dev' in done.stderr
-
-
-def test_a_machine_without_wheels_is_told_to_source_a_ros(project):
-    folder = programs(project / 'bin', python3='echo 3.12', uname='echo aarch64')
-    assert 'source a ROS 2 Jazzy first' in set_up(project, folder).stderr
 
 
 @pytest.mark.skipif(not (ROOT / '.venv' / 'stamps' / 'python').is_file(),
