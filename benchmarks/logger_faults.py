@@ -21,7 +21,6 @@ from rigs import as_read, NO_SCATTER, RIG
 from scipy.signal import lfilter
 
 from saddlering_ros.bags.reader import put_in_order
-from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.errors import SaddleringError
@@ -254,7 +253,7 @@ def tried(records: tuple[RawRecord, ...]) -> Tried:
     """The records judged as `info` and `identify` judge a bag."""
     runs = tuple(run_of_record(record, record.facts, RIG) for record in records)
     for run, record in zip(runs, records, strict=True):
-        run.notes.extend(lines(findings_on_rig(RIG, run, record)))
+        run.notes.extend(map(str, findings_on_rig(RIG, run, record)))
     return Tried(runs, identify(runs, RIG))
 
 

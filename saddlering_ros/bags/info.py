@@ -12,7 +12,6 @@ import numpy as np
 from saddlering_ros.bags.reader import raw_topic
 from saddlering_ros.bags.scan import OnShare, Scan, scan
 from saddlering_ros.doubts import readings
-from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.readings import absent_topic, mirrored_topic, run_of_record
 from saddlering_ros.errors import BagError
@@ -133,7 +132,7 @@ def bag_info(
         except BagError as fault:
             problems.append(str(fault))
     if run is not None:
-        notes += [*run.notes, *lines(findings_on_rig(rig, run, record))]
+        notes += [*run.notes, *map(str, findings_on_rig(rig, run, record))]
     if run is not None and run.test == 'static':
         try:
             count = len(plateaus(run, errors=False))

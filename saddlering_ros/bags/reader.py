@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
-from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.readings import absent_topic, MIN_SAMPLES, mirrored_topic, run_of_record
 from saddlering_ros.errors import BagError
@@ -90,7 +89,7 @@ def read_run(
     run = replace(run_of_record(record, facts, rig), sha256=open_directory(path).sha256())
     run = run if elevation is None else replace(run, elevation=float(elevation))
     if rig is not None:
-        run.notes.extend(lines(findings_on_rig(rig, run, record)))
+        run.notes.extend(map(str, findings_on_rig(rig, run, record)))
     return run
 
 

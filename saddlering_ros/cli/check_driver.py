@@ -45,7 +45,8 @@ def run(args: argparse.Namespace) -> int:
     import math
     import sys
 
-    from saddlering_ros.doubts.driver import check_driver, faults
+    from saddlering_ros.doubts.driver import check_driver
+    from saddlering_ros.doubts.finding import FAULT
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.driver_listener import listen
     from saddlering_ros.ros.launcher import prepare_transport
@@ -59,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     prepare_transport()
     heard = listen(arguments.domain_of(args), namespace, args.seconds)
     found = check_driver(rig, heard, math.radians(args.elevation), args.rate)
-    count = faults(found)
+    count = sum(one.severity == FAULT for one in found)
     document = {
         'faults': count,
         'findings': [{'level': one.severity, 'topic': one.where, 'words': one.words}

@@ -93,12 +93,12 @@ def contradictions(
 ) -> list[str]:
     """Contradictions between a bag and a rig, a line each; elevation [rad]."""
     from saddlering_ros.bags import read_raw, read_run
-    from saddlering_ros.doubts.finding import lines
     from saddlering_ros.doubts.on_rig import check_rig
     from saddlering_ros.record import condensed
 
     test_run = read_run(bag, test=test, elevation=elevation, rig=rig)
-    return lines(check_rig(rig, read_raw(bag, rig=rig), condensed(test_run, rig)))
+    found = check_rig(rig, read_raw(bag, rig=rig), condensed(test_run, rig))
+    return [*map(str, found)]
 
 
 def _print(rig: Rig, written: list[Path], found: dict[str, list[str]]) -> None:

@@ -70,7 +70,6 @@ Floats = NDArray[np.float64]
 SAME_SHARE = 0.5
 """Share of the shorter run's samples in common above which two runs are one recording."""
 
-
 ANCHORS = (0.3, 0.5, 0.7)
 """Shares of the length of the shorter run, from which it is searched in the longer one."""
 
@@ -80,20 +79,18 @@ ANCHOR_ROWS = 16
 
 def is_same_recording(first: Record, second: Record) -> bool:
     """Whether two runs share their readings over most of the shorter one; stamps do not count."""
-    return _is_same_at_its_stamps(first, second) or _is_stamped_anew(first, second)
-
-
-def _is_stamped_anew(first: Record, second: Record) -> bool:
-    """Whether most rows of the shorter run are in the longer one, in order, at other stamps."""
     shorter, longer = sorted((first, second), key=lambda run: len(run.load))
+    wanted = SAME_SHARE * len(shorter.load)
+    if _equal_at_their_stamps(first, second) > wanted:
+        return True
     for share in ANCHORS:
         anchor = int(share * len(shorter.load))
         head = shorter.load[anchor:anchor + ANCHOR_ROWS]
         if len(head) < ANCHOR_ROWS or head.min() == head.max():
             continue
-        for place in _places(longer.load, head):
-            if _equal_rows(shorter, longer, place - anchor) > SAME_SHARE * len(shorter.load):
-                return True
+        if any(_equal_from(shorter, longer, place - anchor) > wanted
+               for place in _places(longer.load, head)):
+            return True
     return False
 
 
@@ -106,7 +103,7 @@ def _places(load: Floats, head: Floats) -> list[int]:
     return found
 
 
-def _equal_rows(shorter: Record, longer: Record, shift: int) -> int:
+def _equal_from(shorter: Record, longer: Record, shift: int) -> int:
     """Number of rows of a run that equal those of another `shift` rows later."""
     start = max(0, -shift)
     stop = min(len(shorter.load), len(longer.load) - shift)
@@ -114,36 +111,35 @@ def _equal_rows(shorter: Record, longer: Record, shift: int) -> int:
     for part in blocks(stop - start, shorter.load, shorter.gaps, longer.load, longer.gaps):
         rows = slice(start + part.start, start + part.stop)
         others = slice(rows.start + shift, rows.stop + shift)
-        one, other = shorter.gaps[:, rows], longer.gaps[:, others]
-        equal = ((one == other) | (np.isnan(one) & np.isnan(other))).all(axis=0)
-        count += int(np.count_nonzero(equal & (shorter.load[rows] == longer.load[others])))
+        count += _equal(shorter.load[rows], shorter.gaps[:, rows], longer.load[others],
+                        longer.gaps[:, others])
     return count
 
 
-def _is_same_at_its_stamps(first: Record, second: Record) -> bool:
-    """Whether two runs share stamps and readings over most of the shorter one."""
-    shorter = min(first.stamps.size, second.stamps.size)
-    begin = max(first.stamps[0], second.stamps[0])
-    end = min(first.stamps[-1], second.stamps[-1]) + 1
-    start, stop = np.searchsorted(first.stamps, [begin, end]).tolist()
-    if stop - start <= SAME_SHARE * shorter:
-        return False
+def _equal_at_their_stamps(first: Record, second: Record) -> int:
+    """Number of rows that two runs share with stamp and readings; 0 if few stamps are in both."""
+    start, stop = np.searchsorted(first.stamps, [
+        max(first.stamps[0], second.stamps[0]),
+        min(first.stamps[-1], second.stamps[-1]) + 1]).tolist()
+    if stop - start <= SAME_SHARE * min(first.stamps.size, second.stamps.size):
+        return 0
     arrays = (first.stamps, first.load, first.gaps, second.stamps, second.load, second.gaps)
-    equal = sum(_equal_readings(first, second, slice(start + part.start, start + part.stop))
-                for part in blocks(stop - start, *arrays))
-    return bool(equal > SAME_SHARE * shorter)
+    count = 0
+    for part in blocks(stop - start, *arrays):
+        rows = slice(start + part.start, start + part.stop)
+        stamps = first.stamps[rows]
+        others = slice(*np.searchsorted(second.stamps, [stamps[0], stamps[-1] + 1]).tolist())
+        _, left, right = np.intersect1d(stamps, second.stamps[others], assume_unique=True,
+                                        return_indices=True)
+        count += _equal(first.load[rows][left], first.gaps[:, rows][:, left],
+                        second.load[others][right], second.gaps[:, others][:, right])
+    return count
 
 
-def _equal_readings(first: Record, second: Record, rows: slice) -> int:
-    """Number of rows of a stretch of one run that are in another with the same readings."""
-    stamps = first.stamps[rows]
-    begin, end = np.searchsorted(second.stamps, [stamps[0], stamps[-1] + 1]).tolist()
-    _, left, right = np.intersect1d(
-        stamps, second.stamps[begin:end], assume_unique=True, return_indices=True)
-    equal = first.load[rows][left] == second.load[begin:end][right]
-    one, other = first.gaps[:, rows][:, left], second.gaps[:, begin:end][:, right]
-    equal &= ((one == other) | (np.isnan(one) & np.isnan(other))).all(axis=0)
-    return int(np.count_nonzero(equal))
+def _equal(load: Floats, gaps: Floats, other_load: Floats, other_gaps: Floats) -> int:
+    """Number of rows with equal loads (N,) and gaps (4, N); NaN equals NaN."""
+    same = (gaps == other_gaps) | (np.isnan(gaps) & np.isnan(other_gaps))
+    return int(np.count_nonzero(same.all(axis=0) & (load == other_load)))
 
 
 def refuse_repeats(runs: Sequence[Record], held_out: Sequence[Record] = ()) -> None:

@@ -43,7 +43,6 @@ SPAN_TOLERANCE = 0.01
 NARROW_MARGIN = 0.1
 """A gap at rest should be further from both ends of the range than this share of the span."""
 
-
 MOVED = 50.0
 """Readings that spread by more than this many standard deviations of their noise have moved."""
 
@@ -90,11 +89,15 @@ class HeardTopic:
 
 
 class _Findings(list[Finding]):
-    def fault(self, kind: str, where: str, words: str) -> None:
-        self.append(Finding(kind, words, where, LIMITS.get(kind), FAULT))
+    """Findings; `where`: the topic that is judged."""
 
-    def note(self, kind: str, where: str, words: str) -> None:
-        self.append(Finding(kind, words, where, LIMITS.get(kind), NOTE))
+    where = ''
+
+    def fault(self, kind: str, words: str) -> None:
+        self.append(Finding(kind, words, self.where, LIMITS.get(kind), FAULT))
+
+    def note(self, kind: str, words: str) -> None:
+        self.append(Finding(kind, words, self.where, LIMITS.get(kind), NOTE))
 
 
 def check_driver(
@@ -109,14 +112,23 @@ def check_driver(
     usable = True
     probes = [PROBES[number - 1] for number in rig.probes.present]
     for topic in (LOAD, *probes):
+        found.where = topic.name
         one = heard.get(topic.name)
-        if one is None or len(one) < MIN_SAMPLES:
-            _absent(found, topic, one)
-            usable = False
+        if one is not None and len(one) >= MIN_SAMPLES:
+            _stamps(found, topic, one, rate)
+            _values(found, rig, topic, one)
             continue
-        _source(found, topic, one)
-        _stamps(found, topic, one, rate)
-        _values(found, rig, topic, one)
+        usable = False
+        types = () if one is None else one.types
+        wrong = [kind for kind in types if kind != topic.type]
+        if wrong:
+            found.fault('wrong_type', f'is published as {wrong[0]}: publish {topic.type}')
+        elif one is None or not one.publishers:
+            found.fault('no_publisher', 'it has no publisher: start the driver, or remap its '
+                        'topic')
+        else:
+            found.fault('few_samples', f'{len(one)} samples came from {one.publishers} '
+                        'publisher(s): check that the driver reads its device, or listen longer')
     if usable:
         _skew(found, heard, [topic.name for topic in probes])
         _load(found, rig, heard[LOAD_TOPIC])
@@ -124,97 +136,83 @@ def check_driver(
     return sorted(found, key=lambda one: one.severity != FAULT)
 
 
-def _absent(found: _Findings, topic: RigTopic, one: HeardTopic | None) -> None:
-    wrong = [kind for kind in (() if one is None else one.types) if kind != topic.type]
-    if wrong:
-        found.fault('wrong_type', topic.name, f'is published as {wrong[0]}: publish {topic.type}')
-    elif one is None or not one.publishers:
-        found.fault('no_publisher', topic.name,
-                    'it has no publisher: start the driver, or remap its topic')
-    else:
-        found.fault('few_samples', topic.name,
-                    f'{len(one)} samples came from {one.publishers} publisher(s): '
-                    'check that the driver reads its device, or listen longer')
-
-
-def _source(found: _Findings, topic: RigTopic, one: HeardTopic) -> None:
-    if one.publishers > 1:
-        found.fault('several_publishers', topic.name,
-                    f'{one.publishers} publishers, whose samples are mixed: end all '
-                    'but one')
-    if one.frame_id != topic.frame_id:
-        found.note('frame_id', topic.name,
-                   f'frame_id is {one.frame_id!r}: set it to {topic.frame_id!r}')
-
-
 def _stamps(found: _Findings, topic: RigTopic, one: HeardTopic, rate: float | None) -> None:
+    """Faults of the source of a topic and of its stamps."""
+    if one.publishers > 1:
+        found.fault('several_publishers', f'{one.publishers} publishers, whose samples are mixed: '
+                    'end all but one')
+    if one.frame_id != topic.frame_id:
+        found.note('frame_id', f'frame_id is {one.frame_id!r}: set it to {topic.frame_id!r}')
     unset = int((one.stamps <= 0).sum())
     if unset:
-        found.fault('stamps_unset', topic.name,
-                    f'{unset} of {len(one)} stamps are not set: stamp each sample '
+        found.fault('stamps_unset', f'{unset} of {len(one)} stamps are not set: stamp each sample '
                     'with the time of its measurement')
         return
     steps = np.diff(one.stamps)
     shared, back = int((steps == 0).sum()), int((steps < 0).sum())
     if shared > SHARED_STAMPS * len(steps):
-        found.fault('block_stamps', topic.name,
-                    f'{shared} of {len(one)} samples have the stamp of the one '
+        found.fault('block_stamps', f'{shared} of {len(one)} samples have the stamp of the one '
                     'before: stamp each sample of a block with its own time')
         return
     if shared:
-        found.fault('shared_stamps', topic.name,
-                    f'{shared} samples have the stamp of the one before')
+        found.fault('shared_stamps', f'{shared} samples have the stamp of the one before')
     if back:
-        found.fault('stamps_go_back', topic.name,
-                    f'{back} stamps go back: publish samples in the order of their '
-                    'measurement')
+        found.fault('stamps_go_back', f'{back} stamps go back: publish samples in the order of '
+                    'their measurement')
         return
     gaps = gap_mask(one.stamps)
     if gaps.any():
-        longest = float(np.diff(one.stamps)[gaps].max()) / 1e9
-        found.fault('gaps', topic.name,
-                    f'{int(gaps.sum())} gaps in the stamps, longest {longest:.3g} s: '
-                    'samples are lost in the driver or on the way (best effort on a busy network)')
+        found.fault('gaps', f'{int(gaps.sum())} gaps in the stamps, longest '
+                    f'{float(steps[gaps].max()) / 1e9:.3g} s: samples are lost in the driver or '
+                    'on the way (best effort on a busy network)')
     if rate is not None and abs(one.rate / rate - 1.0) > RATE_TOLERANCE:
-        found.fault('other_rate', topic.name,
-                    f'comes at {one.rate:.4g} Hz, and {rate:g} Hz is required')
+        found.fault('other_rate', f'comes at {one.rate:.4g} Hz, and {rate:g} Hz is required')
     arrived = float(one.arrivals[-1] - one.arrivals[0])
     stamped = float(one.stamps[-1] - one.stamps[0])
     if not gaps.any() and arrived > 1e9 and abs(stamped / arrived - 1.0) > RATE_TOLERANCE:
-        found.fault('stamps_no_times', topic.name,
-                    f'stamps advance by {stamped / 1e9:.3g} s in '
+        found.fault('stamps_no_times', f'stamps advance by {stamped / 1e9:.3g} s in '
                     f'{arrived / 1e9:.3g} s: the stamps are not times, or the driver falls behind')
     if abs(one.delay) > CLOCK_LIMIT:
         side = 'behind' if one.delay > 0.0 else 'ahead of'
-        found.fault('other_clock', topic.name,
-                    f'stamps are {abs(one.delay):.3g} s {side} the clock of this '
+        found.fault('other_clock', f'stamps are {abs(one.delay):.3g} s {side} the clock of this '
                     'machine: synchronise the clocks (chrony, PTP), or stamp in UTC')
 
 
 def _values(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> None:
-    unknown = int((~np.isfinite(one.values)).sum())
-    if unknown:
-        found.fault('not_numbers', topic.name,
-                    f'{unknown} of {len(one)} readings are not numbers: leave out '
-                    'what was not measured')
     values = one.values[np.isfinite(one.values)]
+    if len(values) < len(one):
+        found.fault('not_numbers', f'{len(one) - len(values)} of {len(one)} readings are not '
+                    'numbers: leave out what was not measured')
     if not len(values):
         return
     if (values == values[0]).all():
-        found.fault('never_changes', topic.name,
-                    f'the reading never changes ({values[0]:.6g} {topic.unit}): a '
-                                'sensor has noise; check that it is connected')
+        found.fault('never_changes', f'the reading never changes ({values[0]:.6g} {topic.unit}): '
+                    'a sensor has noise; check that it is connected')
     guard = SampleGuard(load_limits(rig) if topic is LOAD else probe_limits(rig))
     guard.push(Samples(one.stamps, one.values))
     counts = guard.counters
     impossible = counts.impossible + counts.leaps_of_reading + counts.doubtful_load
     if impossible and not _in_other_unit(found, rig, topic, values):
-        found.fault('impossible', topic.name,
-                    f'{impossible} readings that this rig cannot have (from '
+        found.fault('impossible', f'{impossible} readings that this rig cannot have (from '
                     f'{values.min():.4g} to {values.max():.4g} {topic.unit}): the nodes refuse '
                     'them; look for spikes, the unit and the rig file')
-    if topic is not LOAD:
-        _range(found, rig, topic, one, values)
+    if topic is LOAD:
+        return
+    low, high = rig.probes.min_range, rig.probes.max_range
+    span = high - low
+    if not one.high > one.low:
+        found.note('no_span', f'states no range: fill in min_range {low:g} and max_range {high:g}')
+    elif max(abs(one.low - low), abs(one.high - high)) > SPAN_TOLERANCE * span:
+        found.fault('other_range', f'its range is {one.low:.4g} to {one.high:.4g} m and that of '
+                    f'the rig file {low:.4g} to {high:.4g} m: correct one of them')
+    ended = int(((values <= low) | (values >= high)).sum())
+    margin = min(float(np.median(values)) - low, high - float(np.median(values)))
+    if ended:
+        found.fault('at_limit_of_span', f'{ended} of {len(values)} readings at or beyond an end '
+                    'of the range: check the position and the unit of the probe')
+    elif margin < NARROW_MARGIN * span:
+        found.note('narrow_margin', f'the gap is {margin * 1e3:.3g} mm from an end of the range: '
+                   'move the probe to the middle')
 
 
 def _in_other_unit(found: _Findings, rig: Rig, topic: RigTopic, values: Floats) -> bool:
@@ -225,82 +223,54 @@ def _in_other_unit(found: _Findings, rig: Rig, topic: RigTopic, values: Floats) 
         else:
             check_probe_unit('', values, rig.probes.min_range, rig.probes.max_range)
     except BagError as problem:
-        found.fault('other_unit', topic.name, str(problem).removeprefix(': '))
+        found.fault('other_unit', str(problem).removeprefix(': '))
         return True
     return False
 
 
-def _range(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic, values: Floats) -> None:
-    low, high = rig.probes.min_range, rig.probes.max_range
-    span = high - low
-    if not one.high > one.low:
-        found.note('no_span', topic.name,
-                   f'states no range: fill in min_range {low:g} and max_range '
-                   f'{high:g}')
-    elif max(abs(one.low - low), abs(one.high - high)) > SPAN_TOLERANCE * span:
-        found.fault('other_range', topic.name,
-                    f'its range is {one.low:.4g} to {one.high:.4g} m and that of the '
-                    f'rig file {low:.4g} to {high:.4g} m: correct one of them')
-    ended = int(((values <= low) | (values >= high)).sum())
-    margin = min(float(np.median(values)) - low, high - float(np.median(values)))
-    if ended:
-        found.fault('at_limit_of_span', topic.name,
-                    f'{ended} of {len(values)} readings at or beyond an end of the '
-                    'range: check the position and the unit of the probe')
-    elif margin < NARROW_MARGIN * span:
-        found.note('narrow_margin', topic.name,
-                   f'the gap is {margin * 1e3:.3g} mm from an end of the range: move '
-                   'the probe to the middle')
-
-
 def _skew(found: _Findings, heard: Mapping[str, HeardTopic], probes: Sequence[str]) -> None:
-    load = heard[LOAD_TOPIC].delay
-    for name in probes:
-        skew = heard[name].delay - load
-        if abs(skew) > SKEW_LIMIT and abs(load) < CLOCK_LIMIT:
-            found.fault('skew', name,
-                        f'stamps are {abs(skew) * 1e3:.3g} ms '
+    load = heard[LOAD_TOPIC]
+    for found.where in probes:
+        skew = heard[found.where].delay - load.delay
+        if abs(skew) > SKEW_LIMIT and abs(load.delay) < CLOCK_LIMIT:
+            found.fault('skew', f'stamps are {abs(skew) * 1e3:.3g} ms '
                         f'{"older" if skew > 0.0 else "younger"} than those of the load that '
                         'arrive with them: use one clock for both, and stamp with the time of '
                         'measurement')
-    rates = [heard[name].rate for name in probes]
-    load_rate = heard[LOAD_TOPIC].rate
-    if min(rates) < 0.5 * load_rate:
-        found.note('slow_probe', probes[int(np.argmin(rates))],
-                   f'comes at {min(rates):.4g} Hz and the '
-                   f'load at {load_rate:.4g} Hz: damping is known better with equal rates')
+    found.where = min(probes, key=lambda name: heard[name].rate)
+    slowest = heard[found.where].rate
+    if slowest < 0.5 * load.rate:
+        found.note('slow_probe', f'comes at {slowest:.4g} Hz and the load at {load.rate:.4g} Hz: '
+                   'damping is known better with equal rates')
 
 
 def _load(found: _Findings, rig: Rig, one: HeardTopic) -> None:
+    found.where = LOAD_TOPIC
     values = one.values[np.isfinite(one.values)]
-    if not len(values):
-        return
-    low, high = float(values.min()), float(values.max())
+    low, high = (float(values.min()), float(values.max())) if len(values) else (-math.inf, 0.0)
     if low < load_limits(rig).low:
         return  # these readings are refused, which is a finding already
     if low < -rig.limits.negative_max:
-        found.fault('load_negative', LOAD_TOPIC,
-                    f'the load falls to {low:.4g} N: publish a pushing load as '
+        found.fault('load_negative', f'the load falls to {low:.4g} N: publish a pushing load as '
                     'positive, and zero the load cell')
     elif high < rig.limits.unit_min and high - low > MOVED * white_noise(values):
         _in_other_unit(found, rig, LOAD, values)
     elif high < rig.limits.unit_min:
-        found.note('load_at_rest', LOAD_TOPIC,
-                   f'the load is {low:.4g} to {high:.4g} N: at rest without preload, '
-                   f'or not in newtons; sign and unit are known from {rig.preload:.4g} N on')
+        found.note('load_at_rest', f'the load is {low:.4g} to {high:.4g} N: at rest without '
+                   'preload, or not in newtons; sign and unit are known from '
+                   f'{rig.preload:.4g} N on')
 
 
 def _directions(
     found: _Findings, rig: Rig, heard: Mapping[str, HeardTopic], elevation: float,
 ) -> None:
     """Polarity, swapped channels and the sign of the load, if the load moved enough."""
-    load = heard[LOAD_TOPIC]
-    stamps, values = _in_order(load)
+    stamps, values = _in_order(heard[LOAD_TOPIC])
     least = MIN_LOAD_SPAN * rig.full_scale_load
     if len(values) < MIN_SAMPLES or float(np.ptp(values)) < least:
-        found.note('load_still', LOAD_TOPIC,
-                   'the load did not move: polarity, order of the probes and sign of '
-                   f'the load are not checked; move it by {rig.force_words(least)} meanwhile')
+        found.note('load_still', 'the load did not move: polarity, order of the probes and sign '
+                   'of the load are not checked; move it by '
+                   f'{rig.force_words(least)} meanwhile')
         return
     probes = rig.probes
     gaps = np.stack([align(stamps, *_in_order(heard[PROBE_TOPICS[number - 1]]))
@@ -308,8 +278,8 @@ def _directions(
     if probes.absent:
         other = gaps[probes.partner_row]
         gaps = np.insert(gaps, probes.absent - 1, mirrored_gap(probes, other), axis=0)
-    for finding in wiring_findings(rig, elevation, values, gaps):
-        found.append(replace(finding, where='probes', severity=FAULT))
+    found += [replace(finding, where='probes', severity=FAULT)
+              for finding in wiring_findings(rig, elevation, values, gaps)]
 
 
 def _in_order(one: HeardTopic) -> tuple[Stamps, Floats]:
@@ -317,8 +287,3 @@ def _in_order(one: HeardTopic) -> tuple[Stamps, Floats]:
     kept = np.isfinite(one.values) & (one.stamps > 0)
     stamps, first = np.unique(one.stamps[kept], return_index=True)
     return stamps, one.values[kept][first]
-
-
-def faults(found: Sequence[Finding]) -> int:
-    """How many of the findings are faults."""
-    return sum(one.severity == FAULT for one in found)

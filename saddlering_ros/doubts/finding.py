@@ -45,8 +45,3 @@ class Kind:
         """The threshold of a kind that a number decides."""
         assert self.threshold is not None
         return self.threshold
-
-
-def lines(findings: list[Finding]) -> list[str]:
-    """The findings as notes of a record, a line each."""
-    return [str(finding) for finding in findings]

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.doubts.finding import Finding, Kind, lines
+from saddlering_ros.doubts.finding import Finding, Kind
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record import scratch
@@ -21,7 +21,6 @@ from saddlering_ros.record.aligner import aligned_record
 from saddlering_ros.record.batches import align, Bits, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.record.displacement import a_pair_reads
 from saddlering_ros.record.guard import (
-    GuardCounters,
     load_limits,
     probe_limits,
     ReadingLimits,
@@ -97,6 +96,29 @@ DRIFT = Kind(
     'load and probes are stamped at rates that differ by {percent:.3g} %: if both should have one '
     'rate, a clock drifts by {drift:.3g} ms over the record, which shifts D1 and D2')
 
+MAX_REFUSED_SHARE = 0.05
+"""Largest share of refused samples. With more of them the unit, the sensor or the rig file is
+wrong."""
+
+REFUSED = Kind(
+    'refused',
+    '{count} samples are refused, as live nodes refuse them ({words}): validity marks what is '
+    'interpolated across them, and identification and diagnosis leave it out')
+DOUBTFUL_LOAD = Kind(
+    'doubtful_load',
+    '{count} samples lie behind a step that the hydraulics cannot make in its time '
+    '(rig.full_scale_time), as when a counter rolls over: validity marks what is simulated by '
+    'them, and identification and diagnosis leave it out')
+PROBE_ABSENT = Kind(
+    'probe_absent',
+    'probe {absent} is absent (rig.probes.absent): delta_x is of probe {partner} alone, with the '
+    'ring taken as rigid; the parity is unknown, and causes that show in it cannot be told from '
+    'others')
+
+MAX_GAP_SHARE = 0.5
+"""Share of a probe's record in gaps above which its stamps come by blocks."""
+
+
 def check_values(where: str, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
     """Raise BagError if any of `values` (N,) at `stamps` (N,) [ns] is NaN or infinite."""
     if count_where(np.isfinite, values) == len(values):
@@ -161,59 +183,46 @@ def check_overlap(
         f'{abs(apart):.6g} s apart): synchronise the clocks, or start both recordings together')
 
 
-def load_findings(stamps: NDArray[np.int64]) -> list[Finding]:
-    """Faults of the stamps of the load."""
-    return _gaps('load', stamps, gap_mask(stamps))
+def _gaps(topic: str, stamps: NDArray[np.int64]) -> list[Finding]:
+    """A finding on the gaps in the stamps of a topic."""
+    before = np.flatnonzero(gap_mask(stamps))
+    if not len(before):
+        return []
+    longest = int((stamps[before + 1] - stamps[before]).max()) / 1e9
+    return [GAPS.at(topic, count=len(before), plural='s' * (len(before) > 1), longest=longest)]
 
 
-def probe_findings(
-    topic: str,
-    stamps: NDArray[np.int64],
-    gaps: NDArray[np.float64],
-    min_range: float,
-    max_range: float,
-    is_gap: NDArray[np.bool_],
-    aligned: NDArray[np.float64],
-) -> list[Finding]:
+def _probe_findings(raw: RawTopic, aligned: NDArray[np.float64]) -> list[Finding]:
     """Faults of the readings of a probe; `aligned` (N,) are those at the stamps of the load."""
-    findings = _gaps(topic, stamps, is_gap)
+    findings = _gaps(raw.topic, raw.stamps)
+    low, high = raw.min_range, raw.max_range
     absent = count_where(np.isnan, aligned)
     if absent > NO_READING.limit * len(aligned):
-        findings.append(NO_READING.at(topic, count=absent, stamps=len(aligned)))
-    if _is_span(min_range, max_range):
-        at_limit = count_where(lambda part: (part <= min_range) | (part >= max_range), gaps)
-        if at_limit:
-            unit = unit_outside(gaps, min_range, max_range)
-            findings.append(AT_LIMIT_OF_SPAN.at(
-                topic, count=at_limit, readings=len(gaps), low=min_range, high=max_range,
-                unit=unit))
-    else:
-        findings.append(NO_SPAN.at(topic))
-    lowest, highest = extremes(gaps)
+        findings.append(NO_READING.at(raw.topic, count=absent, stamps=len(aligned)))
+    at_limit = count_where(lambda part: (part <= low) | (part >= high), raw.values)
+    if not _is_span(low, high):
+        findings.append(NO_SPAN.at(raw.topic))
+    elif at_limit:
+        findings.append(AT_LIMIT_OF_SPAN.at(
+            raw.topic, count=at_limit, readings=len(raw.values), low=low, high=high,
+            unit=_unit_outside(raw)))
+    lowest, highest = extremes(raw.values)
     if lowest == highest:
-        findings.append(NEVER_CHANGES.at(topic))
+        findings.append(NEVER_CHANGES.at(raw.topic))
     return findings
-
-
-def _gaps(topic: str, stamps: NDArray[np.int64], is_gap: NDArray[np.bool_]) -> list[Finding]:
-    count = int(is_gap.sum())
-    if not count:
-        return []
-    before = np.flatnonzero(is_gap)
-    longest = int((stamps[before + 1] - stamps[before]).max()) / 1e9
-    return [GAPS.at(topic, count=count, plural='s' * (count > 1), longest=longest)]
 
 
 def _is_span(low: float, high: float) -> bool:
     return math.isfinite(low) and math.isfinite(high) and low < high
 
 
-def unit_outside(gaps: NDArray[np.float64], min_range: float, max_range: float) -> str:
-    """Words on the unit of a probe's gaps (N,), of which most lie outside of its span."""
-    typical = float(np.median(np.abs(spread(gaps))))
-    if not _is_span(min_range, max_range) or min_range < typical < max_range:
+def _unit_outside(raw: RawTopic) -> str:
+    """Words on the unit of a probe's readings, of which most lie outside of its span."""
+    typical = float(np.median(np.abs(spread(raw.values))))
+    low, high = raw.min_range, raw.max_range
+    if not _is_span(low, high) or low < typical < high:
         return ''
-    return f' and look like {_guess_unit(typical, min_range, max_range)}'
+    return f' and look like {_guess_unit(typical, low, high)}'
 
 
 def _guess_unit(typical: float, low: float, high: float) -> str:
@@ -261,34 +270,11 @@ def clock_findings(
     return findings
 
 
-MAX_REFUSED_SHARE = 0.05
-"""Largest share of refused samples. With more of them the unit, the sensor or the rig file is
-wrong."""
-
-REFUSED = Kind(
-    'refused',
-    '{count} samples are refused, as live nodes refuse them ({words}): validity marks what is '
-    'interpolated across them, and identification and diagnosis leave it out')
-DOUBTFUL_LOAD = Kind(
-    'doubtful_load',
-    '{count} samples lie behind a step that the hydraulics cannot make in its time '
-    '(rig.full_scale_time), as when a counter rolls over: validity marks what is simulated by '
-    'them, and identification and diagnosis leave it out')
-PROBE_ABSENT = Kind(
-    'probe_absent',
-    'probe {absent} is absent (rig.probes.absent): delta_x is of probe {partner} alone, with the '
-    'ring taken as rigid; the parity is unknown, and causes that show in it cannot be told from '
-    'others')
-
-MAX_GAP_SHARE = 0.5
-"""Share of a probe's record in gaps above which its stamps come by blocks."""
-
-
 def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None) -> Record:
     """Check the readings and put the probes on the load's stamps."""
     where = str(record.path)
     absent = absent_topic(rig)
-    topics, guards = zip(*(guarded_topic(record, name, rig or load_rig())
+    topics, guards = zip(*(_guarded_topic(record, name, rig or load_rig())
                            for name in RIG_TOPICS), strict=True)
     load, *probes = topics
     for raw in probes:
@@ -298,20 +284,26 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         is_paired = a_pair_reads(gaps[:, rows])
         used[rows] &= is_paired
         published[rows] &= is_paired
-    notes = [*record.notes, *lines(absence_findings(rig)), *load.notes,
-             *lines(load_findings(load.stamps))]
+    possible = _possible_record(record, rig or load_rig())
+    found = {name: topic_quality(possible[name].stamps, possible[name].values)
+             for name in (LOAD_TOPIC, *PROBE_TOPICS)}
+    findings: list[object] = [*record.notes]
+    if absent and rig is not None:
+        findings.append(PROBE_ABSENT.at(absent=rig.probes.absent, partner=rig.probes.partner))
+    findings += [*load.notes, *_gaps('load', load.stamps)]
+    # The partner of an absent probe has the same faults, and a note on each.
     for raw, aligned in zip(probes, gaps, strict=True):
-        if raw.topic == absent:
-            continue  # Its partner has the same faults, and a note on each.
-        notes += raw.notes
-        notes += lines(probe_findings(raw.topic, raw.stamps, raw.values, raw.min_range,
-                                               raw.max_range, gap_mask(raw.stamps), aligned))
+        if raw.topic != absent:
+            findings += [*raw.notes, *_probe_findings(raw, aligned)]
     for raw, guard in zip(topics, guards, strict=True):
         if raw.topic != absent:
-            notes += lines(refusal_findings(raw.topic, guard.counters))
-    possible = possible_record(record, rig or load_rig())
-    found = record_quality(possible)
-    notes += lines(record_quality_findings(possible, found, absent))
+            findings += _refusal_findings(raw.topic, guard)
+    for name, quality in found.items():
+        if name != absent:
+            findings += quality_findings(name, quality, 'N' if name == LOAD_TOPIC else 'm')
+    stamps = possible[LOAD_TOPIC].stamps
+    findings += clock_findings(found[LOAD_TOPIC], [found[name] for name in PROBE_TOPICS],
+                               float(stamps[-1] - stamps[0]) * 1e-9)
     if int(np.count_nonzero(used)) < MIN_SAMPLES:
         raise BagError(
             f'{where}: fewer than {MIN_SAMPLES} load stamps have readings of all four probes: '
@@ -325,20 +317,20 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         name=name, path=record.path, test=facts.test,
         elevation=math.radians(facts.elevation_deg), rig=facts.rig, run=facts.run,
         stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),
-        load=load.values, gaps=gaps, notes=notes,
+        load=load.values, gaps=gaps, notes=[*map(str, findings)],
         spikes=_spikes(load, possible, found), quality=found, others=others,
         details=facts.details, used=used, published=published,
-        probe_marks=marks_of(guards[1:], load.stamps),
-        load_marks=marks_of(guards[:1], load.stamps, to_next=True),
+        probe_marks=_marks_of(guards[1:], load.stamps),
+        load_marks=_marks_of(guards[:1], load.stamps, to_next=True),
         absent=0 if rig is None else rig.probes.absent)
 
 
-def guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, SampleGuard]:
+def _guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, SampleGuard]:
     """A topic without the readings that the live nodes refuse, and the guard that refused them.
 
     BagError for readings of another unit, and if too many cannot be those of this rig.
     """
-    raw, limits = record[name], limits_of(name, rig)
+    raw, limits = record[name], _limits_of(name, rig)
     where = f'{record.path}: {raw.topic}'
     check_values(where, raw.stamps, raw.values)
     sound, guard = sound_samples(limits, raw.samples)
@@ -351,8 +343,7 @@ def guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, Sam
     else:
         check_probe_unit(where, judged, raw.min_range, raw.max_range)
     if many:
-        unit = '' if name == LOAD_TOPIC else unit_outside(
-            raw.values, raw.min_range, raw.max_range)
+        unit = '' if name == LOAD_TOPIC else _unit_outside(raw)
         raise BagError(
             f'{where}: {wrong} of {len(raw)} readings cannot be those of this rig (from '
             f'{limits.low:.4g} to {limits.high:.4g}, or change faster than rig.full_scale_time '
@@ -360,23 +351,22 @@ def guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, Sam
     return replace(raw, stamps=sound.stamps, values=sound.values), guard
 
 
-def limits_of(name: str, rig: Rig) -> ReadingLimits:
-    """Limits of the readings of a topic of the rig."""
+def _limits_of(name: str, rig: Rig) -> ReadingLimits:
     return load_limits(rig) if name == LOAD_TOPIC else probe_limits(rig)
 
 
-def refusal_findings(topic: str, counters: GuardCounters) -> list[Finding]:
+def _refusal_findings(topic: str, guard: SampleGuard) -> list[Finding]:
     """The refused and the doubtful samples of a topic."""
-    findings, counts = [], counters.refused
+    findings, counts = [], guard.counters.refused
     if counts:
         words = ', '.join(f'{count} {name.replace("_", " ")}' for name, count in counts.items())
         findings.append(REFUSED.at(topic, count=sum(counts.values()), words=words))
-    if counters.doubtful_load:
-        findings.append(DOUBTFUL_LOAD.at(topic, count=counters.doubtful_load))
+    if guard.counters.doubtful_load:
+        findings.append(DOUBTFUL_LOAD.at(topic, count=guard.counters.doubtful_load))
     return findings
 
 
-def marks_of(
+def _marks_of(
     guards: Sequence[SampleGuard], stamps: NDArray[np.int64], *, to_next: bool = False,
 ) -> Bits | None:
     """Bits of validity that what the guards refused leaves at `stamps` (N,); None: nothing."""
@@ -389,12 +379,12 @@ def marks_of(
     return marks
 
 
-def possible_record(record: RawRecord, rig: Rig) -> RawRecord:
+def _possible_record(record: RawRecord, rig: Rig) -> RawRecord:
     """The same record without readings beyond the limits; single leaps stay, as spikes."""
     topics = dict(record.topics)
     for name in (LOAD_TOPIC, *PROBE_TOPICS):
-        limits, raw = limits_of(name, rig), topics[name]
-        lowest, highest = scratch.extremes(raw.values)
+        limits, raw = _limits_of(name, rig), topics[name]
+        lowest, highest = extremes(raw.values)
         if not limits.low <= lowest <= highest <= limits.high:
             is_possible = (raw.values >= limits.low) & (raw.values <= limits.high)
             topics[name] = replace(raw, stamps=scratch.scratch_copy(raw.stamps[is_possible]),
@@ -413,27 +403,6 @@ def _why_apart(probes: Sequence[RawTopic]) -> str:
                     'block, with gaps between blocks: stamp each sample when it is taken and not '
                     'when its block arrives')
     return 'start and stop all recordings together'
-
-
-def record_quality(record: RawRecord) -> dict[str, TopicQuality]:
-    """Properties of the logger by the readings of the load and of each probe."""
-    return {name: topic_quality(record[name].stamps, record[name].values)
-            for name in (LOAD_TOPIC, *PROBE_TOPICS)}
-
-
-def record_quality_findings(
-    record: RawRecord, found: dict[str, TopicQuality], absent: str = '',
-) -> list[Finding]:
-    """What of it is doubtful; nothing on the topic of the absent probe."""
-    findings = []
-    for name, quality in found.items():
-        if name == absent:
-            continue
-        findings += quality_findings(name, quality, 'N' if name == LOAD_TOPIC else 'm')
-    load = record[LOAD_TOPIC]
-    seconds = float(load.stamps[-1] - load.stamps[0]) * 1e-9
-    return findings + clock_findings(
-        found[LOAD_TOPIC], [found[name] for name in PROBE_TOPICS], seconds)
 
 
 def _spikes(
@@ -466,11 +435,3 @@ def mirrored_topic(rig: Rig, topics: Mapping[str, RawTopic]) -> RawTopic:
     other = topics[PROBE_TOPICS[rig.probes.partner - 1]]
     return replace(other, topic=absent_topic(rig), notes=(),
                    values=scratch.scratch_copy(mirrored_gap(rig.probes, other.values)))
-
-
-def absence_findings(rig: Rig | None) -> list[Finding]:
-    """A finding on the absent probe."""
-    if not absent_topic(rig):
-        return []
-    assert rig is not None
-    return [PROBE_ABSENT.at(absent=rig.probes.absent, partner=rig.probes.partner)]

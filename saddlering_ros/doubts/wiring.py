@@ -11,7 +11,6 @@ effects for the diagnosis. Here a probe moves to the wrong side, not at all, or 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -68,34 +67,29 @@ EXCHANGED = Kind(
 """Change of each reading at an exchange, as a multiple of the usual change over ROWS."""
 
 
-@dataclass(frozen=True)
-class _Response:
-    """Response of the probes to the load (4,): slope [m/N], motion over the load's span [m]."""
-
-    slope: Floats
-    motion: Floats
-    span: float
-
-
 def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> list[Finding]:
     """Probable faults in gaps (4, N) [m] over load (N,) [N] at `elevation` [rad]."""
     load, gaps = complete_rows(load, gaps)
-    if len(load) < STUCK_SAMPLES or float(np.ptp(load)) < MIN_LOAD_SPAN * rig.full_scale_load:
+    span = float(np.ptp(load)) if len(load) else 0.0
+    if len(load) < STUCK_SAMPLES or span < MIN_LOAD_SPAN * rig.full_scale_load:
         return []
-    probes = [number - 1 for number in rig.probes.present]
-    stuck = {probe: finding for probe in probes
-             if (finding := _stuck(rig, probe, load, gaps[probe])) is not None}
     increments = gap_increment(rig.probes, gaps, gaps[:, 0])
     around = load - load.mean()
     slope = (increments * around).sum(axis=1) / float((around ** 2).sum())
-    span = float(np.ptp(load))
-    response = _Response(slope, np.abs(slope) * span, span)
+    motion = np.abs(slope) * span
+    largest = float(motion.max())
     expected = _expected(rig, elevation)
-    dead = [finding for probe in probes if probe not in stuck
-            and (finding := _dead(rig, probe, response, expected)) is not None]
+    clear = _clear(expected)
+    stuck, dead = [], []
+    for probe in (number - 1 for number in rig.probes.present):
+        is_stuck = _stuck(rig, probe, load, gaps[probe])
+        stuck += is_stuck
+        if not is_stuck and clear[probe] and motion[probe] < DEAD.limit * largest:
+            dead.append(DEAD.at(probe=probe + 1, motion=quantity(motion[probe], 'm'),
+                                span=rig.force_words(span), largest=quantity(largest, 'm')))
     if stuck or dead:
-        return [*stuck.values(), *dead]
-    return _mirrored(increments) or _sides(rig, response, expected)
+        return [*stuck, *dead]
+    return _mirrored(increments) or _sides(rig, slope, expected, clear)
 
 
 def _expected(rig: Rig, elevation: float) -> Floats:
@@ -114,7 +108,7 @@ def _clear(expected: Floats) -> NDArray[np.bool_]:
     return np.asarray(np.abs(expected) >= CLEAR_SIDE * largest)
 
 
-def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> Finding | None:
+def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> list[Finding]:
     """The longest stretch of equal readings, if much load passes meanwhile."""
     changes = np.flatnonzero(np.diff(gap) != 0.0)
     edges = np.concatenate([[0], changes + 1, [len(gap)]])
@@ -122,16 +116,8 @@ def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> Finding | None:
     first, stop = int(edges[longest]), int(edges[longest + 1])
     low, high = float(load[first:stop].min()), float(load[first:stop].max())
     if stop - first < STUCK_SAMPLES or high - low < STUCK.limit * float(np.ptp(load)):
-        return None
-    return STUCK.at(probe=probe + 1, gap=gap[first] * 1e6, loads=rig.force_range(low, high, 2))
-
-
-def _dead(rig: Rig, probe: int, response: _Response, expected: Floats) -> Finding | None:
-    largest = float(response.motion.max())
-    if not _clear(expected)[probe] or response.motion[probe] >= DEAD.limit * largest:
-        return None
-    return DEAD.at(probe=probe + 1, motion=quantity(response.motion[probe], 'm'),
-                   span=rig.force_words(response.span), largest=quantity(largest, 'm'))
+        return []
+    return [STUCK.at(probe=probe + 1, gap=gap[first] * 1e6, loads=rig.force_range(low, high, 2))]
 
 
 def _unlikeness(one: Floats, other: Floats) -> float:
@@ -155,16 +141,16 @@ def _mirrored(increments: Floats) -> list[Finding]:
                        opposite=100 * opposite)]
 
 
-def _sides(rig: Rig, response: _Response, expected: Floats) -> list[Finding]:
-    """A finding on probes that move to the wrong side."""
-    clear = _clear(expected)
-    wrong = [probe for probe in range(4)
-             if clear[probe] and response.slope[probe] * expected[probe] < 0.0]
+def _sides(
+    rig: Rig, slope: Floats, expected: Floats, clear: NDArray[np.bool_],
+) -> list[Finding]:
+    """A finding on probes that move to the wrong side; slope [m/N] of each."""
+    wrong = np.flatnonzero(clear & (slope * expected < 0.0)).tolist()
     if not wrong:
         return []
     per_unit = 1e6 * FORCE_UNITS[rig.force_unit]
     slopes = ', '.join(
-        f'{response.slope[probe] * per_unit:+.2f} where '
+        f'{slope[probe] * per_unit:+.2f} where '
         f'{"+" if expected[probe] > 0 else "-"} is due (probe {probe + 1})' for probe in wrong)
     if len(wrong) == int(clear.sum()):
         guess = ('all probes have the opposite sign: the sign of the load, every polarity, or '

@@ -262,9 +262,8 @@ def sound():
 
 
 def said(load, gaps, rig=None) -> str:
-    from saddlering_ros.doubts.finding import lines
     from saddlering_ros.doubts.wiring import wiring_findings
-    return ' '.join(lines(wiring_findings(rig or default_rig(), np.radians(50.0), load, gaps)))
+    return ' '.join(map(str, wiring_findings(rig or default_rig(), np.radians(50.0), load, gaps)))
 
 
 def test_a_sound_ring_and_faults_of_a_few_percent_are_not_suspected(sound):

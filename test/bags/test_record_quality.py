@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from saddlering_ros.doubts.finding import lines
 from saddlering_ros.doubts.readings import clock_findings, quality_findings
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.quality import topic_quality
@@ -22,7 +21,7 @@ def record(rate=RATE, seconds=8.0, noise=NOISE, step=STEP, seed=0, drift=0.0):
 
 
 def notes(stamps, values):
-    return lines(quality_findings('probe', topic_quality(stamps, values), 'm'))
+    return [*map(str, quality_findings('probe', topic_quality(stamps, values), 'm'))]
 
 
 @pytest.mark.parametrize('rate', [50.0, 200.0, 1000.0, 5000.0])
@@ -83,17 +82,17 @@ def test_a_load_of_twenty_hertz_beside_probes_of_five_hundred_lags():
     probes = [topic_quality(*record(seed=seed)) for seed in range(1, 5)]
     slow = topic_quality(stamps, low_passed(values, 20.0))
     assert slow.bandwidth == pytest.approx(20.0, rel=0.3)
-    (line,) = lines(clock_findings(slow, probes, 8.0))
+    (line,) = map(str, clock_findings(slow, probes, 8.0))
     assert line.startswith('the load seems low-passed at about')
-    assert lines(clock_findings(topic_quality(stamps, values), probes, 8.0)) == []
+    assert clock_findings(topic_quality(stamps, values), probes, 8.0) == []
 
 
 def test_a_clock_that_drifts_by_a_thousandth_is_named_and_another_rate_is_not():
     load = topic_quality(*record())
     drifting = [topic_quality(*record(seed=seed, drift=1e-3)) for seed in range(1, 5)]
-    (line,) = lines(clock_findings(load, drifting, 8.0))
+    (line,) = map(str, clock_findings(load, drifting, 8.0))
     assert 'rates that differ by 0.0999 %' in line
-    assert lines(clock_findings(load, [topic_quality(*record(rate=500.0))] * 4, 8.0)) == []
+    assert clock_findings(load, [topic_quality(*record(rate=500.0))] * 4, 8.0) == []
 
 
 def test_a_jump_that_swings_over_its_new_place_is_no_spike():
@@ -109,7 +108,7 @@ def test_white_noise_of_a_slow_channel_is_not_taken_for_a_filter():
     probes = [topic_quality(*record(rate=400.0, seed=seed)) for seed in range(4)]
     for seed in range(300):
         load = topic_quality(*record(rate=200.0, seed=seed))
-        assert lines(clock_findings(load, probes, 8.0)) == []
+        assert clock_findings(load, probes, 8.0) == []
 
 
 def test_jitter_of_slow_stamps_is_no_drift():
@@ -118,4 +117,4 @@ def test_jitter_of_slow_stamps_is_no_drift():
     for _ in range(100):
         found = [topic_quality(stamps + np.rint(1e6 * random.normal(size=stamps.size)).astype(
             np.int64), values) for _ in range(2)]
-        assert lines(clock_findings(found[0], [found[1]] * 4, 43.0)) == []
+        assert clock_findings(found[0], [found[1]] * 4, 43.0) == []
