@@ -40,7 +40,6 @@ def drawn(seed: int) -> tuple[Rig, TestMetadata, TestPlan]:
     static = random.random() < 0.4
     rate = float(random.choice([20.0, 50.0, 100.0] if static else [100.0, 200.0, 500.0, 1e3]))
     probe_rate = rate * float(random.choice([1.0, 1.0, 2.0]))
-<<<<<<< HEAD
     degrees = float(random.choice([0.0, 10.0, 30.0, 45.0, 50.0, 70.0]))
     instruments = Instruments(
         noise=float(np.exp(random.uniform(math.log(0.08e-6), math.log(1e-6)))),
@@ -53,35 +52,6 @@ def drawn(seed: int) -> tuple[Rig, TestMetadata, TestPlan]:
     physical = PhysicalRig(rig, contact, math.radians(degrees), (), scatter, seed)
     return rig, TestMetadata('static' if static else 'dynamic', degrees), TestPlan(
         physical, schedule, seed, instruments, rate, probe_rate)
-=======
-    return Draw(
-        rig, contact, float(random.choice([0.0, 10.0, 30.0, 45.0, 50.0, 70.0])),
-        'static' if static else 'dynamic', rate, probe_rate,
-        Instruments(noise=float(np.exp(random.uniform(math.log(0.08e-6), math.log(1e-6)))),
-                    load_noise=float(np.exp(random.uniform(-9.7, -7.1))) * rig.full_scale_load),
-        Scatter(gap=float(random.uniform(0.0, 1e-6)), stiffness=float(random.uniform(0.0, 0.03))),
-        float(random.uniform(1.0, 4.0)))
-
-
-def recorded(draw: Draw, seed: int) -> RawRecord:
-    """Its record as the reader finds it in a bag."""
-    schedule = (static_schedule(draw.rig, hold=2.0, step=draw.rig.full_scale_load / 6.0)
-                if draw.test == 'static' else
-                dynamic_schedule(draw.rig, duration=6.0, speed=draw.speed))
-    record = record_test(TestPlan(
-        PhysicalRig(draw.rig, draw.contact, math.radians(draw.elevation_deg), (), draw.scatter,
-                    seed),
-        schedule, seed, draw.instruments, draw.rate, draw.probe_rate))
-    return as_read(record, draw.rig.probes, TestMetadata(draw.test, draw.elevation_deg),
-                   f'seed_{seed}')
-
-
-def notes_on(draw: Draw, seed: int) -> list[str]:
-    """What `info` would say of it."""
-    record = recorded(draw, seed)
-    run = run_of_record(record, record.facts, draw.rig)
-    return [*run.notes, *map(str, findings_on_rig(draw.rig, run, record))]
->>>>>>> eb6ee61 (Judge doubts in the functions that list them, and note findings by str)
 
 
 def main() -> None:
@@ -91,7 +61,7 @@ def main() -> None:
         rig, facts, plan = drawn(seed)
         record = as_read(record_test(plan), rig.probes, facts, f'seed_{seed}')
         run = run_of_record(record, facts, rig)
-        notes = [*run.notes, *lines(findings_on_rig(rig, run, record))]
+        notes = [*run.notes, *map(str, findings_on_rig(rig, run, record))]
         noted += bool(notes)
         for note in notes:
             print(f'{seed}: {facts.test} at {facts.elevation_deg:.0f} deg, '

@@ -9,7 +9,7 @@ its time limit, and every campaign would need Dask.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from contextlib import contextmanager
@@ -55,10 +55,7 @@ class Slot:
         """The result document of a task; a failure of any kind is a result too."""
         began = time.monotonic()
         answer = failure('refused', task.problem) if task.problem else self._ask(task)
-        return {
-            'key': task.key, 'attempt': task.attempt, 'task': task.as_dict(), 'seed': task.seed,
-            'versions': versions_in_use(), 'seconds': time.monotonic() - began, **answer,
-        }
+        return document_of(task, time.monotonic() - began, answer)
 
     def _ask(self, task: SessionTask) -> dict[str, Any]:
         if self._worker is None:
@@ -89,14 +86,20 @@ class Slot:
             self._worker.close()
 
 
-class _SlotOfThread(threading.local):
+def document_of(task: SessionTask, seconds: float, answer: dict[str, Any]) -> dict[str, Any]:
+    """The result document of an answer to a task."""
+    return {'key': task.key, 'attempt': task.attempt, 'task': task.as_dict(), 'seed': task.seed,
+            'versions': versions_in_use(), 'seconds': seconds, **answer}
+
+
+class _Thread(threading.local):
     """The slot of each thread: executors hand tasks to threads, not to objects."""
 
     def __init__(self) -> None:
         self.slot = Slot()
 
 
-_THREAD = _SlotOfThread()
+_THREAD = _Thread()
 
 
 def execute(document: dict[str, Any], folder: str) -> str:
@@ -242,26 +245,27 @@ def run_campaign(
 def _waiting(
     tasks: Sequence[SessionTask], store: Store, count: Summary, *, retry: bool
 ) -> deque[SessionTask]:
-    """The tasks without a whole result, with `retry` failed ones too; the others are counted."""
+    """The tasks without a whole result, with `retry` failed ones too; the others are counted.
+
+    A whole result is of the task's data, with the report that the task asks for.
+    """
     waiting = deque[SessionTask]()
     for task in tasks:
         document = store.read_result(task.key)
         if document is None:
-            count.altered += [place for place in [store.place_of(task.key)] if place.exists()]
+            count.altered += filter(Path.exists, [store.place_of(task.key)])
             waiting.append(task)
-        elif (retry and document['status'] == 'failed') or not _is_whole(document, task):
-            waiting.append(replace(task, attempt=int(document.get('attempt', 0)) + 1))
+            continue
+        if document['status'] == 'failed':
+            is_whole = not retry and document.get('kind') != 'changed'
         else:
+            is_whole = (not task.reports or document['task']['reports']
+                        or document['verdict']['verdict'] == 'none')
+        if is_whole:
             count.add(document, new=False)
+        else:
+            waiting.append(replace(task, attempt=int(document.get('attempt', 0)) + 1))
     return waiting
-
-
-def _is_whole(document: dict[str, Any], task: SessionTask) -> bool:
-    """Whether a result is of the task's data, with the report that the task asks for."""
-    if document['status'] == 'failed':
-        return bool(document.get('kind') != 'changed')
-    return (not task.reports or bool(document['task']['reports'])
-            or document['verdict']['verdict'] == 'none')
 
 
 @dataclass
@@ -272,7 +276,7 @@ class _Work:
     workers: Workers
     waiting: deque[SessionTask]
     running: dict[futures.Future[str], SessionTask] = field(default_factory=dict)
-    lost: dict[str, int] = field(default_factory=dict)
+    lost: Counter[str] = field(default_factory=Counter)
 
     def next_results(self) -> tuple[list[dict[str, Any]], bool]:
         """Results that came, and whether the executor may be gone: none came, or a worker died."""
@@ -285,38 +289,25 @@ class _Work:
         documents, is_late = [], not finished
         for future in finished:
             task = self.running.pop(future)
-            document = self._result(future, task)
+            try:
+                future.result()
+            except SaddleringError:
+                raise  # the store cannot be written: no other task would fare better
+            except (Exception, futures.CancelledError) as problem:
+                # The result may have been written before the worker died.
+                if not self.store.has_result(task.key, task.attempt):
+                    self.lost[task.key] += 1
+                    if self.lost[task.key] < MAX_LOST_WORKERS:
+                        self.waiting.append(task)
+                        is_late = True
+                        continue
+                    self.store.write_result(document_of(task, 0.0, failure(
+                        'worker', f'{MAX_LOST_WORKERS} workers died during this session '
+                        f'({type(problem).__name__}): run the campaign with --retry')))
+            document = self.store.read_result(task.key)
             if document is None:
-                self.waiting.append(task)
-                is_late = True
-            else:
-                documents.append(document)
+                raise CampaignError(f'{self.store.place_of(task.key)}: was reported as written '
+                                    'and is missing: give workers and coordinator the same --out '
+                                    'folder')
+            documents.append(document)
         return documents, is_late
-
-    def _result(self, future: futures.Future[str], task: SessionTask) -> dict[str, Any] | None:
-        """The result of a finished future; None if the task must be given again."""
-        try:
-            key = future.result()
-        except SaddleringError:
-            raise  # the store cannot be written: no other task would fare better
-        except (Exception, futures.CancelledError) as problem:
-            return self._of_lost_worker(task, problem)
-        document = self.store.read_result(key)
-        if document is None:
-            raise CampaignError(f'{self.store.place_of(key)}: was reported as written and is '
-                                'missing: give workers and coordinator the same --out folder')
-        return document
-
-    def _of_lost_worker(self, task: SessionTask, problem: BaseException) -> dict[str, Any] | None:
-        if self.store.has_result(task.key, task.attempt):
-            return self.store.read_result(task.key)  # written before its worker died
-        self.lost[task.key] = self.lost.get(task.key, 0) + 1
-        if self.lost[task.key] < MAX_LOST_WORKERS:
-            return None
-        document = {
-            'key': task.key, 'attempt': task.attempt, 'task': task.as_dict(), 'seed': task.seed,
-            'seconds': 0.0, **failure(
-                'worker', f'{MAX_LOST_WORKERS} workers died during this session '
-                          f'({type(problem).__name__}): run the campaign with --retry')}
-        self.store.write_result(document)
-        return document

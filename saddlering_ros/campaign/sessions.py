@@ -6,6 +6,7 @@ a line a bag, as manifest.parquet and as manifest.csv; an edited CSV overrides t
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 import csv
@@ -35,6 +36,49 @@ from saddlering_ros.record.metadata import METADATA_RECORD
 
 FIT, HOLD_OUT, SKIP = 'fit', 'hold_out', 'skip'
 ROLES = (FIT, HOLD_OUT, SKIP)
+
+COLUMNS = (
+    'bag', 'session', 'ring', 'bench', 'date', 'test', 'elevation_deg', 'role', 'service_hours',
+    'maintenance', 'base', 'note', 'sha256',
+)
+YES = ('1', 'true', 'yes')
+
+MAX_MANIFEST = 64 << 20
+"""Size of the largest manifest that is read [bytes]."""
+
+
+@dataclass(frozen=True)
+class FoundBag:
+    """One bag as found; its readings have not been read.
+
+    path: the rosbag2 directory or the bare file; sha256: of its files; time [s since 1970] of the
+    test, None if unknown; metadata: the test metadata (docs/bags.md), text to text; problem: why
+    the bag cannot be used ('' if it can).
+    """
+
+    path: Path
+    sha256: str = ''
+    time: float | None = None
+    metadata: tuple[tuple[str, str], ...] = ()
+    problem: str = ''
+
+    def fact(self, name: str) -> str:
+        """One entry of the test metadata, '' if the bag does not state it."""
+        return dict(self.metadata).get(name, '').strip()
+
+    def says(self, name: str) -> bool:
+        """Whether the bag states yes to this."""
+        return self.fact(name).lower() in YES
+
+    @property
+    def ring(self) -> str:
+        """Which ring was tested: `ring` of the metadata, else `rig`, else the folder's name."""
+        return self.fact('ring') or self.fact('rig') or self.path.parent.name
+
+    @property
+    def bench(self) -> str:
+        """Which test rig did it: `bench` of the metadata, else the rig file's hash, else ''."""
+        return self.fact('bench') or self.fact('rig_hash')[:12]
 
 
 @dataclass(frozen=True)
@@ -67,9 +111,7 @@ class Session:
     @property
     def date(self) -> str:
         """Day of the first test, '' if unknown."""
-        if self.time is None:
-            return ''
-        return datetime.fromtimestamp(self.time, timezone.utc).strftime('%Y-%m-%d')
+        return _date(self.time)[:10]
 
     def of_role(self, role: str) -> list[FoundBag]:
         """Bags that are used for this."""
@@ -79,143 +121,26 @@ class Session:
     def problem(self) -> str:
         """Why the session cannot be judged, '' if it can."""
         faults = [member.bag.problem for member in self.members if member.bag.problem]
-        if faults:
-            return faults[0]
-        if not self.of_role(FIT):
-            return f'{self.name}: no bag is left to fit: change a role in the manifest'
-        return ''
+        if faults or self.of_role(FIT):
+            return faults[0] if faults else ''
+        return f'{self.name}: no bag is left to fit: change a role in the manifest'
 
 
 def base_of(session: Session, sessions: Sequence[Session]) -> Session | None:
     """The last base measurement of the ring before a session that is none itself."""
-    earlier = [other for other in sessions if other.is_base and other.ring == session.ring
-               and None not in (other.time, session.time) and not other.problem
-               and (other.time or 0.0) < (session.time or 0.0)]
-    return None if session.is_base else max(
-        earlier, key=lambda other: other.time or 0.0, default=None)
+    if session.is_base or session.time is None:
+        return None
+    earlier = [(other.time, number) for number, other in enumerate(sessions)
+               if other.is_base and other.ring == session.ring and not other.problem
+               and other.time is not None and other.time < session.time]
+    return sessions[max(earlier)[1]] if earlier else None
 
 
-def group_sessions(
-    bags: Sequence[FoundBag], gap: float = 24 * 3600.0, hold_out: float | None = None,
-) -> list[Session]:
-    """Sessions of `bags`, ordered by ring and time; a second copy of a recording is skipped.
-
-    gap [s]: a longer time without a test begins another session; hold_out: elevation [degrees]
-    whose tests are held out where a session has other elevations too, None for none.
-    """
-    groups: dict[tuple[str, str], list[Member]] = {}
-    seen: dict[str, FoundBag] = {}
-    for bag in bags:
-        first = seen.get(bag.sha256) if bag.sha256 else None
-        member = Member(bag)
-        if first is not None:
-            member = Member(bag, SKIP, f'same recording as {first.path}')
-        else:
-            seen[bag.sha256] = bag
-        key = (str(bag.path), 'unreadable') if bag.problem else (bag.ring, bag.bench)
-        groups.setdefault(key, []).append(member)
-    sessions = []
-    for (ring, bench), members in sorted(groups.items()):
-        for part in _parts_by_time(members, gap):
-            sessions.append(_session(ring, bench, part, hold_out))
-    count: dict[str, int] = {}
-    answer = []
-    for session in sessions:
-        number = count[session.name] = count.get(session.name, 0) + 1
-        name = session.name if number == 1 else f'{session.name} ({number})'
-        answer.append(replace(session, name=name))
-    return answer
-
-
-def _parts_by_time(members: Sequence[Member], gap: float) -> list[list[Member]]:
-    ordered = sorted(members, key=lambda item: (item.bag.time or -math.inf, str(item.bag.path)))
-    parts: list[list[Member]] = []
-    for member in ordered:
-        last = parts[-1][-1].bag.time if parts else None
-        now = member.bag.time
-        near = parts and (last is None) == (now is None) and (
-            last is None or now is None or now - last <= gap)
-        if near:
-            parts[-1].append(member)
-        else:
-            parts.append([member])
-    return parts
-
-
-def _session(
-    ring: str, bench: str, members: list[Member], hold_out: float | None,
-) -> Session:
-    elevations = {member.bag.fact('elevation_deg') for member in members if member.role == FIT}
-    apart = [text for text in elevations if _is_elevation(text, hold_out)]
-    if apart and len(elevations) > len(apart):
-        members = [
-            replace(member, role=HOLD_OUT)
-            if member.role == FIT and member.bag.fact('elevation_deg') in apart else member
-            for member in members
-        ]
-    first = members[0].bag
-    if bench == 'unreadable':
-        ring, bench = first.ring, ''
-    hours = [item.bag.service_hours for item in members if item.bag.service_hours is not None]
-    serviced, is_base = (any(item.bag.fact(name).lower() in YES for item in members)
-                         for name in ('maintenance', 'base'))
-    session = Session('', ring, bench, first.time, tuple(members), min(hours, default=None),
-                      serviced, is_base)
-    return replace(session, name=f'{ring} {session.date}'.strip())
-
-
-def _is_elevation(text: str, wanted: float | None) -> bool:
-    try:
-        return wanted is not None and math.isclose(plain_number(text), wanted, abs_tol=1e-6)
-    except ValueError:
-        return False
-
-
-@dataclass(frozen=True)
-class FoundBag:
-    """One bag as found; its readings have not been read.
-
-    path: the rosbag2 directory or the bare file; sha256: of its files; time [s since 1970] of the
-    test, None if unknown; metadata: the test metadata (docs/bags.md), text to text; problem: why
-    the bag cannot be used ('' if it can).
-    """
-
-    path: Path
-    sha256: str = ''
-    time: float | None = None
-    metadata: tuple[tuple[str, str], ...] = ()
-    problem: str = ''
-
-    def fact(self, name: str) -> str:
-        """One entry of the test metadata, '' if the bag does not state it."""
-        return dict(self.metadata).get(name, '').strip()
-
-    @property
-    def ring(self) -> str:
-        """Which ring was tested: `ring` of the metadata, else `rig`, else the folder's name."""
-        return self.fact('ring') or self.fact('rig') or self.path.parent.name
-
-    @property
-    def bench(self) -> str:
-        """Which test rig did it: `bench` of the metadata, else the rig file's hash, else ''."""
-        return self.fact('bench') or self.fact('rig_hash')[:12]
-
-    @property
-    def test(self) -> str:
-        """Kind of the test and its elevation in degrees, as `dynamic 50`."""
-        return f'{self.fact("test") or "?"} {self.fact("elevation_deg") or "?"}'
-
-    @property
-    def service_hours(self) -> float | None:
-        """Hours of service of the ring at the test, None if the bag does not state them."""
-        try:
-            return float(self.fact('service_hours'))
-        except ValueError:
-            return None
+# -- bags under a folder -----------------------------------------------------------------------
 
 
 def find_bags(
-    folder: Path | str, on_progress: Callable[[int], None] | None = None
+    folder: Path | str, on_progress: Callable[[int], None] = lambda count: None,
 ) -> list[FoundBag]:
     """Every bag under `folder` at any depth, in order of path; links to folders are not followed.
 
@@ -227,9 +152,8 @@ def find_bags(
         raise CampaignError(f'{folder}: is not a folder: give the folder that holds the bags')
     found = []
     for path in _places(folder):
-        found.append(look_at(path))
-        if on_progress is not None:
-            on_progress(len(found))
+        found.append(_look_at(path))
+        on_progress(len(found))
     return found
 
 
@@ -238,28 +162,27 @@ def _places(folder: Path) -> Iterator[Path]:
         folders.sort()
         place = Path(here)
         recordings = sorted(name for name in files if name.endswith(SUFFIXES))
+        # rosbag2 names the parts of a split recording after their folder: name_0, name_1, ...
+        parts = {file.partition('.mcap')[0] for file in recordings}
+        names = {f'{place.name}_{number}' for number in range(len(recordings))}
         if METADATA in files:
             folders.clear()
             yield place
-        elif _one_recording(place.name, recordings):
+        elif len(recordings) > 1 and parts == names:
             yield place
         else:
             yield from (place / name for name in recordings)
 
 
-def _one_recording(name: str, files: list[str]) -> bool:
-    """Whether the files are parts that rosbag2 names after their folder: name_0, name_1, ..."""
-    parts = [file.partition('.mcap')[0] for file in files]
-    return len(parts) > 1 and {f'{name}_{number}' for number in range(len(parts))} == set(parts)
-
-
-def look_at(path: Path) -> FoundBag:
+def _look_at(path: Path) -> FoundBag:
     """The bag at `path`; a fault becomes its `problem`."""
     try:
         directory = open_directory(path)
         metadata, start = _metadata_of(directory)
-        return FoundBag(path, directory.sha256(), _time_of(metadata, start),
-                        tuple(sorted(metadata.items())))
+        time = None if start is None else start / 1e9
+        with suppress(ValueError):
+            time = _seconds(metadata.get('date', '').strip())
+        return FoundBag(path, directory.sha256(), time, tuple(sorted(metadata.items())))
     except BagError as fault:
         return FoundBag(path, problem=str(fault))
     except OSError as fault:
@@ -268,8 +191,11 @@ def look_at(path: Path) -> FoundBag:
 
 def _metadata_of(directory: BagDirectory) -> tuple[dict[str, str], int | None]:
     """Test metadata and start [ns] by the summaries alone; no message is read."""
-    metadata = dict(directory.custom_data)
-    start = _start_in_metadata(directory)
+    metadata, start = dict(directory.custom_data), None
+    if directory.has_metadata and directory.path.is_dir():
+        stated = read_metadata(directory.path / METADATA).get('starting_time')
+        value = stated.get('nanoseconds_since_epoch') if isinstance(stated, dict) else None
+        start = value if isinstance(value, int) else None
     if metadata and start is not None:
         return metadata, start
     for file in directory.files:
@@ -287,37 +213,88 @@ def _metadata_of(directory: BagDirectory) -> tuple[dict[str, str], int | None]:
     return metadata, start
 
 
-def _start_in_metadata(directory: BagDirectory) -> int | None:
-    if not directory.has_metadata or not directory.path.is_dir():
-        return None
-    start = read_metadata(directory.path / METADATA).get('starting_time')
-    value = start.get('nanoseconds_since_epoch') if isinstance(start, dict) else None
-    return value if isinstance(value, int) else None
+# -- sessions ----------------------------------------------------------------------------------
 
 
-def _time_of(metadata: dict[str, str], start: int | None) -> float | None:
-    """The date that the bag states, else the first stamp of its recorder [s since 1970]."""
-    stated = metadata.get('date', '').strip()
-    if stated:
+def group_sessions(
+    bags: Sequence[FoundBag], gap: float = 24 * 3600.0, hold_out: float | None = None,
+) -> list[Session]:
+    """Sessions of `bags`, ordered by ring and time; a second copy of a recording is skipped.
+
+    gap [s]: a longer time without a test begins another session; hold_out: elevation [degrees]
+    whose tests are held out where a session has other elevations too, None for none.
+    """
+    groups: dict[tuple[str, str], list[Member]] = {}
+    seen: dict[str, FoundBag] = {}
+    for bag in bags:
+        first = seen.setdefault(bag.sha256, bag) if bag.sha256 else bag
+        member = Member(bag) if first is bag else Member(
+            bag, SKIP, f'same recording as {first.path}')
+        key = (str(bag.path), 'unreadable') if bag.problem else (bag.ring, bag.bench)
+        groups.setdefault(key, []).append(member)
+    sessions = []
+    count: Counter[str] = Counter()
+    for _, members in sorted(groups.items()):
+        for part in _parts_by_time(members, gap):
+            session = _session(part, hold_out)
+            count[session.name] += 1
+            number = count[session.name]
+            name = session.name if number == 1 else f'{session.name} ({number})'
+            sessions.append(replace(session, name=name))
+    return sessions
+
+
+def _parts_by_time(members: Sequence[Member], gap: float) -> list[list[Member]]:
+    parts: list[list[Member]] = []
+    last: float | None = None
+    for member in sorted(members, key=lambda item: (item.bag.time or -math.inf,
+                                                    str(item.bag.path))):
+        now = member.bag.time
+        near = now == last if now is None or last is None else now - last <= gap
+        if parts and near:
+            parts[-1].append(member)
+        else:
+            parts.append([member])
+        last = now
+    return parts
+
+
+def _session(members: list[Member], hold_out: float | None) -> Session:
+    elevations = {member.bag.fact('elevation_deg') for member in members if member.role == FIT}
+    apart = [text for text in elevations if _is_elevation(text, hold_out)]
+    if len(elevations) > len(apart):
+        members = [
+            replace(member, role=HOLD_OUT)
+            if member.role == FIT and member.bag.fact('elevation_deg') in apart else member
+            for member in members
+        ]
+    first, bags = members[0].bag, [member.bag for member in members]
+    hours = []
+    for bag in bags:
         with suppress(ValueError):
-            return _seconds(stated)
-    return None if start is None else start / 1e9
+            hours.append(float(bag.fact('service_hours')))
+    return Session(
+        f'{first.ring} {_date(first.time)[:10]}'.strip(), first.ring,
+        '' if first.problem else first.bench, first.time, tuple(members), min(hours, default=None),
+        any(bag.says('maintenance') for bag in bags), any(bag.says('base') for bag in bags))
 
 
-COLUMNS = (
-    'bag', 'session', 'ring', 'bench', 'date', 'test', 'elevation_deg', 'role', 'service_hours',
-    'maintenance', 'base', 'note', 'sha256',
-)
-YES = ('1', 'true', 'yes')
+def _is_elevation(text: str, wanted: float | None) -> bool:
+    try:
+        return wanted is not None and math.isclose(plain_number(text), wanted, abs_tol=1e-6)
+    except ValueError:
+        return False
 
 
-MAX_MANIFEST = 64 << 20
-"""Size of the largest manifest that is read [bytes]."""
+# -- the manifest ------------------------------------------------------------------------------
 
 
-def manifest_rows(sessions: Sequence[Session]) -> list[dict[str, str]]:
-    """The table of `sessions`, a row a bag."""
-    return [
+def write_manifest(folder: Path, sessions: Sequence[Session]) -> None:
+    """manifest.parquet and manifest.csv in `folder`, each whole or not at all."""
+    import pyarrow
+    import pyarrow.parquet
+
+    rows = [
         {
             'bag': str(member.bag.path), 'session': session.name, 'ring': session.ring,
             'bench': session.bench, 'date': _date(member.bag.time),
@@ -330,14 +307,6 @@ def manifest_rows(sessions: Sequence[Session]) -> list[dict[str, str]]:
         }
         for session in sessions for member in session.members
     ]
-
-
-def write_manifest(folder: Path, sessions: Sequence[Session]) -> None:
-    """manifest.parquet and manifest.csv in `folder`, each whole or not at all."""
-    import pyarrow
-    import pyarrow.parquet
-
-    rows = manifest_rows(sessions)
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator='\n')
     writer.writeheader()
@@ -352,12 +321,18 @@ def write_manifest(folder: Path, sessions: Sequence[Session]) -> None:
 def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
     """Sessions as the CSV at `path` groups `bags`; bags that it does not name are left out.
 
-    CampaignError names the line that cannot be used.
+    A person may change `session` and `role`. CampaignError names the line that cannot be used.
     """
-    known = {str(bag.path): bag for bag in bags}
-    known |= {str(bag.path.resolve()): bag for bag in bags}
+    known = {str(place): bag for bag in bags for place in (bag.path, bag.path.resolve())}
+    text = read_regular_text(path, CampaignError, MAX_MANIFEST)
+    reader = csv.DictReader(io.StringIO(text.removeprefix('\ufeff')))
+    missing = [name for name in ('bag', 'session') if name not in (reader.fieldnames or [])]
+    if missing:
+        raise CampaignError(f'{path}: has no column {missing[0]!r}: its columns are '
+                            f'{", ".join(COLUMNS)}')
     groups: dict[str, list[tuple[Member, dict[str, str]]]] = {}
-    for number, line in enumerate(_lines(path), start=2):
+    for number, row in enumerate(reader, start=2):
+        line = {name: (row.get(name) or '').strip() for name in COLUMNS}
         where = f'{path}: line {number}'
         bag = known.get(line['bag']) or known.get(str(Path(line['bag']).resolve()))
         if bag is None:
@@ -372,17 +347,6 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
     return [_session_of_lines(path, name, lines) for name, lines in groups.items()]
 
 
-def _lines(path: Path) -> list[dict[str, str]]:
-    """Lines of the table as text; a person may change `session` and `role`."""
-    text = read_regular_text(path, CampaignError, MAX_MANIFEST)
-    reader = csv.DictReader(io.StringIO(text.removeprefix('\ufeff')))
-    missing = [name for name in ('bag', 'session') if name not in (reader.fieldnames or [])]
-    if missing:
-        raise CampaignError(f'{path}: has no column {missing[0]!r}: its columns are '
-                            f'{", ".join(COLUMNS)}')
-    return [{name: (row.get(name) or '').strip() for name in COLUMNS} for row in reader]
-
-
 def _session_of_lines(
     path: Path, name: str, lines: list[tuple[Member, dict[str, str]]],
 ) -> Session:
@@ -392,27 +356,21 @@ def _session_of_lines(
     if len(rings) > 1:
         raise CampaignError(f'{path}: session {name!r} has bags of the rings '
                             f'{", ".join(sorted(rings))}: give each ring a session of its own')
+    try:
+        hours = plain_number(first['service_hours']) if first['service_hours'] else None
+    except ValueError:
+        raise CampaignError(f'{path}: service_hours is {first["service_hours"]!r}: give hours as '
+                            'a number') from None
     times = [member.bag.time for member in members if member.bag.time is not None]
-    time = _time(path, first['date']) if first['date'] else min(times, default=None)
+    try:
+        time = _seconds(first['date']) if first['date'] else min(times, default=None)
+    except ValueError:
+        raise CampaignError(f'{path}: date is {first["date"]!r}: give it as 2026-11-20 or '
+                            '2026-11-20T08:00:00Z') from None
     return Session(
         name, first['ring'] or members[0].bag.ring, first['bench'] or members[0].bag.bench, time,
-        members, _hours(path, first['service_hours']),
+        members, hours,
         *(any(line[name].lower() in YES for _, line in lines) for name in ('maintenance', 'base')))
-
-
-def _hours(path: Path, text: str) -> float | None:
-    try:
-        return plain_number(text) if text else None
-    except ValueError:
-        raise CampaignError(f'{path}: service_hours is {text!r}: give hours as a number') from None
-
-
-def _time(path: Path, text: str) -> float:
-    try:
-        return _seconds(text)
-    except ValueError:
-        raise CampaignError(f'{path}: date is {text!r}: give it as 2026-11-20 or '
-                            '2026-11-20T08:00:00Z') from None
 
 
 def _seconds(text: str) -> float:
@@ -434,7 +392,8 @@ def session_table(sessions: Sequence[Session]) -> list[dict[str, Any]]:
             'session': session.name, 'ring': session.ring, 'rig': session.bench,
             'date': session.date,
             'tests': ', '.join(sorted(
-                bag.test + (' (held out)' if role == HOLD_OUT else '')
+                f'{bag.fact("test") or "?"} {bag.fact("elevation_deg") or "?"}'
+                + (' (held out)' if role == HOLD_OUT else '')
                 for role in (FIT, HOLD_OUT) for bag in session.of_role(role))),
             'note': session.problem or '; '.join(
                 f'{member.bag.path.name}: {member.note}'

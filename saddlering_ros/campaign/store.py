@@ -33,18 +33,15 @@ class Status:
     computed: int
     running: bool
 
-    @property
-    def throughput(self) -> float:
-        """Sessions an hour of this run, 0 before the first."""
+    def __str__(self) -> str:
+        parts = [f'{self.done} of {self.total} sessions', f'{self.failed} failed']
         passed = self.updated - self.started
-        return 3600.0 * self.computed / passed if passed > 0.0 and self.computed else 0.0
-
-    @property
-    def seconds_left(self) -> float | None:
-        """Time to the end at this throughput, None before the first result."""
-        if not self.throughput:
-            return None
-        return 3600.0 * (self.total - self.done) / self.throughput
+        if passed > 0.0 and self.computed:
+            parts.append(f'{3600.0 * self.computed / passed:.0f} an hour')
+            if self.done < self.total:
+                left = (self.total - self.done) * passed / self.computed
+                parts.append(f'{left / 60.0:.0f} min left')
+        return ', '.join(parts)
 
 
 @dataclass(frozen=True)

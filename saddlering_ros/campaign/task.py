@@ -100,23 +100,27 @@ def tasks_of(
     compute: str = VERDICT, reports: Path | None = None,
 ) -> list[SessionTask]:
     """A task a session; sessions of the same recordings, rig and settings have the same key."""
-    limits = limits or SessionLimits()
     rig_sha256 = sha256_of_file(rig) if rig is not None else ''
     effects = _own_effects()
     tasks: dict[str, SessionTask] = {}
     for session in sessions:
-        bags = tuple(
-            TaskBag(str(bag.path.resolve()), bag.sha256, role)
-            for role in (FIT, HOLD_OUT) for bag in session.of_role(role))
         base = base_of(session, sessions)
-        if base is not None:
-            bags += tuple(TaskBag(str(bag.path.resolve()), bag.sha256, BASE)
-                          for bag in base.of_role(FIT))
-        key = _key(bags, rig_sha256, effects, compute, session)
+        found = {FIT: session.of_role(FIT), HOLD_OUT: session.of_role(HOLD_OUT),
+                 BASE: [] if base is None else base.of_role(FIT)}
+        bags = tuple(TaskBag(str(bag.path.resolve()), bag.sha256, role)
+                     for role, some in found.items() for bag in some)
+        # The inputs of the result: contents and roles, not places or limits.
+        identity = {
+            'bags': sorted((bag.sha256 or bag.path, bag.role) for bag in bags),
+            'rig': rig_sha256, 'effects': list(effects), 'compute': compute,
+            'program': versions_in_use(), 'problem': session.problem,
+        }
+        key = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:32]
         tasks.setdefault(key, SessionTask(
             key=key, name=session.name, ring=session.ring, bench=session.bench, time=session.time,
             service_hours=session.service_hours, maintenance=session.maintenance, bags=bags,
-            rig='' if rig is None else str(rig.resolve()), rig_sha256=rig_sha256, limits=limits,
+            rig='' if rig is None else str(rig.resolve()), rig_sha256=rig_sha256,
+            limits=limits or SessionLimits(),
             effects=effects, compute=compute, problem=session.problem, program=versions_in_use(),
             reports='' if reports is None else str(reports.resolve())))
     return list(tasks.values())
@@ -125,20 +129,6 @@ def tasks_of(
 def _own_effects() -> tuple[str, ...]:
     """Hashes of the user's own effect files that this process uses."""
     return tuple(sorted(origin.sha256 for origin in origins()))
-
-
-def _key(
-    bags: Sequence[TaskBag], rig_sha256: str, effects: Sequence[str], compute: str,
-    session: Session,
-) -> str:
-    """Hash of the inputs of the result: contents and roles, not places or limits."""
-    identity = {
-        'bags': sorted((bag.sha256 or bag.path, bag.role) for bag in bags),
-        'rig': rig_sha256, 'effects': list(effects), 'compute': compute,
-        'program': versions_in_use(), 'problem': session.problem,
-    }
-    text = json.dumps(identity, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 PRELOADED: tuple[str, ...] = ()
@@ -150,7 +140,7 @@ def run(request: dict[str, Any], on_progress: OnProgress) -> dict[str, Any]:
     task = task_from(request)
     answer = _answer(task)
     changed = _changed(task)
-    return answer if not changed else failure('changed', f'{changed}: run the campaign again')
+    return failure('changed', f'{changed}: run the campaign again') if changed else answer
 
 
 def _changed(task: SessionTask) -> str:

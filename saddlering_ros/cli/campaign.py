@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from saddlering_ros.campaign import Session, SessionTask, Store, Summary
-    from saddlering_ros.campaign.store import Status
     from saddlering_ros.fleet.attention import Fleet
 
 STATUS = 'status'
@@ -162,18 +161,7 @@ def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Stor
         return run_campaign(
             tasks, store, found, retry=args.retry,
             on_status=lambda status: bar.show(
-                'campaign', status.done / max(status.total, 1), words_of(status)))
-
-
-def words_of(status: Status) -> str:
-    """How far a campaign is, in words."""
-    left = status.seconds_left
-    parts = [f'{status.done} of {status.total} sessions', f'{status.failed} failed']
-    if status.throughput:
-        parts.append(f'{status.throughput:.0f} an hour')
-    if left is not None and status.done < status.total:
-        parts.append(f'{left / 60.0:.0f} min left')
-    return ', '.join(parts)
+                'campaign', status.done / max(status.total, 1), str(status)))
 
 
 def _show_status(folder: Path) -> int:
@@ -186,7 +174,7 @@ def _show_status(folder: Path) -> int:
         'finished' if status.done == status.total else 'stopped: repeat the command to continue')
     if status.running and time.time() - status.updated > STALE:
         state = 'no sign of life for a minute: repeat the command to continue'
-    print(f'{words_of(status)}; {state}')
+    print(f'{status}; {state}')
     return 0
 
 

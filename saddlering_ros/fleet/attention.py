@@ -91,7 +91,9 @@ def judge_fleet(
     limits = limits or {}
     judged = [item for item in sessions if item.verdict != 'failed']
     stands = statistics.benjamini_hochberg([item.p_value for item in judged], level)
-    rings = observations.by_ring(judged)
+    rings: dict[str, list[SessionFigures]] = {session.ring: [] for session in judged}
+    for session in sorted(judged, key=lambda item: (math.isnan(item.time), item.time, item.name)):
+        rings[session.ring].append(session)
     inflation = statistics.scatter_inflation([_measured(own) for own in rings.values()])
     unlike, population = _compared(rings, inflation, level)
     histories = {ring: histories_of(ring, [
@@ -101,8 +103,9 @@ def judge_fleet(
     of_ring = {item.owner: item for item in drifting}
     evidence = {ring: statistics.e_value([item.p_value for item in own])
                 for ring, own in rings.items()}
-    findings = dict(zip(evidence, statistics.e_benjamini_hochberg(list(evidence.values()), level),
-                        strict=True))
+    # e-BH: at any dependence between the rings.
+    findings = dict(zip(evidence, statistics.benjamini_hochberg(
+        [1.0 / max(value, 1e-300) for value in evidence.values()], level), strict=True))
     answer = [
         RingJudgement(
             ring=ring, bench=own[-1].bench, sessions=tuple(own), e_value=evidence[ring],
@@ -145,22 +148,17 @@ def _lives(
 ) -> dict[str, RemainingLife]:
     answer = {}
     for name, limit in limits.items():
-        coordinate = COORDINATES[PARAMETERS.index(name)]
-        if coordinate not in history.of:
+        number = PARAMETERS.index(name)
+        if COORDINATES[number] not in history.of:
             continue
-        life = remaining_life(history.of[coordinate], _as_coordinate(name, limit, sessions),
-                              level, drifts=drifts)
+        reached = math.log(limit)
+        if name.startswith('K'):  # at the ring's own mean exponent
+            exponent = float(np.nanmean([item.value[number + 1] for item in sessions]))
+            reached += (exponent - 1.0) * math.log(observations.REFERENCE_PENETRATION)
+        life = remaining_life(history.of[COORDINATES[number]], reached, level, drifts=drifts)
         if life is not None:
             answer[name] = life
     return answer
-
-
-def _as_coordinate(name: str, limit: float, sessions: Sequence[SessionFigures]) -> float:
-    """A limit of K or D on the scale of its coordinate, K at the ring's own mean exponent."""
-    if name.startswith('D'):
-        return math.log(limit)
-    exponent = float(np.nanmean([item.value[PARAMETERS.index(name) + 1] for item in sessions]))
-    return math.log(limit) + (exponent - 1.0) * math.log(observations.REFERENCE_PENETRATION)
 
 
 def limits_from_text(texts: Sequence[str]) -> dict[str, float]:

@@ -72,6 +72,8 @@ DEAD_WEIGHT = (
     'Hang a known dead weight on the load cell. If the reading is wrong, the load cell drifts; '
     'if it is right, the contact of the ring does.'
 )
+AFTER_SERVICE = 'Repeat the test after the next service. A drift that starts again is wear.'
+LOAD_GAIN_OR_RING = ('contact_stiffness', 'load_gain')
 RIG_CHECK = (
     'Test a ring that has been in store on this rig, and check the load cell with a dead weight. '
     'If the stored ring has changed too, the rig is at fault.'
@@ -106,25 +108,18 @@ def histories_of(ring: str, sessions: Sequence[SessionFigures]) -> RingHistory:
         sizes = np.array([session.causes.get(name, (np.nan, np.nan)) for session in sessions])
         readings[name] = sizes[:, 0], sizes[:, 1] ** 2
     for name, (values, spread) in readings.items():
-        series = _series(sessions, times, values, spread)
-        history = None if series is None else follow(series)
+        good = np.isfinite(values) & np.isfinite(spread) & (spread > 0.0) & np.isfinite(times)
+        if not good.any():
+            continue
+        serviced = np.cumsum([session.maintenance for session in sessions])[good]
+        renewed = np.diff(serviced, prepend=serviced[0]) > 0
+        order = np.argsort(times[good], kind='stable')
+        history = follow(TimeSeries(times[good][order], values[good][order],
+                                    np.sqrt(spread[good])[order], renewed[order]))
         if history is not None:
             histories[name] = history
     clock = 'service_hours' if by_hours else 'years'
     return RingHistory(ring, sessions[-1].bench, clock, histories)
-
-
-def _series(
-    sessions: Sequence[SessionFigures], times: Array, values: Array, spread: Array
-) -> TimeSeries | None:
-    good = np.isfinite(values) & np.isfinite(spread) & (spread > 0.0) & np.isfinite(times)
-    if good.sum() < 2:
-        return None
-    serviced = np.cumsum([session.maintenance for session in sessions])[good]
-    renewed = np.concatenate([[False], np.diff(serviced) > 0])
-    order = np.argsort(times[good], kind='stable')
-    return TimeSeries(times[good][order], values[good][order], np.sqrt(spread[good])[order],
-                      renewed[order])
 
 
 def significant_drifts(
@@ -136,12 +131,16 @@ def significant_drifts(
     """
     rigs = _rig_drifts(histories, level)
     common = {drift.owner: drift.slopes for drift in rigs}
-    tests = [(ring, *_joint_test(ring, common.get(ring.bench, {}))) for ring in histories]
-    stands = benjamini_hochberg([p_value for _, _, p_value in tests], level)
-    rings = [
-        _ring_drift(ring, slopes, p_value)
-        for (ring, slopes, p_value), stands_out in zip(tests, stands, strict=True) if stands_out
-    ]
+    tests = [_joint_test(ring, common.get(ring.bench, {})) for ring in histories]
+    stands = benjamini_hochberg([p_value for _, p_value in tests], level)
+    rings = []
+    for ring, (slopes, p_value), stands_out in zip(histories, tests, stands, strict=True):
+        if not stands_out:
+            continue
+        strongest = max(slopes, key=lambda name: abs(slopes[name][0] / slopes[name][1]))
+        group, next_test = ((LOAD_GAIN_OR_RING, DEAD_WEIGHT) if scales_alike(slopes)
+                            else ((strongest,), AFTER_SERVICE))
+        rings.append(Drift(ring.ring, 'ring', ring.clock, slopes, p_value, group, next_test))
     return rings, rigs
 
 
@@ -162,17 +161,6 @@ def _joint_test(
         slopes[name] = (slope, std)
         p_values.append(p_value)
     return slopes, min([1.0, *(len(p_values) * value for value in p_values)])
-
-
-def _ring_drift(
-    ring: RingHistory, slopes: dict[str, tuple[float, float]], p_value: float
-) -> Drift:
-    if scales_alike(slopes):
-        return Drift(ring.ring, 'ring', ring.clock, slopes, p_value,
-                     ('contact_stiffness', 'load_gain'), DEAD_WEIGHT)
-    strongest = max(slopes, key=lambda name: abs(slopes[name][0] / slopes[name][1]))
-    return Drift(ring.ring, 'ring', ring.clock, slopes, p_value, (strongest,),
-                 'Repeat the test after the next service. A drift that starts again is wear.')
 
 
 def scales_alike(slopes: Mapping[str, tuple[float, float]]) -> bool:
@@ -197,17 +185,15 @@ def _rig_drifts(histories: Sequence[RingHistory], level: float) -> list[Drift]:
     benches: dict[str, list[RingHistory]] = {}
     for ring in histories:
         benches.setdefault(ring.bench, []).append(ring)
-    candidates: list[tuple[str, str, dict[str, tuple[float, float]], float]] = []
+    candidates = []
     for bench, rings in sorted(benches.items()):
         if bench and len(rings) >= MIN_RINGS_OF_RIG:
             slopes, p_value = _common_slopes(rings)
-            candidates.append((bench, rings[0].clock, slopes, p_value))
-    stands = benjamini_hochberg([p_value for *_, p_value in candidates], level)
-    return [
-        Drift(bench, 'rig', clock, slopes, p_value,
-              ('load_gain',) if scales_alike(slopes) else tuple(slopes), RIG_CHECK)
-        for (bench, clock, slopes, p_value), real in zip(candidates, stands, strict=True) if real
-    ]
+            group = ('load_gain',) if scales_alike(slopes) else tuple(slopes)
+            candidates.append(
+                Drift(bench, 'rig', rings[0].clock, slopes, p_value, group, RIG_CHECK))
+    stands = benjamini_hochberg([drift.p_value for drift in candidates], level)
+    return [drift for drift, real in zip(candidates, stands, strict=True) if real]
 
 
 def _common_slopes(rings: Sequence[RingHistory]) -> tuple[dict[str, tuple[float, float]], float]:
@@ -217,28 +203,19 @@ def _common_slopes(rings: Sequence[RingHistory]) -> tuple[dict[str, tuple[float,
     Student's test over rings, and most must drift the same way: a few that wear fast widen the
     spread and do not pass for a rig.
     """
+    known = [{name: ring.of[name] for name in SCALED
+              if name in ring.of and math.isfinite(ring.of[name].slope_std)} for ring in rings]
     slopes: dict[str, tuple[float, float]] = {}
     for name in SCALED:
-        values = np.array([ring.of[name].slope for ring in rings if _sloped(ring, name)])
+        values = np.array([own[name].slope for own in known if name in own])
         if values.size >= MIN_RINGS_OF_RIG:
             spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
             slopes[name] = (float(np.median(values)), 1.2533 * spread / math.sqrt(values.size))
-    gains = np.array([_gain_slope(ring) for ring in rings])
-    gains = gains[np.isfinite(gains)]
+    gains = np.array([
+        np.average([history.slope for history in own.values()],
+                   weights=[1.0 / history.slope_std**2 for history in own.values()])
+        for own in known if own])
     if gains.size < MIN_RINGS_OF_RIG:
         return slopes, 1.0
     together = max(np.mean(gains > 0.0), np.mean(gains < 0.0))
     return slopes, float(ttest_1samp(gains, 0.0).pvalue) if together >= MAX_RINGS else 1.0
-
-
-def _sloped(ring: RingHistory, name: str) -> bool:
-    return name in ring.of and math.isfinite(ring.of[name].slope_std)
-
-
-def _gain_slope(ring: RingHistory) -> float:
-    """Weighted mean slope of a ring's scaled coordinates, NaN where none is known."""
-    histories = [ring.of[name] for name in SCALED if _sloped(ring, name)]
-    if not histories:
-        return math.nan
-    weight = np.array([1.0 / history.slope_std**2 for history in histories])
-    return float(weight @ np.array([history.slope for history in histories]) / weight.sum())

@@ -48,38 +48,25 @@ class TimeSeries:
 
 
 @dataclass(frozen=True)
-class Forecast:
-    """State after the last reading, from which the future is simulated.
-
-    covariance (2, 2) of level and slope, with `free` degrees of freedom; level_noise: variance
-    that the level gains a unit of time.
-    """
-
-    time: float
-    level: float
-    slope: float
-    covariance: Array
-    free: int
-    level_noise: float
-
-
-@dataclass(frozen=True)
 class History:
     """State of a series: filtered level and deviation (N,), drift, and predictions.
 
-    slope a unit of time with its deviation and the p-value of `no drift`; surprises (N,): each
-    reading's distance from its one-session-ahead prediction in standard deviations, NaN where
-    nothing could be predicted.
+    surprises (N,): each reading's distance from its one-session-ahead prediction in standard
+    deviations, NaN where nothing could be predicted; slope a unit of time with its deviation and
+    the p-value of `no drift`; covariance (2, 2) of the last level and the slope, with `free`
+    degrees of freedom; level_noise: variance that the level gains a unit of time.
     """
 
     series: TimeSeries
     level: Array
     level_std: Array
+    surprises: Array
     slope: float
     slope_std: float
     drift_p_value: float
-    surprises: Array
-    forecast: Forecast
+    covariance: Array
+    free: int
+    level_noise: float
 
     @property
     def predictions(self) -> int:
@@ -108,45 +95,29 @@ def follow(series: TimeSeries) -> History | None:
     span = float(np.ptp(series.time))
     unit = float(np.median(series.std))
     scaled = TimeSeries(series.time / span, series.value / unit, series.std / unit, series.renewed)
-    level_noise, slope_noise = _noises(scaled)
-    found = _filtered(scaled, level_noise, slope_noise)
-    trend = drift(scaled)
+    noises = _noises(scaled)
+    (level, level_std, surprises), _ = _filtered(scaled, *noises)
+    slope, slope_std, p_value, covariance, free = _trend(scaled)
     back = np.array([unit, unit / span])
-    forecast = Forecast(
-        float(series.time[-1]), found.state[0] * unit, trend.slope * unit / span,
-        trend.covariance * np.outer(back, back), trend.free, level_noise * unit**2 / span)
     return History(
-        series=series, level=found.level * unit, level_std=found.level_std * unit,
-        slope=trend.slope * unit / span, slope_std=trend.slope_std * unit / span,
-        drift_p_value=trend.p_value, surprises=found.surprises, forecast=forecast)
+        series=series, level=level * unit, level_std=level_std * unit, surprises=surprises,
+        slope=slope * unit / span, slope_std=slope_std * unit / span, drift_p_value=p_value,
+        covariance=covariance * np.outer(back, back), free=free,
+        level_noise=noises[0] * unit**2 / span)
 
 
-@dataclass(frozen=True)
-class Trend:
-    """A constant slope: p-value of none; covariance (2, 2) of the last level and the slope.
+def _trend(series: TimeSeries) -> tuple[float, float, float, Array, int]:
+    """Slope of a series, its deviation, p-value of none, covariance with the last level, freedom.
 
-    free: degrees of freedom of the covariance.
-    """
-
-    slope: float
-    slope_std: float
-    p_value: float
-    covariance: Array
-    free: int
-
-
-def drift(series: TimeSeries) -> Trend:
-    """The slope of a series and whether there is one, by generalised least squares.
-
-    Each stretch between services has a level of its own, which wanders; how much is estimated
-    from the same data, so the test is Student's.
+    By generalised least squares: each stretch between services has a level of its own, which
+    wanders; how much is estimated from the same data, so the test is Student's.
     """
     stretch = np.cumsum(series.renewed.astype(int))
     levels = (stretch[:, None] == np.unique(stretch)).astype(float)
     design = np.column_stack([series.time, levels])
     free = series.value.size - design.shape[1]
     if free < MIN_SESSIONS - 2:
-        return Trend(0.0, math.inf, 1.0, np.full((2, 2), np.inf), max(free, 0))
+        return 0.0, math.inf, 1.0, np.full((2, 2), np.inf), max(free, 0)
     same = stretch[:, None] == stretch
     begun = np.array([series.time[stretch == own].min() for own in stretch])
     elapsed = series.time - begun
@@ -171,7 +142,7 @@ def drift(series: TimeSeries) -> Trend:
     both = np.stack([last, np.eye(last.size)[0]])
     deviation = float(np.sqrt(spread[0, 0]))
     p_value = float(2.0 * student.sf(abs(found[0]) / deviation, free))
-    return Trend(float(found[0]), deviation, p_value, both @ spread @ both.T, free)
+    return float(found[0]), deviation, p_value, both @ spread @ both.T, free
 
 
 def _noises(series: TimeSeries) -> tuple[float, float]:
@@ -184,25 +155,16 @@ def _noises(series: TimeSeries) -> tuple[float, float]:
         shifts = [reach * step / GRID for step in range(-GRID, GRID + 1)]
         centre = max(
             ((centre[0] + one, centre[1] + other) for one in shifts for other in shifts),
-            key=lambda logs: _filtered(series, math.exp(logs[0]), math.exp(logs[1])).likelihood)
+            key=lambda logs: _filtered(series, math.exp(logs[0]), math.exp(logs[1]))[1])
         reach /= GRID
     return math.exp(centre[0]), math.exp(centre[1])
 
 
-@dataclass(frozen=True)
-class _Pass:
-    """One pass of the filter: level, deviation, surprises (N,), last state, log likelihood."""
+def _filtered(series: TimeSeries, level_noise: float, slope_noise: float) -> tuple[Array, float]:
+    """Level, its deviation and surprises (3, N) of the local linear trend, and log likelihood.
 
-    level: Array
-    level_std: Array
-    surprises: Array
-    state: tuple[float, float]
-    covariance: Array
-    likelihood: float
-
-
-def _filtered(series: TimeSeries, level_noise: float, slope_noise: float) -> _Pass:
-    """The Kalman filter of the local linear trend, in plain numbers: matrices cost more here."""
+    The Kalman filter in plain numbers: matrices cost more here.
+    """
     level, slope = float(series.value[0]), 0.0
     p_level, p_both, p_slope = DIFFUSE**2, 0.0, DIFFUSE**2
     levels, deviations, surprises = [], [], []
@@ -231,8 +193,7 @@ def _filtered(series: TimeSeries, level_noise: float, slope_noise: float) -> _Pa
         readings_seen += 1
         levels.append(level)
         deviations.append(math.sqrt(max(p_level, 0.0)))
-    return _Pass(np.array(levels), np.array(deviations), np.array(surprises), (level, slope),
-                 np.array([[p_level, p_both], [p_both, p_slope]]), likelihood)
+    return np.array([levels, deviations, surprises]), likelihood
 
 
 PATHS, STEPS = 4000, 400
@@ -261,33 +222,32 @@ def remaining_life(history: History, limit: float, level: float, *, drifts: bool
     It can be estimated if the drift is significant (`drifts`), leads to the limit, and the
     predictions one session ahead held their coverage. level: largest p-value of a drift.
     """
-    forecast = history.forecast
     if not (drifts and history.drift_p_value <= level and history.predicts_well):
         return None
-    distance = limit - forecast.level
+    distance = limit - float(history.level[-1])
     if distance == 0.0 or history.slope * distance <= 0.0:
         return None
-    return first_passage(forecast, limit)
+    return first_passage(history, limit)
 
 
-def first_passage(forecast: Forecast, limit: float) -> RemainingLife:
+def first_passage(history: History, limit: float) -> RemainingLife:
     """First passage of simulated futures through `limit`.
 
     Last level and slope err together: a slope that is too steep has led to a level that is too
     far. Few sessions leave their covariance uncertain, so the errors are Student's.
     """
-    distance = limit - forecast.level
-    step = HORIZON * abs(distance / forecast.slope) / STEPS
+    distance = limit - float(history.level[-1])
+    step = HORIZON * abs(distance / history.slope) / STEPS
     chance = np.random.default_rng(0)
-    root = np.linalg.cholesky(forecast.covariance + 1e-12 * np.diag(np.diag(forecast.covariance)))
+    root = np.linalg.cholesky(history.covariance + 1e-12 * np.diag(np.diag(history.covariance)))
     errors = root @ chance.standard_normal((2, PATHS))
-    errors *= np.sqrt(forecast.free / chance.chisquare(forecast.free, PATHS))
-    level, slopes = forecast.level + errors[0], forecast.slope + errors[1]
+    errors *= np.sqrt(history.free / chance.chisquare(history.free, PATHS))
+    level, slopes = float(history.level[-1]) + errors[0], history.slope + errors[1]
     times = np.where((level - limit) * np.sign(distance) >= 0.0, 0.0, np.inf)
     for number in range(1, STEPS + 1):
         before = level
         level = before + slopes * step
-        level = level + math.sqrt(forecast.level_noise * step) * chance.standard_normal(PATHS)
+        level = level + math.sqrt(history.level_noise * step) * chance.standard_normal(PATHS)
         crossed = np.isinf(times) & ((level - limit) * np.sign(distance) >= 0.0)
         share = np.clip((limit - before) / np.where(level == before, 1.0, level - before), 0, 1)
         times[crossed] = (number - 1 + share[crossed]) * step

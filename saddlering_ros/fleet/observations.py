@@ -7,7 +7,7 @@ about -0.98); the stiffness at the penetration where the ring works is what a se
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -28,6 +28,10 @@ REFERENCE_PENETRATION = 2e-5
 
 MAX_DEVIATION = 1.0
 """A logarithm known no better than this is not a measurement."""
+
+
+class FleetError(SaddleringError):
+    """Sessions or limits that fleet statistics cannot use."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,12 @@ def figures_of(task: Mapping[str, Any], result: Mapping[str, Any], p_value: floa
                ) -> SessionFigures:
     """Figures of one result; a failed session has no values."""
     document, change = result.get('verdict') or {}, result.get('change') or {}
-    value, covariance = _coordinates(document, result.get('covariance'))
+    value, covariance = np.full(6, np.nan), np.full((6, 6), np.nan)
+    after = (document.get('parameters') or {}).get('after') or {}
+    if result.get('covariance') and all(after.get(name) is not None for name in PARAMETERS):
+        value, covariance = to_coordinates(
+            np.array([float(after[name]) for name in PARAMETERS]),
+            np.asarray(result['covariance'], dtype=float))
     causes = {
         item['effect']: (float(size['value']), float(size['std'] or math.nan))
         for item in document.get('causes') or []
@@ -69,19 +78,12 @@ def figures_of(task: Mapping[str, Any], result: Mapping[str, Any], p_value: floa
     }
     return SessionFigures(
         key=result['key'], name=task['name'], ring=task['ring'], bench=task['bench'],
-        time=_number(task['time']), service_hours=_number(task['service_hours']),
+        time=float(math.nan if task['time'] is None else task['time']),
+        service_hours=float(math.nan if task['service_hours'] is None else task['service_hours']),
         maintenance=bool(task['maintenance']), verdict=document.get('verdict') or 'failed',
         p_value=p_value, value=value, covariance=covariance, causes=causes,
         next_test=document.get('next_test') or '', report=result.get('report') or '',
         change='' if change.get('verdict') in (None, 'none') else change['headline'].rstrip('.'))
-
-
-def _coordinates(document: Mapping[str, Any], covariance: object) -> tuple[Array, Array]:
-    after = (document.get('parameters') or {}).get('after') or {}
-    if covariance is None or any(after.get(name) is None for name in PARAMETERS):
-        return np.full(6, np.nan), np.full((6, 6), np.nan)
-    given = np.array([float(after[name]) for name in PARAMETERS])
-    return to_coordinates(given, np.asarray(covariance, dtype=float))
 
 
 def to_coordinates(parameters: Array, covariance: Array) -> tuple[Array, Array]:
@@ -102,21 +104,3 @@ def to_coordinates(parameters: Array, covariance: Array) -> tuple[Array, Array]:
     value[unknown] = np.nan
     spread[unknown, :] = spread[:, unknown] = np.nan
     return value, spread
-
-
-def by_ring(sessions: Iterable[SessionFigures]) -> dict[str, list[SessionFigures]]:
-    """Sessions of every ring in order of time."""
-    rings: dict[str, list[SessionFigures]] = {}
-    for session in sessions:
-        rings.setdefault(session.ring, []).append(session)
-    for own in rings.values():
-        own.sort(key=lambda item: (math.isnan(item.time), item.time, item.name))
-    return rings
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, (int, float)) else math.nan
-
-
-class FleetError(SaddleringError):
-    """Sessions or limits that fleet statistics cannot use."""

@@ -34,13 +34,6 @@ def e_value(p_values: Sequence[float]) -> float:
     return float(np.exp(min(logs.sum(), 700.0)))
 
 
-def e_benjamini_hochberg(e_values: Sequence[float], level: float) -> NDArray[np.bool_]:
-    """Which rings (N,) stand, at any dependence between them."""
-    values = np.asarray(e_values, dtype=float)
-    with np.errstate(divide='ignore'):
-        return benjamini_hochberg(1.0 / values, level)
-
-
 MIN_RINGS = 4
 """Smallest number of rings that shows the usual spread."""
 
