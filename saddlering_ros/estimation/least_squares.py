@@ -134,8 +134,10 @@ def descend(
         if not np.isfinite(best):
             break
         move = _bounded_step(columns, residual, point, damping, rule)
-        converged = bool(np.abs(move).max() < MIN_MOVE
-                         or _expected(columns, residual, point, move, rule) < rule.negligible)
+        converged = bool(np.abs(move).max() < MIN_MOVE)
+        if rule.negligible > 0.0:
+            linear = rule.cost(residual + columns @ move, point + move)
+            converged |= rule.cost(residual, point) - linear < rule.negligible
         if converged:
             break
         trial = rule.inside(point + move)
@@ -161,13 +163,6 @@ def descend(
         if converged:
             break
     return Descent(point, columns, answer, tuple(costs), converged)
-
-
-def _expected(columns: Array, residual: Array, point: Array, move: Array, rule: Rule) -> float:
-    """Fall of the cost by a step for a linear residual."""
-    if rule.negligible <= 0.0:
-        return np.inf
-    return rule.cost(residual, point) - rule.cost(residual + columns @ move, point + move)
 
 
 def _bounded_step(
@@ -205,20 +200,9 @@ class Minimum:
     at_bound: NDArray[np.bool_]
 
 
-class Linearised(Protocol):
-    """Whitened residual (R,) at a point; its derivatives are computed on demand."""
-
-    @property
-    def residual(self) -> Array: ...
-
-    def slopes(self) -> Array:
-        """Jacobian (R, F) by the coordinates of the point."""
-        ...
-
-
 @dataclass(frozen=True)
-class _Lazily:
-    """An answer whose sensitivities are computed when a step is taken."""
+class LazyAnswer:
+    """An answer whose sensitivities (n, k) are computed when a step is taken."""
 
     residual: Array
     slopes: Callable[[], Array] = field(repr=False)
@@ -229,7 +213,7 @@ class _Lazily:
 
 
 def minimise(
-    linearised: Callable[[Array], Linearised], start: Array, low: Array, high: Array,
+    linearised: Callable[[Array], LazyAnswer], start: Array, low: Array, high: Array,
     negligible: float = NEGLIGIBLE, damping: float = USUAL_DAMPING,
 ) -> Minimum:
     """Least squares inside the box from `start` (F,), without a prior, to the optimum.
@@ -241,18 +225,18 @@ def minimise(
     rule = Rule(np.zeros(span.size, dtype=bool), 0.0, MAX_ROUNDS, 1e-6, 1e-10,
                 negligible=negligible, damping=damping)
 
-    def answer(unit: Array) -> _Lazily:
+    def answer(unit: Array) -> LazyAnswer:
         end = linearised(low + span * unit)
-        return _Lazily(end.residual, lambda: end.slopes() * span)
+        return LazyAnswer(end.residual, lambda: end.columns * span)
 
-    descent: Generator[Array, _Lazily, Descent[_Lazily]] = descend(
+    descent: Generator[Array, LazyAnswer, Descent[LazyAnswer]] = descend(
         (start - low) / span, rule, range(span.size))
     asked = next(descent)
     while True:
         try:
             asked = descent.send(answer(asked))
         except StopIteration as stop:
-            end: Descent[_Lazily] = stop.value
+            end: Descent[LazyAnswer] = stop.value
             break
     point = low + span * end.point
     return Minimum(point, end.cost, end.columns / span, on_bound(point, low, high))

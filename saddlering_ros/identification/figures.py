@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from saddlering_ros.compiled import Compiler
 from saddlering_ros.estimation.process import Array, ChannelNoise
 from saddlering_ros.files import Origin
+from saddlering_ros.quantities import finite_json
 from saddlering_ros.rig import CHANNELS
 
 Spans = list[tuple[int, int]]
@@ -110,22 +111,14 @@ class RunValidation:
 
     def to_json(self) -> dict[str, Any]:
         """The form of a run in `diagnose --json`, each channel with all its figures."""
-        return {
+        document: dict[str, Any] = finite_json({
             'bag': self.name,
             'elevation_deg': float(np.degrees(self.elevation)),
             'test': self.test,
-            'channels': {
-                name: {key: _finite_or_none(value) for key, value in asdict(figures).items()}
-                for name, figures in self.channels.items()
-            },
+            'channels': {name: asdict(figures) for name, figures in self.channels.items()},
             'notes': list(self.notes),
-        }
-
-
-def _finite_or_none(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+        })
+        return document
 
 
 def channel_figures(
@@ -148,16 +141,27 @@ def channel_figures(
     else:
         shape_load, shape_measured = run.load[compared], measured[compared]
         shape_simulated = simulated[compared]
-    extent = float(np.ptp(shape_measured if static else _smooth(shape_measured)))
+    smooth = shape_measured
+    if not static and len(smooth) > 400:
+        width = len(smooth) // 200  # A running mean over 0.5 % of the record.
+        smooth = np.convolve(smooth, np.ones(width) / width, mode='valid')
+    extent = float(np.ptp(smooth))
     zero_noise = noise.deviation(zero_lasting)
     zero_error = _zero_error(residual[compared], noise, step, zero_noise)
     rmse = float(np.sqrt(np.mean((residual[compared] - zero_error) ** 2)))
-    reading_noise = math.hypot(
-        _noise_of_means(noise, rests, step) if static else noise.deviation(step), zero_noise)
+    reading_noise = noise.deviation(step)
+    if static:
+        lasting = step * np.array([stop - start for start, stop in rests], dtype=float)
+        reading_noise = math.sqrt(float(np.mean(noise.variances(lasting))))
     error = float(np.sqrt(np.mean((shape_measured - shape_simulated) ** 2)))
-    uncertainty = math.hypot(reading_noise, math.sqrt(max(0.0, input_variance)), sound)
+    uncertainty = math.hypot(
+        math.hypot(reading_noise, zero_noise), math.sqrt(max(0.0, input_variance)), sound)
     is_simulated = CHANNELS[position] != 'parity'
-    areas = _loop_areas(shape_load, shape_measured, shape_simulated, extent)
+    box = extent * float(np.max(shape_load) - np.min(shape_load))
+    areas = [_closed_area(shape_load, values) / box if box > 0.0 else None
+             for values in (shape_measured, shape_simulated)]
+    centred = shape_simulated - shape_simulated.mean()
+    is_sloped = is_simulated and float(centred @ centred) > 0.0
     rating = rate(shape_measured, shape_simulated) if is_simulated else None
     return ChannelFigures(
         unit=UNITS[CHANNELS[position]], range=extent, zero_error=zero_error, rmse=rmse,
@@ -166,10 +170,10 @@ def channel_figures(
         sound=_ratio(sound, extent),
         maximum=float(np.max(np.abs(shape_measured - shape_simulated))),
         bias=float(np.mean(residual[compared])),
-        slope_ratio=_slope_ratio(shape_measured, shape_simulated) if is_simulated else None,
-        loop_area=None if areas is None else areas[0] - areas[1],
-        loop_area_measured=None if areas is None else areas[0],
-        loop_area_simulated=None if areas is None else areas[1],
+        slope_ratio=(float(centred @ shape_measured) / float(centred @ centred)
+                     if is_sloped else None),
+        loop_area=None if areas[0] is None or areas[1] is None else areas[0] - areas[1],
+        loop_area_measured=areas[0], loop_area_simulated=areas[1],
         zero_return=_zero_return(run, residual, rests),
         time_shift=None if static or not is_simulated else _time_shift(run, position),
         iso18571=None if rating is None else rating.overall,
@@ -197,12 +201,6 @@ def _noise_of_sample(residual: Array, rests: Spans, noise: ChannelNoise, step: f
     return math.sqrt(0.5 * float(np.mean(steps**2)) + kept)
 
 
-def _noise_of_means(noise: ChannelNoise, rests: Spans, step: float) -> float:
-    """Rms noise of the means over stretches at rest."""
-    lasting = step * np.array([stop - start for start, stop in rests], dtype=float)
-    return math.sqrt(float(np.mean(noise.variances(lasting)))) if rests else 0.0
-
-
 def _zero_error(residual: Array, noise: ChannelNoise, step: float, zero_noise: float) -> float:
     """Error of the zero from the mean of a residual (N,), within the limits of its noise."""
     variance = noise.deviation(step * len(residual)) ** 2
@@ -211,31 +209,8 @@ def _zero_error(residual: Array, noise: ChannelNoise, step: float, zero_noise: f
     return float(np.clip(share * np.mean(residual), -limit, limit))
 
 
-def _smooth(samples: Array) -> Array:
-    """Running mean of samples over 0.5 % of the record."""
-    if len(samples) <= 400:
-        return samples
-    width = len(samples) // 200
-    return np.convolve(samples, np.ones(width) / width, mode='valid')
-
-
-def _slope_ratio(measured: Array, simulated: Array) -> float | None:
-    centred = simulated - simulated.mean()
-    size = float(centred @ centred)
-    return float(centred @ measured) / size if size > 0.0 else None
-
-
-def _loop_areas(
-    load: Array, measured: Array, simulated: Array, extent: float
-) -> tuple[float, float] | None:
-    """Areas of both loops over load, positive when the unloading branch lies above."""
-    box = extent * float(np.max(load) - np.min(load))
-    if box <= 0.0:
-        return None
-    return _closed_area(load, measured) / box, _closed_area(load, simulated) / box
-
-
 def _closed_area(load: Array, values: Array) -> float:
+    """Area of a loop over load, positive when the unloading branch lies above."""
     steps = np.diff(load, append=load[0])
     mean = 0.5 * (values + np.roll(values, -1))
     return float(-np.sum(mean * steps))

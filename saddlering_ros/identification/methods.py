@@ -12,6 +12,8 @@ import numpy as np
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.estimation.least_squares import NEAR, SearchSpace
+from saddlering_ros.estimation.process import Array
+from saddlering_ros.files import Provenance
 from saddlering_ros.identification import observation, swarm
 from saddlering_ros.identification.objective import (
     average_branches,
@@ -31,9 +33,8 @@ from saddlering_ros.identification.settings import (
     Bounds,
     IdentificationError,
     IdentificationSettings,
-    SwarmSettings,
 )
-from saddlering_ros.identification.uncertainty import assess, profile_likelihood, stiffness_ellipse
+from saddlering_ros.identification.uncertainty import assess, profile_likelihood
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Progress, SearchStep
 from saddlering_ros.record import Record
 from saddlering_ros.rig import (
@@ -101,14 +102,6 @@ class _Search:
     def cancelled(self) -> bool:
         return self.is_cancelled is not None and self.is_cancelled()
 
-    @property
-    def swarm_settings(self) -> SwarmSettings:
-        """The settings of the user; before least squares a swarm may stop at small gains."""
-        chosen = self.settings.swarm
-        if self.settings.method == 'paper' or chosen.stagnation is not None:
-            return chosen
-        return replace(chosen, stagnation=STALLED_AFTER, stagnation_tolerance=STALLED_GAIN)
-
     def space(self, free: Sequence[str], held: ContactParameters, *, log: bool) -> SearchSpace:
         """Search space of `free`, logarithmic for K and D, or for K only on request."""
         names: tuple[str, ...] = ('K1', 'K2', 'D1', 'D2') if log else ()
@@ -116,33 +109,33 @@ class _Search:
             names = ('K1', 'K2')
         return SearchSpace.of(self.bounds, free, held, names)
 
-    def report(self, stage: str, step: SearchStep) -> None:
+    def report(
+        self, stage: str, step: int, steps: int, best: float, contact: Array, spread: float = 0.0,
+    ) -> None:
         """Report an iteration to the caller."""
         if self.on_progress is not None:
-            share = step.iteration / max(step.iterations, 1)
+            found = SearchStep(step, steps, best, tuple(contact.tolist()), spread)
             self.on_progress(Progress(
-                'identify', stage, share, f'best {step.best_objective:.4g}', step))
-
-    def report_refinement(self, step: int, bottom: Refinement) -> None:
-        """Report one of the three stages of least squares."""
-        contact = tuple(float(value) for value in bottom.contact)
-        self.report('refinement', SearchStep(step, 3, bottom.chi_square, contact, 0.0))
+                'identify', stage, step / max(steps, 1), f'best {best:.4g}', found))
 
     def run_swarm(
         self, stage: str, objective: Objective, space: SearchSpace
     ) -> tuple[ContactParameters, float]:
-        """Let the swarm search `space`; the best contact parameters and their objective."""
-        before = objective.evaluations
+        """Let the swarm search `space`; the best contact parameters and their objective.
+
+        Before least squares it may stop at small gains.
+        """
+        before, chosen = objective.evaluations, self.settings.swarm
+        if self.settings.method != 'paper' and chosen.stagnation is None:
+            chosen = replace(chosen, stagnation=STALLED_AFTER, stagnation_tolerance=STALLED_GAIN)
 
         def report_iteration(progress: swarm.SwarmProgress) -> None:
-            lowest = space.contacts(progress.best_position)[0]
-            self.report(stage, SearchStep(
-                progress.iteration, progress.iterations, progress.best_objective,
-                tuple(float(value) for value in lowest), progress.spread))
+            self.report(stage, progress.iteration, progress.iterations, progress.best_objective,
+                        space.contacts(progress.best_position)[0], progress.spread)
 
         best = swarm.minimise(
             lambda points: objective(space.contacts(points)), space.low, space.high,
-            self.swarm_settings, seed=self.settings.seed, on_iteration=report_iteration,
+            chosen, seed=self.settings.seed, on_iteration=report_iteration,
             is_cancelled=self.is_cancelled)
         self.evaluations += objective.evaluations - before
         self.notes.append(f'{stage}: {best.iterations} iterations, {best.stopped.value}')
@@ -171,7 +164,7 @@ def identify(
     observations = search.observations()
     search.notes += [warning for run in runs for warning in warnings_of(run, rig)]
     method = _by_paper if settings.method == 'paper' else _by_default
-    return _judged(search, method(search, observations)).made_from(runs)
+    return _judged(search, method(search, observations))
 
 
 @dataclass(frozen=True)
@@ -269,11 +262,16 @@ def _refined(
         bottoms = []
         for number, start in enumerate(starts, start=1):
             bottoms.append(refine(rough, space, start, search.is_cancelled, PROVISIONAL))
-            search.report_refinement(number, bottoms[-1])
+            search.report(
+                'refinement', number, 3, bottoms[-1].chi_square, bottoms[-1].contact)
         lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
         lowest = refine(coarse, space, lowest.point, search.is_cancelled, PROVISIONAL, NEAR)
         outcome = _Outcome(lowest.law, lowest.chi_square, searched, observations)
-        _note_different_optima(search, bottoms)
+        first, second = (bottom.chi_square for bottom in bottoms)
+        if abs(first - second) > max(0.1, 1e-6 * first):
+            search.notes.append(
+                f'two starts ended in different optima (chi square {first:.6g} and {second:.6g}): '
+                'the result is the better one')
         fine = WeightedObjective(search.rig, search.observations(lowest.law), channels)
         with_cell = replace(
             fine, observations=[one.coarse() for one in fine.observations], evaluations=0)
@@ -286,20 +284,11 @@ def _refined(
         evaluations = with_cell.evaluations + fine.evaluations
         outcome = _Outcome(
             lowest.law, lowest.chi_square, searched, fine.observations, (fine, lowest))
-        search.report_refinement(3, lowest)
+        search.report('refinement', 3, 3, lowest.chi_square, lowest.contact)
     except Cancelled:
         pass
     search.evaluations += rough.evaluations + coarse.evaluations + evaluations
     return outcome
-
-
-def _note_different_optima(search: _Search, bottoms: Sequence[Refinement]) -> None:
-    first, second = (bottom.chi_square for bottom in bottoms)
-    if abs(first - second) > max(0.1, 1e-6 * first):
-        search.notes.append(
-            f'two starts ended in different optima (chi square {first:.6g} and {second:.6g}): '
-            'the result is the better one'
-        )
 
 
 def _judged(search: _Search, outcome: _Outcome) -> Identification:
@@ -315,9 +304,7 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
         best = stay_at(objective, space, outcome.contact)
     advice = MISFIT_ADVICE[search.settings.method]
     trust = assess(objective, space, best, search.bounds, advice)
-    contact = outcome.contact
-    cancelled = search.cancelled
-    drawn = {}
+    cancelled, drawn = search.cancelled, {}
     if search.settings.profiles and not cancelled:
         drawn = {
             name: profile_likelihood(
@@ -325,23 +312,21 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
                 width=1.5 * WIDTH_95 * trust.noise_std[PARAMETER_NAMES.index(name)])
             for name in space.names
         }
+    made = Provenance(tuple(run.origin for run in search.runs))
     bags = tuple(one.name for one in observations)
     open_names = [name for name in PARAMETER_NAMES if not trust.determined[name]]
     status = _status(cancelled, trust.reduced_chi_square, open_names, advice)
     return Identification(
-        parameters=ParameterSet(contact, source=ParameterSource(
+        parameters=ParameterSet(outcome.contact, source=ParameterSource(
             method=search.settings.method, bags=bags, objective=outcome.objective,
             covariance=trust.noise_covariance, note='; '.join([status, *trust.reasons.values()]),
+            sha256=tuple(origin.sha256 for origin in made.bags), versions=made.versions_in_words,
             undetermined=trust.reasons, rig_hash=search.rig.digest)),
         **vars(trust), method=search.settings.method, objective=outcome.objective,
         chi_square=best.chi_square, degrees_of_freedom=objective.size - len(space.free),
         at_bound={
             name: name in space.names and bool(best.at_bound[space.names.index(name)])
             for name in PARAMETER_NAMES
-        },
-        ellipses={
-            f'K{row},n{row}': stiffness_ellipse(contact.to_array(), trust.covariance, row)
-            for row in (1, 2)
         },
         evaluations=search.evaluations, elapsed=time.monotonic() - search.started, status=status,
         cancelled=cancelled, notes=tuple(search.notes), profiles=drawn)

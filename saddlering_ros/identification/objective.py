@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation import least_squares
-from saddlering_ros.estimation.least_squares import SearchSpace
+from saddlering_ros.estimation.least_squares import LazyAnswer, SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.estimation.statistics import block_means, span_means
 from saddlering_ros.estimation.whitening import independent, SharedErrors
@@ -75,22 +75,23 @@ class _Followed:
 
 def _follow(rig: Rig, contact: Array, observation: Observation) -> _Followed:
     """`predict` for one law (6,), stored for its derivatives."""
+    elevation = observation.elevation
     loads = np.append(observation.zero_load, observation.load)
     if not observation.dynamic and observation.spans is None:
-        still = static_batch(rig, contact, observation.elevation, loads)[0]
+        still = static_batch(rig, contact, elevation, loads)[0]
 
         def static_slopes() -> Array:
-            slopes = static_sensitivities(rig, contact, observation.elevation, still)
+            slopes = static_sensitivities(rig, contact, elevation, still)
             return np.asarray(slopes[:, :, 1:] - slopes[:, :, :1])
 
         return _Followed(np.asarray(still[:, 1:] - still[:, :1]), static_slopes)
-    zero = static_batch(rig, contact, observation.elevation, loads[:1])[0]
+    zero = static_batch(rig, contact, elevation, loads[:1])[0]
     followed = followed_motion(
-        rig, contact, observation.elevation, observation.fine_time, observation.fine_load,
+        rig, contact, elevation, observation.fine_time, observation.fine_load,
         _longest_step(observation))
 
     def slopes() -> Array:
-        at_zero = static_sensitivities(rig, contact, observation.elevation, zero)
+        at_zero = static_sensitivities(rig, contact, elevation, zero)
         return np.asarray(_means(observation, followed.sensitivities()) - at_zero)
 
     return _Followed(np.asarray(_means(observation, followed.motion) - zero), slopes)
@@ -131,11 +132,7 @@ class WeightedObjective:
     def residuals(self, contacts: Array) -> Array:
         """Whitened residuals (B, R), simulated - measured, of contact parameters (B, 6)."""
         self.evaluations += len(contacts)
-        residuals = np.concatenate(self._of_each_run(contacts), axis=1)
-        if np.isnan(residuals).any():
-            worst = contacts[int(np.argmax(np.isnan(residuals).any(axis=1)))]
-            raise IdentificationError(_not_a_number(worst))
-        return residuals
+        return _numbers(np.concatenate(self._of_each_run(contacts), axis=1), contacts)
 
     def linearised(self, contact: Array) -> LinearisedFit:
         """Whitened residuals (R,) at contact parameters (6,), and their derivatives."""
@@ -151,9 +148,7 @@ class WeightedObjective:
         white = self.whiten([
             (one.increments - seen.displacement)[None]
             for one, seen in zip(motions, self.observations, strict=True)])
-        residual = np.concatenate(white, axis=1)[0]
-        if np.isnan(residual).any():
-            raise IdentificationError(_not_a_number(contact))
+        residual = _numbers(np.concatenate(white, axis=1), contact[None, :])[0]
         fit = LinearisedFit(self, contact, residual, motions)
         if self._lowest is None or residual @ residual < self._lowest.chi_square:
             self._lowest = fit
@@ -297,19 +292,18 @@ class PaperObjective:
                 measured = one.displacement[channel]
                 error = np.mean((simulated[:, channel] - measured) ** 2, axis=1)
                 total += error / np.mean(measured**2)
-        if np.isnan(total).any():
-            raise IdentificationError(_not_a_number(contacts[int(np.argmax(np.isnan(total)))]))
-        return np.asarray(total / len(self.observations))
+        return _numbers(total, contacts) / len(self.observations)
 
 
-def _not_a_number(contact: Array) -> str:
-    values = ', '.join(
-        f'{name}={value:.4g}' for name, value in zip(PARAMETER_NAMES, contact, strict=True)
-    )
-    return (
-        f'the objective is not a number at {values}: '
-        'check the bags for missing values and the bounds for impossible ones'
-    )
+def _numbers(values: Array, contacts: Array) -> Array:
+    """Values (B, ...) of contacts (B, 6); IdentificationError if one of them is not a number."""
+    missing = np.isnan(values).reshape(len(values), -1).any(axis=1)
+    if not missing.any():
+        return values
+    words = ', '.join(f'{name}={value:.4g}' for name, value in zip(
+        PARAMETER_NAMES, contacts[int(np.argmax(missing))], strict=True))
+    raise IdentificationError(f'the objective is not a number at {words}: check the bags for '
+                              'missing values and the bounds for impossible ones')
 
 
 def average_branches(observation: Observation, level_step: float) -> Observation:
@@ -320,11 +314,13 @@ def average_branches(observation: Observation, level_step: float) -> Observation
     """
     steps = np.round(observation.load / level_step).astype(int)
     levels = np.unique(steps)
-    groups = [_both_branches(observation, np.flatnonzero(steps == level)) for level in levels]
-    weights = np.zeros((len(groups), len(steps)))  # readings averaged into each step
-    for row, group in enumerate(groups):
-        for members in group:
-            weights[row, members] = 1.0 / (len(group) * len(members))
+    weights = np.zeros((len(levels), len(steps)))  # readings averaged into each step
+    for row, level in enumerate(levels):
+        loading = observation.branch >= 0
+        sides = [np.flatnonzero((steps == level) & side) for side in (loading, ~loading)]
+        sides = [members for members in sides if len(members)]
+        for members in sides:
+            weights[row, members] = 1.0 / (len(sides) * len(members))
     variance = observation.standard_error**2 @ (weights.T**2)
     time, load = weights @ observation.time, weights @ observation.load
     return _with_means(observation, time, load, observation.displacement @ weights.T, variance)
@@ -352,13 +348,6 @@ def _with_means(
         fine_time=time, fine_load=load)
 
 
-def _both_branches(observation: Observation, members: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """The readings of the step by branch, so that both branches have equal weight."""
-    up = members[observation.branch[members] >= 0]
-    down = members[observation.branch[members] < 0]
-    return [side for side in (up, down) if len(side)]
-
-
 @dataclass(frozen=True)
 class Refinement:
     """The optimum: coordinates (F,), contact (6,), chi square, Jacobian (R, F), at bound (F,)."""
@@ -375,23 +364,6 @@ class Refinement:
         return ContactParameters.from_array(self.contact)
 
 
-@dataclass(frozen=True)
-class _At:
-    """Residual (R,) at a point (F,) of the search space, and its Jacobian (R, F) on demand."""
-
-    linearised: LinearisedFit
-    space: SearchSpace
-    contact: Array
-
-    @property
-    def residual(self) -> Array:
-        return self.linearised.residual
-
-    def slopes(self) -> Array:
-        by_contact = self.linearised.slopes()
-        return np.asarray(by_contact[self.space.free].T * self.space.scale(self.contact))
-
-
 def refine(
     objective: WeightedObjective,
     space: SearchSpace,
@@ -406,7 +378,7 @@ def refine(
     damping: that of the first step.
     """
 
-    def at(point: Array) -> _At:
+    def at(point: Array) -> LazyAnswer:
         if is_cancelled is not None and is_cancelled():
             raise Cancelled
         return _at(objective, space, point)
@@ -423,9 +395,13 @@ def stay_at(
     point = space.coordinates(contact.to_array())
     here = _at(objective, space, point)
     return Refinement(point, contact.to_array(), float(here.residual @ here.residual),
-                      here.slopes(), least_squares.on_bound(point, space.low, space.high))
+                      here.columns, least_squares.on_bound(point, space.low, space.high))
 
 
-def _at(objective: WeightedObjective, space: SearchSpace, point: Array) -> _At:
+def _at(objective: WeightedObjective, space: SearchSpace, point: Array) -> LazyAnswer:
+    """Residual (R,) at a point (F,) of the search space, and its Jacobian (R, F) on demand."""
     contact = space.contacts(point)[0]
-    return _At(objective.linearised(contact), space, contact)
+    fit = objective.linearised(contact)
+    return LazyAnswer(
+        fit.residual,
+        lambda: np.asarray(fit.slopes()[space.free].T * space.scale(contact)))

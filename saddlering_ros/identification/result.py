@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 import math
 from typing import Any
 
 import numpy as np
 
 from saddlering_ros.estimation.identifiability import undetermined_words
-from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification.imperfections import IMPERFECTIONS
 from saddlering_ros.identification.uncertainty import Profile, Uncertainty
-from saddlering_ros.quantities import percent, quantity, significant, span
-from saddlering_ros.record import Record
+from saddlering_ros.quantities import finite_json, percent, quantity, significant, span
 from saddlering_ros.rig import (
     ContactParameters,
     line_contact_stiffness,
@@ -42,21 +40,12 @@ class Identification(Uncertainty):
     chi_square: float
     degrees_of_freedom: int
     at_bound: dict[str, bool]
-    ellipses: dict[str, Array] = field(repr=False)
     evaluations: int
     elapsed: float
     status: str
     cancelled: bool
     notes: tuple[str, ...] = ()
     profiles: dict[str, Profile] = field(default_factory=dict)
-
-    def made_from(self, runs: Sequence[Record]) -> Identification:
-        """The same with the hashes of its bags and the software versions among the sources."""
-        made = Provenance(tuple(run.origin for run in runs))
-        source = replace(
-            self.parameters.source, sha256=tuple(origin.sha256 for origin in made.bags),
-            versions=made.versions_in_words)
-        return replace(self, parameters=replace(self.parameters, source=source))
 
     @property
     def noise_factor(self) -> float:
@@ -65,37 +54,32 @@ class Identification(Uncertainty):
 
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers; null if the data do not determine a value."""
-        contact = self.parameters.contact
-        return {
+        document: dict[str, Any] = finite_json({
             'method': self.method,
             'status': self.status,
             'cancelled': self.cancelled,
             'bags': list(self.parameters.source.bags),
-            'objective': _number(self.objective),
-            'chi_square': _number(self.chi_square),
+            'objective': self.objective,
+            'chi_square': self.chi_square,
             'degrees_of_freedom': self.degrees_of_freedom,
-            'reduced_chi_square': _number(self.reduced_chi_square),
-            'noise_factor': _number(self.noise_factor),
+            'reduced_chi_square': self.reduced_chi_square,
+            'noise_factor': self.noise_factor,
             'evaluations': self.evaluations,
             'elapsed': self.elapsed,
             'parameters': {
                 name: self.parameter_entry(index, name)
                 for index, name in enumerate(PARAMETER_NAMES)
             },
-            'line_contact_ratio': line_contact_ratios(contact),
+            'line_contact_ratio': line_contact_ratios(self.parameters.contact),
             'order': list(PARAMETER_NAMES),
-            'covariance': [[_number(value) for value in row] for row in self.covariance],
-            'correlation': [[_number(value) for value in row] for row in self.correlation],
-            'collinearity': {key: _number(value) for key, value in self.collinearity.items()},
+            'covariance': self.covariance.tolist(),
+            'correlation': self.correlation.tolist(),
+            'collinearity': self.collinearity,
             'systematic': {
-                key: {
-                    name: _number(value)
-                    for name, value in zip(PARAMETER_NAMES, shift, strict=True)
-                }
+                key: dict(zip(PARAMETER_NAMES, shift, strict=True))
                 for key, shift in self.systematic.items()
             },
             'budget': self.budget,
-            'ellipses': {key: points.tolist() for key, points in self.ellipses.items()},
             'profiles': {
                 name: {
                     'values': profile.values.tolist(), 'rise': profile.rise.tolist(),
@@ -105,14 +89,15 @@ class Identification(Uncertainty):
             },
             'notes': list(self.notes),
             'provenance': Provenance(self.parameters.source.origins).as_dict(),
-        }
+        })
+        return document
 
     def parameter_entry(self, index: int, name: str) -> dict[str, Any]:
         """One parameter as `to_json` has it."""
         interval = self.intervals[name]
         return {
             'value': float(getattr(self.parameters.contact, name)),
-            'std': _number(self.std[index]) if self.determined[name] else None,
+            'std': float(self.std[index]) if self.determined[name] else None,
             'interval': None if interval is None else list(interval),
             'unit': PARAMETER_UNITS[name], 'pinned': self.determined[name],
             'reason': self.reasons.get(name), 'at_bound': self.at_bound[name],
@@ -133,10 +118,6 @@ def line_contact_ratios(contact: ContactParameters) -> dict[str, float]:
     }
 
 
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 CORRELATION_THRESHOLD = 0.5
 
 
@@ -149,13 +130,14 @@ INTERVALS = (
 def identification_text(identification: Identification) -> str:
     """Method, evaluations, chi square, values with errors, bounds, correlations, notes."""
     source, freedom = identification.parameters.source, identification.degrees_of_freedom
-    elapsed = identification.elapsed
+    contact = identification.parameters.contact
     lines = [
         '[[Identification]]',
         f'    method              = {identification.method}',
         f'    bags                = {", ".join(source.bags)}',
         f'    status              = {identification.status}',
-        f'    evaluations         = {identification.evaluations} in {elapsed:.2f} s',
+        f'    evaluations         = {identification.evaluations}'
+        f' in {identification.elapsed:.2f} s',
         f'    objective           = {quantity(identification.objective, digits=6)}',
         f'    chi square          = {quantity(identification.chi_square, digits=6)}',
         f'    reduced chi square  = {quantity(identification.reduced_chi_square, digits=4)}'
@@ -165,12 +147,24 @@ def identification_text(identification: Identification) -> str:
         *(f'    {parameter_words(name, identification.parameter_entry(index, name))}'
           for index, name in enumerate(PARAMETER_NAMES)),
         f'    {INTERVALS}',
-        *_stiffness_lines(identification),
-        *_systematic_lines(identification),
-        *_correlation_lines(identification),
+        '[[Stiffness in N/mm^n, as in ADAMS]]',
     ]
+    ratios = line_contact_ratios(contact)
+    for row, stiffness, exponent in (
+            ('K1 (axial rows)', contact.K1, contact.n1),
+            ('K2 (radial row)', contact.K2, contact.n2)):
+        value = stiffness_per_millimetre(stiffness, exponent)
+        lines.append(
+            f'    {row}: {quantity(value, "N/mm^n", digits=5)}, {significant(ratios[row[:2]], 2)} '
+            'of one roller in Palmgren line contact (at 0.1 mm)')
+    lines += [*_systematic_lines(identification), *_correlation_lines(identification)]
     if identification.profiles:
-        lines += ['[[Profile likelihood, 95 %]]', *_profile_lines(identification)]
+        lines.append('[[Profile likelihood, 95 %]]')
+    for name, profile in identification.profiles.items():
+        low, high = profile.interval
+        ends = ['open' if end is None else quantity(end, digits=4) for end in (low, high)]
+        words = ' to '.join(ends) if low is None or high is None else span(low, high)
+        lines.append(f'    {name}: {words}')
     if identification.notes:
         lines += ['[[Notes]]', *(f'    {note}' for note in identification.notes)]
     return '\n'.join(lines)
@@ -185,21 +179,6 @@ def parameter_words(name: str, entry: Mapping[str, Any]) -> str:
     low, high = entry['interval'] or (np.nan, np.nan)
     return (f'{name}: {quantity(value, unit, std)} ({percent(std / abs(value))}), '
             f'95 % interval {span(low, high)}')
-
-
-def _stiffness_lines(identification: Identification) -> list[str]:
-    contact = identification.parameters.contact
-    ratios = line_contact_ratios(contact)
-    lines = ['[[Stiffness in N/mm^n, as in ADAMS]]']
-    for row, name in ((1, 'axial'), (2, 'radial')):
-        stiffness, exponent = getattr(contact, f'K{row}'), getattr(contact, f'n{row}')
-        lines.append(
-            f'    K{row} ({name} row{"s" if row == 1 else ""}): '
-            f'{quantity(stiffness_per_millimetre(stiffness, exponent), "N/mm^n", digits=5)}, '
-            f'{significant(ratios[f"K{row}"], 2)} of one roller in Palmgren line contact '
-            '(at 0.1 mm)'
-        )
-    return lines
 
 
 def _systematic_lines(identification: Identification) -> list[str]:
@@ -224,22 +203,7 @@ def _correlation_lines(identification: Identification) -> list[str]:
         for j, second in enumerate(PARAMETER_NAMES)
         if i < j and abs(identification.correlation[i, j]) >= CORRELATION_THRESHOLD
     ]
-    lines = [f'[[Correlations]] (below {CORRELATION_THRESHOLD} not shown)']
-    lines += [
+    return [f'[[Correlations]] (below {CORRELATION_THRESHOLD} not shown)', *(
         f'    C({first}, {second}) = {value:+.4f}, '
         f'collinearity {identification.collinearity.get(f"{first},{second}", np.nan):.1f}'
-        for first, second, value in sorted(pairs, key=lambda pair: -abs(pair[2]))
-    ]
-    return lines
-
-
-def _profile_lines(identification: Identification) -> list[str]:
-    lines = []
-    for name, profile in identification.profiles.items():
-        low, high = profile.interval
-        if low is not None and high is not None:
-            lines.append(f'    {name}: {span(low, high)}')
-        else:
-            ends = ['open' if end is None else quantity(end, digits=4) for end in (low, high)]
-            lines.append(f'    {name}: {" to ".join(ends)}')
-    return lines
+        for first, second, value in sorted(pairs, key=lambda pair: -abs(pair[2])))]

@@ -1,4 +1,4 @@
-"""Uncertainty of identified parameters: covariance, determination, profiles, ellipses.
+"""Uncertainty of identified parameters: covariance, determination, profiles.
 
 The residuals are whitened by the noise the runs show at rest, autocorrelation included, so that
 covariance = (J^T J)^-1 in the search coordinates (ln K, n, ln D). Where the run that fits worst
@@ -34,8 +34,7 @@ from saddlering_ros.identification.imperfections import (
     IMPERFECTIONS,
 )
 from saddlering_ros.identification.objective import predict, refine, Refinement, WeightedObjective
-from saddlering_ros.identification.observation import Observation
-from saddlering_ros.rig import PARAMETER_NAMES, probes_to_displacement, Rig
+from saddlering_ros.rig import PARAMETER_NAMES, probes_to_displacement
 from saddlering_ros.ring.roller_scatter import scatter_columns, SimulatedCourse
 
 
@@ -46,7 +45,7 @@ class Uncertainty:
     std in the parameters' units; coordinate_std in (ln K, n, ln D); covariance (6, 6),
     correlation (6, 6). noise_covariance (6, 6) and noise_std (6,) (coordinates) count noise
     alone: the change of the estimate by another test of the same ring. intervals by name;
-    systematic: imperfection to shift (6,) in coordinates; determined and reasons by name;
+    systematic: imperfection to shift (6,) in coordinates; reasons why a parameter is open by name;
     collinearity by subset of names ('K1,n1'); reduced_chi_square: chi square per degree of
     freedom, 1 if the misfit equals the noise; budget: per free parameter the share of its variance
     by source, of noise, unequal rollers and each instrument with a certificate.
@@ -60,26 +59,15 @@ class Uncertainty:
     correlation: Array
     intervals: dict[str, tuple[float, float] | None]
     systematic: dict[str, Array]
-    determined: dict[str, bool]
     reasons: dict[str, str]
     collinearity: dict[str, float]
     reduced_chi_square: float
     budget: dict[str, dict[str, float]]
 
-
-@dataclass(frozen=True)
-class _Spread:
-    """Standard deviations over the six parameters (coordinates), NaN if held.
-
-    std: total; noise_std: of noise alone; std_without_misfit: total for a misfit as large as
-    the noise; systematic and misfit_advice as in `assess`.
-    """
-
-    std: Array
-    noise_std: Array
-    std_without_misfit: Array
-    systematic: dict[str, Array]
-    misfit_advice: str
+    @property
+    def determined(self) -> dict[str, bool]:
+        """Whether the data determine a parameter, by name."""
+        return {name: name not in self.reasons for name in PARAMETER_NAMES}
 
 
 def assess(
@@ -109,42 +97,62 @@ def assess(
     of_instruments = {name: shift[space.free] for name, shift in certified.items()}
     inner = by_noise + by_rollers + sum(
         (np.outer(shift, shift) for shift in of_instruments.values()), np.zeros_like(by_noise))
-    without_misfit = inner - at_noise * (widening - 1.0)
-    coordinate_std = _spread_over_six(np.sqrt(np.diag(inner)), space)
+    deviations = [_spread_over_six(np.sqrt(np.diag(part)), space) for part in (
+        inner, by_noise, inner - at_noise * (widening - 1.0))]
     scale = space.scale(best.contact)
     whole = _with_bounds_alone(inner * np.outer(scale, scale), space, bounds)
     std = np.sqrt(np.diag(whole))
-    noise_std = _spread_over_six(np.sqrt(np.diag(by_noise)), space)
-    spread = _Spread(
-        coordinate_std, noise_std, _spread_over_six(np.sqrt(np.diag(without_misfit)), space),
-        systematic, misfit_advice)
-    determined, reasons = _judge(objective, space, best, spread)
+    elevations = distinct_elevations(one.elevation for one in objective.observations)
+    reasons = _reasons(space, best, systematic, deviations, elevations, misfit_advice)
+    intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(PARAMETER_NAMES)
+    for position, index in enumerate(space.free):
+        ends = best.point[position] + WIDTH_95 * deviations[0][index] * np.array([-1.0, 1.0])
+        low, high = np.exp(ends) if space.logarithmic[index] else ends
+        if PARAMETER_NAMES[index] not in reasons:
+            intervals[PARAMETER_NAMES[index]] = (float(low), float(high))
+    # Shares of the variance by source: GUM, JCGM 100, 5.1.
+    variances = {'noise': np.diag(by_noise), 'unequal_rollers': np.diag(by_rollers),
+                 **{name: shift**2 for name, shift in of_instruments.items()}}
+    total = sum(variances.values(), np.zeros(len(space.free)))
     return Uncertainty(
-        std=np.where([determined[name] for name in PARAMETER_NAMES], std, np.nan),
-        coordinate_std=coordinate_std,
+        std=np.where([name not in reasons for name in PARAMETER_NAMES], std, np.nan),
+        coordinate_std=deviations[0],
         covariance=whole,
         noise_covariance=_with_bounds_alone(by_noise * np.outer(scale, scale), space, bounds),
-        noise_std=noise_std,
+        noise_std=deviations[1],
         correlation=np.asarray(whole / np.outer(std, std)),
-        intervals=_intervals(space, best, coordinate_std, determined),
+        intervals=intervals,
         systematic=systematic,
-        determined=determined,
         reasons=reasons,
         collinearity=collinearity(best.jacobian, space.names),
         reduced_chi_square=float(reduced),
-        budget=_budget(space, {
-            'noise': np.diag(by_noise), 'unequal_rollers': np.diag(by_rollers),
-            **{name: shift**2 for name, shift in of_instruments.items()}}),
-    )
+        budget={name: {source: float(variance[position] / total[position])
+                       for source, variance in variances.items()}
+                for position, name in enumerate(space.names)})
 
 
-def _budget(space: SearchSpace, variances: dict[str, Array]) -> dict[str, dict[str, float]]:
-    """Per free parameter the share of its variance by source (GUM, JCGM 100, 5.1)."""
-    total = sum(variances.values(), np.zeros(len(space.free)))
-    return {PARAMETER_NAMES[index]: {
-                name: float(variance[position] / total[position])
-                for name, variance in variances.items()}
-            for position, index in enumerate(space.free)}
+def _reasons(
+    space: SearchSpace, best: Refinement, systematic: dict[str, Array],
+    deviations: Sequence[Array], elevations: int, misfit_advice: str,
+) -> dict[str, str]:
+    """Why the data leave a parameter open, by its name.
+
+    deviations (6,) in coordinates: in all, of noise alone, and in all for a misfit as large as the
+    noise.
+    """
+    reasons: dict[str, str | None] = {}
+    for index, name in enumerate(PARAMETER_NAMES):
+        if name not in space.names:
+            reasons[name] = reason_held(name)
+            continue
+        worst = max(IMPERFECTIONS, key=lambda one: abs(systematic[one.name][index]))
+        shift = abs(float(systematic[worst.name][index]))
+        std, of_noise, without_misfit = (own[index] for own in deviations)
+        reasons[name] = reason_bound(name) if best.at_bound[space.names.index(name)] else (
+            reason_misfit(name, std, without_misfit, misfit_advice)
+            or reason_unequal(name, std, of_noise, elevations)
+            or reason_one_elevation(name, std, shift, worst.words, elevations))
+    return {name: reason for name, reason in reasons.items() if reason is not None}
 
 
 def _spread_over_six(values: Array, space: SearchSpace) -> Array:
@@ -162,21 +170,6 @@ def _with_bounds_alone(
     return np.asarray(six)
 
 
-def _intervals(
-    space: SearchSpace, best: Refinement, coordinate_std: Array, determined: dict[str, bool]
-) -> dict[str, tuple[float, float] | None]:
-    intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(PARAMETER_NAMES)
-    for position, index in enumerate(space.free):
-        name = PARAMETER_NAMES[index]
-        if not determined[name]:
-            continue
-        half = WIDTH_95 * coordinate_std[index]
-        ends = best.point[position] + np.array([-half, half])
-        low, high = np.exp(ends) if space.logarithmic[index] else ends
-        intervals[name] = (float(low), float(high))
-    return intervals
-
-
 def systematic_shifts(
     objective: WeightedObjective, space: SearchSpace, best: Refinement,
     imperfections: Sequence[Imperfection],
@@ -184,73 +177,20 @@ def systematic_shifts(
     """Change of the parameters by each imperfection, (6,) coordinates."""
     inverse = np.linalg.pinv(best.jacobian, rcond=1e-9)
     base = objective.residuals(best.contact[None, :])[0]
-    return {
-        imperfection.name: _spread_over_six(
-            inverse @ (_whitened(objective, best.contact, imperfection) - base), space)
-        for imperfection in imperfections
-    }
-
-
-def _whitened(objective: WeightedObjective, contact: Array, imperfection: Imperfection) -> Array:
-    rig = imperfection.rig(objective.rig)
-    full_scale = objective.rig.full_scale_load
-    parts = []
-    for one in objective.observations:
-        changed = replace(
-            one, fine_load=imperfection.on_load(one, full_scale),
-            load=imperfection.load(one.load, full_scale),
-            elevation=one.elevation + imperfection.elevation,
-            zero_load=float(imperfection.load(np.array(one.zero_load), full_scale)))
-        predicted = imperfection.reading(predict(rig, contact[None, :], changed))
-        parts.append(predicted - one.displacement)
-    return np.concatenate(objective.whiten(parts), axis=1)[0]
-
-
-def _judge(
-    objective: WeightedObjective,
-    space: SearchSpace,
-    best: Refinement,
-    spread: _Spread,
-) -> tuple[dict[str, bool], dict[str, str]]:
-    determined: dict[str, bool] = {}
-    reasons: dict[str, str] = {}
-    elevations = distinct_elevations(one.elevation for one in objective.observations)
-    for index, name in enumerate(PARAMETER_NAMES):
-        position = np.flatnonzero(space.free == index)
-        if not len(position):
-            reason: str | None = reason_held(name)
-        elif best.at_bound[position[0]]:
-            reason = reason_bound(name)
-        else:
-            worst = max(IMPERFECTIONS, key=lambda one: abs(spread.systematic[one.name][index]))
-            shift, std = abs(float(spread.systematic[worst.name][index])), spread.std[index]
-            reason = (
-                reason_misfit(
-                    name, std, spread.std_without_misfit[index], spread.misfit_advice)
-                or reason_unequal(name, std, spread.noise_std[index], elevations)
-                or reason_one_elevation(name, std, shift, worst.words, elevations))
-        determined[name] = reason is None
-        if reason is not None:
-            reasons[name] = reason
-    return determined, reasons
-
-
-def stiffness_ellipse(
-    contact: Array, covariance: Array, row: int
-) -> Array:
-    """Joint 95 % confidence region of (K, n) of a row (1 or 2): points (2, P), K first.
-
-    An ellipse in (ln K, n), where K's uncertainty is symmetric.
-    """
-    first = PARAMETER_NAMES.index(f'K{row}')
-    second = PARAMETER_NAMES.index(f'n{row}')
-    scale = np.array([1.0 / contact[first], 1.0])
-    inner = covariance[np.ix_([first, second], [first, second])] * np.outer(scale, scale)
-    value, vector = np.linalg.eigh(inner)
-    angle = np.linspace(0.0, 2.0 * np.pi, 73)
-    circle = np.sqrt(chi_squared_quantile(0.95, 2)) * np.stack([np.cos(angle), np.sin(angle)])
-    log_k, exponent = vector @ (np.sqrt(np.maximum(value, 0.0))[:, None] * circle)
-    return np.stack([contact[first] * np.exp(log_k), contact[second] + exponent])
+    full_scale, shifts = objective.rig.full_scale_load, {}
+    for imperfection in imperfections:
+        rig, parts = imperfection.rig(objective.rig), []
+        for one in objective.observations:
+            changed = replace(
+                one, fine_load=imperfection.on_load(one, full_scale),
+                load=imperfection.load(one.load, full_scale),
+                elevation=one.elevation + imperfection.elevation,
+                zero_load=float(imperfection.load(np.array(one.zero_load), full_scale)))
+            predicted = imperfection.reading(predict(rig, best.contact[None, :], changed))
+            parts.append(predicted - one.displacement)
+        white = np.concatenate(objective.whiten(parts), axis=1)[0]
+        shifts[imperfection.name] = _spread_over_six(inverse @ (white - base), space)
+    return shifts
 
 
 @dataclass(frozen=True)
@@ -295,18 +235,13 @@ def profile_likelihood(
             start = lowest.point
             rise[place] = max(0.0, (lowest.chi_square - best.chi_square) / widening)
     values = np.exp(held_at) if space.logarithmic[space.free[position]] else held_at
-    return Profile(name, values, rise, _crossings(values, rise))
-
-
-def _crossings(values: Array, rise: Array) -> tuple[float | None, float | None]:
-    limit = np.sqrt(chi_squared_quantile(0.95, 1))
-    bottom = int(np.argmin(rise))
+    limit, bottom = np.sqrt(chi_squared_quantile(0.95, 1)), int(np.argmin(rise))
     root = np.sqrt(rise)
-    below = root[: bottom + 1][::-1]
-    above = root[bottom:]
-    low = np.interp(limit, below, values[: bottom + 1][::-1]) if below[-1] > limit else None
-    high = np.interp(limit, above, values[bottom:]) if above[-1] > limit else None
-    return (None if low is None else float(low), None if high is None else float(high))
+    ends = []
+    for branch in (slice(bottom, None, -1), slice(bottom, None)):
+        ends.append(float(np.interp(limit, root[branch], values[branch]))
+                    if root[branch][-1] > limit else None)
+    return Profile(name, values, rise, (ends[0], ends[1]))
 
 
 BEFORE = 1.0
@@ -319,20 +254,17 @@ def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
     Runs share the M rollers, because the same rollers are unequal in each of them.
     """
     usual = objective.increments(contact[None, :])
-    return [_increments(objective.rig, contact, one, found[0])
-            for one, found in zip(objective.observations, usual, strict=True)]
-
-
-def _increments(rig: Rig, contact: Array, one: Observation, usual: Array) -> Array:
-    """Increments (M, 3, N) of one run since its zero, beside the usual ones (3, N)."""
-    x, y, gamma = np.concatenate([np.zeros((3, 1)), usual], axis=1)
+    rig, effects = objective.rig, []
     height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
-    probes = np.stack([x + height * gamma, y + half * gamma, -x - height * gamma,
-                       y - half * gamma])
-    course = SimulatedCourse(
-        one.elevation, one.zero_load, np.append(one.zero_load, one.load),
-        np.append(one.time[0] - BEFORE, one.time), probes, not one.dynamic)
-    columns = scatter_columns(rig, contact, course)
-    since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(0, 2, 1))
-    moved = probes_to_displacement(rig.probes, since_zero)
-    return np.stack([moved.delta_x, moved.delta_y, moved.gamma], axis=1)
+    for one, found in zip(objective.observations, usual, strict=True):
+        x, y, gamma = np.concatenate([np.zeros((3, 1)), found[0]], axis=1)
+        probes = np.stack([x + height * gamma, y + half * gamma, -x - height * gamma,
+                           y - half * gamma])
+        course = SimulatedCourse(
+            one.elevation, one.zero_load, np.append(one.zero_load, one.load),
+            np.append(one.time[0] - BEFORE, one.time), probes, not one.dynamic)
+        columns = scatter_columns(rig, contact, course)
+        since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(0, 2, 1))
+        moved = probes_to_displacement(rig.probes, since_zero)
+        effects.append(np.stack([moved.delta_x, moved.delta_y, moved.gamma], axis=1))
+    return effects

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -48,14 +48,7 @@ from saddlering_ros.quantities import (
 from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.record import Record
-from saddlering_ros.rig import (
-    CHANNELS,
-    Displacement,
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    ParameterSet,
-    Rig,
-)
+from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, ParameterSet, Rig
 from saddlering_ros.ring import simulate, static_batch
 from saddlering_ros.ring.roller_scatter import sound_deviation
 
@@ -150,29 +143,31 @@ class _Comparison:
         return self.run
 
 
-def _noise_of(compared: Sequence[_Comparison]) -> list[Sequence[ChannelNoise]]:
+def _noise_of(compared: Sequence[_Comparison]) -> list[list[ChannelNoise]]:
     """Noise of the channels of each run.
 
     Runs whose parity is noise alone share their knowledge of slow noise. In other runs the
     misfit of the model may move a channel at rest, so that each run has its own noise.
     """
     sources = [one.at_rest() for one in compared]
-    count = len(compared[0].channels)
+    rows = range(len(compared[0].channels))
     still = {number: source for number, source in enumerate(sources)
              if source.record is not None and source.is_usable}
-    learnt = noise_by_class(still, count, LEVEL_REACH) if still else {}
-    return [learnt[number] if number in learnt
-            else [_noise_of_channel(source, row) for row in range(count)]
-            for number, source in enumerate(sources)]
-
-
-def _noise_of_channel(source: RestSource, row: int) -> ChannelNoise:
-    """Noise of one channel of one run from its rests alone; none if they are too short."""
-    values = [segment.values[row] for segment in source.segments]
-    try:
-        return noise_alone(values, source.segments[0].step if values else 1.0)
-    except EstimationError:
-        return QUIET
+    learnt = noise_by_class(still, len(rows), LEVEL_REACH) if still else {}
+    answers = []
+    for number, source in enumerate(sources):
+        if number in learnt:
+            answers.append(learnt[number])
+            continue
+        # From its rests alone; none if they are too short.
+        step = source.segments[0].step if source.segments else 1.0
+        try:
+            answers.append([
+                noise_alone([segment.values[row] for segment in source.segments], step)
+                for row in rows])
+        except EstimationError:
+            answers.append([QUIET] * len(rows))
+    return answers
 
 
 def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
@@ -183,8 +178,13 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
         levels = plateaus(run) if run.test == 'static' else None
     except BagError as problem:
         raise IdentificationError(f'{name}: {problem}') from problem
-    actual = _stack(measured.displacement)
-    simulated = _simulated(rig, parameters, run, measured)
+    out = simulate(rig, parameters, run.elevation, measured.time, measured.load)
+    actual, simulated = (
+        np.stack([np.asarray(getattr(motion, channel), dtype=float) for channel in CHANNELS])
+        for motion in (measured.displacement, out.displacement))
+    if not np.array_equal(out.time, measured.time):
+        simulated = np.stack([np.interp(measured.time, out.time, row, left=np.nan, right=np.nan)
+                              for row in simulated])
     channels = CHANNELS[:-1] if rig.probes.absent else CHANNELS
     compared = np.all(np.isfinite(actual + simulated)[:len(channels)], axis=0)
     readings: Spans = []
@@ -209,21 +209,6 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
         reading_measured=_means(actual, readings), reading_simulated=_means(simulated, readings),
         notes=(*run.notes, *notes), origin=run.origin)
     return _Comparison(result, measured, rests, channels)
-
-
-def _stack(motion: Displacement) -> Array:
-    return np.stack([np.asarray(getattr(motion, name), dtype=float) for name in CHANNELS])
-
-
-def _simulated(rig: Rig, parameters: ParameterSet, run: Record, measured: MeasuredRun) -> Array:
-    """Simulated channels (4, N) at the measured times."""
-    out = simulate(rig, parameters, run.elevation, measured.time, measured.load)
-    values = _stack(out.displacement)
-    if values.shape[1] == len(measured.time) and np.array_equal(out.time, measured.time):
-        return values
-    return np.stack(
-        [np.interp(measured.time, out.time, row, left=np.nan, right=np.nan) for row in values]
-    )
 
 
 def _means(values: Array, spans: Spans) -> Array:
@@ -286,12 +271,12 @@ class Criterion:
     @property
     def value_words(self) -> str:
         """The value with its unit."""
-        return _figure(self.value, self.unit)
+        return self._words(self.value)
 
     @property
     def limit_words(self) -> str:
         """The limit with its unit."""
-        return _figure(self.limit, self.unit)
+        return self._words(self.limit)
 
     @property
     def line(self) -> str:
@@ -299,11 +284,10 @@ class Criterion:
         return (f'{"passed" if self.is_met else "FAILED"}  {self.words}: worst {self.channel} of '
                 f'{self.bag}, {self.value_words} against {self.limit_words}')
 
-
-def _figure(value: float, unit: str) -> str:
-    if unit == '%':
-        return percent(value, 3)
-    return quantity(1e-6 * value, 'm') if unit == 'um' else compact(value)
+    def _words(self, value: float) -> str:
+        if self.unit == '%':
+            return percent(value, 3)
+        return quantity(1e-6 * value, 'm') if self.unit == 'um' else compact(value)
 
 
 def judge(runs: Sequence[RunValidation]) -> tuple[Criterion, ...]:
@@ -319,14 +303,11 @@ def judge(runs: Sequence[RunValidation]) -> tuple[Criterion, ...]:
         _worst(runs, SIMULATED, 'iso18571', f'ISO 18571 rating at least {MIN_RATING:g} (good)', '',
                lambda figures: (figures.iso18571, MIN_RATING), more_is_better=True),
         _worst(runs, ('parity',), 'parity', f'parity at most {GOOD:g} x noise (rigid ring, sound '
-               'probes)', 'um', _parity_figures),
+               'probes)', 'um', lambda figures: (
+                   1e6 * figures.rmse,
+                   1e6 * GOOD * (figures.noise_floor or 0.0) * figures.range)),
     ]
     return tuple(criterion for criterion in criteria if criterion is not None)
-
-
-def _parity_figures(figures: ChannelFigures) -> tuple[float | None, float]:
-    """Parity and its limit in micrometres; a share of its range, which is noise, is void."""
-    return 1e6 * figures.rmse, 1e6 * GOOD * (figures.noise_floor or 0.0) * figures.range
 
 
 def _worst(
@@ -354,8 +335,7 @@ def _worst(
         channel=channel)
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(NamedTuple):
     """A column of the table of a validation: figure, title, factor of its unit, and content."""
 
     key: str
@@ -401,11 +381,13 @@ def validation_text(validation: Validation) -> str:
     for run in validation.runs:
         lines += [f'{run.name}: {run.test}, {np.degrees(run.elevation):g} deg', f'  {head}']
         for channel, figures in run.channels.items():
+            values = [getattr(figures, column.key) for column in COLUMNS]
             cells = [
-                _cell(getattr(figures, column.key), column.scale).rjust(width)
-                for column, width in zip(COLUMNS, widths, strict=True)
-            ]
-            lines.append(f'  {channel:8s}  ' + '  '.join(cells))
+                '-' if value is None or not np.isfinite(value)
+                else significant(column.scale * value, 4)
+                for column, value in zip(COLUMNS, values, strict=True)]
+            lines.append(f'  {channel:8s}  ' + '  '.join(
+                cell.rjust(width) for cell, width in zip(cells, widths, strict=True)))
         lines += [f'  note: {note}' for note in run.notes]
     contact, source = validation.parameters.contact, validation.parameters.source
     lines += [''] if source.undetermined else []
@@ -415,9 +397,3 @@ def validation_text(validation: Validation) -> str:
     lines += ['', 'columns:', *(f'  {column.title:9s}  {column.words}' for column in COLUMNS)]
     lines += ['', 'criteria:', *(f'  {criterion.line}' for criterion in judge(validation.runs))]
     return '\n'.join(lines)
-
-
-def _cell(value: float | None, scale: float) -> str:
-    if value is None or not np.isfinite(value):
-        return '-'
-    return significant(scale * value, 4)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from saddlering_ros.estimation.least_squares import covariance, minimise, Rule
+from saddlering_ros.estimation.least_squares import covariance, LazyAnswer, minimise, Rule
 
 PLACES = np.linspace(0.0, 4.0, 60)
 TRUTH = np.array([1.3, 0.7])
@@ -21,43 +21,40 @@ def slopes(point):
     return np.stack([fall, -point[0] * PLACES * fall], axis=1)
 
 
-class Decay:
+def at(point, taken=None):
     """The decay at a point; counts how often its slopes are asked for."""
+    def counted():
+        if taken is not None:
+            taken.append(1)
+        return slopes(point)
 
-    def __init__(self, point, taken=None):
-        self.residual = decay(point[None])[0]
-        self._point, self._taken = point, taken
-
-    def slopes(self):
-        if self._taken is not None:
-            self._taken.append(1)
-        return slopes(self._point)
+    return LazyAnswer(decay(point[None])[0], counted)
 
 
 @pytest.mark.parametrize('start', [[0.2, 2.9], [5.0, 0.1], [1.3, 0.7]])
 def test_the_bottom_is_found_from_afar(start):
-    found = minimise(Decay, np.array(start), LOW, HIGH)
+    found = minimise(at, np.array(start), LOW, HIGH)
     assert found.point == pytest.approx(TRUTH, rel=1e-6)
     assert not found.at_bound.any()
     assert found.jacobian == pytest.approx(slopes(found.point))
 
 
 def test_a_bound_in_the_way_is_where_it_stops():
-    found = minimise(Decay, np.array([0.5, 0.5]), LOW, np.array([1.0, 3.0]))
+    found = minimise(at, np.array([0.5, 0.5]), LOW, np.array([1.0, 3.0]))
     assert found.point[0] == pytest.approx(1.0)
     assert found.at_bound.tolist() == [True, False]
 
 
 def test_slopes_are_asked_for_only_where_a_step_is_taken():
     asked, taken = [], []
-    minimise(lambda point: (asked.append(1), Decay(point, taken))[1],
+    minimise(lambda point: (asked.append(1), at(point, taken))[1],
              np.array([5.0, 3.0]), LOW, HIGH)
     assert len(taken) < len(asked)
 
 
 def test_a_step_that_is_to_gain_nothing_is_not_taken():
     asked = []
-    found = minimise(lambda point: (asked.append(1), Decay(point))[1], TRUTH, LOW, HIGH)
+    found = minimise(lambda point: (asked.append(1), at(point))[1], TRUTH, LOW, HIGH)
     assert len(asked) == 1
     assert found.point == pytest.approx(TRUTH)
 
