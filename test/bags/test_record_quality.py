@@ -42,6 +42,13 @@ def test_readings_held_at_fifty_hertz_are_named_with_their_rate():
         pytest.approx(50.0, rel=0.05))
 
 
+def test_readings_that_repeat_by_chance_are_not_held_by_a_slower_clock():
+    stamps, values = record()
+    is_new = np.random.default_rng(1).random(values.size) < 0.2
+    last_new = np.maximum.accumulate(np.where(is_new, np.arange(values.size), 0))
+    assert not topic_quality(stamps, values[last_new]).is_held
+
+
 @pytest.mark.parametrize('step', [0.7e-6, 2e-6, 5e-6])
 def test_a_coarse_resolution_is_named_and_no_stall(step):
     (line,) = notes(*record(step=step))

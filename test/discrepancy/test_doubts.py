@@ -151,6 +151,7 @@ def returning(result: object) -> Model:
          'neutral='),
         (lambda: diagnose(MODEL, record('a')), 'give a list of runs'),
         (lambda: diagnose(MODEL, [record('a'), record('a', seed=2)]), 'two runs are called a'),
+        (lambda: diagnose(MODEL, [record('a'), record('b')]), 'it counts once'),
         (lambda: diagnose(MODEL, [Run('a', TIME, outputs={'seen': 0.0 * TIME})]),
          'does not vary'),
         (lambda: diagnose(MODEL, [record('a')], start={'gian': 1.0}), 'no base parameter'),
@@ -275,7 +276,8 @@ def test_three_effects_are_no_answer_if_one_of_them_has_an_alternative(names, ve
 
 @pytest.mark.parametrize(
     ('part', 'words'),
-    [(slice(None), 'the same recording'), (slice(100, 300), 'a part of a recording'),
+    [(slice(None), 'are the same recording: give it once .one is held out'),
+     (slice(100, 300), 'a part of a recording: give it once .one is held out'),
      (slice(300, 400), 'a part of a recording')],
 )
 def test_no_part_of_a_recording_is_both_fitted_and_held_out(part: slice, words: str) -> None:
