@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-import difflib
 import math
 from typing import Any
 
-from saddlering_ros.errors import plain_number, VirtualRigError
+from saddlering_ros.errors import did_you_mean, plain_number, VirtualRigError
 from saddlering_ros.rig import default_rig, Rig, size_factor
 
-STAGES = ('load', 'rollers', 'friction', 'motion', 'probes', 'recording')
+Act = Callable[[Any, Mapping[str, float], str], None]
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class RigEffect:
     stage: str
     channels: tuple[str, ...]
     parameters: tuple[TrueSize, ...]
-    act: Callable[[Any, Mapping[str, float], str], None]
+    act: Act
     forms: tuple[str, ...] = ('default',)
     dynamic_only: bool = False
 
@@ -82,18 +81,23 @@ EFFECTS: dict[str, RigEffect] = {}
 """Every effect by its id; ids that start with 'out:' are in no catalogue."""
 
 
-def effect(
-    name: str, stage: str, channels: Sequence[str], parameters: Iterable[TrueSize],
-    forms: Sequence[str] = ('default',), *, dynamic_only: bool = False,
-) -> Callable[[Callable[[Any, Mapping[str, float], str], None]],
-              Callable[[Any, Mapping[str, float], str], None]]:
+def effect(name: str, stage: str, channels: Sequence[str], parameters: Iterable[TrueSize],
+           forms: Sequence[str] = ('default',), *,
+           dynamic_only: bool = False) -> Callable[[Act], Act]:
     """Enter the function below into the table of effects."""
-    def enter(act: Callable[[Any, Mapping[str, float], str], None]) -> Callable[
-            [Any, Mapping[str, float], str], None]:
+    def enter(act: Act) -> Act:
         EFFECTS[name] = RigEffect(name, stage, tuple(channels), tuple(parameters), act,
                                   tuple(forms), dynamic_only)
         return act
     return enter
+
+
+def find_effect(name: str) -> RigEffect:
+    """The effect of this id; VirtualRigError lists the ids if there is none."""
+    if name not in EFFECTS:
+        raise VirtualRigError(f'effect {name!r} does not exist{did_you_mean(name, EFFECTS)} '
+                              f'(there are {", ".join(sorted(EFFECTS))})')
+    return EFFECTS[name]
 
 
 def request(name: str, values: Mapping[str, float] | None = None,
@@ -103,45 +107,27 @@ def request(name: str, values: Mapping[str, float] | None = None,
     VirtualRigError lists the existing names for an unknown effect, parameter or form.
     """
     found = find_effect(name)
-    parameters = found.parameters_on(rig or default_rig())
-    complete = {parameter.name: parameter.typical for parameter in parameters}
-    for key, value in (values or {}).items():
-        complete[key] = _checked(found, key, value)
-    if form is None:
-        form = found.forms[0]
+    form = found.forms[0] if form is None else form
     if form not in found.forms:
         raise VirtualRigError(f'form {form!r} of {name} does not exist: give one of '
                               f'{", ".join(found.forms)}')
+    sizes = {parameter.name: parameter for parameter in found.parameters_on(rig or default_rig())}
+    complete = {key: parameter.typical for key, parameter in sizes.items()}
+    for key, value in (values or {}).items():
+        parameter = sizes.get(key)
+        if parameter is None:
+            raise VirtualRigError(f'{name} has no parameter {key!r}: it has {", ".join(sizes)}')
+        if not math.isfinite(value):
+            raise VirtualRigError(f'{name}.{key} is {value}: give a finite number')
+        if parameter.choices and value not in parameter.choices:
+            allowed = ', '.join(f'{choice:g}' for choice in parameter.choices)
+            raise VirtualRigError(f'{name}.{key} is {value:g}: give one of {allowed}')
+        is_size = key == found.parameters[0].name and not parameter.signed
+        if (parameter.positive and value <= 0.0) or (is_size and value < 0.0):
+            raise VirtualRigError(f'{name}.{key} is {value:g} {parameter.unit}: give a number '
+                                  + ('above zero' if parameter.positive else 'from zero up'))
+        complete[key] = float(value)
     return EffectRequest(found, complete, form)
-
-
-def find_effect(name: str) -> RigEffect:
-    """The effect of this id; VirtualRigError lists the ids if there is none."""
-    if name in EFFECTS:
-        return EFFECTS[name]
-    near = difflib.get_close_matches(name, EFFECTS, 1)
-    hint = f'did you mean {near[0]}? ' if near else ''
-    raise VirtualRigError(f'effect {name!r} does not exist: {hint}there are '
-                          f'{", ".join(sorted(EFFECTS))}')
-
-
-def _checked(found: RigEffect, key: str, value: float) -> float:
-    parameter = next((item for item in found.parameters if item.name == key), None)
-    if parameter is None:
-        names = ', '.join(item.name for item in found.parameters)
-        raise VirtualRigError(f'{found.id} has no parameter {key!r}: it has {names}')
-    if not math.isfinite(value):
-        raise VirtualRigError(f'{found.id}.{key} is {value}: give a finite number')
-    if parameter.choices and value not in parameter.choices:
-        allowed = ', '.join(f'{choice:g}' for choice in parameter.choices)
-        raise VirtualRigError(f'{found.id}.{key} is {value:g}: give one of {allowed}')
-    if parameter.positive and value <= 0.0:
-        raise VirtualRigError(f'{found.id}.{key} is {value:g} {parameter.unit}: '
-                              'give a number above zero')
-    if parameter is found.parameters[0] and value < 0.0 and not parameter.signed:
-        raise VirtualRigError(f'{found.id}.{key} is {value:g} {parameter.unit}: give a number '
-                              'from zero up')
-    return float(value)
 
 
 def parse_requests(texts: Iterable[str], forms: Iterable[str] = (),
@@ -157,9 +143,8 @@ def parse_requests(texts: Iterable[str], forms: Iterable[str] = (),
         parameters = values.setdefault(find_effect(name).id, {})
         if not equals and not key:
             continue
-        main = EFFECTS[name].parameters[0].name
         try:
-            parameters[key or main] = plain_number(right)
+            parameters[key or EFFECTS[name].parameters[0].name] = plain_number(right)
         except ValueError as problem:
             raise VirtualRigError(f'effect {text!r} cannot be read: write NAME=NUMBER or '
                                   'NAME.PARAMETER=NUMBER, in SI units') from problem

@@ -152,9 +152,6 @@ def clock_offset(recording: Recording, values: Mapping[str, float], form: str) -
     recording.clock_skew += values['skew']
 
 
-# -- in no catalogue ---------------------------------------------------------------------------
-
-
 @effect('out:probe_crosstalk', 'probes', ALL_CHANNELS,
         [TrueSize('share', '1', 0.01, 0.08, 0.03, signed=True)])
 def probe_crosstalk(seen: ProbeMotion, values: Mapping[str, float], form: str) -> None:

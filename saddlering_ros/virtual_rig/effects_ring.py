@@ -90,9 +90,6 @@ def bracket_play(path: LoadPath, values: Mapping[str, float], form: str) -> None
     path.elevation += values['angle'] * z
 
 
-# -- of the load, in no catalogue ---------------------------------------------------------------
-
-
 @effect('out:load_cell_lens', 'load', X_AND_T, [TrueSize('share', '1', 0.005, 0.03, 0.015)])
 def load_cell_lens(path: LoadPath, values: Mapping[str, float], form: str) -> None:
     """Hysteresis of the cell's body: a lens that closes at both ends of the range."""
@@ -167,31 +164,28 @@ class Motion:
         return float(self.time[1] - self.time[0])
 
 
-# -- rollers and raceways ----------------------------------------------------------------------
-
-
-def _clearance(rollers: Rollers, rows: tuple[str, ...], change: float, form: str) -> None:
+def _widen(rollers: Rollers, row: str, change: float, form: str) -> None:
     """Half the change at each side; 'spread': rollers differ, from no change to twice the mean."""
-    for row in rows:
-        part = rollers.of(row)
-        share = np.ones(len(part))
-        if form == 'spread':
-            share = rollers.random.permutation(np.linspace(0.0, 2.0, len(part)))
-        part[:, at.GAP] += 0.5 * change * share
+    part = rollers.of(row)
+    share = np.ones(len(part))
+    if form == 'spread':
+        share = rollers.random.permutation(np.linspace(0.0, 2.0, len(part)))
+    part[:, at.GAP] += 0.5 * change * share
 
 
 @effect('radial_clearance', 'rollers', X,
         [TrueSize('change', 'm', 5e-6, 30e-6, 15e-6, signed=True)], ('uniform', 'spread'))
 def radial_clearance(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
     """The radial row has another clearance than in the rig file."""
-    _clearance(rollers, ('middle',), values['change'], form)
+    _widen(rollers, 'middle', values['change'], form)
 
 
 @effect('axial_clearance', 'rollers', T,
         [TrueSize('change', 'm', 5e-6, 30e-6, 15e-6, signed=True)], ('uniform', 'spread'))
 def axial_clearance(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
     """The axial rows have another clearance than in the rig file."""
-    _clearance(rollers, ('upper', 'lower'), values['change'], form)
+    _widen(rollers, 'upper', values['change'], form)
+    _widen(rollers, 'lower', values['change'], form)
 
 
 @effect('unequal_rows', 'rollers', T, [TrueSize('excess', '1', 0.05, 0.5, 0.2, signed=True)])
@@ -201,10 +195,8 @@ def unequal_rows(rollers: Rollers, values: Mapping[str, float], form: str) -> No
 
 
 WEAR_FORMS = ('hard', 'cosine', 'hard_gap', 'cosine_gap')
-WEAR = (
-    TrueSize('wear', '1', 0.1, 0.6, 0.3), TrueSize('centre', 'rad', 0.0, math.pi, 0.5),
-    TrueSize('half_width', 'rad', 0.3, 0.9, 0.5, positive=True),
-)
+WEAR = (TrueSize('wear', '1', 0.1, 0.6, 0.3), TrueSize('centre', 'rad', 0.0, math.pi, 0.5),
+        TrueSize('half_width', 'rad', 0.3, 0.9, 0.5, positive=True))
 WORN_GAP = 1e-4
 """Extra gap [m] at a wear of 1."""
 
@@ -268,9 +260,6 @@ def softening(rollers: Rollers, values: Mapping[str, float], form: str) -> None:
     rollers.table[:, at.SOFTENING] = values['per_metre']
 
 
-# -- friction ----------------------------------------------------------------------------------
-
-
 @effect('radial_friction', 'friction', X,
         [TrueSize('force', 'N', 1000.0, 15000.0, 5000.0),
          TrueSize('presliding', 'm', 1e-6, 6e-6, 2e-6, positive=True), INITIAL], SLIDING)
@@ -290,9 +279,6 @@ def tilt_friction(elements: FrictionElements, values: Mapping[str, float], form:
     """
     against = (0.0, 1.0, 0.0) if values['coordinate'] == 1.0 else (0.0, 0.0, 1.0)
     elements.add(against, values['moment'], values['presliding'], form, values['initial'])
-
-
-# -- joints, film and carriage -----------------------------------------------------------------
 
 
 @effect('radial_compliance', 'motion', X, [TrueSize('compliance', 'm/N', 1e-11, 2e-10, 6e-11)])
@@ -337,8 +323,7 @@ def film_creep(motion: Motion, values: Mapping[str, float], form: str) -> None:
     parts = [(1.0, values['time'])]
     if form == 'two_times':
         parts = [(0.4, values['time'] / 6.0), (0.6, values['time'])]
-    names = {0.0: ('x', 'y', 'tilt'), 1.0: ('x',), 2.0: ('y', 'tilt')}[values['rows']]
-    for name in names:
+    for name in (('x', 'y', 'tilt'), ('x',), ('y', 'tilt'))[int(values['rows'])]:
         motion_of = getattr(motion, name)
         creep = sum(share * low_pass(motion_of, motion.step, time) for share, time in parts)
         setattr(motion, name, motion_of + values['share'] * creep)
@@ -369,9 +354,6 @@ def carriage_resonance(motion: Motion, values: Mapping[str, float], form: str) -
         moved = getattr(motion, name)
         swung = second_mode(moved, motion.step, frequency, values['damping'])
         setattr(motion, name, moved + values['share'] * (swung - moved))
-
-
-# -- in no catalogue ---------------------------------------------------------------------------
 
 
 @effect('out:tilt_backlash', 'motion', ('gamma',),

@@ -44,25 +44,6 @@ S00, S01, S10, S11 = 0.0, 2.0, -18.0, 4.0
 
 
 @compiled()
-def _damping(roller: Floats, p: float) -> tuple[float, float]:
-    """D at penetration p and its slope."""
-    share = roller[DAMPING_SHARE]
-    constant = roller[DAMPING]
-    if share == 0.0:
-        return constant, 0.0
-    threshold = roller[DAMPING_THRESHOLD]
-    if threshold > 0.0:
-        ramp = min(max((p - threshold) / (0.2 * threshold) + 0.5, 0.0), 1.0)
-        inside = 0.0 < ramp < 1.0
-        slope = 6.0 * ramp * (1.0 - ramp) / (0.2 * threshold) if inside else 0.0
-        smooth = ramp * ramp * (3.0 - 2.0 * ramp)
-        return constant * (1.0 - share + share * smooth), constant * share * slope
-    power = roller[DAMPING_EXPONENT]
-    grown = (p / DAMPING_REFERENCE) ** power
-    return constant * (1.0 - share + share * grown), constant * share * power * grown / p
-
-
-@compiled()
 def roller_force(roller: Floats, p: float, rate: float) -> tuple[float, float, float]:
     """Force of one roller [N] at penetration p > 0 and its derivatives by p and by dp/dt."""
     exponent = roller[EXPONENT]
@@ -73,7 +54,20 @@ def roller_force(roller: Floats, p: float, rate: float) -> tuple[float, float, f
         weaker = 1.0 / (1.0 + softening * p)
         slope = slope * weaker - elastic * softening * weaker * weaker
         elastic *= weaker
-    damping, damping_slope = _damping(roller, p)
+    constant, share, threshold = roller[DAMPING], roller[DAMPING_SHARE], roller[DAMPING_THRESHOLD]
+    damping, damping_slope = constant, 0.0
+    if share != 0.0 and threshold > 0.0:
+        ramp = min(max((p - threshold) / (0.2 * threshold) + 0.5, 0.0), 1.0)
+        inside = 0.0 < ramp < 1.0
+        steep = 6.0 * ramp * (1.0 - ramp) / (0.2 * threshold) if inside else 0.0
+        smooth = ramp * ramp * (3.0 - 2.0 * ramp)
+        damping = constant * (1.0 - share + share * smooth)
+        damping_slope = constant * share * steep
+    elif share != 0.0:
+        power = roller[DAMPING_EXPONENT]
+        grown = (p / DAMPING_REFERENCE) ** power
+        damping = constant * (1.0 - share + share * grown)
+        damping_slope = constant * share * power * grown / p
     fade, fade_slope = 1.0, 0.0
     if p < TOUCH_DOWN:
         u = p / TOUCH_DOWN
@@ -204,27 +198,20 @@ def _stage_residual(
 def _try_step(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floats, v: Floats,
               h: float, load: Floats, stages: Floats) -> bool:
     """Find the two stage positions (2, 3), starting from those given."""
-    residual, trial_residual = np.empty(6), np.empty(6)
-    matrix, trial_matrix = np.empty((6, 6)), np.empty((6, 6))
-    scratch = np.empty((7, 3))
-    trial = np.empty((2, 3))
+    residual, trial_residual, scratch = np.empty(6), np.empty(6), np.empty((7, 3))
+    matrix, trial_matrix, trial = np.empty((6, 6)), np.empty((6, 6)), np.empty((2, 3))
     error = _stage_residual(rollers, friction, z, mass, q, v, h, load, stages, residual, matrix,
                             scratch)
     for _ in range(MAX_NEWTON):
         if error < RESIDUAL:
             return True
         _solve(matrix, residual)
-        largest = 0.0
-        for k in range(6):
-            largest = max(largest, abs(residual[k]))
+        largest = np.abs(residual).max()
         if not largest < 1.0:
             return False
-        share = 1.0
-        trial_error = math.inf
+        share, trial_error = 1.0, math.inf
         for _ in range(8):
-            for stage in range(2):
-                for i in range(3):
-                    trial[stage, i] = stages[stage, i] - share * residual[3 * stage + i]
+            trial[:] = stages - share * residual.reshape(2, 3)
             trial_error = _stage_residual(rollers, friction, z, mass, q, v, h, load, trial,
                                           trial_residual, trial_matrix, scratch)
             if trial_error < error or largest * share < 1e-14:
@@ -244,8 +231,7 @@ def _advance(rollers: Floats, friction: Floats, z: Floats, mass: Floats, q: Floa
              seconds: float, before: Floats, middle: Floats, after: Floats) -> int:
     """Advance q, v, z in place by `seconds`, loads (3,) given at its start, third and end."""
     left, halvings, failed_steps = 1.0, 0, 0
-    load = np.empty((2, 3))
-    stages = np.empty((2, 3))
+    load, stages = np.empty((2, 3)), np.empty((2, 3))
     while left > 1e-12:
         share = min(left, 0.5 ** halvings)
         h = share * seconds
@@ -288,42 +274,32 @@ def _between(before: float, middle: float, after: float, share: float) -> float:
 def settle(rollers: Floats, friction: Floats, z: Floats, mass: Floats, load: Floats,
            start: Floats) -> tuple[Floats, int]:
     """Rest position (3,) under a constant load (3,), friction held at z; steps grow to minutes."""
-    q, v = start.copy(), np.zeros(3)
-    held = load.copy()
+    q, v, held = start.copy(), np.zeros(3), load.copy()
     for element in range(friction.shape[0]):
-        for i in range(3):
-            held[i] -= friction[element, i] * friction[element, F_LIMIT] * z[element]
-    none = friction[:0]
-    failed_steps = 0
-    h = 1e-4
+        held -= friction[element, :3] * friction[element, F_LIMIT] * z[element]
+    failed_steps, h = 0, 1e-4
     for _ in range(60):
-        failed_steps += _advance(rollers, none, z, mass, q, v, h, held, held, held)
+        failed_steps += _advance(rollers, friction[:0], z, mass, q, v, h, held, held, held)
         h = min(h * 1.4, 100.0)
     return q, failed_steps
 
 
 @compiled()
 def integrate(rollers: Floats, friction: Floats, z: Floats, mass: Floats, start: Floats,
-              step: float, loads: Floats) -> tuple[Floats, Floats, Floats, int]:
+              step: float, loads: Floats) -> tuple[Floats, int]:
     """Motion under loads (3 N + 1, 3) given at thirds of N equal steps, from rest at `start`.
 
-    Returns positions, rates and the rollers' force on the upper ring, (N + 1, 3) each, and how
-    many steps did not converge.
+    Returns positions (N + 1, 3), and how many steps did not converge.
     """
-    steps = (loads.shape[0] - 1) // 3
-    positions, rates, forces = (np.empty((steps + 1, 3)), np.empty((steps + 1, 3)),
-                                np.empty((steps + 1, 3)))
+    positions = np.empty(((loads.shape[0] - 1) // 3 + 1, 3))
     q, v, z = start.copy(), np.zeros(3), z.copy()
-    by_q, by_v = np.empty((3, 3)), np.empty((3, 3))
+    positions[0] = q
     failed_steps = 0
-    for n in range(steps + 1):
-        if n > 0:
-            failed_steps += _advance(rollers, friction, z, mass, q, v, step, loads[3 * n - 3],
-                                     loads[3 * n - 2], loads[3 * n])
+    for n in range(1, positions.shape[0]):
+        failed_steps += _advance(rollers, friction, z, mass, q, v, step, loads[3 * n - 3],
+                                 loads[3 * n - 2], loads[3 * n])
         positions[n] = q
-        rates[n] = v
-        contact(rollers, q, v, forces[n], by_q, by_v)
-    return positions, rates, forces, failed_steps
+    return positions, failed_steps
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.compiled import Compiler
 
-HERE = Path(__file__).parent
-
-compiled = Compiler(*(HERE / name for name in ('integrator.py', 'numerics.py')))
+compiled = Compiler(Path(__file__).with_name('integrator.py'), Path(__file__))
 Floats = NDArray[np.float64]
 
 
@@ -101,8 +99,7 @@ def follow(law: int, z: float, travel: float, presliding: float, seconds: float,
             return -1.0, 0.0
         return moved, 1.0 / presliding
     if law == BOUC_WEN:
-        after, slope = _bouc_wen(z, travel / presliding, presliding)
-        return after, slope
+        return _bouc_wen(z, travel / presliding, presliding)
     level = 1.0
     if law == LUGRE and seconds > 0.0:
         speed = travel / seconds / stribeck_speed
@@ -132,9 +129,8 @@ def _bouc_wen(z: float, steps: float, presliding: float) -> tuple[float, float]:
 def hysteresis(law: int, values: Floats, presliding: float, initial: float) -> Floats:
     """State z (N,) of a friction element that follows `values` (N,)."""
     state = np.empty(values.shape[0])
-    z = initial
-    state[0] = z
+    state[0] = initial
     for n in range(1, values.shape[0]):
-        z, _ = follow(law, z, values[n] - values[n - 1], presliding, 0.0, 1.0)
-        state[n] = z
+        travel = values[n] - values[n - 1]
+        state[n] = follow(law, state[n - 1], travel, presliding, 0.0, 1.0)[0]
     return state

@@ -72,18 +72,20 @@ def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) ->
     elements = FrictionElements([], [])
     _act(physical, 'friction', elements)
     friction = np.array(elements.rows).reshape(-1, at.FRICTION_COLUMNS)
-    z = _held(friction, np.array(elements.initial), forces[0])
+    force = forces[0]
+    # Friction cannot push the ring: it takes half of its load at most.
+    acting = np.abs(friction[:, :3] @ force)
+    most = HELD_SHARE * acting / np.maximum(friction[:, at.F_LIMIT], 1e-12)
+    z = np.clip(np.array(elements.initial), -most, most)
     mass = np.array([physical.rig.carriage.mass] * 2 + [physical.rig.carriage.inertia])
     # A position with the gaps closed on the side that the force presses on.
-    force = forces[0]
     start = np.array([np.copysign(0.5 * physical.rig.radial_row.clearance, force[0]),
                       np.copysign(0.5 * physical.rig.axial_rows.clearance, force[1]), 0.0])
-    rest, failed_steps = at.settle(rollers.table, friction, z, mass, forces[0], start)
+    rest, failed_steps = at.settle(rollers.table, friction, z, mass, force, start)
     if failed_steps:
         raise VirtualRigError('the ring finds no rest at the start of the test: give a preload '
                               'above zero, or effects of smaller size')
-    positions, _, _, failed_steps = at.integrate(
-        rollers.table, friction, z, mass, rest, step, forces)
+    positions, failed_steps = at.integrate(rollers.table, friction, z, mass, rest, step, forces)
     if failed_steps > len(positions) // 1000 or not np.all(np.isfinite(positions)):
         raise VirtualRigError(f'the motion cannot be followed in {failed_steps} of '
                               f'{len(positions)} steps: give effects of smaller size')
@@ -94,7 +96,11 @@ def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) ->
         rig=physical.rig, time=path.time[every], x=x, y=y, tilt=tilt, force_x=force_x.copy(),
         force_y=force_y.copy(), moment=moment.copy(), load=path.arriving[every].copy())
     _act(physical, 'motion', motion)
-    seen = ProbeMotion(motion, _increments(physical.rig, motion), seed)
+    probes = physical.rig.probes
+    radial, lever = motion.x + motion.tilt * probes.radial_height, 0.5 * probes.axial_span
+    increments = np.stack([radial, motion.y + lever * motion.tilt, -radial,
+                           motion.y - lever * motion.tilt])
+    seen = ProbeMotion(motion, increments - increments[:, :1], seed)
     _act(physical, 'probes', seen)
     return PhysicalRun(motion.time, path.measured[every].copy(), motion, seen.increments)
 
@@ -102,20 +108,3 @@ def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) ->
 def _act(physical: PhysicalRig, stage: str, target: object) -> None:
     for request in physical.requests(stage):
         request.effect.act(target, request.values, request.form)
-
-
-def _held(friction: Floats, initial: Floats, force: Floats) -> Floats:
-    """States z at the start; friction cannot push the ring: it takes half its load at most."""
-    acting = friction[:, :3] @ force
-    most = HELD_SHARE * np.abs(acting) / np.maximum(friction[:, at.F_LIMIT], 1e-12)
-    return np.asarray(np.clip(initial, -most, most))
-
-
-def _increments(rig: Rig, motion: Motion) -> Floats:
-    radial = motion.x + motion.tilt * rig.probes.radial_height
-    half = 0.5 * rig.probes.axial_span
-    seen = np.stack([radial, motion.y + half * motion.tilt, -radial,
-                     motion.y - half * motion.tilt])
-    return np.asarray(seen - seen[:, :1])
-
-

@@ -124,29 +124,21 @@ def record_test(plan: TestPlan) -> TestRecord:
     begin = EPOCH + 3600 * int(chance[1].integers(0, 20_000))
     if plan.begin is not None:
         begin = plan.begin
-    load_rate = plan.load_rate
-    probe_rate = plan.probe_rate if plan.probe_rate is not None else load_rate
-    margin = 2.0 / min(load_rate, probe_rate)
-    jitter = plan.instruments.jitter
-    time = _instants(margin, run.time[-1] - margin, load_rate, jitter, chance[2])
-    probe_times = [
-        _instants(0.0, run.time[-1], probe_rate, jitter, chance[3 + probe])
-        for probe in range(4)
-    ]
-    gaps = tuple(
-        _gaps(plan, run, recording, probe, probe_times[probe], chance[7 + probe])
-        for probe in range(4)
-    )
+    probe_rate = plan.probe_rate if plan.probe_rate is not None else plan.load_rate
+    margin, jitter = 2.0 / min(plan.load_rate, probe_rate), plan.instruments.jitter
+    time = _instants(margin, run.time[-1] - margin, plan.load_rate, jitter, chance[2])
+    probe_times = [_instants(0.0, run.time[-1], probe_rate, jitter, chance[3 + probe])
+                   for probe in range(4)]
+    gaps = tuple(_gaps(plan, run, recording, probe, times, chance[7 + probe])
+                 for probe, times in enumerate(probe_times))
     probe_stamps = tuple(
         _stamps(begin, times + recording.clock_offset + recording.clock_skew * times)
-        for times in probe_times
-    )
+        for times in probe_times)
+    facts = TestMetadata(schedule.test, math.degrees(physical.elevation), plan.rig_name,
+                         plan.run_name)
     return TestRecord(
-        TestMetadata(
-            schedule.test, math.degrees(physical.elevation), plan.rig_name, plan.run_name),
-        _stamps(begin, time), _load_reading(plan, run, recording, time, chance[11]),
-        probe_stamps, gaps, int(chance[1].integers(1_500, 9_000)) * 1000, run,
-    )
+        facts, _stamps(begin, time), _load_reading(plan, run, recording, time, chance[11]),
+        probe_stamps, gaps, int(chance[1].integers(1_500, 9_000)) * 1000, run)
 
 
 def write_record(path: Path | str, record: TestRecord, rig: Rig, *,

@@ -75,8 +75,8 @@ class Schedule:
     def duration(self) -> float:
         """Length of the test [s]."""
         targets = self._targets()
-        stay = self.hold * (len(targets) if self.test == 'static' else targets.count(self.peak))
-        return 2.0 * self.rest + self.ramp * len(targets) + stay
+        stays = len(targets) if self.test == 'static' else targets.count(self.peak)
+        return 2.0 * self.rest + self.ramp * len(targets) + self.hold * stays
 
     def _targets(self) -> list[float]:
         if self.test == 'dynamic':
@@ -129,12 +129,8 @@ def controlled_load(schedule: Schedule, spacing: float, count: int,
         target = np.where(target > schedule.lowest, target + held[:len(time)], target)
     instants = spacing * np.arange(count)
     load: Floats = np.interp(instants, time, target)
-    load = _lagged(load - load[0], spacing, LEAK_TIME, LEAK_SHARE) + load[0]
-    lag = CONTROLLER_LAG[schedule.test]
+    moved = load - load[0]
+    load = moved - LEAK_SHARE * low_pass(moved, spacing, LEAK_TIME) + load[0]
     for _ in range(2):
-        load = low_pass(load, spacing, lag)
+        load = low_pass(load, spacing, CONTROLLER_LAG[schedule.test])
     return load
-
-
-def _lagged(values: Floats, spacing: float, time_constant: float, share: float) -> Floats:
-    return np.asarray(values - share * low_pass(values, spacing, time_constant))
