@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from saddlering_ros.discrepancy import Parameter, Point, RestSegment, RunBlocks
+from saddlering_ros.discrepancy import Effect, Parameter, Point, RestSegment, RunBlocks
 
 STEP = 0.05
 TIME = np.arange(0.0, 20.0, STEP)
@@ -29,6 +29,27 @@ class System:
 
     def predict(self, name: str, point: Point) -> np.ndarray:
         raise NotImplementedError
+
+
+class Shapes(System):
+    """One channel straight in the load, and effects that each add a size times a shape (N,)."""
+
+    def __init__(self, high: float = 0.5, **shapes: np.ndarray) -> None:
+        self.shapes = shapes
+        self.effects = tuple(Effect(name, {'size': Parameter(-high, high)}) for name in shapes)
+
+    def predict(self, name: str, point: Point) -> np.ndarray:
+        bent = [values['size'] * self.shapes[name] for name, values in point.effects.items()]
+        return (point.base[0] * LOAD + sum(bent))[None, :]
+
+
+def measured(system: System, noise: float, effects: Mapping[str, Mapping[str, float]],
+             seed: int = 1, rest: Sequence[RestSegment] = (), base: Sequence[float] = (1.0,),
+             ) -> RunBlocks:
+    """A run of a system under effects, with white noise."""
+    seen = system.predict('slow', Point(np.array(base), effects))
+    seen = seen + noise * np.random.default_rng(seed).normal(size=seen.shape)
+    return recorded('slow', seen, rest)
 
 
 def recorded(name: str, seen: np.ndarray, rest: Sequence[RestSegment] = ()) -> RunBlocks:
