@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 import re
@@ -57,10 +57,7 @@ class BagDirectory:
     @property
     def name(self) -> str:
         """Name of the bag: that of its directory, or of its file without .mcap."""
-        name = self.path.resolve().name
-        for suffix in SUFFIXES[::-1]:
-            name = name.removesuffix(suffix)
-        return name
+        return self.path.resolve().name.removesuffix('.mcap.zstd').removesuffix('.mcap')
 
     @property
     def size(self) -> int:
@@ -92,19 +89,14 @@ def open_directory(path: Path | str) -> BagDirectory:
                        f'one of measured files by: saddlering import {path} --draft')
     # A bare file; metadata.yaml beside it counts if it names the file.
     beside = path.parent / METADATA
-    if beside.is_file():
-        try:
-            information = read_metadata(beside)
-            named = {Path(name).name for name in _names(information)}
-        except BagError:
-            return BagDirectory(path, (path,))
-        if path.name in named:
-            of_bag = _with_information(path, (path,), information)
-            if len(named) == 1:
-                return of_bag
-            return BagDirectory(path, (path,), of_bag.custom_data, None,
-                                of_bag.message_compression, True)
-    return BagDirectory(path, (path,))
+    information: dict[str, Any] = {}
+    with suppress(BagError):
+        information = read_metadata(beside) if beside.is_file() else {}
+    named = {Path(name).name for name in _names(information)}
+    if path.name not in named:
+        return BagDirectory(path, (path,))
+    of_bag = _with_information(path, (path,), information)
+    return of_bag if len(named) == 1 else replace(of_bag, message_count=None)
 
 
 def announced(path: Path | str) -> str:
@@ -147,9 +139,11 @@ def plain_file(path: Path) -> Iterator[Path]:
 
 
 def _of_directory(path: Path) -> BagDirectory:
+    # A number counts as one, so that run_10 comes behind run_9.
     found = sorted(
         (file for file in path.iterdir() if file.name.endswith(SUFFIXES) and file.is_file()),
-        key=_natural)
+        key=lambda file: [(int(part or 0), '') if part.isdecimal() else (0, part)
+                          for part in re.split(r'(\d+)', file.name)])
     if not (path / METADATA).is_file():
         if found:
             return BagDirectory(path, tuple(found))
@@ -256,12 +250,6 @@ def _texts(mapping: object) -> dict[str, str]:
             if isinstance(value, (str, int, float, bool)) and isinstance(key, str)}
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sort key that puts run_10 behind run_9."""
-    return [(int(part or 0), '') if part.isdecimal() else (0, part)
-            for part in re.split(r'(\d+)', path.name)]
-
-
 def find_metadata(
     custom_data: Mapping[str, str], record: Mapping[str, str], recorder: Mapping[str, str],
 ) -> TestMetadata:
@@ -272,49 +260,28 @@ def find_metadata(
     rosbag2 writes itself) gives only texts that neither states, for instance after a
     reindexing, which loses custom_data from metadata.yaml.
     """
-    values: dict[str, str] = {}
-    conflicts = []
-    for key in (*metadata.KEYS, *metadata.DETAILS):
-        first, second = _clean(custom_data.get(key)), _clean(record.get(key))
-        if first is not None and second is not None and not metadata.same_text(key, first, second):
-            conflicts.append(
-                f'{key} is {first!r} in metadata.yaml and {second!r} in the MCAP record '
-                f'{metadata.METADATA_RECORD}: correct one{OVERRULE.get(key, "")}')
-            continue
-        value = first if first is not None else second
-        if value is None:
-            value = _clean(recorder.get(key))
-        if value is not None:
-            values[key] = value
-    faults: list[str] = []
-    test = _kind(values.get('test'), faults)
-    elevation = _elevation(values.get('elevation_deg'), faults)
+    places = [{key: text.strip() for key, text in place.items() if text.strip()}
+              for place in (custom_data, record, recorder)]
+    first, second, _ = places
+    conflicts = tuple(
+        f'{key} is {first[key]!r} in metadata.yaml and {second[key]!r} in the MCAP record '
+        f'{metadata.METADATA_RECORD}: correct one{OVERRULE.get(key, "")}'
+        for key in (*metadata.KEYS, *metadata.DETAILS) if key in first and key in second
+        and not metadata.same_text(key, first[key], second[key]))
+    values = {key: text for place in reversed(places) for key, text in place.items()
+              if not any(line.startswith(f'{key} is ') for line in conflicts)}
+    faults = []
+    test, elevation = values.get('test'), values.get('elevation_deg')
+    kind, degrees = (test or '').lower(), metadata.finite_number(elevation or '')
+    if test is not None and kind not in metadata.KINDS:
+        faults.append(f"test is {test!r}, which is not a kind of test: give test='static' or "
+                      "test='dynamic'")
+    if degrees is not None and not LOWEST_ELEVATION <= degrees <= HIGHEST_ELEVATION:
+        degrees = None
+    if elevation is not None and degrees is None:
+        faults.append(
+            f'elevation_deg is {elevation!r}, which is not an elevation from '
+            f'{LOWEST_ELEVATION:g} to {HIGHEST_ELEVATION:g} degrees: give elevation_deg=DEG')
     details = {key: values[key] for key in metadata.DETAILS if key in values}
-    return TestMetadata(test, elevation, values.get('rig', ''), values.get('run', ''), details,
-                      tuple(conflicts), tuple(faults))
-
-
-def _clean(value: object) -> str | None:
-    return None if value is None or not str(value).strip() else str(value).strip()
-
-
-def _kind(text: str | None, faults: list[str]) -> str | None:
-    if text is None:
-        return None
-    if text.lower() in metadata.KINDS:
-        return text.lower()
-    faults.append(
-        f"test is {text!r}, which is not a kind of test: give test='static' or test='dynamic'")
-    return None
-
-
-def _elevation(text: str | None, faults: list[str]) -> float | None:
-    if text is None:
-        return None
-    value = metadata.finite_number(text)
-    if value is not None and LOWEST_ELEVATION <= value <= HIGHEST_ELEVATION:
-        return value
-    faults.append(
-        f'elevation_deg is {text!r}, which is not an elevation from {LOWEST_ELEVATION:g} to '
-        f'{HIGHEST_ELEVATION:g} degrees: give elevation_deg=DEG')
-    return None
+    return TestMetadata(kind if kind in metadata.KINDS else None, degrees, values.get('rig', ''),
+                        values.get('run', ''), details, conflicts, tuple(faults))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 import math
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,9 @@ from saddlering_ros.record.batches import gap_mask
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.quality import topic_quality, TopicQuality, UNKNOWN_QUALITY
-from saddlering_ros.record.record import RawRecord, RawTopic, Record
+from saddlering_ros.record.record import RawRecord, RawTopic
 from saddlering_ros.record.scratch import count_where, extremes, spread_changes
-from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
+from saddlering_ros.record.topics import LOAD_TOPIC, RIG_TOPICS
 from saddlering_ros.rig import load_rig, Rig
 
 
@@ -106,40 +106,45 @@ def bag_info(
     `read_run`.
     """
     found = scan(path, on_progress=on_progress)
-    degrees = None if elevation is None else math.degrees(elevation)
-    facts = found.facts.overruled(test, degrees)
-    problems, notes = [], []
-    if found.damage is not None:
-        problems.append(str(found.fault))
-    raw = {}
+    facts = found.facts.overruled(test, None if elevation is None else math.degrees(elevation))
+    problems = [] if found.damage is None else [str(found.fault)]
+    notes: list[str] = []
     rig = rig or load_rig()
     absent = absent_topic(rig)
+    raw = {}
     for name in RIG_TOPICS:
-        if name == absent:
-            continue
-        try:
-            raw[name] = raw_topic(found, name)
-        except BagError as fault:
-            problems.append(str(fault))
+        if name != absent:
+            try:
+                raw[name] = raw_topic(found, name)
+            except BagError as fault:
+                problems.append(str(fault))
     problems += [f'{found.path}: {problem}' for problem in facts.problems]
     problems += _faults_of_readings(found.path, raw, rig)
-    read = raw if problems or not absent else {**raw, absent: mirrored_topic(rig, raw)}
-    record = RawRecord(found.path, read, facts, found.notes)
     run, count = None, None
     if not problems:
+        read = {**raw, absent: mirrored_topic(rig, raw)} if absent else raw
+        record = RawRecord(found.path, read, facts, found.notes)
         try:
             run = run_of_record(record, facts, rig)
+            notes = [*run.notes, *map(str, findings_on_rig(rig, run, record))]
+            if run.test == 'static':
+                count = 0
+                count = len(plateaus(run, errors=False))
         except BagError as fault:
             problems.append(str(fault))
-    if run is not None:
-        notes += [*run.notes, *map(str, findings_on_rig(rig, run, record))]
-    if run is not None and run.test == 'static':
-        try:
-            count = len(plateaus(run, errors=False))
-        except BagError as fault:
-            problems.append(str(fault))
-            count = 0
-    return _assemble(found, facts, raw, run, count, problems, notes)
+    start = min((int(topic.stamps[0]) for topic in raw.values()), default=None)
+    stop = max((int(topic.stamps[-1]) for topic in raw.values()), default=None)
+    load = raw[LOAD_TOPIC].values if LOAD_TOPIC in raw else np.array([math.nan])
+    lowest, highest = map(float, extremes(load))
+    return BagInfo(
+        path=found.path, name=found.directory.name, files=len(found.directory.files),
+        size=found.size, message_count=found.message_count,
+        compressions=tuple(sorted(found.compressions)),
+        schema_encodings=tuple(sorted(found.schema_encodings)), facts=facts,
+        topics=_topics(found, raw, start, {} if run is None else run.quality), start=start,
+        duration=math.nan if start is None or stop is None else (stop - start) / 1e9,
+        load_range=(lowest, highest), plateaus=count, sha256=found.directory.sha256(),
+        problems=tuple(dict.fromkeys(problems)), notes=tuple(notes))
 
 
 def _faults_of_readings(path: Path, raw: dict[str, RawTopic], rig: Rig) -> list[str]:
@@ -159,60 +164,36 @@ def _faults_of_readings(path: Path, raw: dict[str, RawTopic], rig: Rig) -> list[
     return faults
 
 
-def _assemble(
-    found: Scan, facts: TestMetadata, raw: dict[str, RawTopic], run: Record | None,
-    count: int | None, problems: list[str], notes: list[str],
-) -> BagInfo:
-    start = min((int(topic.stamps[0]) for topic in raw.values()), default=None)
-    stop = max((int(topic.stamps[-1]) for topic in raw.values()), default=None)
-    duration = math.nan if start is None or stop is None else (stop - start) / 1e9
-    lowest, highest = extremes(
-        raw[LOAD_TOPIC].values if LOAD_TOPIC in raw else np.array([math.nan]))
-    return BagInfo(
-        path=found.path, name=found.directory.name, files=len(found.directory.files),
-        size=found.size, message_count=found.message_count,
-        compressions=tuple(sorted(found.compressions)),
-        schema_encodings=tuple(sorted(found.schema_encodings)), facts=facts,
-        topics=_topics(found, raw, start, run), start=start, duration=duration,
-        load_range=(float(lowest), float(highest)), plateaus=count,
-        sha256=found.directory.sha256(), problems=tuple(dict.fromkeys(problems)),
-        notes=tuple(notes))
-
-
 def _topics(
-    found: Scan, raw: dict[str, RawTopic], start: int | None, run: Record | None,
+    found: Scan, raw: dict[str, RawTopic], start: int | None, quality: dict[str, TopicQuality],
 ) -> tuple[TopicInfo, ...]:
     """The rig's topics first, then all others by name."""
-    others = sorted(set(found.topics) - set(RIG_TOPICS))
     infos = []
-    for name in (LOAD_TOPIC, *PROBE_TOPICS, *others):
+    for name in (*RIG_TOPICS, *sorted(set(found.topics) - set(RIG_TOPICS))):
         scanned = found.topics.get(name)
         if scanned is None:
             continue
-        kind = ', '.join(sorted(scanned.types))
+        info = TopicInfo(name, ', '.join(sorted(scanned.types)), scanned.count)
         if name in raw and start is not None:
-            seen = None if run is None else run.quality.get(name)
-            infos.append(_rig_topic(raw[name], kind, scanned.count, start, seen))
-        else:
-            infos.append(TopicInfo(name, kind, scanned.count))
+            info = _rig_topic(info, raw[name], start, quality.get(name))
+        infos.append(info)
     return tuple(infos)
 
 
 def _rig_topic(
-    raw: RawTopic, kind: str, count: int, start: int, seen: TopicQuality | None,
+    info: TopicInfo, raw: RawTopic, start: int, seen: TopicQuality | None,
 ) -> TopicInfo:
     before = np.flatnonzero(gap_mask(raw.stamps))
     gaps = raw.stamps[before + 1] - raw.stamps[before]
     lowest, highest = map(float, extremes(raw.values))
-    is_finite = count_where(np.isfinite, raw.values) == len(raw.values)
     if seen is None:
+        is_finite = count_where(np.isfinite, raw.values) == len(raw.values)
         seen = topic_quality(raw.stamps, raw.values) if is_finite else UNKNOWN_QUALITY
-    return TopicInfo(
-        topic=raw.topic, type=kind, count=count,
-        rate=1e9 / float(np.median(spread_changes(raw.stamps))),
+    return replace(
+        info, rate=1e9 / float(np.median(spread_changes(raw.stamps))),
         start=(int(raw.stamps[0]) - start) / 1e9,
         duration=int(raw.stamps[-1] - raw.stamps[0]) / 1e9, gaps=len(gaps),
-        longest_gap=float(gaps.max()) / 1e9 if len(gaps) else 0.0, lowest=lowest, highest=highest,
+        longest_gap=float(gaps.max(initial=0)) / 1e9, lowest=lowest, highest=highest,
         frame_id=raw.frame_id, repeated=seen.repeated, update_rate=seen.update_rate,
         resolution=seen.resolution, noise=seen.noise, bandwidth=seen.bandwidth,
         spikes=int(seen.spikes.size))

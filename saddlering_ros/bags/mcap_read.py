@@ -111,16 +111,11 @@ class McapFile:
             try:
                 opcode, start, stop = self._record(buffer, position, size)
             except DamageError:
-                if len(loose):
-                    yield self._counted(loose.block(buffer))
+                yield self._counted(loose.block(buffer))
                 raise
             self.share = stop / size
             if opcode == MESSAGE:
                 loose.add(buffer, position, stop, self)
-                if len(loose) >= BLOCK_MESSAGES:
-                    yield self._counted(loose.block(buffer))
-                    loose = _Collector()
-                    seen = _give_back(buffer, seen, stop)
             elif opcode == CHUNK:
                 yield self._counted(self._chunk(buffer, start, stop, size))
                 seen = _give_back(buffer, seen, stop)
@@ -128,9 +123,12 @@ class McapFile:
                 break
             else:
                 self._declaration(opcode, buffer, start, stop)
+            if loose.count >= BLOCK_MESSAGES:
+                yield self._counted(loose.block(buffer))
+                loose = _Collector()
+                seen = _give_back(buffer, seen, stop)
             position = stop
-        if len(loose):
-            yield self._counted(loose.block(buffer))
+        yield self._counted(loose.block(buffer))
         self._check_end(buffer, position, start, stop)
 
     def _record(self, buffer: mmap.mmap, position: int, size: int) -> tuple[int, int, int]:
@@ -153,17 +151,22 @@ class McapFile:
         """Read a schema, channel or metadata record; skip any other."""
         fields = _Fields(buffer, start, stop)
         if opcode == SCHEMA:
-            number = fields.uint16()
+            number = fields.number(2)
             name, encoding = fields.text(), fields.text()
             self._schemas[number] = (name, encoding, fields.data())
         elif opcode == CHANNEL:
-            number, schema = fields.uint16(), fields.uint16()
+            number, schema = fields.number(2), fields.number(2)
             topic, encoding = fields.text(), fields.text()
             name, schema_encoding, definition = self._schemas.get(schema, ('', '', b''))
             self.channels[number] = McapChannel(topic, name, encoding, schema_encoding, definition)
         elif opcode == METADATA:
-            name = fields.text()
-            self.metadata[name] = fields.text_map()
+            texts = self.metadata[fields.text()] = {}
+            end = fields.number(4) + fields.position
+            if end > stop:
+                raise IndexError
+            while fields.position < end:
+                key = fields.text()
+                texts[key] = fields.text()
 
     def _check_end(self, buffer: mmap.mmap, position: int, start: int, stop: int) -> None:
         """Check the data against the statements at the end of the file."""
@@ -195,16 +198,21 @@ class McapFile:
         _, _, uncompressed_size, crc = _chunk_head.unpack_from(buffer, start)
         fields = _Fields(buffer, start + _chunk_head.size, stop)
         compression = fields.text()
-        compressed_size = fields.uint64()
+        compressed_size = fields.number(8)
         if fields.position + compressed_size > stop or uncompressed_size > MAX_CHUNK:
             raise self._damaged(start, 'a chunk')
         self.compressions.add(compression)
-        compressed = buffer[fields.position:fields.position + compressed_size]
-        data = self._decompress(compression, compressed, uncompressed_size, start)
+        data = self._decompress(compression, fields.take(compressed_size), uncompressed_size,
+                                start)
         if len(data) != uncompressed_size or (crc and crc != zlib.crc32(data)):
             raise self._damaged(start, 'a chunk')
         with suppress(struct.error, IndexError, UnicodeDecodeError):
-            return self._indexed(data, buffer, stop, size) or self._walked(data)
+            found = self._indexed(data, self._message_index(buffer, stop, size))
+            if found is None:
+                messages = _Collector()
+                self._walk(data, 0, len(data), messages)
+                found = messages.block(data)
+            return found
         raise self._damaged(start, 'a chunk')
 
     def _decompress(self, compression: str, data: bytes, size: int, position: int) -> bytes:
@@ -225,34 +233,28 @@ class McapFile:
             f'{self.name}: chunks are compressed with {compression!r}, which is not supported: '
             'convert the bag to zstd, lz4 or no compression')
 
-    def _walked(self, data: bytes) -> McapBlock:
-        """Find the messages of a chunk record by record."""
-        collector = _Collector()
-        position, size, others = 0, len(data), 0
-        while position < size:
+    def _walk(self, data: bytes, position: int, stop: int, messages: _Collector | None = None,
+              ) -> None:
+        """Read the records from `position` to `stop`; IndexError for others than there may be."""
+        others = 0
+        while position < stop:
             opcode, length = _record_head.unpack_from(data, position)
-            stop = position + RECORD_HEAD + length
-            if stop > size:
+            after = position + RECORD_HEAD + length
+            if after > stop:
                 raise IndexError
-            if opcode == MESSAGE:
-                collector.add(data, position, stop, self)
+            if opcode == MESSAGE and messages is not None:
+                messages.add(data, position, after, self)
             else:
                 others += 1
-                if opcode == 0 or others > MAX_DECLARATIONS:
+                if opcode in (0, MESSAGE) or others > MAX_DECLARATIONS:
                     raise IndexError
-                self._declaration(opcode, data, position + RECORD_HEAD, stop)
-            position = stop
-        return collector.block(data)
+                self._declaration(opcode, data, position + RECORD_HEAD, after)
+            position = after
 
-    def _indexed(
-        self, data: bytes, buffer: mmap.mmap, position: int, size: int,
-    ) -> McapBlock | None:
+    def _indexed(self, data: bytes, index: dict[int, NDArray[np.void]]) -> McapBlock | None:
         """Find the messages of a chunk by its message index; None unless it accounts for all."""
-        index = self._message_index(buffer, position, size)
-        if not index:
-            return None
         array = np.frombuffer(data, dtype=np.uint8)
-        entries = np.concatenate(list(index.values()))
+        entries = np.concatenate([np.empty(0, _INDEX_ENTRY), *index.values()])
         offsets = entries['offset'].astype(np.int64)
         if not len(offsets) or offsets.min() < 0 or (
                 offsets.max() + RECORD_HEAD + MESSAGE_HEAD > len(array)):
@@ -260,24 +262,28 @@ class McapFile:
         order = np.argsort(offsets)
         offsets = offsets[order]
         sizes = take(array, offsets + 1, '<u8').astype(np.int64)
-        ends = offsets + RECORD_HEAD + sizes
-        counts = [len(of_channel) for of_channel in index.values()]
-        channels = np.repeat(list(index), counts)[order]
+        channels = np.repeat(list(index), [len(own) for own in index.values()])[order]
         sound = (
             (array[offsets] == MESSAGE).all()
             and (take(array, offsets + RECORD_HEAD, '<u2') == channels).all()
             and (sizes >= MESSAGE_HEAD).all() and (sizes <= len(array)).all()
         )
-        if not sound or not self._declared_between(data, offsets, ends):
+        edges = np.concatenate([[0], offsets + RECORD_HEAD + sizes])
+        following = np.append(offsets, len(data))
+        if not sound or (following < edges).any():
             return None
+        for hole in np.flatnonzero(following > edges).tolist():
+            try:
+                self._walk(data, int(edges[hole]), int(following[hole]))
+            except IndexError:
+                return None
         if not set(index) <= set(self.channels):
             return None
         log_times = entries['log_time'].astype(np.int64)[order]
         messages = {}
-        by_channel = np.argsort(channels, kind='stable')
-        edges = np.flatnonzero(np.diff(channels[by_channel])) + 1
-        for mine in np.split(by_channel, edges):
-            messages[int(channels[mine[0]])] = Messages(
+        for channel in np.unique(channels).tolist():
+            mine = np.flatnonzero(channels == channel)
+            messages[channel] = Messages(
                 offsets[mine] + RECORD_HEAD + MESSAGE_HEAD, sizes[mine] - MESSAGE_HEAD,
                 log_times[mine])
         return McapBlock(array, messages)
@@ -298,27 +304,6 @@ class McapFile:
             position = start + length
         return index
 
-    def _declared_between(
-        self, data: bytes, starts: NDArray[np.int64], ends: NDArray[np.int64],
-    ) -> bool:
-        """Read the records between indexed messages; False if one of them is a message."""
-        edges = np.concatenate([[0], ends])
-        following = np.concatenate([starts, [len(data)]])
-        if (following < edges).any():
-            return False
-        others = 0
-        for hole in np.flatnonzero(following > edges).tolist():
-            position, stop = int(edges[hole]), int(following[hole])
-            while position < stop:
-                opcode, length = _record_head.unpack_from(data, position)
-                after = position + RECORD_HEAD + length
-                others += 1
-                if opcode in (0, MESSAGE) or after > stop or others > MAX_DECLARATIONS:
-                    return False
-                self._declaration(opcode, data, position + RECORD_HEAD, after)
-                position = after
-        return True
-
     # -- faults --------------------------------------------------------------------------------
 
     def _cut_off(self, size: int) -> CutOffError:
@@ -337,10 +322,7 @@ class _Collector:
 
     def __init__(self) -> None:
         self._found: dict[int, list[tuple[int, int, int]]] = {}
-        self._count = 0
-
-    def __len__(self) -> int:
-        return self._count
+        self.count = 0
 
     def add(self, data: bytes | mmap.mmap, position: int, stop: int, file: McapFile) -> None:
         _, length, channel, _, log_time = _message_head.unpack_from(data, position)
@@ -348,58 +330,36 @@ class _Collector:
             raise IndexError
         start = position + RECORD_HEAD + MESSAGE_HEAD
         self._found.setdefault(channel, []).append((start, stop - start, log_time))
-        self._count += 1
+        self.count += 1
 
     def block(self, data: bytes | mmap.mmap) -> McapBlock:
-        messages = {}
-        for channel, found in self._found.items():
-            table = np.array(found, dtype=np.uint64).astype(np.int64)
-            messages[channel] = Messages(*(table[:, column] for column in range(3)))
+        messages = {channel: Messages(*np.array(found, dtype=np.uint64).astype(np.int64).T)
+                    for channel, found in self._found.items()}
         return McapBlock(np.frombuffer(data, dtype=np.uint8), messages)
 
 
 class _Fields:
-    """The fields of a record, read one after the other."""
+    """The fields of a record, read one after the other; IndexError behind its end."""
 
     def __init__(self, data: bytes | mmap.mmap, start: int, stop: int) -> None:
         self._data = data
         self._stop = stop
         self.position = start
 
-    def _advance(self, width: int) -> int:
-        position = self.position
-        if position + width > self._stop:
+    def take(self, width: int) -> bytes:
+        start, self.position = self.position, self.position + width
+        if self.position > self._stop:
             raise IndexError
-        self.position = position + width
-        return position
+        return bytes(self._data[start:self.position])
 
-    def uint16(self) -> int:
-        return int.from_bytes(self._data[self._advance(2):self.position], 'little')
-
-    def uint32(self) -> int:
-        return int.from_bytes(self._data[self._advance(4):self.position], 'little')
-
-    def uint64(self) -> int:
-        return int.from_bytes(self._data[self._advance(8):self.position], 'little')
-
-    def text(self) -> str:
-        width = self.uint32()
-        return self._data[self._advance(width):self.position].decode('utf-8')
+    def number(self, width: int) -> int:
+        return int.from_bytes(self.take(width), 'little')
 
     def data(self) -> bytes:
-        width = self.uint32()
-        return bytes(self._data[self._advance(width):self.position])
+        return self.take(self.number(4))
 
-    def text_map(self) -> dict[str, str]:
-        width = self.uint32()
-        stop = self.position + width
-        if stop > self._stop:
-            raise IndexError
-        entries = {}
-        while self.position < stop:
-            key = self.text()
-            entries[key] = self.text()
-        return entries
+    def text(self) -> str:
+        return self.data().decode('utf-8')
 
 
 @contextmanager

@@ -42,11 +42,6 @@ class MessageBlock:
     def __len__(self) -> int:
         return len(self.log_times)
 
-    @property
-    def record_size(self) -> int:
-        """Bytes of the record of each message in a chunk."""
-        return RECORD_HEAD + MESSAGE_HEAD + int(self.messages.shape[1])
-
 
 class McapWriter:
     """One MCAP file that is being written: topics, metadata, messages, then a summary.
@@ -98,29 +93,27 @@ class McapWriter:
             self._write_gathered()
 
     def _write_gathered(self) -> None:
-        index = {channel: np.array(entries, dtype=_INDEX_ENTRY)
-                 for channel, entries in self._gathered_index.items()}
-        data = bytes(self._gathered)
+        if self._gathered:
+            self._write_chunk(bytes(self._gathered), {
+                channel: np.array(entries, dtype=_INDEX_ENTRY)
+                for channel, entries in self._gathered_index.items()})
+            self._file.flush()
         self._gathered.clear()
         self._gathered_index.clear()
-        if data:
-            self._write_chunk(data, index)
-            self._file.flush()
 
     def add_blocks(self, blocks: Sequence[MessageBlock]) -> None:
         """Write the messages of blocks, none of them empty, by log time, chunk by chunk."""
         which = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
         rows = np.concatenate([np.arange(len(block)) for block in blocks])
         order = np.argsort(np.concatenate([block.log_times for block in blocks]), kind='stable')
-        sizes = np.array([block.record_size for block in blocks])[which]
+        sizes = np.array([RECORD_HEAD + MESSAGE_HEAD + block.messages.shape[1]
+                          for block in blocks])[which]
         chunk_of = (np.cumsum(sizes[order]) - 1) // self._chunk_size
         for chunk in np.split(order, np.flatnonzero(np.diff(chunk_of)) + 1):
             starts = np.cumsum(sizes[chunk]) - sizes[chunk]
             written, index = [b''] * len(chunk), {}
-            for number, block in enumerate(blocks):
-                places = np.flatnonzero(which[chunk] == number)
-                if not len(places):
-                    continue
+            for number in np.unique(which[chunk]).tolist():
+                block, places = blocks[number], np.flatnonzero(which[chunk] == number)
                 mine, channel = rows[chunk[places]], self._channels[block.topic].id
                 for place, record in zip(places.tolist(), _records(block, mine, channel),
                                          strict=True):
@@ -136,8 +129,8 @@ class McapWriter:
         last = max(int(entries['log_time'].max()) for entries in index.values())
         packed = self._compressor.compress(data)
         start = self._file.tell()
-        head = struct.pack('<QQQI', first, last, len(data), zlib.crc32(data))
-        self._raw(Opcode.CHUNK, head + _text('zstd') + struct.pack('<Q', len(packed)), packed)
+        self._raw(Opcode.CHUNK, struct.pack('<QQQII4sQ', first, last, len(data), zlib.crc32(data),
+                                            4, b'zstd', len(packed)), packed)
         length = self._file.tell() - start
         places = {}
         for channel, entries in index.items():
@@ -158,22 +151,20 @@ class McapWriter:
             self.add_metadata(name, texts)
         self._write(records.DataEnd(0))
         start = self._file.tell()
-        starts = [chunk.message_start_time for chunk in self._chunks]
-        ends = [chunk.message_end_time for chunk in self._chunks]
         statistics = records.Statistics(
             attachment_count=0, channel_count=len(self._channels),
             channel_message_counts=self._counts, chunk_count=len(self._chunks),
             message_count=sum(self._counts.values()), metadata_count=len(self._metadata),
-            message_start_time=min(starts, default=0), message_end_time=max(ends, default=0),
+            message_start_time=min((one.message_start_time for one in self._chunks), default=0),
+            message_end_time=max((one.message_end_time for one in self._chunks), default=0),
             schema_count=len(self._schemas))
-        groups: list[tuple[Opcode, Sequence[records.McapRecord]]] = [
-            (Opcode.SCHEMA, list(self._schemas.values())),
-            (Opcode.CHANNEL, list(self._channels.values())),
-            (Opcode.STATISTICS, [statistics]), (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.METADATA_INDEX, self._metadata)]
+        groups: dict[Opcode, Sequence[records.McapRecord]] = {
+            Opcode.SCHEMA: list(self._schemas.values()),
+            Opcode.CHANNEL: list(self._channels.values()), Opcode.STATISTICS: [statistics],
+            Opcode.CHUNK_INDEX: self._chunks, Opcode.METADATA_INDEX: self._metadata}
         summary = RecordBuilder()
         places = []
-        for opcode, group in groups:
+        for opcode, group in groups.items():
             begin = summary.count
             for record in group:
                 record.write(summary)
@@ -204,10 +195,6 @@ class McapWriter:
         self._file.write(struct.pack('<BQ', opcode, sum(map(len, parts))))
         for part in parts:
             self._file.write(part)
-
-
-def _text(text: str) -> bytes:
-    return struct.pack('<I', len(text)) + text.encode()
 
 
 def _records(block: MessageBlock, mine: NDArray[np.int64], channel: int) -> list[bytes]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.bags.folder import open_directory
-from saddlering_ros.bags.scan import OnShare, Scan, scan, ScannedTopic
+from saddlering_ros.bags.scan import OnShare, Scan, scan
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.readings import absent_topic, MIN_SAMPLES, mirrored_topic, run_of_record
 from saddlering_ros.errors import BagError
@@ -84,8 +84,13 @@ def read_run(
     """
     record = read_raw(path, on_progress=on_progress, rig=rig)
     facts = usable_facts(record.path, record.facts, test, elevation)
-    if elevation is None:
-        check_measured_elevation(record, facts)
+    if elevation is None and ELEVATION.name in record.topics:
+        assert facts.elevation_deg is not None
+        measured = math.degrees(float(np.median(record[ELEVATION.name].values)))
+        if not abs(measured - facts.elevation_deg) <= ELEVATION_TOLERANCE_DEG:
+            raise BagError(
+                f'{record.path}: elevation_deg is {facts.elevation_deg:g} and {ELEVATION.name} '
+                f'measured {measured:.2f} deg: give elevation_deg=DEG')
     run = replace(run_of_record(record, facts, rig), sha256=open_directory(path).sha256())
     run = run if elevation is None else replace(run, elevation=float(elevation))
     if rig is not None:
@@ -101,17 +106,6 @@ def usable_facts(
     if facts.problems:
         raise BagError(f'{path}: {facts.problems[0]}')
     return facts
-
-
-def check_measured_elevation(record: RawRecord, facts: TestMetadata) -> None:
-    """Raise BagError if the bag's inclinometer contradicts the elevation that it states."""
-    if ELEVATION.name not in record.topics or facts.elevation_deg is None:
-        return
-    measured = math.degrees(float(np.median(record[ELEVATION.name].values)))
-    if not abs(measured - facts.elevation_deg) <= ELEVATION_TOLERANCE_DEG:
-        raise BagError(
-            f'{record.path}: elevation_deg is {facts.elevation_deg:g} and {ELEVATION.name} '
-            f'measured {measured:.2f} deg: give elevation_deg=DEG')
 
 
 def raw_topic(found: Scan, name: str) -> RawTopic:
@@ -141,32 +135,26 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
             'ran, and record again')
     stamps, values = topic.stamps.array(), topic.values.array()
     order = put_in_order(where, stamps, topic.log_times.array, values)
-    if order.reordered or order.duplicates:
-        stamps, values = scratch_copy(stamps[order.keep]), scratch_copy(values[order.keep])
-    if len(stamps) < fewest:
-        raise BagError(f'{where}: holds {len(stamps)} different stamps, too few for a test: '
-                       'let the driver stamp each sample')
     notes = []
     if order.reordered:
         notes.append(f'{name}: {order.reordered} messages were stored late and are sorted')
     if order.duplicates:
         notes.append(f'{name}: {order.duplicates} messages repeat the stamp of another and are '
                      'left out')
-    low, high = _span(topic, notes)
+    if notes:
+        stamps, values = scratch_copy(stamps[order.keep]), scratch_copy(values[order.keep])
+    if len(stamps) < fewest:
+        raise BagError(f'{where}: holds {len(stamps)} different stamps, too few for a test: '
+                       'let the driver stamp each sample')
+    spans = topic.spans
+    if (spans != spans[:1]).any() and np.isfinite(spans).all():
+        notes.append(f'{name}: min_range or max_range changes during the record')
+    low, high = spans[0].tolist() if len(spans) else (math.nan, math.nan)
     if not found.cuts and found.damage is None:  # These numbers count the readable part.
         topic.release()
     return RawTopic(
         topic=name, type=TOPICS[name].type, frame_id=topic.frame_id, stamps=stamps, values=values,
         min_range=low, max_range=high, notes=tuple(notes))
-
-
-def _span(topic: ScannedTopic, notes: list[str]) -> tuple[float, float]:
-    spans = topic.spans
-    if spans.shape[1] == 0 or not len(spans):
-        return math.nan, math.nan
-    if (spans != spans[0]).any() and np.isfinite(spans).all():
-        notes.append(f'{topic.topic}: min_range or max_range changes during the record')
-    return float(spans[0, 0]), float(spans[0, 1])
 
 
 MAX_DUPLICATES = 0.01
@@ -243,14 +231,16 @@ def _check_late(
     if lateness.max() > JITTER_NS and log_lateness.max() > JITTER_NS:
         index = int(by_log[np.argmax(log_lateness > JITTER_NS)])
         raise _going_back(where, stamps, index, int(log_lateness.max()))
-    intervals = np.diff(stamps[order])
-    period = _period(stamps, intervals)
-    # Lateness [ns] too small to separate a clock set back from swapped neighbours.
-    #
-    # Little more than a period where stamps come at regular intervals, three where they do not.
-    steps = np.diff(stamps)
+    # The typical time between samples [ns]. Sorted intervals show it if the order of the file is
+    # random. If the order breaks only now and then, the intervals of the file show it, because
+    # two passes over one stretch of time would halve the sorted ones.
+    intervals, steps = np.diff(stamps[order]), np.diff(stamps)
+    seen = intervals if (steps < 0).sum() > MAX_BREAKS * len(steps) else steps
+    period = float(np.median(seen[seen > 0])) if (seen > 0).any() else 0.0
+    # Lateness [ns] too small to separate a clock set back from swapped neighbours: little more
+    # than a period where stamps come at regular intervals, three where they do not.
     regular = np.mean(np.abs(steps - period) <= 0.45 * period) > REGULAR_SHARE
-    if lateness.max() <= ((1.2 if regular else 3.0) * period):
+    if lateness.max() <= (1.2 if regular else 3.0) * period:
         return
     nearest = np.minimum(np.append(intervals, _FAR), np.append(_FAR, intervals))
     late = lateness[order] > 0
@@ -259,19 +249,6 @@ def _check_late(
     if 2 * doubled.sum() > late.sum() or apart.any():
         index = int(np.argmax(lateness > 0))
         raise _going_back(where, stamps, index, int(lateness.max()))
-
-
-def _period(stamps: NDArray[np.int64], intervals: NDArray[np.int64]) -> float:
-    """Typical time between samples [ns], from the order that shows more of it.
-
-    Sorted `intervals` show it if the order of the file is random. If the order breaks only now
-    and then, the intervals of the file show it, because two passes over one stretch of time
-    would halve the sorted ones.
-    """
-    steps = np.diff(stamps)
-    shuffled = (steps < 0).sum() > MAX_BREAKS * len(steps)
-    seen = intervals if shuffled else steps
-    return float(np.median(seen[seen > 0])) if (seen > 0).any() else 0.0
 
 
 def _going_back(where: str, stamps: NDArray[np.int64], index: int, furthest: int) -> BagError:

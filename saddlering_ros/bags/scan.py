@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 import re
@@ -15,7 +14,7 @@ import zstandard
 from saddlering_ros.bags import folder, wire
 from saddlering_ros.bags.folder import BagDirectory
 from saddlering_ros.bags.mcap_read import CutOffError, MAX_CHUNK, McapBlock, McapFile, MESSAGE_HEAD
-from saddlering_ros.bags.wire import CdrError, McapChannel, Messages, Readings
+from saddlering_ros.bags.wire import CdrError, McapChannel, Messages
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.metadata import KEYS, METADATA_RECORD, same_text, TestMetadata
 from saddlering_ros.record.scratch import extremes, GrowingArray
@@ -54,16 +53,19 @@ class ScannedTopic:
     log_times: GrowingArray = field(default_factory=lambda: GrowingArray(np.int64))
     _spans: list[NDArray[np.float64]] = field(default_factory=list)
 
-    def add(self, readings: Readings, log_times: NDArray[np.int64]) -> None:
+    def add(self, records: wire.Records, log_times: NDArray[np.int64]) -> None:
         """Add the content of a block."""
-        self.frame_id = self.frame_id or readings.frame_id
-        spans = readings.spans
-        if len(spans) and (spans == spans[0]).all():
-            spans = spans[:1].copy()
-        if not self._spans or not np.array_equal(spans[:1], self._spans[-1], equal_nan=True):
-            self._spans.append(spans)
-        self.stamps.append(readings.stamps)
-        self.values.append(readings.values)
+        topic = TOPICS[self.topic]
+        self.frame_id = self.frame_id or records.frame_id
+        if topic.low:
+            spans = np.stack([records.fields[name].astype(np.float64)
+                              for name in (topic.low, topic.high)], axis=1)
+            if len(spans) and (spans == spans[0]).all():
+                spans = spans[:1]
+            if not self._spans or not np.array_equal(spans[:1], self._spans[-1], equal_nan=True):
+                self._spans.append(spans)
+        self.stamps.append(records.stamps)
+        self.values.append(records.fields[topic.field])
         self.log_times.append(log_times)
 
     def release(self) -> None:
@@ -73,8 +75,8 @@ class ScannedTopic:
 
     @property
     def spans(self) -> NDArray[np.float64]:
-        """The ends of the sensor's range [m] as they change, (K, 2), or (K, 0) without."""
-        return np.concatenate(self._spans) if self._spans else np.empty((0, 2))
+        """The ends of the sensor's range [m] as they change (K, 2); none for a topic without."""
+        return np.concatenate([np.empty((0, 2)), *self._spans])
 
 
 @dataclass
@@ -193,7 +195,12 @@ def _scan_file(
                         f'{path}: {result.size} bytes unpack to more than {folder.MAX_EXPANSION} '
                         'times as many: no recorder writes such a file; use another bag')
         finally:
-            _take_facts(result, records, file.metadata.get(METADATA_RECORD, {}), path)
+            texts = file.metadata.get(METADATA_RECORD, {})
+            result.contradictions += [
+                f'{key} is {records[key]!r} in one file and {value!r} in {path.name}: these are '
+                'two tests: give each test a folder of its own' for key, value in texts.items()
+                if key in KEYS and not same_text(key, records.get(key, value), value)]
+            records.update({key: value for key, value in texts.items() if key not in records})
             text = file.metadata.get('rosbag2', {}).get('serialized_metadata', '')
             recorder.update(folder.custom_data_of(text) if text else {})
             result.message_count += file.message_count
@@ -205,63 +212,44 @@ def _scan_file(
                     result.schema_encodings.add(channel.schema_encoding)
 
 
-def _take_facts(result: Scan, records: dict[str, str], own: Mapping[str, str], path: Path) -> None:
-    """Facts of one more file of the bag; those that contradict an earlier file's are noted."""
-    for key, value in own.items():
-        if key in KEYS and same_text(key, records.setdefault(key, value), value):
-            continue
-        if key in KEYS:
-            result.contradictions.append(
-                f'{key} is {records[key]!r} in one file and {value!r} in {path.name}: these are '
-                'two tests: give each test a folder of its own')
-    records.update({key: value for key, value in own.items() if key not in records})
-
-
 def _take_block(result: Scan, file: McapFile, block: McapBlock, topics: Collection[str]) -> None:
-    by_topic: dict[str, list[tuple[McapChannel, Messages]]] = defaultdict(list)
     for number, messages in block.messages.items():
         channel = file.channels[number]
-        by_topic[channel.topic].append((channel, messages))
-    for name, of_topic in by_topic.items():
-        topic = result.topics.setdefault(name, ScannedTopic(name))
-        for channel, messages in of_topic:
-            topic.types.add(channel.type)
-            topic.count += len(messages)
-            result.unpacked += len(messages) * MESSAGE_HEAD
-            if name in topics:
-                result.unpacked += int(messages.sizes.sum())
-            if name in topics and not topic.fault:
-                _take_messages(topic, channel, block, messages, result.directory)
+        topic = result.topics.setdefault(channel.topic, ScannedTopic(channel.topic))
+        topic.types.add(channel.type)
+        topic.count += len(messages)
+        result.unpacked += len(messages) * MESSAGE_HEAD
+        if channel.topic not in topics:
+            continue
+        result.unpacked += int(messages.sizes.sum())
+        known = TOPICS.get(channel.topic)
+        if topic.fault or known is None:
+            continue
+        topic.fault = fault_of(channel, known)
+        if topic.fault:
+            continue
+        data = block.data
+        try:
+            if result.directory.message_compression:
+                data, messages = _decompressed(data, messages)
+            topic.add(wire.decode_records(data, messages.starts, messages.sizes, known.type,
+                                          known.fields), messages.log_times)
+        except CdrError as problem:
+            topic.fault = f'{problem}: record or copy the bag again'
 
 
-def _take_messages(
-    topic: ScannedTopic, channel: McapChannel, block: McapBlock, messages: Messages,
-    directory: BagDirectory,
-) -> None:
-    known = TOPICS.get(topic.topic)
-    if known is None:
-        return
+def fault_of(channel: McapChannel, topic: RigTopic) -> str:
+    """Reason why messages of `channel` cannot be read as `topic`, with its remedy, or ''."""
     # Names of some recorders leave the middle part out.
     package, _, rest = channel.type.partition('/')
-    if (channel.type if '/' in rest else f'{package}/msg/{rest}') != known.type:
-        topic.fault = (f'its type is {channel.type or "not said"} and should be {known.type}: '
-                       'record the topic of the rig, or remap it')
-        return
+    if (channel.type if '/' in rest else f'{package}/msg/{rest}') != topic.type:
+        return (f'its type is {channel.type or "not said"} and should be {topic.type}: '
+                'record the topic of the rig, or remap it')
     if channel.encoding != 'cdr':
-        topic.fault = (f'its messages are encoded as {channel.encoding!r}: record with ROS 2, '
-                       'which encodes as cdr')
-        return
-    wrong = other_fields(channel, known)
-    if wrong:
-        topic.fault = f'{wrong}: record with the messages of ROS 2 Jazzy'
-        return
-    data = block.data
-    try:
-        if directory.message_compression:
-            data, messages = _decompressed(data, messages)
-        topic.add(wire.decode(data, messages, known), messages.log_times)
-    except CdrError as problem:
-        topic.fault = f'{problem}: record or copy the bag again'
+        return (f'its messages are encoded as {channel.encoding!r}: record with ROS 2, '
+                'which encodes as cdr')
+    wrong = other_fields(channel, topic)
+    return f'{wrong}: record with the messages of ROS 2 Jazzy' if wrong else ''
 
 
 def _decompressed(
@@ -274,20 +262,18 @@ def _decompressed(
     for start, size in zip(messages.starts.tolist(), messages.sizes.tolist(), strict=True):
         frame = data[start:start + size].tobytes()
         try:
-            if zstandard.get_frame_parameters(frame).content_size == 0:
-                raise CdrError('a compressed message is damaged')
-            if zstandard.frame_content_size(frame) > MAX_MESSAGE:
+            if zstandard.get_frame_parameters(frame).content_size == 0 or (
+                    zstandard.frame_content_size(frame) > MAX_MESSAGE):
                 raise CdrError('a compressed message is damaged')
             plain.append(decompressor.decompress(frame, max_output_size=MAX_MESSAGE))
-            size_so_far += len(plain[-1])
-            if size_so_far > MAX_CHUNK:
-                raise CdrError('compressed messages are too large for topics of the rig')
         except (zstandard.ZstdError, MemoryError) as problem:
             raise CdrError('a compressed message is damaged') from problem
+        size_so_far += len(plain[-1])
+        if size_so_far > MAX_CHUNK:
+            raise CdrError('compressed messages are too large for topics of the rig')
     sizes = np.array([len(message) for message in plain], dtype=np.int64)
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     return (np.frombuffer(b''.join(plain), dtype=np.uint8),
-            Messages(starts, sizes, messages.log_times))
+            Messages(np.cumsum(sizes) - sizes, sizes, messages.log_times))
 
 
 _WORDS = {'f8': 'float64', 'f4': 'float32', 'u1': 'uint8', 'i4': 'int32', 'u4': 'uint32'}

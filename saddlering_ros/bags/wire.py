@@ -9,10 +9,11 @@ and 2, both byte orders).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import contextlib
 from dataclasses import dataclass
 import functools
+from itertools import repeat
 import struct
 from typing import Any, NamedTuple
 
@@ -117,49 +118,20 @@ class Records:
         return len(self.stamps)
 
 
-@dataclass(frozen=True)
-class Readings:
-    """Content of a run of messages of one topic of the rig.
-
-    stamps (N,) [ns]; values (N,) in the topic's unit; spans (N, 2): the ends of the sensor's
-    range, empty (N, 0) for a topic without; frame_id of the first message.
-    """
-
-    stamps: NDArray[np.int64]
-    values: NDArray[np.float64]
-    spans: NDArray[np.float64]
-    frame_id: str
-
-
 def take(data: NDArray[np.uint8], starts: NDArray[np.int64], dtype: str) -> NDArray[Any]:
     """The numbers of type `dtype` that begin at each of `starts` (N,) in `data`: (N,).
 
-    Taken from a view of `data` in which a number begins at every byte; IndexError if one of them
-    would end behind the data.
+    IndexError if one of them would end behind the data.
     """
-    kind = np.dtype(dtype)
-    everywhere: NDArray[Any] = np.ndarray(
-        (max(len(data) - kind.itemsize + 1, 0),), kind, data, strides=(1,))
-    return everywhere[starts]
-
-
-def decode(data: NDArray[np.uint8], messages: Messages, topic: RigTopic) -> Readings:
-    """Read all `messages` of a topic of the rig that lie in `data`."""
-    records = decode_records(data, messages.starts, messages.sizes, topic.type, topic.fields)
-    values = records.fields[topic.field].astype(np.float64)
-    spans = np.empty((len(records), 0))
-    if topic.low:
-        spans = np.stack([records.fields[name].astype(np.float64)
-                          for name in (topic.low, topic.high)], axis=1)
-    return Readings(records.stamps, values, spans, records.frame_id)
+    return _read(data, starts, np.dtype(dtype))
 
 
 def decode_list(messages: Sequence[bytes], message_type: str, names: Sequence[str]) -> Records:
     """Read messages that are separate in memory."""
     wanted = tuple(names)
-    if messages and len(messages[0]) >= _HEAD and len(set(map(len, messages))) == 1:
-        decode_equal = _decode_few if len(messages) <= FEW else _decode_equal
-        records = decode_equal(messages, message_type, wanted)
+    lengths = set(map(len, messages))
+    if len(messages) <= FEW and len(lengths) == 1 and min(lengths) >= _HEAD:
+        records = _decode_few(messages, message_type, wanted)
         if records is not None:
             return records
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
@@ -167,24 +139,9 @@ def decode_list(messages: Sequence[bytes], message_type: str, names: Sequence[st
     return decode_records(data, np.cumsum(sizes) - sizes, sizes, message_type, wanted)
 
 
-def _decode_equal(messages: Sequence[bytes], message_type: str, names: tuple[str, ...],
-                  ) -> Records | None:
-    """`decode_list` for messages of equal size; None if their layouts differ."""
-    first = messages[0]
-    kind, length = _head_of(first)
-    layout = _layout(message_type, kind, length, names)
-    if len(first) < layout.itemsize:
-        raise CdrError(f'a message is shorter than a {message_type}')
-    records: NDArray[Any] = np.ndarray(
-        (len(messages),), layout, b''.join(messages), strides=(len(first),))
-    if np.count_nonzero(records['kind'] != kind) or np.count_nonzero(records['length'] != length):
-        return None
-    return _checked(records, names, _frame_id(first, length))
-
-
 def _decode_few(messages: Sequence[bytes], message_type: str, names: tuple[str, ...],
                 ) -> Records | None:
-    """The same as `_decode_equal`, message by message."""
+    """`decode_list` message by message, for equal sizes; None if their layouts differ."""
     first = messages[0]
     kind, length = _head_of(first)
     row = _row(message_type, kind, length, names)
@@ -198,10 +155,9 @@ def _decode_few(messages: Sequence[bytes], message_type: str, names: tuple[str, 
         raise CdrError(TOO_MANY_NANOSECONDS)
     stamps = np.array([second * SECOND + nanosecond for second, nanosecond in zip(
         seconds, nanoseconds, strict=True)], np.int64)
-    by_name = dict(zip(_in_order(message_type, names), columns, strict=True))
-    types = dict(LAYOUTS[message_type])
-    return Records(stamps, {name: np.array(by_name[name], types[name]) for name in names},
-                   texts[0].rstrip(b'\0').decode('utf-8', 'replace'))
+    in_order = [field for field in LAYOUTS[message_type] if field[0] in names]
+    return Records(stamps, {name: np.array(column, kind) for (name, kind), column in zip(
+        in_order, columns, strict=True)}, texts[0].rstrip(b'\0').decode('utf-8', 'replace'))
 
 
 def decode_records(
@@ -210,58 +166,39 @@ def decode_records(
 ) -> Records:
     """The fields `names` of the messages of `message_type` at `starts` (N,) in `data`.
 
-    CdrError for other bytes.
+    Messages of one representation and frame id, the usual case, are read at once. CdrError for
+    other bytes.
     """
+    kinds = dict(LAYOUTS[message_type])
     if not len(starts):
-        kinds = dict(LAYOUTS[message_type])
         return Records(np.empty(0, np.int64), {
             name: np.empty(0, kinds[name]) for name in names}, '')
     if (sizes < _HEAD).any():
         raise CdrError('a message is shorter than its header')
     first = data[starts[0]:starts[0] + sizes[0]].tobytes()
     kind, length = _head_of(first)
-    records = _read(data, starts, sizes, _layout(message_type, kind, length, names))
-    if records is None or (records['kind'] != kind).any() or (records['length'] != length).any():
-        return _decode_mixed(data, starts, sizes, message_type, names)
-    return _checked(records, names, _frame_id(first, length))
+    frame_id = first[_HEAD:_HEAD + length].rstrip(b'\0').decode('utf-8', 'replace')
+    layout = _layout(message_type, kind, length, names)
+    if not (sizes < layout.itemsize).any():
+        records = _read(data, starts, layout)
+        if (records['kind'] == kind).all() and (records['length'] == length).all():
+            return Records(_stamps_of(records), {name: records[name] for name in names}, frame_id)
+    stamps = np.empty(len(starts), np.int64)
+    fields = {name: np.empty(len(starts), kinds[name]) for name in names}
+    for (kind, length), which in _alike(data, starts):
+        layout = _layout(message_type, kind, length, names)
+        if (sizes[which] < layout.itemsize).any():
+            raise CdrError(f'a message is shorter than a {message_type}')
+        records = _read(data, starts[which], layout)
+        stamps[which] = _stamps_of(records)
+        for name in names:
+            fields[name][which] = records[name]
+    return Records(stamps, fields, frame_id)
 
 
-def _head_of(message: bytes) -> tuple[int, int]:
-    """Representation, and length of the frame id, of a message."""
-    kind = message[0] << 8 | message[1]
-    if kind not in _BYTE_ORDER_AND_ALIGNMENT:
-        raise CdrError(f'CDR representation {kind:#06x} is not supported')
-    order = _BYTE_ORDER_AND_ALIGNMENT[kind][0]
-    return kind, struct.unpack_from(f'{order}I', message, ENCAPSULATION + 8)[0]
-
-
-def _frame_id(message: bytes, length: int) -> str:
-    return message[_HEAD:_HEAD + length].rstrip(b'\0').decode('utf-8', 'replace')
-
-
-def _read(data: NDArray[np.uint8], starts: NDArray[np.int64], sizes: NDArray[np.int64],
-          layout: np.dtype[Any]) -> NDArray[Any] | None:
-    """Records (N,) of one layout; None if some message is too short for it."""
-    if (sizes < layout.itemsize).any():
-        return None
-    everywhere: NDArray[Any] = np.ndarray(
-        (len(data) - layout.itemsize + 1,), layout, data, strides=(1,))
-    return everywhere[starts]
-
-
-def _checked(records: NDArray[Any], names: Sequence[str], frame_id: str) -> Records:
-    nanoseconds = records['nanosec']
-    if (nanoseconds >= SECOND).any():
-        raise CdrError(TOO_MANY_NANOSECONDS)
-    stamps = records['sec'].astype(np.int64) * SECOND + nanoseconds
-    return Records(stamps, {name: records[name] for name in names}, frame_id)
-
-
-def _decode_mixed(
-    data: NDArray[np.uint8], starts: NDArray[np.int64], sizes: NDArray[np.int64],
-    message_type: str, names: tuple[str, ...],
-) -> Records:
-    """`decode_records` for messages of several representations or frame ids."""
+def _alike(data: NDArray[np.uint8], starts: NDArray[np.int64],
+           ) -> Iterator[tuple[list[int], NDArray[np.intp]]]:
+    """Representation and length of the frame id that messages have, and which have them."""
     kinds = data[starts].astype(np.int64) << 8 | data[starts + 1]
     unknown = set(np.unique(kinds).tolist()) - set(_BYTE_ORDER_AND_ALIGNMENT)
     if unknown:
@@ -273,21 +210,32 @@ def _decode_mixed(
     groups = np.unique(np.stack([kinds, lengths]), axis=1).T.tolist()
     if len(groups) > MAX_FRAME_IDS:
         raise CdrError('the frame id is another in every message')
-    stamps = np.empty(len(starts), np.int64)
-    fields = {name: np.empty(len(starts), kind) for name, kind in LAYOUTS[message_type]
-              if name in names}
-    for kind, length in groups:
-        which = np.flatnonzero((kinds == kind) & (lengths == length))
-        records = _read(data, starts[which], sizes[which],
-                        _layout(message_type, kind, length, names))
-        if records is None:
-            raise CdrError(f'a message is shorter than a {message_type}')
-        part = _checked(records, names, '')
-        stamps[which] = part.stamps
-        for name in names:
-            fields[name][which] = part.fields[name]
-    first = data[starts[0]:starts[0] + sizes[0]].tobytes()
-    return Records(stamps, fields, _frame_id(first, int(lengths[0])))
+    for group in groups:
+        yield group, np.flatnonzero((kinds == group[0]) & (lengths == group[1]))
+
+
+def _head_of(message: bytes) -> tuple[int, int]:
+    """Representation, and length of the frame id, of a message."""
+    kind = message[0] << 8 | message[1]
+    if kind not in _BYTE_ORDER_AND_ALIGNMENT:
+        raise CdrError(f'CDR representation {kind:#06x} is not supported')
+    order = _BYTE_ORDER_AND_ALIGNMENT[kind][0]
+    return kind, struct.unpack_from(f'{order}I', message, ENCAPSULATION + 8)[0]
+
+
+def _read(data: NDArray[np.uint8], starts: NDArray[np.int64], layout: np.dtype[Any],
+          ) -> NDArray[Any]:
+    """Records (N,) of one layout, each of which begins at any byte."""
+    everywhere: NDArray[Any] = np.ndarray(
+        (max(len(data) - layout.itemsize + 1, 0),), layout, data, strides=(1,))
+    return everywhere[starts]
+
+
+def _stamps_of(records: NDArray[Any]) -> NDArray[np.int64]:
+    """Stamps (N,) [ns] of records."""
+    if (records['nanosec'] >= SECOND).any():
+        raise CdrError(TOO_MANY_NANOSECONDS)
+    return np.asarray(records['sec'].astype(np.int64) * SECOND + records['nanosec'])
 
 
 @functools.lru_cache(maxsize=256)
@@ -311,11 +259,6 @@ def _layout(message_type: str, kind: int, length: int, names: tuple[str, ...]) -
                      'offsets': [offset for offset, _ in found.values()], 'itemsize': size})
 
 
-def _in_order(message_type: str, names: tuple[str, ...]) -> list[str]:
-    """The same names in the order of the message's definition."""
-    return [name for name, _ in LAYOUTS[message_type] if name in names]
-
-
 @functools.lru_cache(maxsize=256)
 def _row(message_type: str, kind: int, length: int, names: tuple[str, ...]) -> struct.Struct:
     """The bytes of one message: kind, seconds, nanoseconds, frame id's length and text, fields."""
@@ -323,7 +266,7 @@ def _row(message_type: str, kind: int, length: int, names: tuple[str, ...]) -> s
     assert layout.fields is not None
     words = [f'{_BYTE_ORDER_AND_ALIGNMENT[kind][0]}2s2xiII{length}s']
     place = _HEAD + length
-    for name in _in_order(message_type, names):
+    for name in [name for name, _ in LAYOUTS[message_type] if name in names]:
         found, offset = layout.fields[name][:2]
         words.append(f'{offset - place}x{_FORMATS[found.str[1:]]}')
         place = offset + found.itemsize
@@ -366,17 +309,10 @@ def _encode_few(message_type: str, frame_id: str, stamps: Sequence[int],
     names = tuple(name for name, _ in LAYOUTS[message_type])
     row = _row(message_type, _LITTLE_ENDIAN, len(text), names)
     given = {**DEFAULTS.get(message_type, {}), **fields}
-    columns = [_as_list(given.get(name, 0), len(stamps)) for name in names]
+    columns = [values.tolist() if isinstance(values, np.ndarray) and values.ndim
+               else [values] * len(stamps) for values in map(given.get, names, repeat(0))]
     return [row.pack(b'\0\1', *divmod(stamp, SECOND), len(text), text, *values)
             for stamp, *values in zip(stamps, *columns, strict=True)]
-
-
-def _as_list(values: ArrayLike, count: int) -> list[Any]:
-    """Values (N,), or one for all."""
-    if isinstance(values, np.ndarray) and values.ndim:
-        found: list[Any] = values.tolist()
-        return found
-    return [values] * count
 
 
 COVARIANCE_BYTES = 128

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass
+from enum import Enum
 from functools import lru_cache
 from pathlib import Path
 import shutil
@@ -23,6 +24,7 @@ from rosbags import interfaces
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 import yaml
 
+from saddlering_ros.bags.folder import INFORMATION, METADATA
 from saddlering_ros.bags.mcap_write import McapWriter, MessageBlock
 from saddlering_ros.bags.wire import encode, SECOND
 from saddlering_ros.errors import BagError
@@ -72,15 +74,6 @@ class BagTopic:
     first: int = 2 ** 63 - 1
     last: int = 0
 
-    def add(self, count: int, first: int, last: int) -> None:
-        """Count further messages, of log times `first` to `last` [ns]."""
-        self.count += count
-        self.first, self.last = min(self.first, first), max(self.last, last)
-
-    def channel_metadata(self) -> dict[str, str]:
-        """The texts of the topic's channel in the MCAP file."""
-        return {'offered_qos_profiles': _qos_text(self.qos), 'topic_type_hash': self.type_hash}
-
 
 def declared_topics(
     kinds: Mapping[str, str], definitions: Mapping[str, str], latched: frozenset[str],
@@ -120,18 +113,13 @@ def _information(
 
 
 def _qos(qos: interfaces.Qos) -> dict[str, Any]:
-    return {
-        'history': qos.history.name.lower(), 'depth': qos.depth,
-        'reliability': qos.reliability.name.lower(),
-        'durability': qos.durability.name.lower(),
-        'deadline': _time(qos.deadline), 'lifespan': _time(qos.lifespan),
-        'liveliness': qos.liveliness.name.lower(),
-        'liveliness_lease_duration': _time(qos.liveliness_lease_duration),
-        'avoid_ros_namespace_conventions': qos.avoid_ros_namespace_conventions}
-
-
-def _time(time: interfaces.QosTime) -> dict[str, int]:
-    return {'sec': time.sec, 'nsec': time.nsec}
+    texts: dict[str, Any] = qos._asdict()
+    for name, value in texts.items():
+        if isinstance(value, Enum):
+            texts[name] = value.name.lower()
+        elif isinstance(value, interfaces.QosTime):
+            texts[name] = value._asdict()
+    return texts
 
 
 @lru_cache(maxsize=8)
@@ -166,7 +154,7 @@ def check_target(path: Path, overwrite: bool) -> None:
 
 def _is_bag(path: Path) -> bool:
     return path.is_dir() and all(
-        file.name == 'metadata.yaml' or file.suffix == '.mcap' for file in path.iterdir())
+        file.name == METADATA or file.suffix == '.mcap' for file in path.iterdir())
 
 
 def put_in_place(written: Path, path: Path, overwrite: bool) -> Path:
@@ -212,13 +200,9 @@ class BagWriter:
         overwrite: bool = False, chunk_size: int = CHUNK_SIZE, recorded: bool = False,
     ) -> None:
         self.path = Path(path)
-        self._kinds = dict(topics)
+        self._topics = declared_topics(topics, definitions or {}, latched)
         self.metadata = dict(metadata)
-        self._definitions = definitions or {}
-        self._latched = latched
-        self._overwrite = overwrite
-        self._chunk_size = chunk_size
-        self._recorded = recorded
+        self._overwrite, self._chunk_size, self._recorded = overwrite, chunk_size, recorded
         self._failed = False
         self._stack = ExitStack()
 
@@ -231,7 +215,12 @@ class BagWriter:
         check_target(self.path, self._overwrite)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._folder = self._make_folder()
+            if self._recorded:
+                self._folder = Path(tempfile.mkdtemp(
+                    prefix=f'.{self.path.name}.recording.', dir=self.path.parent))
+            else:
+                self._folder = self._stack.enter_context(
+                    temporary_folder(self.path.parent, f'.{self.path.name}.'))
             self._written = self._folder / self.path.name
             self._written.mkdir(mode=0o755)
             self._file = McapWriter(self._written / f'{self.path.name}_0.mcap', LIBRARY,
@@ -239,10 +228,9 @@ class BagWriter:
             self._file.add_metadata(METADATA_RECORD, self.metadata)
         except OSError as problem:
             raise BagError(self._complaint(problem)) from problem
-        self._topics = declared_topics(self._kinds, self._definitions, self._latched)
         for topic in self._topics.values():
-            self._file.add_topic(
-                topic.name, topic.type, topic.definition, topic.channel_metadata())
+            self._file.add_topic(topic.name, topic.type, topic.definition, {
+                'offered_qos_profiles': _qos_text(topic.qos), 'topic_type_hash': topic.type_hash})
         return self
 
     def write(self, blocks: Sequence[MessageBlock]) -> None:
@@ -253,14 +241,20 @@ class BagWriter:
         with self._or_refused():
             self._file.add_blocks(filled)
         for block in filled:
-            self._topics[block.topic].add(
-                len(block), int(block.log_times.min()), int(block.log_times.max()))
+            self._count(block.topic, len(block), int(block.log_times.min()),
+                        int(block.log_times.max()))
 
     def write_message(self, topic: str, log_time: int, message: bytes) -> None:
         """Add one serialized message that was received at `log_time` [ns]."""
         with self._or_refused():
             self._file.add_message(topic, log_time, message)
-        self._topics[topic].add(1, log_time, log_time)
+        self._count(topic, 1, log_time, log_time)
+
+    def _count(self, name: str, count: int, first: int, last: int) -> None:
+        """Count further messages, of log times `first` to `last` [ns]."""
+        topic = self._topics[name]
+        topic.count += count
+        topic.first, topic.last = min(topic.first, first), max(topic.last, last)
 
     def __exit__(self, kind: type[BaseException] | None, problem: BaseException | None,
                  trace: TracebackType | None) -> None:
@@ -273,8 +267,7 @@ class BagWriter:
                                            f'{self.path.name}_0.mcap')
                 self._file.finish({FOLDER_RECORD: {
                     'serialized_metadata': _text(information).strip()}})
-                (self._written / 'metadata.yaml').write_text(
-                    _text({'rosbag2_bagfile_information': information}), 'utf-8')
+                (self._written / METADATA).write_text(_text({INFORMATION: information}), 'utf-8')
                 place = put_in_place(self._written, self.path, self._overwrite)
             self._stack.callback(shutil.rmtree, self._folder, ignore_errors=True)
             if place != self.path:
@@ -283,12 +276,6 @@ class BagWriter:
         finally:
             self._file.abort()
             self._stack.close()
-
-    def _make_folder(self) -> Path:
-        if self._recorded:
-            return Path(tempfile.mkdtemp(prefix=f'.{self.path.name}.recording.',
-                                         dir=self.path.parent))
-        return self._stack.enter_context(temporary_folder(self.path.parent, f'.{self.path.name}.'))
 
     @contextmanager
     def _or_refused(self) -> Iterator[None]:

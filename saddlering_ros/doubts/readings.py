@@ -370,7 +370,7 @@ def _marks_of(
     guards: Sequence[SampleGuard], stamps: NDArray[np.int64], *, to_next: bool = False,
 ) -> Bits | None:
     """Bits of validity that what the guards refused leaves at `stamps` (N,); None: nothing."""
-    if not any(guard.bridges or guard.doubtful for guard in guards):
+    if not any(guard.bridges or guard.doubtful.stretches() for guard in guards):
         return None
     marks: Bits = scratch.scratch_array(stamps.shape, np.uint8)
     marks[:] = 0

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,21 +76,11 @@ class AlignmentCounters:
         return self.before_probes + self.in_gap + self.timed_out + self.late_loads
 
 
-class _Part(NamedTuple):
-    """Samples of one topic without a jump back among them; jumped: they lie behind one."""
-
-    jumped: bool
-    stamps: Stamps
-    values: Floats
-
-
 class _Waiting:
     """Samples of one topic that a later row may need, in stamp order, each stamp once."""
 
     def __init__(self, counters: AlignmentCounters) -> None:
         self._counters = counters
-        self.newest: int | None = None
-        self.jumped = False
         self.clear()
 
     def __len__(self) -> int:
@@ -103,11 +92,12 @@ class _Waiting:
         return int(self.stamps[-1]) if len(self.stamps) else 0
 
     def clear(self) -> None:
-        """Discard all samples."""
+        """Discard all samples, and that any came."""
         self._keep(np.empty(0, np.int64), np.empty(0))
+        self.newest: int | None = None
+        self.jumped = False
 
     def _keep(self, stamps: Stamps, values: Floats) -> None:
-        """Keep these samples alone."""
         self.stamps = self._all_stamps = stamps
         self.values = self._all_values = values
         self._end = len(stamps)
@@ -116,32 +106,22 @@ class _Waiting:
         """Discard the first `count` samples."""
         self.stamps, self.values = self.stamps[count:], self.values[count:]
 
-    def parts(self, samples: Samples) -> Iterator[_Part]:
-        """The finite samples, cut where the stamps jump back.
+    def parts(self, samples: Samples) -> Iterator[tuple[bool, Stamps, Floats]]:
+        """The finite samples, cut where the stamps jump back, and whether they lie behind a jump.
 
         Stamps jump back where one lies more than JITTER_NS behind the newest before it.
         """
-        stamps, values = samples.stamps, samples.values
-        if not np.isfinite(values).all():
-            sound = np.isfinite(values)
-            self._counters.not_finite += len(values) - int(np.count_nonzero(sound))
-            stamps, values = stamps[sound], values[sound]
+        sound = np.isfinite(samples.values)
+        stamps, values = samples.stamps[sound], samples.values[sound]
+        self._counters.not_finite += len(samples) - len(stamps)
         newest, jumped = self.newest, False
         while len(stamps):
-            if self.rises_with(stamps):
-                yield _Part(jumped, stamps, values)
-                return
             behind = _newest_before(stamps, newest) - stamps > batches.JITTER_NS
             end = int(behind.argmax()) if behind.any() else len(stamps)
             if end:
-                yield _Part(jumped, stamps[:end], values[:end])
+                yield jumped, stamps[:end], values[:end]
             stamps, values = stamps[end:], values[end:]
             newest, jumped = None, True
-
-    def is_continued(self, samples: Samples) -> bool:
-        """Whether the samples are finite, and their stamps rise from the newest one on."""
-        return not len(samples) or (
-            self.rises_with(samples.stamps) and math.isfinite(samples.values.dot(samples.values)))
 
     def rises_with(self, stamps: Stamps) -> bool:
         """Whether some stamps rise, from the newest one on."""
@@ -238,18 +218,15 @@ class Aligner:
         return [place for place, probe in enumerate(self._probes)
                 if probe.newest is None or probe.newest < stamp]
 
-    @property
-    def holds(self) -> bool:
-        """Whether a load sample is held back in case an earlier one still comes."""
-        return bool(self.pending) and bool(self._loads.stamps[-1] > self._due_until())
-
     def push(self, load: Samples, probes: Sequence[Samples]) -> list[AlignedRows]:
         """Take a batch of the load and of each probe; the rows that are ready."""
-        topics, arrived = [self._loads, *self._probes], [load, *probes]
-        if all(topic.is_continued(samples)
-               for topic, samples in zip(topics, arrived, strict=True)):  # the usual case
+        arrived = list(zip((self._loads, *self._probes), (load, *probes), strict=True))
+        if all(not len(samples) or (
+                topic.rises_with(samples.stamps)
+                and math.isfinite(samples.values.dot(samples.values)))
+               for topic, samples in arrived):  # the usual case
             self._longest_step *= STEP_MEMORY
-            for topic, samples in zip(topics, arrived, strict=True):
+            for topic, samples in arrived:
                 if len(samples.stamps):
                     last = topic.last
                     topic.append(samples.stamps, samples.values)
@@ -260,7 +237,7 @@ class Aligner:
                 self._epoch = int(self._loads.stamps[0])
             rows = self._drain()
         else:
-            rows = self._push_apart(topics, arrived)
+            rows = self._push_apart(arrived)
         # Discard samples of the probes that neither a later row nor the gap rule can need.
         for probe in self._probes:
             if len(probe) <= min(KEPT, self._max_samples):
@@ -274,27 +251,28 @@ class Aligner:
                 probe.forget(surplus)
         return rows
 
-    def _push_apart(
-        self, topics: Sequence[_Waiting], arrived: Sequence[Samples],
-    ) -> list[AlignedRows]:
+    def _push_apart(self, arrived: Sequence[tuple[_Waiting, Samples]]) -> list[AlignedRows]:
         """Push a batch in which stamps go back, or with readings that are not finite."""
         rows: list[AlignedRows] = []
         # What lies before a jump of the stamps is aligned before anything behind one.
-        for of_load, *of_probes in zip_longest(*(
-                topic.parts(samples) for topic, samples in zip(topics, arrived, strict=True))):
-            if (of_load and of_load.jumped) or any(part and part.jumped for part in of_probes):
+        for parts in zip_longest(*(topic.parts(samples) for topic, samples in arrived)):
+            if any(part and part[0] for part in parts):
                 rows += self.release()
+            of_load, *of_probes = parts
             for probe, part in zip(self._probes, of_probes, strict=True):
-                if part and part.jumped:
+                if part is None:
+                    continue
+                jumped, stamps, values = part
+                if jumped:
                     self.counters.probe_jumps += 1
                     probe.clear()
-                    probe.newest, probe.jumped = None, True
-                if part:
-                    probe.take(part.stamps, part.values)
-            if of_load and of_load.jumped:
-                self._restart()
-            if of_load:
-                self._take_loads(of_load.stamps, of_load.values)
+                    probe.jumped = True
+                probe.take(stamps, values)
+            if of_load is not None:
+                jumped, stamps, values = of_load
+                if jumped:
+                    self._restart()
+                self._take_loads(stamps, values)
             rows += self._drain()
         return rows
 
@@ -313,7 +291,6 @@ class Aligner:
         self.restarts += 1
         for waiting in (self._loads, *self._probes):
             waiting.clear()
-            waiting.newest, waiting.jumped = None, False
         self._epoch = self._last_out = None
         self._released = 0
 
@@ -323,10 +300,9 @@ class Aligner:
         self.restarts += 1
         self.counters.timed_out += self.pending
         self._loads.clear()
-        self._loads.newest = None
         for probe in self._probes:
             if not probe.jumped:
-                probe.clear()  # Its samples are from the time before the jump.
+                probe.forget(len(probe))  # Its samples are from the time before the jump.
             probe.jumped = False
         self._epoch = self._last_out = None
         self._released = 0
@@ -344,21 +320,18 @@ class Aligner:
         if len(stamps):
             self._loads.take(stamps, loads)
 
-    def _due_until(self) -> int:
-        """Largest load stamp [ns] that is not held back."""
-        return max((self._loads.newest or 0) - self._hold, self._released)
-
     def _drain(self, *, finish: bool = False) -> list[AlignedRows]:
         """The rows up to the first that a probe may still answer (`finish`: all)."""
-        count = int(self._loads.stamps.searchsorted(self._due_until(), 'right'))
+        due_until = max((self._loads.newest or 0) - self._hold, self._released)
+        count = int(self._loads.stamps.searchsorted(due_until, 'right'))
         if not finish:
             count = min(count, self._answered())
         if not count:
             return []
         stamps = self._loads.stamps[:count]
         starts = self._run_starts(stamps)
-        gaps = batches.readings_at(
-            stamps, [(probe.stamps, probe.values) for probe in self._probes])
+        gaps = np.stack([batches.reading_at(stamps, probe.stamps, probe.values)
+                         for probe in self._probes])
         missing = np.isnan(gaps)
         given = published = np.ones(count, dtype=bool)
         if np.count_nonzero(missing):
@@ -444,20 +417,18 @@ class Aligner:
         found[silence > dead_after] = ABSENT
         head, tail = place < 0, place == last
         found[head] = np.where(probe.stamps[0] - starts[head] > dead_after, ABSENT, BEFORE)
+        # The stamp up to which the load and a pair of facing probes have gone on.
+        pair_until = 0
+        if len(self._probes) == 4:
+            ends = [one.last for one in self._probes]
+            pair_until = min(newest, max(min(ends[::2]), min(ends[1::2])))
         limit = batches.gap_limit(np.diff(probe.stamps[-batches.GAP_HISTORY - 1:]).tolist())
         silence = silent_since[tail]
-        hurried = self._pair_until() - silence > max(
+        hurried = pair_until - silence > max(
             batches.SILENT_AFTER_NS, limit, STEPS_MISSED * self._longest_step)
         found[tail] = np.where(hurried, SILENT, WAITS)
         found[tail] = np.where(newest - silence > max(dead_after, limit), ABSENT, found[tail])
         return found
-
-    def _pair_until(self) -> int:
-        """The stamp up to which the load and a pair of facing probes have gone on."""
-        if len(self._probes) != 4 or self._loads.newest is None:
-            return 0
-        first, second, third, fourth = (probe.last for probe in self._probes)
-        return min(self._loads.newest, max(min(first, third), min(second, fourth)))
 
 
 def aligned_record(load: Samples, probes: Sequence[Samples]) -> tuple[Floats, Mask, Mask]:

@@ -50,6 +50,8 @@ DOUBTFUL_LOAD = 32
 ANY_TIME = (0, 0)
 """In place of the first and last stamp of a recording: none is known."""
 
+ZERO_ELSEWHERE = 'the record has no steady start near the preload; its zero is at another load'
+
 
 def unknown(channels: Floats) -> Bits:
     """Bits (N,) for the channels (4, N) that are NaN."""
@@ -274,36 +276,22 @@ def _are_gaps(stamps: Stamps, places: NDArray[np.intp]) -> Mask:
 
 
 def align(load_stamps: Stamps, stamps: Stamps, values: Floats) -> Floats:
-    """Values of one topic on the load's stamps (see the rule above); NaN where it has none.
-
-    `load_stamps` (N,) and `stamps` (M,) [ns] strictly increasing, `values` (M,); returns (N,).
-    """
+    """`reading_at` for a whole record: all stamps [ns] strictly increasing."""
     aligned: Floats = scratch_array(load_stamps.shape, np.float64)
     for rows in blocks(len(load_stamps), load_stamps, stamps, values, aligned):
         of_load = load_stamps[rows]
         # Only the readings near this block, so that the search stays within a few pages of memory.
         low, high = np.searchsorted(stamps, [of_load[0], of_load[-1]], side='right').tolist()
         near = slice(max(low - GAP_HISTORY - 1, 0), high + 1)
-        aligned[rows] = readings_at(of_load, [(stamps[near], values[near])])[0]
+        aligned[rows] = reading_at(of_load, stamps[near], values[near])
     return aligned
 
 
-def readings_at(load_stamps: Stamps, topics: Sequence[tuple[Stamps, Floats]]) -> Floats:
-    """Readings (C, N) of C topics, stamps and values (M,) each, at load stamps (N,) in order.
-
-    NaN where one has none.
-    """
-    found = np.empty((len(topics), len(load_stamps)))
-    for row, topic in enumerate(topics):
-        found[row] = _of_topic(load_stamps, *topic)
-    return found
-
-
-def _of_topic(load_stamps: Stamps, stamps: Stamps, values: Floats) -> Floats | float:
-    """Readings of a topic at load stamps (N,) in order, from its own (M,)."""
+def reading_at(load_stamps: Stamps, stamps: Stamps, values: Floats) -> Floats:
+    """Readings of a topic (M,) at load stamps (N,) in order; NaN where it has none."""
     last = len(stamps) - 1
     if last < 0:
-        return math.nan
+        return np.full(len(load_stamps), math.nan)
     after = stamps.searchsorted(load_stamps, 'right')
     before = after - 1
     earlier, low = stamps[before], values[before]
@@ -316,7 +304,7 @@ def _of_topic(load_stamps: Stamps, stamps: Stamps, values: Floats) -> Floats | f
         outside = np.flatnonzero(((before < 0) | (before == last)) & (elapsed != 0))
         after = np.minimum(after, last)
     interval = stamps[after] - earlier
-    found = low + (values[after] - low) * (elapsed / np.maximum(interval, 1))
+    found: Floats = low + (values[after] - low) * (elapsed / np.maximum(interval, 1))
     if between < len(found):
         found = np.where(elapsed != 0, found, low)
     if outside is not None:

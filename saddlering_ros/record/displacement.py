@@ -12,17 +12,24 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import batches
 from saddlering_ros.record.aligner import Aligner
-from saddlering_ros.record.batches import AlignedRows, Bits, Displacements, Samples
+from saddlering_ros.record.batches import (
+    AlignedRows,
+    Bits,
+    Displacements,
+    Floats,
+    Mask,
+    Samples,
+    Stamps,
+    ZERO_ELSEWHERE,
+)
 from saddlering_ros.record.guard import GuardCounters, load_limits, probe_limits, SampleGuard
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import blocks
 from saddlering_ros.rig import (
-    CHANNELS,
     Displacement,
     gap_increment,
     measured_displacement,
@@ -43,10 +50,6 @@ interrupted between two probes: the stamps of one are then far ahead of those of
 LONGEST_LOOK = 0.05
 """Longest time [s] between two batches that counts: the node itself may have had no processor."""
 
-Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
 
 @dataclass(frozen=True)
 class Zero:
@@ -60,11 +63,6 @@ class Zero:
     stamp: int
     last_stamp: int
     closed: int
-
-    @property
-    def duration(self) -> float:
-        """How long the samples took [s]."""
-        return (self.last_stamp - self.stamp) / batches.SECOND
 
 
 def a_pair_reads(gaps: Floats) -> Mask:
@@ -82,21 +80,17 @@ def displacements(
     marks (N,): bits of validity beside those of channels that are not known.
     """
     increments = gap_increment(rig.probes, gaps, np.array(zero.reading.gaps))
-    channels = _channels(measured_displacement(rig.probes, increments))
+    channels = measured_displacement(rig.probes, increments).channels
     validity = batches.unknown(channels)
     if marks is not None:
         validity |= marks
     ones = np.ones(len(stamps))
     batch = Displacements(
         stamps, channels, np.full(len(stamps), zero.stamp), zero.reading.load * ones,
-        elevation * ones, validity, zero.duration * ones)
+        elevation * ones, validity, (zero.last_stamp - zero.stamp) / batches.SECOND * ones)
     if not np.count_nonzero(validity):  # the usual case
         return batch
     return batch.pick(batches.is_published(validity))
-
-
-def _channels(found: Displacement) -> Floats:
-    return np.array([getattr(found, name) for name in CHANNELS])
 
 
 @dataclass(frozen=True)
@@ -134,7 +128,7 @@ def displacement_of_run(rig: Rig, run: Record) -> MeasuredRun:
     return MeasuredRun(
         time=run.time, stamps=run.stamps, load=run.load, d=increments, displacement=found,
         zero=zero, complete=complete, given=given & a_pair_reads(increments),
-        validity=batches.unknown(_channels(found)) | (
+        validity=batches.unknown(found.channels) | (
             np.uint8(0) if run.probe_marks is None else run.probe_marks))
 
 
@@ -184,8 +178,7 @@ def measured_stretches(
     """
     zero = zero_of_run(rig, run)
     if not zero.reading.near_preload:
-        notes.append('the record has no steady start near the preload; its zero is at another '
-                     'load')
+        notes.append(ZERO_ELSEWHERE)
 
     def stretches() -> Iterator[Displacements]:
         for part in blocks(len(run.time), run.stamps, run.time, run.load, run.gaps):
@@ -325,10 +318,10 @@ class DisplacementStream:
             yield rows
             return
         before = np.append(newest or rows.stamps[0], rows.stamps[:-1])
-        leaps = [row for row in np.flatnonzero(rows.stamps - before > self._max_gap).tolist()
-                 if not batches.is_pause(self.recording, int(before[row]), int(rows.stamps[row]))]
-        self.jumps_ahead += len(leaps)
-        begins = dict.fromkeys(leaps, False)
+        leaps = np.flatnonzero(rows.stamps - before > self._max_gap).tolist()
+        begins = {row: False for row in leaps if not batches.is_pause(
+            self.recording, int(before[row]), int(rows.stamps[row]))}
+        self.jumps_ahead += len(begins)
         if rows.restart != self._restart:
             self._restart = rows.restart
             begins[0] = False

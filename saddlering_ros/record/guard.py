@@ -13,7 +13,8 @@ with the same input refuse the same samples.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.record import batches
 from saddlering_ros.record.batches import Bits, DOUBTFUL_LOAD, GAP_HISTORY, Samples
-from saddlering_ros.record.scratch import blocks, scratch_array
+from saddlering_ros.record.scratch import blocks, GrowingArray
 from saddlering_ros.rig import Rig
 
 MAX_OVERLOAD = 1.5
@@ -117,10 +118,6 @@ class Steps:
     first: int = 0
     over: list[tuple[int, int]] = field(default_factory=list)
 
-    def begin(self, before: int, stamp: int, change: float) -> None:
-        """The first step, from the stamp `before` to `stamp`."""
-        self.since, self.first, self.offset = before, stamp, change
-
     def add(self, stamp: int, change: float, tolerance: float, changed: int) -> None:
         """Take a further step to `stamp`; the reading has not changed since the stamp `changed`.
 
@@ -146,33 +143,23 @@ class Steps:
 
 
 class SampleGuard:
-    """Passes on the sound samples of one stream in batches, and counts the refused ones."""
+    """Passes on the sound samples of one stream in batches, and counts the refused ones.
+
+    bridges: stamps [ns] of the sound readings around each refused one that was not yet passed.
+    """
 
     def __init__(self, limits: ReadingLimits, counters: GuardCounters | None = None, *,
                  remembered: int = MAX_REMEMBERED) -> None:
         self.limits = limits
         self.counters = counters or GuardCounters()
         self._remembered = remembered
-        self._bridges: list[tuple[int, int]] = []
-        self._doubtful = Steps()
+        self.bridges: list[tuple[int, int]] = []
+        self.doubtful = Steps()
         self._refused_since: int | None = None
         self._steps: deque[int] = deque(maxlen=GAP_HISTORY)
         self._last: tuple[int, float] | None = None
         self._held: tuple[int, float] | None = None
         self._changed = 0
-
-    @property
-    def bridges(self) -> list[tuple[int, int]]:
-        """Stamps [ns] of the sound readings around each refused one that was not yet passed."""
-        return self._bridges
-
-    @property
-    def doubtful(self) -> list[tuple[int, int]]:
-        """Stamps [ns] of the sound readings around each stretch of doubtful load, not yet passed.
-
-        An open last stretch ends at the largest number.
-        """
-        return self._doubtful.stretches()
 
     @property
     def holds(self) -> bool:
@@ -192,19 +179,22 @@ class SampleGuard:
                 if len(new):
                     self._changed = int(samples.stamps[new[-1]])
                 self._last = int(samples.stamps[-1]), float(samples.values[-1])
-                self._count_doubtful(len(samples))
+                if self.doubtful.since is not None:
+                    self.counters.doubtful_load += len(samples)
                 return samples
             half = len(samples) // 2
             parts = [self.push(samples.pick(part)) for part in (slice(0, half), slice(half, None))]
-            return Samples(np.concatenate([part.stamps for part in parts]),
-                           np.concatenate([part.values for part in parts]), samples.low,
-                           samples.high)
+            return replace(samples, stamps=np.concatenate([part.stamps for part in parts]),
+                           values=np.concatenate([part.values for part in parts]))
         sound: list[tuple[int, float]] = []
         pairs = list(zip(samples.stamps.tolist(), samples.values.tolist(), strict=True))
         for pair in pairs:
             if self._is_possible(*pair):
                 sound += self._judge(pair)
-        return samples if sound == pairs else self._batch(sound, samples)
+        if sound == pairs:
+            return samples
+        return replace(samples, stamps=np.array([stamp for stamp, _ in sound], np.int64),
+                       values=np.array([value for _, value in sound], np.float64))
 
     def flush(self) -> Samples:
         """The held sample, after a time without a successor."""
@@ -225,35 +215,31 @@ class SampleGuard:
         marks = np.zeros(len(stamps), np.uint8)
         if not len(stamps):
             return marks
-        newest = int(stamps[-1])
-        for first, last in self._bridges:
+        newest, steps = int(stamps[-1]), self.doubtful
+        for first, last in self.bridges:
             marks[stamps.searchsorted(first, 'right'):
                   stamps.searchsorted(last, 'right' if to_next else 'left')] |= batches.BRIDGED
-        self._bridges = [bridge for bridge in self._bridges if bridge[1] > newest]
-        for first, last in self.doubtful:
+        self.bridges = [bridge for bridge in self.bridges if bridge[1] > newest]
+        for first, last in steps.stretches():
             marks[stamps.searchsorted(first, 'right'):stamps.searchsorted(last)] |= DOUBTFUL_LOAD
-        self._doubtful.over = [one for one in self._doubtful.over if one[1] > newest]
+        steps.over = [one for one in steps.over if one[1] > newest]
         return marks
 
     def _is_plain(self, samples: Samples) -> bool:
         """Whether every sample of the batch continues from the one before (the usual case)."""
-        if self._held is not None or self._last is None or self._refused_since is not None:
+        if self._held is not None or self._last is None or self._refused_since is not None \
+                or len(self._steps) < GAP_HISTORY:
             return False
-        if len(self._steps) < GAP_HISTORY:
+        if not ((samples.values >= self.limits.low)
+                & (samples.values <= self.limits.high)).all():
             return False
-        values = np.concatenate(([self._last[1]], samples.values))
-        stamps = np.concatenate(([self._last[0]], samples.stamps))
-        if not (samples.values >= self.limits.low).all() or not (
-                samples.values <= self.limits.high).all():
-            return False
-        steps = np.diff(stamps)
+        steps = np.diff(samples.stamps, prepend=self._last[0])
         longest = int(steps.max())
-        if steps.min() <= 0:
-            return False
-        if longest > batches.GAP_FLOOR_NS and longest > batches.gap_limit(list(self._steps)):
+        if steps.min() <= 0 or (longest > batches.GAP_FLOOR_NS
+                                and longest > batches.gap_limit(list(self._steps))):
             return False
         leap = self.limits.noise + self.limits.rate * 1e-9 * steps
-        return bool((np.abs(np.diff(values)) <= leap).all())
+        return bool((np.abs(np.diff(samples.values, prepend=self._last[1])) <= leap).all())
 
     def _is_possible(self, stamp: int, value: float) -> bool:
         if stamp <= 0:
@@ -275,24 +261,32 @@ class SampleGuard:
 
     def _judge(self, sample: tuple[int, float]) -> list[tuple[int, float]]:
         """Samples that are ready after the arrival of `sample`."""
+        goes_on = self._goes_on(sample)
         if self._held is None:
-            if self._goes_on(self._last, sample):
+            if goes_on:
                 return self._accept(sample)
             self._held = sample
             return []
-        held = self._held
-        self._held = None
-        if self._has_overtaken(held, sample):
+        held, self._held = self._held, None
+        # The held sample may have come early, by at most an ordinary gap.
+        if goes_on and self._is_near(held, sample) and (
+                0 < held[0] - sample[0] <= batches.gap_limit(list(self._steps))):
             return self._accept(sample) + self._accept(held)
-        if self._goes_on(self._last, sample) and not self._between(held, sample):
-            self._refuse(held)
+        assert self._last is not None
+        between = (self._last[0] < held[0] < sample[0] and self._is_near(self._last, held)
+                   and self._is_near(held, sample))
+        if goes_on and not between:  # The held one was an outlier.
+            if self._follows(self._last[0], held[0]):
+                self.counters.leaps_of_reading += 1
+                self._bridge_from_last()
+            else:
+                self.counters.leaps_of_stamp += 1
             return self._accept(sample)
         self._step_to(held)
-        due = self._accept(held)
-        return due + self._judge(sample)
+        return self._accept(held) + self._judge(sample)
 
     def _step_to(self, held: tuple[int, float]) -> None:
-        """Accept the held sample as another level; note a step that the hydraulics cannot make.
+        """Note a step to the held sample that the hydraulics cannot make.
 
         The age of a reading counts from its last change, so that the load after a stall is sound.
         """
@@ -300,20 +294,16 @@ class SampleGuard:
             return
         change, elapsed = held[1] - self._last[1], abs(held[0] - self._last[0]) * 1e-9
         age = max(elapsed, (held[0] - self._changed) * 1e-9)
-        if self._doubtful.since is not None:
-            self._doubtful.add(held[0], change, self.limits.step + self.limits.rate * elapsed,
-                               self._changed)
-        elif abs(change) > self.limits.step + self.limits.rate * age:
-            self._doubtful.begin(self._last[0], held[0], change)
+        steps, limits = self.doubtful, self.limits
+        if steps.since is not None:
+            steps.add(held[0], change, limits.step + limits.rate * elapsed, self._changed)
+        elif abs(change) > limits.step + limits.rate * age:
+            steps.since, steps.first, steps.offset = self._last[0], held[0], change
 
-    def _count_doubtful(self, count: int) -> None:
-        if self._doubtful.since is not None:
-            self.counters.doubtful_load += count
-
-    def _goes_on(self, last: tuple[int, float] | None, sample: tuple[int, float]) -> bool:
-        if last is None:
-            return True
-        return self._follows(last[0], sample[0]) and self._is_near(last, sample)
+    def _goes_on(self, sample: tuple[int, float]) -> bool:
+        """Whether a sample continues from the last sound one."""
+        return self._last is None or (
+            self._follows(self._last[0], sample[0]) and self._is_near(self._last, sample))
 
     def _follows(self, last: int, stamp: int) -> bool:
         step = stamp - last
@@ -325,75 +315,41 @@ class SampleGuard:
         elapsed = abs(sample[0] - last[0]) * 1e-9
         return abs(sample[1] - last[1]) <= self.limits.noise + self.limits.rate * elapsed
 
-    def _has_overtaken(self, held: tuple[int, float], sample: tuple[int, float]) -> bool:
-        """Whether the held sample was early by at most an ordinary gap."""
-        return (self._goes_on(self._last, sample) and self._is_near(held, sample)
-                and 0 < held[0] - sample[0] <= batches.gap_limit(list(self._steps)))
-
-    def _between(self, held: tuple[int, float], sample: tuple[int, float]) -> bool:
-        """Whether the held sample lies between the last sample and this one."""
-        assert self._last is not None
-        in_time = self._last[0] < held[0] < sample[0]
-        return in_time and self._is_near(self._last, held) and self._is_near(held, sample)
-
-    def _refuse(self, held: tuple[int, float]) -> None:
-        assert self._last is not None
-        if self._follows(self._last[0], held[0]):
-            self.counters.leaps_of_reading += 1
-            self._bridge_from_last()
-        else:
-            self.counters.leaps_of_stamp += 1
-
     def _accept(self, sample: tuple[int, float]) -> list[tuple[int, float]]:
+        step = 0 if self._last is None else sample[0] - self._last[0]
         if self._last is None or sample[1] != self._last[1]:
             self._changed = sample[0]
-        if self._last is not None:
-            step = sample[0] - self._last[0]
-            if step < -batches.JITTER_NS:
-                self._steps.clear()
-                self._bridges.clear()
-                self._doubtful = Steps()
+        if step < -batches.JITTER_NS:
+            self._steps.clear()
+            self.bridges.clear()
+            self.doubtful = Steps()
+            self._refused_since = None
+        elif step > 0:
+            if step > batches.LEAP_NS:  # Another test begins.
+                self.doubtful.end(sample[0])
+            self._steps.append(step)
+            if self._refused_since is not None:
+                self.bridges.append((self._refused_since, sample[0]))
+                del self.bridges[:-self._remembered]
                 self._refused_since = None
-            elif step > 0:
-                if step > batches.LEAP_NS:  # Another test begins.
-                    self._doubtful.end(sample[0])
-                self._steps.append(step)
-                if self._refused_since is not None:
-                    self._bridges.append((self._refused_since, sample[0]))
-                    del self._bridges[:-self._remembered]
-                    self._refused_since = None
-        if self._last is None or sample[0] > self._last[0] or (
-                sample[0] < self._last[0] - batches.JITTER_NS):
+        if self._last is None or step > 0 or step < -batches.JITTER_NS:
             self._last = sample
-        self._count_doubtful(1)
+        self.counters.doubtful_load += self.doubtful.since is not None
         return [sample]
-
-    def _batch(self, sound: list[tuple[int, float]], samples: Samples) -> Samples:
-        return Samples(np.array([stamp for stamp, _ in sound], np.int64),
-                       np.array([value for _, value in sound], np.float64), samples.low,
-                       samples.high)
 
 
 def sound_samples(limits: ReadingLimits, samples: Samples) -> tuple[Samples, SampleGuard]:
     """The sound samples of a whole record, and the guard that all of them passed."""
+    def passed(guard: SampleGuard) -> Iterator[Samples]:
+        for part in blocks(len(samples), samples.stamps, samples.values):
+            yield guard.push(samples.pick(part))
+        yield guard.flush()
+
     guard = SampleGuard(limits, remembered=len(samples) + 1)
-    arrays = samples.stamps, samples.values
-    passed = sum(len(guard.push(samples.pick(part))) for part in blocks(len(samples), *arrays))
-    passed += len(guard.flush())
-    if passed == len(samples):
+    if sum(map(len, passed(guard))) == len(samples):
         return samples, guard
-    again = SampleGuard(limits)
-    kept = Samples(scratch_array((passed,), np.int64), scratch_array((passed,), np.float64),
-                   samples.low, samples.high)
-    end = 0
-    for part in blocks(len(samples), *arrays, kept.stamps, kept.values):
-        end = _put(kept, end, again.push(samples.pick(part)))
-    _put(kept, end, again.flush())
-    return kept, guard
-
-
-def _put(kept: Samples, begin: int, samples: Samples) -> int:
-    """Write samples into `kept` from index `begin`; the index after them."""
-    end = begin + len(samples)
-    kept.stamps[begin:end], kept.values[begin:end] = samples.stamps, samples.values
-    return end
+    stamps, values = GrowingArray(np.int64), GrowingArray(np.float64)
+    for sound in passed(SampleGuard(limits)):
+        stamps.append(sound.stamps)
+        values.append(sound.values)
+    return replace(samples, stamps=stamps.array(), values=values.array()), guard

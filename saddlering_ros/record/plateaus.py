@@ -103,8 +103,11 @@ def plateaus(run: Record, *, errors: bool = True) -> Plateaus:
         raise BagError(
             f'{run.path}: the load is held at {len(holds)} levels, too few for a static test: '
             "hold the load at more levels, or give test='dynamic'")
-    start = np.array([_settled(run.time, *hold) for hold in holds], dtype=np.int64)
     hold_start, hold_stop = np.array(holds, dtype=np.int64).T
+    # The first samples behind the settling part.
+    begins = run.time[hold_start] + SETTLING_SHARE * (
+        run.time[hold_stop - 1] - run.time[hold_start])
+    start = np.minimum(np.searchsorted(run.time, begins), hold_stop - MIN_SAMPLES)
     load = plateau_means(start, hold_stop, run.load, errors=errors)
     gaps = plateau_means(start, hold_stop, run.gaps, errors=errors)
     # Number of each plateau's load level, 0 the lowest; the step is found from the loads.
@@ -141,13 +144,11 @@ def plateau_means(
     for number, channel in enumerate(channels):
         parts = [channel[first:last] for first, last in spans]
         parts = [part[np.isfinite(part)] for part in parts]
-        enough = [len(part) >= MIN_SAMPLES for part in parts]
-        for place, part in enumerate(parts):
-            if enough[place]:
-                mean[number, place] = part.mean()
-        if errors and any(enough):
-            found = _standard_errors([part for part in parts if len(part) >= MIN_SAMPLES])
-            std_error[number, enough] = found
+        enough = [place for place, part in enumerate(parts) if len(part) >= MIN_SAMPLES]
+        for place in enough:
+            mean[number, place] = parts[place].mean()
+        if errors and enough:
+            std_error[number, enough] = _standard_errors([parts[place] for place in enough])
         forget(channel)
     shape = (*values.shape[:-1], len(spans))
     samples = np.array([last - first for first, last in spans], dtype=np.int64)
@@ -303,31 +304,20 @@ def _merged(
     return joined
 
 
-def _settled(time: NDArray[np.float64], start: int, stop: int) -> int:
-    """First sample of the hold [start, stop) behind the settling part."""
-    begin = time[start] + SETTLING_SHARE * (time[stop - 1] - time[start])
-    return min(start + int(np.searchsorted(time[start:stop], begin)), stop - MIN_SAMPLES)
-
-
 # -- sorting -----------------------------------------------------------------------------------
 
 
 def _branches(level: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Branch and cycle of each plateau, from the levels in order of time."""
-    moves = np.sign(np.diff(level))
-    arrived = np.concatenate([[0], moves])
-    for place in range(1, len(arrived)):
-        if arrived[place] == 0:
-            arrived[place] = arrived[place - 1]
-    leaving = np.concatenate([moves, [0]])
-    for place in range(len(leaving) - 2, -1, -1):
-        if leaving[place] == 0:
-            leaving[place] = leaving[place + 1]
-    turning = (arrived * leaving) < 0
+    moves = np.sign(np.diff(level)).tolist()
+    arrived, leaving = [0, *moves], [*moves, 0]
+    for place in range(1, len(level)):
+        arrived[place] = arrived[place] or arrived[place - 1]
+        leaving[-1 - place] = leaving[-1 - place] or leaving[-place]
+    turning = np.multiply(arrived, leaving) < 0
     branch = np.where(turning, 0, arrived).astype(np.int64)
-    bottoms = turning & (arrived < 0)
-    cycle = np.cumsum(np.concatenate([[False], bottoms[:-1]])).astype(np.int64)
-    return branch, cycle
+    bottoms = turning & (np.array(arrived) < 0)
+    return branch, np.append(0, np.cumsum(bottoms[:-1])).astype(np.int64)
 
 
 # -- errors ------------------------------------------------------------------------------------
@@ -348,9 +338,15 @@ def _standard_errors(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     if covariance[0] <= 0.0:
         return np.zeros(len(parts))
     typical = int(np.median([len(part) for part in parts]))
-    corrected = _corrected_for_mean(covariance, typical)
-    # Sokal's window: the first lag K with K >= 5 tau(K); None if there is none.
-    window = _window_of(*_partial_inflation(corrected / corrected[0], typical))
+    # Add the variance of the mean, which was subtracted from the same samples.
+    corrected, before = covariance, 0.0
+    for _ in range(20):
+        of_mean = corrected[0] * min(_inflation(corrected / corrected[0], typical) / typical, 0.5)
+        corrected = covariance + of_mean
+        if of_mean == before:
+            break
+        before = of_mean
+    window, _ = _window_of(corrected / corrected[0], typical)
     if window is None or 4 * window > typical:
         corrected = _modelled(covariance[:typical], counts[:typical], longest)
     correlation = corrected / corrected[0]
@@ -358,19 +354,6 @@ def _standard_errors(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     errors = [np.sqrt(corrected[0] * _inflation(correlation, size) / size)
               for size in sizes.tolist()]
     return np.array(errors)[members]
-
-
-def _corrected_for_mean(covariance: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Add the variance of the mean, which was subtracted from the same samples."""
-    corrected, before = covariance, 0.0
-    for _ in range(20):
-        correlation = corrected / corrected[0]
-        of_mean = corrected[0] * min(_inflation(correlation, size) / size, 0.5)
-        corrected = covariance + of_mean
-        if of_mean == before:
-            break
-        before = of_mean
-    return corrected
 
 
 def _modelled(
@@ -382,44 +365,22 @@ def _modelled(
     is compared with the exact expectation for such noise minus the mean of n samples. The
     relaxation lasts at most n/2 samples, because a longer one looks the same.
     """
+    from scipy.optimize import nnls  # SciPy takes as long to import as `info` to run.
     size = len(covariance)
-    lags = np.arange(size)
     used = slice(0, max(size // 2, 3))
     weight = np.sqrt(counts[used])
     white = np.zeros(size)
     white[0] = 1.0
     best, misfit = covariance, np.inf
     for relaxation in np.geomspace(0.5, max(size / 2.0, 1.0), 40):
-        slow = np.exp(-lags / relaxation)
-        seen = np.stack([_after_mean(white), _after_mean(slow)])[:, used] * weight
-        amounts, residual = _two_amounts(seen, covariance[used] * weight)
+        slow = np.exp(-np.arange(size) / relaxation)
+        seen = np.stack([_after_mean(white)[used], _after_mean(slow)[used]], axis=1)
+        amounts, residual = nnls(seen * weight[:, None], covariance[used] * weight)
         if residual < misfit:
             misfit = residual
             best = amounts[1] * np.exp(-np.arange(length) / relaxation)
             best[0] += amounts[0]
     return best
-
-
-def _two_amounts(
-    shapes: NDArray[np.float64], target: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], float]:
-    """Amounts (2,) >= 0 of two shapes (2, n) that fit a target (n,) best; the misfit."""
-    gram, moments = shapes @ shapes.T, shapes @ target
-    determinant = gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2
-    candidates = [np.zeros(2)]
-    if determinant > 0.0:
-        both = np.array([gram[1, 1] * moments[0] - gram[0, 1] * moments[1],
-                         gram[0, 0] * moments[1] - gram[0, 1] * moments[0]]) / determinant
-        if (both >= 0.0).all():
-            candidates.append(both)
-    for index in (0, 1):
-        if gram[index, index] > 0.0 and moments[index] > 0.0:
-            alone = np.zeros(2)
-            alone[index] = moments[index] / gram[index, index]
-            candidates.append(alone)
-    misfits = [float(np.linalg.norm(target - amounts @ shapes)) for amounts in candidates]
-    best = int(np.argmin(misfits))
-    return candidates[best], misfits[best]
 
 
 def _after_mean(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -435,26 +396,19 @@ def _after_mean(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(covariance + with_mean.mean() - 2.0 * heads / np.arange(size, 0, -1))
 
 
-def _window_of(lags: NDArray[np.int64], terms: NDArray[np.float64]) -> int | None:
-    """Sokal's window of partial sums `terms` up to each of the lags."""
-    enough = lags >= 5.0 * np.maximum(terms, 0.2)
-    first = int(np.argmax(enough)) if len(enough) else 0
-    return int(lags[first]) if len(enough) and enough[first] else None
-
-
-def _partial_inflation(
+def _window_of(
     correlation: NDArray[np.float64], size: int,
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+) -> tuple[int | None, NDArray[np.float64]]:
+    """Sokal's window: the first lag K with K >= 5 tau(K), None if there is none; all tau(K)."""
     lags = np.arange(1, min(size, len(correlation)))
     terms = 1.0 + 2.0 * np.cumsum((1.0 - lags / size) * correlation[1:len(lags) + 1])
-    return lags, terms
+    enough = np.flatnonzero(lags >= 5.0 * np.maximum(terms, 0.2))
+    return int(lags[enough[0]]) if len(enough) else None, terms
 
 
 def _inflation(correlation: NDArray[np.float64], size: int) -> float:
     """Factor tau for `size` samples with this `correlation` (k = 0, 1, ...), at least 1/size."""
-    lags, terms = _partial_inflation(correlation, size)
+    window, terms = _window_of(correlation, size)
     if not len(terms):
         return 1.0
-    window = _window_of(lags, terms)
-    place = len(terms) - 1 if window is None else window - 1
-    return float(max(terms[place], 1.0 / size))
+    return float(max(terms[-1 if window is None else window - 1], 1.0 / size))

@@ -127,48 +127,51 @@ UNKNOWN_QUALITY = TopicQuality(
 
 def topic_quality(stamps: NDArray[np.int64], values: Floats) -> TopicQuality:
     """Look at readings (N,) at stamps (N,) [ns]."""
-    rate = 1e9 / max(float(np.median(spread_changes(stamps))), 1.0)
+    period = float(np.median(spread_changes(stamps)))
+    rate = 1e9 / max(period, 1.0)
+    longest = max(int(np.diff(stamps[part.start:part.stop + 1]).max())
+                  for part in blocks(len(stamps) - 1, stamps))
+    mean_rate = 1e9 * (stamps.size - 1) / float(stamps[-1] - stamps[0])
     changes = spread_changes(values)
-    repeated = count_where(_repeats, values, ahead=1) / max(len(values) - 1, 1)
+    repeats = count_where(lambda part: part[1:] == part[:-1], values, ahead=1)
+    repeated = repeats / max(len(values) - 1, 1)
     resolution = common_step(values)
     new = changes[changes != 0.0]
     held = (repeated > HELD_SHARE and new.size > 10
-            and float(np.sqrt(np.mean(new**2))) > HELD_STEPS * max(resolution, 1e-300)
-            and _evenly_held(changes))
+            and float(np.sqrt(np.mean(new**2))) > HELD_STEPS * max(resolution, 1e-300))
+    if held:  # New readings of a slower clock come at even distances.
+        apart = np.diff(np.flatnonzero(changes != 0.0))
+        usual = float(np.median(apart))
+        held = usual >= 2.0 and float(np.mean(np.abs(apart - usual) <= 1.0)) > 0.6
     update_rate = rate * (1.0 - repeated) if held else rate
     seen = spread(values)
     fresh = seen[np.append(True, np.diff(seen) != 0.0)] if held else seen
-    # Runs of at least STALL_SAMPLES equal readings as rows (start, count).
+    noise = white_noise(fresh)
+    runs = _runs(values)
+    # A coarse converter repeats its largest reading, too.
+    is_fine = resolution <= COARSE_SHARE * noise
+    return TopicQuality(
+        rate=rate, mean_rate=math.nan if longest > 1.9 * period else mean_rate,
+        repeated=repeated, update_rate=update_rate, resolution=resolution, noise=noise,
+        bandwidth=_bandwidth(fresh, update_rate, resolution),
+        spikes=np.zeros(0, dtype=np.intp) if held else spikes_of(values, resolution, noise),
+        stall=(0, 0) if held else _stall(values, new, runs, resolution),
+        limit=_limit(values, runs, repeated) if is_fine else (math.nan, 0))
+
+
+def _runs(values: Floats) -> NDArray[np.int64]:
+    """Runs of at least STALL_SAMPLES equal readings as rows (start, count)."""
     found = []
     open_at = 0
     for part in blocks(len(values), values):
         changed = np.flatnonzero(np.diff(values[part.start:part.stop + 1]) != 0.0)
         edges = np.concatenate([[open_at], part.start + changed + 1])
+        if part.stop == len(values):
+            edges = np.append(edges, len(values))
         open_at = int(edges[-1])
         long = np.flatnonzero(np.diff(edges) >= STALL_SAMPLES)
         found.append(np.stack([edges[long], np.diff(edges)[long]], axis=1))
-    if len(values) - open_at >= STALL_SAMPLES:
-        found.append(np.array([[open_at, len(values) - open_at]]))
-    runs = np.concatenate(found)
-    noise = white_noise(fresh)
-    # A coarse converter repeats its largest reading, too.
-    is_fine = resolution <= COARSE_SHARE * noise
-    limit = _limit(values, runs, repeated) if is_fine else (math.nan, 0)
-    stall = (0, 0) if held else _stall(values, new, runs, resolution)
-    spikes = np.zeros(0, dtype=np.intp) if held else spikes_of(values, resolution, noise)
-    return TopicQuality(
-        rate=rate, mean_rate=_mean_rate(stamps), repeated=repeated, update_rate=update_rate,
-        resolution=resolution, noise=noise, bandwidth=_bandwidth(fresh, update_rate, resolution),
-        spikes=spikes, stall=stall, limit=limit)
-
-
-def _mean_rate(stamps: NDArray[np.int64]) -> float:
-    """Readings per second over a record without gaps, NaN if there are some."""
-    longest = max(int(np.diff(stamps[part.start:part.stop + 1]).max())
-                  for part in blocks(len(stamps) - 1, stamps))
-    if longest > 1.9 * float(np.median(spread_changes(stamps))):
-        return math.nan
-    return 1e9 * (stamps.size - 1) / float(stamps[-1] - stamps[0])
+    return np.concatenate(found)
 
 
 def common_step(values: Floats) -> float:
@@ -216,23 +219,22 @@ def spikes_of(values: Floats, step: float, noise: float) -> NDArray[np.intp]:
     usual = 1.4826 * float(np.median(_away_from_neighbours(spread(values))))
     scale = max(usual, NOISE_SHARE * noise, 0.5 * step)
     found = []
+    last = len(values) - 1
     for part in blocks(len(values), values):
         start, stop = max(part.start - 2, 0), part.stop + 2
         away = _away_from_neighbours(values[start:stop])[part.start - start:]
-        away = away[:part.stop - part.start]
-        far = np.flatnonzero(away > SPIKE_SIZE * scale)
-        around = _usual_change(values, part.start + far)
-        # Distance between the readings after and before some indices (M,).
-        #
+        far = np.flatnonzero(away[:part.stop - part.start] > SPIKE_SIZE * scale)
+        places = part.start + far
+        # Where the median of nine changes is large too, a fast movement is no spike.
+        about = np.clip(places[:, None] + np.arange(-4, 5), 0, last)
+        around = np.median(np.abs(values[np.minimum(about + 1, last)] - values[about]), axis=1)
         # A ring that jumps through its clearance overshoots its new position by a single reading.
         # After a spike the readings return.
-        places = part.start + far
-        last = len(values) - 1
         before = values[np.clip(places - 2, 0, last)] + values[np.clip(places - 3, 0, last)]
         behind = values[np.clip(places + 2, 0, last)] + values[np.clip(places + 3, 0, last)]
-        moved = np.asarray(0.5 * np.abs(behind - before))
-        is_spike = (away[far] > SPIKE_SIZE * 0.5 * around) & (moved < RETURN_SHARE * away[far])
-        found.append(part.start + far[is_spike])
+        moved = 0.5 * np.abs(behind - before)
+        found.append(places[(away[far] > SPIKE_SIZE * 0.5 * around)
+                            & (moved < RETURN_SHARE * away[far])])
     return np.concatenate(found)
 
 
@@ -247,38 +249,19 @@ def _away_from_neighbours(values: Floats) -> Floats:
     return np.abs(values - median)
 
 
-def _usual_change(values: Floats, places: NDArray[np.intp]) -> Floats:
-    """The median of nine changes around some indices (M,): a fast movement there is no spike."""
-    last = len(values) - 1
-    about = np.clip(places[:, None] + np.arange(-4, 5), 0, last)
-    return np.asarray(np.median(np.abs(values[np.minimum(about + 1, last)] - values[about]),
-                                axis=1))
-
-
-def _repeats(values: Floats) -> NDArray[np.bool_]:
-    return np.asarray(values[1:] == values[:-1])
-
-
-def _evenly_held(changes: Floats) -> bool:
-    """Whether new readings come at even distances, as those of a slower clock do."""
-    apart = np.diff(np.flatnonzero(changes != 0.0))
-    usual = float(np.median(apart))
-    return usual >= 2.0 and float(np.mean(np.abs(apart - usual) <= 1.0)) > 0.6
-
-
 def _limit(values: Floats, runs: NDArray[np.int64], repeated: float) -> tuple[float, int]:
     """The largest or smallest reading where it is repeated as only a limit does, and how often."""
     lowest, highest = extremes(values)
     for extreme in (float(highest), float(lowest)):
         longest = max(runs[values[runs[:, 0]] == extreme, 1].tolist(), default=0)
-        if longest >= EQUAL_AT_LIMIT and _unlikely(longest, repeated, values.size):
+        if longest >= EQUAL_AT_LIMIT and _chance(longest, repeated, values.size) < STALL_CHANCE:
             return extreme, count_where(lambda part, at=extreme: part == at, values)
     return math.nan, 0
 
 
-def _unlikely(count: int, repeated: float, samples: int) -> bool:
-    share = min(max(repeated, 1e-3), 1.0 - 1e-9)
-    return samples * share ** (count - 1) < STALL_CHANCE
+def _chance(count: int, repeated: float, samples: int) -> float:
+    """Expected number of runs of `count` equal readings if a share `repeated` repeats."""
+    return samples * float(min(max(repeated, 1e-3), 1.0 - 1e-9)) ** (count - 1)
 
 
 def _stall(
@@ -300,9 +283,8 @@ def _stall(
                                 np.diff(values[end:end + 3 * count + 1])])
         local = float(np.mean(about == 0.0)) if about.size else 1.0
         jump = abs(float(values[end] - values[start]))
-        jumped = jump > max(STALL_SIZE * usual, STALL_STEPS * resolution)
-        fine = 2.0 * resolution < usual
-        if jumped or (fine and _unlikely(count, local, values.size)):
+        if jump > max(STALL_SIZE * usual, STALL_STEPS * resolution) or (
+                2.0 * resolution < usual and _chance(count, local, values.size) < STALL_CHANCE):
             return int(start), int(count)
     return 0, 0
 
@@ -313,21 +295,19 @@ def _bandwidth(values: Floats, rate: float, resolution: float) -> float:
     By the mean square change over one sample and over many: equal for white noise; of a
     first-order low-pass at f the first is 1 - exp(-2 pi f / rate) of the second.
     """
-    count = int(QUIET_SECONDS * rate)
-    quiet = values[:count]
+    quiet = values[:int(QUIET_SECONDS * rate)]
     if quiet.size < MIN_QUIET_SAMPLES:
         return math.nan
     quiet = quiet - np.polyval(np.polyfit(np.arange(quiet.size), quiet, 1), np.arange(quiet.size))
     lags = [lag for lag in (1, 2, 5, 10, 20, 40) if lag < quiet.size // 4]
-    seen = np.array([float(np.mean((quiet[lag:] - quiet[:-lag]) ** 2)) for lag in lags])
-    moving = len(lags) > 2 and lags[-1] == 40 and seen[-1] > MAX_GROWTH * seen[lags.index(10)]
-    if moving:
+    seen = [float(np.mean((quiet[lag:] - quiet[:-lag]) ** 2)) for lag in lags]
+    if lags[-1] == 40 and seen[-1] > MAX_GROWTH * seen[lags.index(10)]:
         return math.nan
     rounding = resolution**2 / 6.0
-    largest = float(seen.max()) - rounding
+    largest = max(seen) - rounding
     if largest < 4.0 * rounding or largest <= 0.0:
         return math.nan
-    share = min(max((float(seen[0]) - rounding) / largest, 1e-4), 0.999)
+    share = min(max((seen[0] - rounding) / largest, 1e-4), 0.999)
     if share > 1.0 - CHANCE_ERRORS * math.sqrt(3.0 / quiet.size):
         share = 0.999
     found = -math.log1p(-share) * rate / (2.0 * math.pi)
@@ -346,18 +326,13 @@ def filter_lag(load: TopicQuality, probes: Sequence[TopicQuality]) -> float:
     """Delay [s] of the load by a filter minus that of the probes; 0 if none shows."""
     if load.is_held or any(one.is_held for one in probes):
         return 0.0
-    lags = []
-    shares = []
-    for bandwidth, rate in (
-            (load.bandwidth, load.rate),
-            (median_of_known([one.bandwidth for one in probes]),
-             median_of_known([one.rate for one in probes]))):
-        shares.append(bandwidth / rate)
-        is_limited = bandwidth < BAND_LIMIT * rate
-        lags.append(1.0 / (2.0 * math.pi * bandwidth) if is_limited else 0.0)
-    if not (all(map(math.isfinite, shares)) and max(shares) > BAND_RATIO * min(shares)):
+    bandwidths = np.array([load.bandwidth, median_of_known([one.bandwidth for one in probes])])
+    rates = np.array([load.rate, median_of_known([one.rate for one in probes])])
+    shares = bandwidths / rates
+    if not (np.isfinite(shares).all() and shares.max() > BAND_RATIO * shares.min()):
         return 0.0
-    return lags[0] - lags[1]
+    lags = np.where(shares < BAND_LIMIT, 1.0 / (2.0 * math.pi * bandwidths), 0.0)
+    return float(lags[0] - lags[1])
 
 
 def rate_share(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:

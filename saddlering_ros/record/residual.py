@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,10 +54,10 @@ class _Side:
         """Take a batch; whether its stamps jumped back."""
         if not len(batch):
             return False
+        newest = int(batch.stamps.max())
         jumped = self.newest - int(batch.stamps[0]) > JITTER_NS
         if jumped:
             self.waiting = batches.no_displacements()
-        newest = int(batch.stamps.max())
         self.newest = newest if jumped else max(self.newest, newest)
         together = batches.join([self.waiting, batch]) if len(self.waiting) else batch
         if len(together) > 1 and (np.diff(together.stamps) <= 0).any():
@@ -66,25 +66,16 @@ class _Side:
         self.waiting = together
         return jumped
 
-    def bound(self) -> None:
-        """Give up the oldest of more samples than may wait."""
-        surplus = len(self.waiting) - MAX_WAITING
-        if surplus > 0:
-            self.waiting = self.waiting.pick(slice(surplus, None))
-            self.given_up += surplus
-
     def forget(self, used: np.ndarray, before: int) -> int:
-        """Drop rows `used` and rows stamped before `before`; how many of the latter."""
+        """Drop rows `used` and rows stamped before `before`; how many found no partner."""
         if len(used) == len(self.waiting) and not self.given_up:
             self.waiting = batches.no_displacements()
             return 0
-        keep = np.ones(len(self.waiting), dtype=bool)
+        keep = self.waiting.stamps >= before
         keep[used] = False
-        old = keep & (self.waiting.stamps < before)
-        keep &= ~old
-        self.waiting = self.waiting.pick(np.flatnonzero(keep))
-        given_up, self.given_up = self.given_up, 0
-        return int(old.sum()) + given_up
+        alone = len(keep) - int(keep.sum()) - len(used) + self.given_up
+        self.waiting, self.given_up = self.waiting.pick(np.flatnonzero(keep)), 0
+        return alone
 
 
 class ResidualStream:
@@ -117,39 +108,36 @@ class ResidualStream:
         """Take a batch of either stream; return measured minus simulated where both are there."""
         self.counters.jumps += self._measured.push(measured) + self._simulated.push(simulated)
         residual = self._joined()
-        self._measured.bound()
-        self._simulated.bound()
+        for side in (self._measured, self._simulated):
+            surplus = len(side.waiting) - MAX_WAITING
+            if surplus > 0:
+                side.waiting = side.waiting.pick(slice(surplus, None))
+                side.given_up += surplus
         return residual
 
     def _joined(self) -> Displacements:
         """The residuals at the stamps that wait on both sides."""
-        ours, theirs = self._measured.waiting, self._simulated.waiting
-        if not len(ours) or not len(theirs):
+        measured, simulated = self._measured.waiting, self._simulated.waiting
+        if not len(measured) or not len(simulated):
             return batches.no_displacements()
-        if np.array_equal(ours.stamps, theirs.stamps):  # the usual case
-            stamps, measured, simulated = ours.stamps, ours, theirs
+        if np.array_equal(measured.stamps, simulated.stamps):  # the usual case
+            stamps = measured.stamps
             mine = other = np.arange(len(stamps))
         else:
-            stamps, mine, other = np.intersect1d(ours.stamps, theirs.stamps, assume_unique=True,
-                                                 return_indices=True)
+            stamps, mine, other = np.intersect1d(measured.stamps, simulated.stamps,
+                                                 assume_unique=True, return_indices=True)
             if not len(stamps):
                 return batches.no_displacements()
-            measured, simulated = ours.pick(mine), theirs.pick(other)
+            measured, simulated = measured.pick(mine), simulated.pick(other)
         before = int(stamps[-1]) - KEEP_NS
         self.counters.measured_alone += self._measured.forget(mine, before)
         self.counters.simulated_alone += self._simulated.forget(other, before)
-        return self._subtract(*self._of_one_elevation(measured, simulated))
-
-    def _of_one_elevation(self, measured: Displacements, simulated: Displacements,
-                          ) -> tuple[Displacements, Displacements]:
-        """The pairs whose elevations, where both are known, are the same."""
         differs = np.abs(measured.elevations - simulated.elevations) > ELEVATION_TOLERANCE
         self.elevations_agree = not differs[-1]
-        if not np.count_nonzero(differs):
-            return measured, simulated
-        self.counters.elevation_differs += int(differs.sum())
-        rows = np.flatnonzero(~differs)
-        return measured.pick(rows), simulated.pick(rows)
+        if np.count_nonzero(differs):
+            self.counters.elevation_differs += int(differs.sum())
+            measured, simulated = measured.pick(~differs), simulated.pick(~differs)
+        return self._subtract(measured, simulated)
 
     def _subtract(self, measured: Displacements, simulated: Displacements) -> Displacements:
         if not len(measured):
@@ -162,9 +150,8 @@ class ResidualStream:
             self.zeros_agree = True
             return _difference(measured, simulated)
         bridged = self._bridged(measured, simulated, np.flatnonzero(~same))
-        rows = np.flatnonzero(same)
-        direct = _difference(measured.pick(rows), simulated.pick(rows))
-        self.counters.zero_differs += len(same) - len(rows) - len(bridged)
+        direct = _difference(measured.pick(same), simulated.pick(same))
+        self.counters.zero_differs += len(same) - len(direct) - len(bridged)
         self.zeros_agree = bool(same[-1]) or bool(
             len(bridged) and bridged.stamps[-1] == measured.stamps[-1])
         both = batches.join([batch for batch in (direct, bridged) if len(batch)])
@@ -175,14 +162,13 @@ class ResidualStream:
         """Residuals of those `rows` whose two zeros could be brought together."""
         zeros = np.stack([measured.zero_stamps[rows], simulated.zero_stamps[rows]])
         found = []
-        for pair in np.unique(zeros, axis=1).T.tolist():
-            mine = rows[(zeros == np.array(pair)[:, None]).all(axis=0)]
-            self._bridges = {key: value for key, value in self._bridges.items()
-                             if key == tuple(pair)}
+        for of_both in np.unique(zeros, axis=1).T.tolist():
+            pair = tuple(of_both)
+            mine = rows[(pair == zeros.T).all(axis=1)]
             newer = measured if pair[0] > pair[1] else simulated
-            bridge = self._bridges.setdefault(
-                tuple(pair), _Bridge(max(pair), float(newer.zero_durations[mine[0]])))
-            found.append(bridge.across(measured.pick(mine), simulated.pick(mine)))
+            self._bridges = {pair: self._bridges.get(pair) or _Bridge(
+                max(pair), float(newer.zero_durations[mine[0]]))}
+            found.append(self._bridges[pair].across(measured.pick(mine), simulated.pick(mine)))
         return batches.join([batch for batch in found if len(batch)])
 
 
@@ -207,21 +193,21 @@ class _Bridge:
         inside = (older.stamps >= self._newer) & (older.stamps <= self._until)
         self._total += older.channels[:, inside].sum(axis=1)
         self._count += int(inside.sum())
-        after = np.flatnonzero(older.stamps > self._until)
-        if self._count < MIN_SAMPLES or not len(after):
+        after = older.stamps > self._until
+        if self._count < MIN_SAMPLES or not after.any():
             return batches.no_displacements()
-        result = _difference(measured.pick(after), simulated.pick(after))
+        result, zero = _difference(measured.pick(after), simulated.pick(after)), newer.pick(after)
         offset = (self._total / self._count)[:, None]
-        channels = result.channels - offset if measured_is_older else result.channels + offset
-        zero = newer.pick(after)
-        return Displacements(result.stamps, channels, zero.zero_stamps, zero.zero_loads,
-                             result.elevations, result.validity, zero.zero_durations)
+        return replace(
+            result, zero_stamps=zero.zero_stamps, zero_loads=zero.zero_loads,
+            zero_durations=zero.zero_durations,
+            channels=result.channels - offset if measured_is_older else result.channels + offset)
 
 
 def _difference(measured: Displacements, simulated: Displacements) -> Displacements:
-    return Displacements(measured.stamps, measured.channels - simulated.channels,
-                         measured.zero_stamps, measured.zero_loads, simulated.elevations,
-                         measured.validity | simulated.validity, measured.zero_durations)
+    return replace(measured, channels=measured.channels - simulated.channels,
+                   elevations=simulated.elevations,
+                   validity=measured.validity | simulated.validity)
 
 
 def residual_stretches(

@@ -7,7 +7,7 @@ process. It is mapped, and used like any other array. Code that goes through it 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 import mmap
 import os
 from pathlib import Path
@@ -33,10 +33,8 @@ def scratch_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     """An array to be filled, of zeros if it is long; BagError if there is no room for it."""
     if shape[-1] <= LONG:
         return np.empty(shape, dtype)
-    file = scratch_file()
     try:
-        os.truncate(file.fileno(), int(np.prod(shape)) * np.dtype(dtype).itemsize)
-        return _mapped(file, shape, dtype)
+        return np.asarray(np.memmap(scratch_file(), dtype, 'w+', 0, shape))
     except OSError as problem:
         raise no_room(problem) from problem
 
@@ -51,13 +49,10 @@ def scratch_mask(*shape: int) -> NDArray[np.bool_]:
 
 def scratch_copy(values: NDArray[Any]) -> NDArray[Any]:
     """The same numbers (N,), in a scratch file if there are many."""
-    if len(values) <= LONG:
-        return values
-    copy = scratch_array(values.shape, values.dtype)
+    copy = GrowingArray(values.dtype)
     for part in blocks(len(values)):
-        copy[part] = values[part]
-        forget(copy)
-    return copy
+        copy.append(values[part])
+    return copy.array()
 
 
 def scratch_file() -> BinaryIO:
@@ -74,11 +69,6 @@ def no_room(problem: OSError) -> BagError:
     place = Path(os.environ.get('TMPDIR') or '/var/tmp')
     return BagError(f'{place}: a long bag needs scratch files there, which cannot be written '
                     f'({problem.strerror or problem}): let TMPDIR name a folder with more room')
-
-
-def _mapped(file: BinaryIO, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """The file's numbers as a plain array, which holds the mapping."""
-    return np.asarray(np.memmap(file, dtype, 'r+', 0, shape))
 
 
 class GrowingArray:
@@ -117,7 +107,7 @@ class GrowingArray:
     def array(self) -> NDArray[Any]:
         """All of them; those of a file are mapped."""
         if self._file is not None:
-            return _mapped(self._file, (self._count,), self._dtype)
+            return np.asarray(np.memmap(self._file, self._dtype, 'r+', 0, self._count))
         self._parts = [np.concatenate([np.empty(0, self._dtype), *self._parts])]
         return self._parts[0]
 
@@ -139,30 +129,25 @@ def forget(*arrays: NDArray[Any]) -> None:
             mapping.madvise(mmap.MADV_DONTNEED)
 
 
-def stretches(count: int) -> Sequence[slice]:
-    """All rows if they are few, else `PARTS` stretches spread evenly, the first at the start."""
-    if count <= LONG:
-        return [slice(0, count)]
+def _stretches(values: NDArray[Any]) -> list[NDArray[Any]]:
+    """All numbers (N,) if they are few, else `PARTS` stretches spread evenly, one at the start."""
+    if len(values) <= LONG:
+        return [values]
     size = LONG // PARTS
-    starts = np.linspace(0, count - size, PARTS).astype(int).tolist()
-    return [slice(start, start + size) for start in starts]
+    starts = np.linspace(0, len(values) - size, PARTS).astype(int).tolist()
+    found = [values[start:start + size].copy() for start in starts]
+    forget(values)
+    return found
 
 
 def spread(values: NDArray[Any]) -> NDArray[Any]:
-    """The numbers (N,) if they are few, else those of `stretches` in a row: about a million."""
-    parts = stretches(len(values))
-    if len(parts) == 1:
-        return values
-    found = np.concatenate([values[part] for part in parts])
-    forget(values)
-    return found
+    """The numbers (N,) if they are few, else some stretches in a row: about a million."""
+    return values if len(values) <= LONG else np.concatenate(_stretches(values))
 
 
 def spread_changes(values: NDArray[Any]) -> NDArray[Any]:
-    """Differences of neighbours within the `stretches` of numbers (N,)."""
-    found = np.concatenate([np.diff(values[part]) for part in stretches(len(values))])
-    forget(values)
-    return found
+    """Differences of neighbours within the same stretches of numbers (N,)."""
+    return np.concatenate([np.diff(part) for part in _stretches(values)])
 
 
 def extremes(values: NDArray[Any]) -> tuple[Any, Any]:

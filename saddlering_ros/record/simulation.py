@@ -11,11 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.record import batches
-from saddlering_ros.record.batches import Displacements, JITTER_NS, longer_hold, Samples
+from saddlering_ros.record.batches import (
+    Displacements,
+    JITTER_NS,
+    longer_hold,
+    Samples,
+    ZERO_ELSEWHERE,
+)
 from saddlering_ros.record.guard import load_limits, SampleGuard
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import BLOCK, forget
-from saddlering_ros.rig import CHANNELS, ParameterSet, probes_to_displacement, Rig, ZeroReading
+from saddlering_ros.rig import ParameterSet, probes_to_displacement, Rig, ZeroReading
 from saddlering_ros.ring import RingSimulator, SimulationError
 from saddlering_ros.ring.simulator import simulate_in_blocks, SimulatedRun
 
@@ -44,6 +50,9 @@ class SimulationStream:
     ones are in time. Stamps that jump back, or ahead by more than `max_gap` [s], restart the
     simulation, unless they jump ahead inside `recording` (first and last stamp [ns]), where they
     are a pause of one test.
+
+    held: samples held back in case an earlier one still comes; newest_stamp: of the last sample
+    simulated [ns], 0 before the first.
     """
 
     def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float, *,
@@ -62,9 +71,8 @@ class SimulationStream:
 
     def _forget(self) -> None:
         self._epoch: int | None = None
-        self._held: list[tuple[int, float]] = []
-        self._last = 0
-        self._newest = 0
+        self.held: list[tuple[int, float]] = []
+        self.newest_stamp = self._newest = 0
         self._pushed: NDArray[np.int64] = np.empty(0, np.int64)
         self.zero_stamp = 0
         self.zero_elevation = self.elevation
@@ -87,24 +95,10 @@ class SimulationStream:
         """Restart with the first steady stretch after `stamp` [ns], at any load."""
         self._asked_after = stamp
 
-    @property
-    def newest_stamp(self) -> int:
-        """Stamp of the last sample simulated [ns]."""
-        return self._last
-
-    @property
-    def held(self) -> int:
-        """Samples held back in case an earlier one still comes."""
-        return len(self._held)
-
     def push(self, load: Samples) -> Displacements:
         """Take a batch of load samples; return the states that are due."""
-        self._take(self.guard.push(load))
+        self._insert(self.guard.push(load))
         return self._release(self._newest - self.hold)
-
-    def _take(self, load: Samples) -> None:
-        for stamp, value in zip(load.stamps.tolist(), load.values.tolist(), strict=True):
-            self._insert(stamp, value)
 
     def flush(self) -> Displacements:
         """Simulate the held samples after a time without data."""
@@ -112,56 +106,46 @@ class SimulationStream:
 
     def flush_guard(self) -> Displacements:
         """Simulate the sample whose successor will show whether it is an outlier."""
-        self._take(self.guard.flush())
+        self._insert(self.guard.flush())
         return self.flush()
 
-    def _insert(self, stamp: int, load: float) -> None:
-        if self._jumped(stamp):
-            self.counters.jumps += 1
-            self.restart()
-        if stamp <= self._last:
-            self._too_late(stamp)
-            return
-        self._newest = max(self._newest, stamp)
-        held = self._held
-        if not held or stamp > held[-1][0]:
-            held.append((stamp, load))
-            return
-        place = bisect_left(held, (stamp,))
-        if held[place][0] == stamp:
-            self.counters.duplicates += 1
-            return
-        self.counters.reordered += 1
-        held.insert(place, (stamp, load))
-
-    def _jumped(self, stamp: int) -> bool:
-        newest = self._newest
-        if not newest or stamp - newest > self._max_gap:
-            return bool(newest) and not batches.is_pause(self.recording, newest, stamp)
-        return newest - stamp > JITTER_NS
-
-    def _too_late(self, stamp: int) -> None:
-        if stamp == self._last:
-            self.counters.duplicates += 1
-            return
-        self.counters.late += 1
-        self.hold = longer_hold(self.hold, self._newest - stamp)
+    def _insert(self, load: Samples) -> None:
+        """Put samples among those held, by stamp."""
+        for stamp, value in zip(load.stamps.tolist(), load.values.tolist(), strict=True):
+            newest = self._newest
+            is_ahead = stamp - newest > self._max_gap and not batches.is_pause(
+                self.recording, newest, stamp)
+            if newest and (is_ahead or newest - stamp > JITTER_NS):
+                self.counters.jumps += 1
+                self.restart()
+            if stamp < self.newest_stamp:
+                self.counters.late += 1
+                self.hold = longer_hold(self.hold, self._newest - stamp)
+                continue
+            self._newest = max(self._newest, stamp)
+            held = self.held
+            place = bisect_left(held, (stamp,))
+            if stamp == self.newest_stamp or (place < len(held) and held[place][0] == stamp):
+                self.counters.duplicates += 1
+                continue
+            self.counters.reordered += place < len(held)
+            held.insert(place, (stamp, value))
 
     def _release(self, until: int) -> Displacements:
         """The states at the samples up to a stamp [ns]."""
-        count = bisect_left(self._held, (until + 1,))
+        count = bisect_left(self.held, (until + 1,))
         if not count:
             return batches.no_displacements()
-        due, self._held = self._held[:count], self._held[count:]
+        due, self.held = self.held[:count], self.held[count:]
         stamps = np.array([stamp for stamp, _ in due], np.int64)
         loads = np.array([load for _, load in due])
         if self._asked_after is None or stamps[-1] <= self._asked_after:
             return self._simulated(stamps, loads)
         asked = int(stamps.searchsorted(self._asked_after, 'right'))
         before = self._simulated(stamps[:asked], loads[:asked])
-        held, newest = self._held, self._newest
+        held, newest = self.held, self._newest
         self.restart(zero_anywhere=True)
-        self._held, self._newest = held, newest
+        self.held, self._newest = held, newest
         after = self._simulated(stamps[asked:], loads[asked:])
         return batches.join([batch for batch in (before, after) if len(batch)])
 
@@ -171,7 +155,7 @@ class SimulationStream:
             return batches.no_displacements()
         if self._epoch is None:
             self._epoch = int(stamps[0])
-        self._last, self.load = int(stamps[-1]), float(loads[-1])
+        self.newest_stamp, self.load = int(stamps[-1]), float(loads[-1])
         time, probes = self.simulator.push((stamps - self._epoch) / 1e9, loads)
         pushed = np.append(self._pushed, stamps) if len(self._pushed) else stamps
         pending = self.simulator.pending
@@ -184,8 +168,7 @@ class SimulationStream:
         self._pushed = pushed[len(pushed) - pending:]
         if zero is None or not len(time):
             return batches.no_displacements()
-        found = probes_to_displacement(self._rig.probes, probes)
-        channels = np.array([getattr(found, name) for name in CHANNELS])
+        channels = probes_to_displacement(self._rig.probes, probes).channels
         times = pushed[first:first + len(time)]
         converged = np.isfinite(channels).all(axis=0)
         if not converged.all():
@@ -209,44 +192,42 @@ def simulated_stretches(
     SimulationError if there is no sample at all: nothing comes before a stretch with a sample, so
     that a ring without one writes no output.
     """
-    stretches = _stretches(rig, run, parameters, notes, on_progress)
-    zero, first = next(stretches)
-    return chain([first], (batch for _, batch in stretches)), zero
+    def stretches() -> Iterator[tuple[ZeroReading, Displacements]]:
+        failed, found, zero = 0, False, None
+        for simulated in simulate_in_blocks(
+                rig, parameters, run.elevation, run.time, run.load, BLOCK):
+            batch = _converged(run, simulated)
+            failed, zero = simulated.failed_steps, simulated.zero
+            found = found or bool(len(batch))
+            if found:
+                yield zero, batch
+            forget(run.stamps, run.time, run.load, run.gaps)
+            on_progress((simulated.first + len(simulated.time)) / len(run.time))
+        if not found:
+            raise SimulationError(f'{run.path}: no sample could be simulated: the solver finds no '
+                                  'equilibrium of this ring: check contact.K1 and contact.K2 of '
+                                  'the parameter file, and the rig file')
+        if failed:
+            notes.append(
+                f'the solver did not converge in {failed} steps: their samples are left out')
+        if zero is not None and not zero.near_preload:
+            notes.append(ZERO_ELSEWHERE)
 
-
-def _stretches(
-    rig: Rig, run: Record, parameters: ParameterSet, notes: list[str],
-    on_progress: Callable[[float], None],
-) -> Iterator[tuple[ZeroReading, Displacements]]:
-    failed, found, zero = 0, False, None
-    for simulated in simulate_in_blocks(rig, parameters, run.elevation, run.time, run.load, BLOCK):
-        batch = _converged(run, simulated)
-        failed, zero = simulated.failed_steps, simulated.zero
-        found = found or bool(len(batch))
-        if found:
-            yield zero, batch
-        forget(run.stamps, run.time, run.load, run.gaps)
-        on_progress((simulated.first + len(simulated.time)) / len(run.time))
-    if not found:
-        raise SimulationError(f'{run.path}: no sample could be simulated: the solver finds no '
-                              'equilibrium of this ring: check contact.K1 and contact.K2 of the '
-                              'parameter file, and the rig file')
-    if failed:
-        notes.append(f'the solver did not converge in {failed} steps: their samples are left out')
-    if zero is not None and not zero.near_preload:
-        notes.append('the record has no steady start near the preload; its zero is at another '
-                     'load')
+    of_run = stretches()
+    zero, first = next(of_run)
+    return chain([first], (batch for _, batch in of_run)), zero
 
 
 def _converged(run: Record, simulated: SimulatedRun) -> Displacements:
     """The samples of a stretch without those at which the solver did not converge."""
     rows = slice(simulated.first, simulated.first + len(simulated.time))
-    channels = np.stack([getattr(simulated.displacement, name) for name in CHANNELS])
+    channels = simulated.displacement.channels
     zero, count = simulated.zero, len(simulated.time)
     first, last = run.stamps[[zero.start, zero.end - 1]].tolist()
-    batch = Displacements(
+    return Displacements(
         run.stamps[rows], channels, np.full(count, first), np.full(count, zero.load),
         np.full(count, run.elevation),
         np.zeros(count, np.uint8) if run.load_marks is None else run.load_marks[rows],
-        np.full(count, (last - first) / batches.SECOND))
-    return batch.pick(np.isfinite(channels).all(axis=0))
+        np.full(count, (last - first) / batches.SECOND),
+    ).pick(np.flatnonzero(np.isfinite(channels).all(axis=0)))
+

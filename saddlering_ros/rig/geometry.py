@@ -28,6 +28,11 @@ class Displacement:
     gamma: Any
     parity: Any
 
+    @property
+    def channels(self) -> NDArray[np.float64]:
+        """The same as one array (4, ...)."""
+        return np.array([self.delta_x, self.delta_y, self.gamma, self.parity])
+
 
 CHANNELS: tuple[str, ...] = ('delta_x', 'delta_y', 'gamma', 'parity')
 """Names of the fields of `Displacement`, in the order used everywhere."""

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.ndimage import median_filter
-from scipy.optimize import nnls
 
-from saddlering_ros.record.plateaus import _two_amounts
 from saddlering_ros.record.quality import _away_from_neighbours
 
 
@@ -16,13 +14,3 @@ def test_the_distance_from_the_running_median_is_scipys_to_the_last_bit(size: in
     values = np.random.default_rng(size).standard_normal(size).round(2)
     expected = np.abs(values - median_filter(values, 5, mode='nearest'))
     assert np.array_equal(_away_from_neighbours(values), expected)
-
-
-@pytest.mark.parametrize('seed', range(20))
-def test_two_amounts_are_the_nonnegative_least_squares(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    shapes, target = rng.standard_normal((2, 8)), rng.standard_normal(8)
-    expected, misfit = nnls(shapes.T, target)
-    amounts, found = _two_amounts(shapes, target)
-    assert amounts == pytest.approx(expected, abs=1e-12)
-    assert found == pytest.approx(misfit, rel=1e-12)
