@@ -91,13 +91,13 @@ class _White(Noise):
 
 @dataclass(frozen=True)
 class _FromRest(Noise):
-    intervals: tuple[tuple[object, ...], ...]
+    intervals: tuple[tuple[str | float, ...], ...]
 
     def __post_init__(self) -> None:
         if not self.intervals:
             raise DiscrepancyError('noise: from_rest needs at least one interval (start, end)')
         for interval in self.intervals:
-            start, end = self._ends(interval)
+            start, end = map(float, interval[-2:])
             if not start < end:
                 raise DiscrepancyError(
                     f'noise: the interval at rest from {start:g} to {end:g} is empty: give the '
@@ -112,19 +112,13 @@ class _FromRest(Noise):
             for interval in self.intervals:
                 if len(interval) == 3 and interval[0] != record.run:
                     continue
-                start, end = self._ends(interval)
-                inside = list(record.stretches(start, end))
+                inside = list(record.stretches(*map(float, interval[-2:])))
                 stretches += inside
                 longest = max([longest, *(row.size * record.step for row in inside)])
         noise = noise_of_stretches(stretches, step, 0.25 * longest, 'the declared rest')
         return {
             record.run: continued(noise, 0.25 * longest, record.duration) for record in records
         }
-
-    @staticmethod
-    def _ends(interval: tuple[object, ...]) -> tuple[float, float]:
-        start, end = interval[-2:]
-        return float(str(start)), float(str(end))
 
 
 @dataclass(frozen=True)
@@ -136,25 +130,8 @@ class _FromRepeats(Noise):
             raise DiscrepancyError('noise: from_repeats needs two repeats or more')
 
     def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
-        step = min(record.step for record in records)
-        stack = self._stack(records)
-        count = stack.shape[0]
-        grown = np.sqrt(count / (count - 1.0))
-        time = np.linspace(0.0, step * (stack.shape[1] - 1), stack.shape[1])
-        stretches = [
-            stretch for row in stack - stack.mean(axis=0)
-            for stretch in ChannelRecord('', time, np.asarray(row * grown)).stretches()]
-        longest = 0.25 * max((stretch.size for stretch in stretches), default=0) * step
-        noise = noise_of_stretches(stretches, step, longest, 'the difference of the repeats')
-        degrees = max(1, noise.pairs * (count - 1) // count)
-        noise = replace(noise, pairs=degrees)
-        return {record.run: noise for record in records}
-
-    def _stack(self, records: Sequence[ChannelRecord]) -> Array:
-        """Repeats (K, N) on the time of the first."""
         by_run = {record.run: record for record in records}
-        rows: list[Array] = []
-        first: ChannelRecord | None = None
+        rows, wanted = [], None
         for repeat in self.repeats:
             if not isinstance(repeat, str):
                 rows.append(np.asarray(repeat, dtype=np.float64))
@@ -164,16 +141,25 @@ class _FromRepeats(Noise):
                     f'noise: from_repeats names the run {repeat!r}, which is not among '
                     f'{", ".join(by_run)}'
                 )
-            record = by_run[repeat]
-            first = first or record
-            shifted = record.time - record.time[0]
-            wanted = first.time - first.time[0]
-            values = record.values
-            if shifted.size != wanted.size or not np.allclose(shifted, wanted):
-                values = np.interp(wanted, shifted, values, right=np.nan)
+            values, time = by_run[repeat].values, by_run[repeat].time
+            time = time - time[0]
+            if wanted is None:
+                wanted = time
+            if time.size != wanted.size or not np.allclose(time, wanted):
+                values = np.interp(wanted, time, values, right=np.nan)
             rows.append(values)
-        length = min(row.size for row in rows)
-        return np.array([row[:length] for row in rows])
+        # Repeats (K, N) on the time of the first.
+        stack = np.array([row[:min(row.size for row in rows)] for row in rows])
+        step, count = min(record.step for record in records), len(stack)
+        grown = np.sqrt(count / (count - 1.0))
+        time = np.linspace(0.0, step * (stack.shape[1] - 1), stack.shape[1])
+        stretches = [
+            stretch for row in stack - stack.mean(axis=0)
+            for stretch in ChannelRecord('', time, np.asarray(row * grown)).stretches()]
+        longest = 0.25 * max((stretch.size for stretch in stretches), default=0) * step
+        noise = noise_of_stretches(stretches, step, longest, 'the difference of the repeats')
+        degrees = max(1, noise.pairs * (count - 1) // count)
+        return dict.fromkeys(by_run, replace(noise, pairs=degrees))
 
 
 @dataclass(frozen=True)
@@ -266,8 +252,9 @@ def learn_noise(
     """
     segments: dict[int, list[RestSegment]] = {}
     series: dict[int, list[HeldSeries]] = {}
-    for number, run in enumerate(runs):
-        key = _sampling(run)
+    # A run without rest has a class of its own.
+    keys = [sampling_class(run.rest[0].step) if run.rest else -1 for run in runs]
+    for number, (key, run) in enumerate(zip(keys, runs, strict=True)):
         if run.rest:
             segments.setdefault(key, []).extend(run.rest)
         held = None if residuals is None else _held_series(run, residuals[number])
@@ -282,14 +269,9 @@ def learn_noise(
     learnt = noise_by_class(classes, count)
     first = next(iter(learnt.values()))
     return {
-        (run.name, channel): learnt.get(_sampling(run), first)[channel]
-        for run in runs for channel in range(count)
+        (run.name, channel): learnt.get(key, first)[channel]
+        for key, run in zip(keys, runs, strict=True) for channel in range(count)
     }
-
-
-def _sampling(run: RunBlocks) -> int:
-    """Class of the sampling rate of a run; -1 for a run without rest."""
-    return sampling_class(run.rest[0].step) if run.rest else -1
 
 
 def _held_series(run: RunBlocks, residual: Array) -> HeldSeries | None:

@@ -121,28 +121,31 @@ class HeldSeries:
 
 
 @dataclass(frozen=True)
-class NoiseRecord:
-    """A record that is noise alone, read by instruments of the same kind.
-
-    segments: rows (1, n); ratios (C,): variance of the noise of each channel over that of the
-    record.
-    """
-
-    segments: Sequence[RestSegment]
-    ratios: Array
-
-
-@dataclass(frozen=True)
 class RestSource:
     """Sources of the noise of runs with equal sampling.
 
-    segments: stretches at rest; series: means over consecutive holds; record: source of the
-    shape of the noise, if there is one.
+    segments: stretches at rest; series: means over consecutive holds. parities: whole records
+    (1, n) that are noise alone, read by instruments of the same kind, which give the shape of the
+    noise; ratios (C,): variance of the noise of each channel over theirs.
     """
 
     segments: Sequence[RestSegment]
     series: Sequence[HeldSeries] = ()
-    record: NoiseRecord | None = None
+    parities: Sequence[RestSegment] = ()
+    ratios: Array | None = None
+
+    @classmethod
+    def beside(
+        cls, segments: Sequence[RestSegment], parities: Sequence[RestSegment],
+        still: Sequence[Array],
+    ) -> RestSource:
+        """Stretches at rest and parities of whole records, if these are noise alone.
+
+        still (n_i,): the stretches of the parities at rest.
+        """
+        ratios = parity_ratios(
+            [one.values[0] for one in parities], still, [one.values for one in segments])
+        return cls(segments) if ratios is None else cls(segments, (), parities, ratios)
 
     @property
     def is_usable(self) -> bool:
@@ -151,11 +154,10 @@ class RestSource:
 
     def noise(self, count: int, longest: float) -> list[ChannelNoise]:
         """Noise of each of `count` channels, of time constants up to `longest` [s]."""
-        if self.record is None:
+        if self.ratios is None:
             return measure_noise(self.segments, count, self.series, longest)
-        segments = self.record.segments
-        shape = measure_noise(segments, 1, (), SEEN_SHARE * _longest(segments))
-        return [shape[0].times(float(ratio)) for ratio in self.record.ratios]
+        shape = measure_noise(self.parities, 1, (), SEEN_SHARE * _longest(self.parities))[0]
+        return [shape.times(float(ratio)) for ratio in self.ratios]
 
 
 def sampling_class(step: float) -> int:
@@ -182,8 +184,14 @@ def noise_by_class(
             count, (slowest if key == richest else SEEN_SHARE) * _longest(source.segments))
         for key, source in usable.items()
     }
-    if best.record is None and not best.series and len(best.segments) < FEW_STRETCHES:
-        learnt[richest] = [_continued(noise, best.segments) for noise in learnt[richest]]
+    if best.ratios is None and not best.series and len(best.segments) < FEW_STRETCHES:
+        # Noise beyond the longest stretch at rest is assumed to be as large as at that stretch.
+        span = _longest(best.segments)
+        learnt[richest] = [
+            replace(noise, slow=np.where(
+                span < TIME_CONSTANTS, np.maximum(noise.slow, noise.deviation(0.25 * span) ** 2),
+                noise.slow))
+            for noise in learnt[richest]]
     lent = [np.where(TIME_CONSTANTS >= LENT_FROM, noise.slow, 0.0) for noise in learnt[richest]]
     return {
         key: [replace(noise, slow=np.maximum(noise.slow, slow))
@@ -195,14 +203,6 @@ def noise_by_class(
 def _longest(segments: Sequence[RestSegment]) -> float:
     """Length [s] of the longest stretch."""
     return max(segment.step * segment.values.shape[1] for segment in segments)
-
-
-def _continued(noise: ChannelNoise, segments: Sequence[RestSegment]) -> ChannelNoise:
-    """Noise that is as large beyond the longest stretch at rest as at the longest stretch."""
-    span = _longest(segments)
-    longest = noise.deviation(0.25 * span) ** 2
-    slow = np.where(span < TIME_CONSTANTS, np.maximum(noise.slow, longest), noise.slow)
-    return replace(noise, slow=slow)
 
 
 def measure_noise(
@@ -244,14 +244,15 @@ def measure_noise(
     fine = min(segment.step for segment in segments)
     noise = []
     for channel, (statistics, total) in enumerate(zip(channels, totals, strict=True)):
+        white, slow = 0.0, np.zeros(TIME_CONSTANTS.size)
         if shape.sum() > 0.0:
             columns = statistics.columns
             columns = np.column_stack([columns[:, 0], columns[:, 1:] @ shape])
-            white, size = replace(statistics, columns=columns).mixture()
+            white, size = replace(statistics, columns=columns).mixture().tolist()
             slow = size * shape
         else:
-            white, slow = statistics.mixture()[0], np.zeros(TIME_CONSTANTS.size)
-        white = max(float(white), MIN_WHITE * total * fine)
+            white = float(statistics.mixture()[0])
+        white = max(white, MIN_WHITE * total * fine)
         step = _quantum([segment.values[channel] for segment in segments])
         held = 0.0
         if step:
@@ -284,20 +285,19 @@ def _rest_statistics(
     if joined.size < MIN_DIFFERENCES:
         return Statistics(observed, columns, weights)
     width, apart = float(np.mean(widths)), float(np.mean(spacings))
-    between = [_second_difference(width / tau, apart / tau) for tau in TIME_CONSTANTS]
+    # Variance of second differences of means of unit OU noise, in time constants.
+    between = []
+    for tau in TIME_CONSTANTS:
+        ratio, spacing = width / tau, apart / tau
+        shrink = float((-np.expm1(-ratio) / ratio) ** 2)
+        near = shrink * float(np.exp(-max(spacing - ratio, 0.0)))
+        far = shrink * float(np.exp(-max(2.0 * spacing - ratio, 0.0)))
+        alone = float(process.mean_variance(np.array([ratio]))[0])
+        between.append(max(6.0 * alone - 8.0 * near + 2.0 * far, 1e-12))
     robust = float(np.median(np.abs(joined)) / 0.6745) ** 2
     return Statistics(np.append(observed, robust),
                       np.vstack([columns, np.array([[6.0 / width, *between]])]),
                       np.append(weights, joined.size / 3.0))
-
-
-def _second_difference(width: float, spacing: float) -> float:
-    """Variance of second differences of means of unit OU noise; both in time constants."""
-    shrink = float((-np.expm1(-width) / width) ** 2)
-    near = shrink * float(np.exp(-max(spacing - width, 0.0)))
-    far = shrink * float(np.exp(-max(2.0 * spacing - width, 0.0)))
-    alone = float(process.mean_variance(np.array([width]))[0])
-    return max(6.0 * alone - 8.0 * near + 2.0 * far, 1e-12)
 
 
 def _without_common_course(
@@ -388,22 +388,16 @@ def parity_ratios(
     ratios = np.mean(channels / whole, axis=1)
     if np.any(ratios < 1.0 / MAX_RATIO) or np.any(ratios > MAX_RATIO):
         return None
-    return None if _moves(records, RowTotals(rests)) else np.asarray(ratios)
-
-
-def _moves(parities: RowTotals, rests: RowTotals) -> bool:
-    """Whether parities move by more than their noise at rest."""
-    last, longest = 0, int(parities.sizes.max()) // 8
-    walk = np.inf
-    count = 1
-    while count <= max(longest, 1):
-        whole, _ = parities.pooled_variance(count)
-        at_rest, pairs = rests.pooled_variance(count)
+    # Whether the parities move by more than their noise at rest.
+    still, last, walk, count = RowTotals(rests), 0, np.inf, 1
+    while count <= max(int(records.sizes.max()) // 8, 1):
+        moving, _ = records.pooled_variance(count)
+        resting, pairs = still.pooled_variance(count)
         if pairs >= SURE_PAIRS:
-            if whole > MAX_GROWTH * at_rest:
-                return True
-            last, walk = count, whole
-        elif last and whole > MAX_GROWTH * walk * count / last:
-            return True
+            if moving > MAX_GROWTH * resting:
+                return None
+            last, walk = count, moving
+        elif last and moving > MAX_GROWTH * walk * count / last:
+            return None
         count *= 2
-    return not last
+    return np.asarray(ratios) if last else None

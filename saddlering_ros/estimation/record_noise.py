@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import dct, idct
@@ -167,7 +168,7 @@ def noise_of_residuals(record: ChannelRecord) -> ChannelNoise:
     Missing samples are interpolated for the flexible fit and left out of the statistics.
     """
     values, waves = _fast_values(record)
-    noise = _noise_of_fast_values(record, values, waves, None)
+    noise = _noise_of_fast_values(record, values, waves)
     # Below the fast part the level is as uncertain as at the slowest waves of the fast part.
     return replace(noise, pairs=max(1, min(noise.pairs, 2 * waves)))
 
@@ -181,7 +182,9 @@ def widened(noise: ChannelNoise, record: ChannelRecord) -> ChannelNoise:
     values, waves = _fast_values(record)
     octaves = np.log2(values.size / (waves + 1.0))
     coarse = _spectrum_above(values, waves, max(1, round(BINS_AN_OCTAVE * octaves)))
-    if not coarse.exceeds(_expected_power(noise, coarse.frequency, record.step)):
+    tolerable = 1.0 + np.maximum(0.5, 4.0 * np.sqrt(2.0 / coarse.lines))
+    expected = _expected_power(noise, coarse.frequency, record.step)
+    if not np.any(coarse.power > expected * tolerable):
         return noise
     extra = _noise_of_fast_values(record, values, waves, noise)
     return replace(
@@ -206,27 +209,26 @@ def with_model_error(
     return replace(wider, floor=noise.floor + each)
 
 
-def fast_part(values: Array) -> tuple[Array, int]:
-    """Remainder (N,) of a flexible fit over the order of samples, and its number of half waves."""
-    waves = min(SLOW_WAVES, max(MIN_SLOW_WAVES, values.size // SAMPLES_PER_WAVE))
-    waves = min(waves, values.size // MIN_SAMPLES_PER_WAVE)
-    spectrum = dct(values, norm='ortho')
-    spectrum[: waves + 1] = 0.0
-    return np.asarray(idct(spectrum, norm='ortho')), waves
-
-
 def _fast_values(record: ChannelRecord) -> tuple[Array, int]:
-    """Fast part (N,) of a residual, NaN where missing; the number of removed half waves."""
+    """Remainder (N,) of a flexible fit over the order of samples, and its number of half waves.
+
+    Missing samples are interpolated for the fit, and NaN in the remainder.
+    """
     there = np.isfinite(record.values)
-    bridged = np.interp(record.time, record.time[there], record.values[there])
-    fast, waves = fast_part(bridged)
-    return np.where(there, fast, np.nan), waves
+    spectrum = dct(np.interp(record.time, record.time[there], record.values[there]), norm='ortho')
+    waves = min(SLOW_WAVES, max(MIN_SLOW_WAVES, there.size // SAMPLES_PER_WAVE))
+    waves = min(waves, there.size // MIN_SAMPLES_PER_WAVE)
+    spectrum[: waves + 1] = 0.0
+    return np.where(there, idct(spectrum, norm='ortho'), np.nan), waves
 
 
 def _noise_of_fast_values(
-    record: ChannelRecord, values: Array, waves: int, present: ChannelNoise | None
+    record: ChannelRecord, values: Array, waves: int, present: ChannelNoise | None = None
 ) -> ChannelNoise:
-    """Noise of the fast part (N,) of a residual, beyond the noise that is `present`."""
+    """Noise of the fast part (N,) of a residual, beyond the noise that is `present`.
+
+    White noise and relaxations of the greatest likelihood.
+    """
     sizes = [row.size for row in replace(record, values=values).stretches()]
     if sum(sizes) < MIN_SAMPLES:
         raise EstimationError(
@@ -244,23 +246,26 @@ def _noise_of_fast_values(
     expected = np.zeros(spectrum.power.size)
     if present is not None:
         expected = _expected_power(present, spectrum.frequency, step)
-    parts = _parts_of_spectrum(spectrum, constants, step, expected)
+    columns = _spectral_columns(spectrum.frequency, constants, step)
+    unit = columns.mean(axis=0)
+    columns = columns / unit
+    excess = np.maximum(spectrum.power - expected, 0.0).mean()
+    weights = np.full(unit.size, max(float(excess), np.finfo(float).tiny) / unit.size)
+    for _ in range(ROUNDS):
+        total = columns @ weights + expected
+        pull = columns.T @ (spectrum.lines * spectrum.power / total**2)
+        weights = weights * np.sqrt(pull / (columns.T @ (spectrum.lines / total)))
+    parts = weights / unit
     white = max(float(parts[0]), MIN_WHITE * float(spectrum.power.max()) * step)
     return _with_degrees(ChannelNoise(white, parts[1:], 0.0, 1, constants), step, sizes)
 
 
-@dataclass(frozen=True)
-class _Spectrum:
+class _Spectrum(NamedTuple):
     """Mean squares `power` (F,) of `lines` (F,) lines about `frequency` (F,) [cycles a sample]."""
 
     frequency: Array
     power: Array
     lines: Array
-
-    def exceeds(self, expected: Array) -> bool:
-        """Whether it exceeds `expected` (F,) somewhere by half and by more than chance."""
-        chance = 4.0 * np.sqrt(2.0 / self.lines)
-        return bool(np.any(self.power > expected * (1.0 + np.maximum(0.5, chance))))
 
 
 def _spectrum_above(values: Array, waves: int, bins: int) -> _Spectrum:
@@ -284,25 +289,6 @@ def _expected_power(noise: ChannelNoise, frequency: Array, step: float) -> Array
     columns = _spectral_columns(frequency, np.array([tau for _, tau in parts]), step)
     white = noise.white + noise.floor * step
     return np.asarray(columns @ np.append(white, [variance for variance, _ in parts]))
-
-
-def _parts_of_spectrum(
-    spectrum: _Spectrum, constants: Array, step: float, expected: Array
-) -> Array:
-    """White density and variances of relaxations (1 + T,) with the greatest likelihood.
-
-    expected (F,): expectation of a noise that is present besides.
-    """
-    columns = _spectral_columns(spectrum.frequency, constants, step)
-    unit = columns.mean(axis=0)
-    columns = columns / unit
-    excess = np.maximum(spectrum.power - expected, 0.0).mean()
-    weights = np.full(unit.size, max(float(excess), np.finfo(float).tiny) / unit.size)
-    for _ in range(ROUNDS):
-        total = columns @ weights + expected
-        pull = columns.T @ (spectrum.lines * spectrum.power / total**2)
-        weights = weights * np.sqrt(pull / (columns.T @ (spectrum.lines / total)))
-    return np.asarray(weights / unit)
 
 
 def _spectral_columns(frequency: Array, constants: Array, step: float) -> Array:

@@ -75,16 +75,14 @@ MIN_PAIRS = 4
 """Smallest number of differences in an Allan variance that is used."""
 
 
-def allan_of_relaxation(ratio: Array) -> Array:
-    """Allan variance of unit OU noise at `ratio` time constants."""
-    exact = mean_variance(ratio) - mean_correlation(ratio) ** 2
-    return np.asarray(np.maximum(exact, ratio / 3.0 * np.exp(-ratio) * 1e-6))
-
-
 def allan_columns(scales: Array, time_constants: Array) -> Array:
     """Allan variances (S, 1 + T) of unit white density and of each unit relaxation."""
-    slow = [allan_of_relaxation(scales / tau) for tau in time_constants]
-    return np.column_stack([1.0 / scales, *slow])
+    columns = [1.0 / scales]
+    for tau in time_constants:
+        ratio = scales / tau
+        exact = mean_variance(ratio) - mean_correlation(ratio) ** 2
+        columns.append(np.maximum(exact, ratio / 3.0 * np.exp(-ratio) * 1e-6))
+    return np.column_stack(columns)
 
 
 def allan_variances(rows: Sequence[tuple[Array, float]]) -> tuple[Array, Array, Array]:

@@ -15,8 +15,6 @@ from saddlering_ros.estimation.noise import (
     LEVEL_REACH,
     MIN_NOISE,
     noise_by_class,
-    NoiseRecord,
-    parity_ratios,
     RestSource,
     sampling_class,
 )
@@ -63,23 +61,13 @@ class PlateauReadings:
     load: Array
     time: Array
 
-    @classmethod
-    def over(cls, rests: Sequence[tuple[int, int]], displacement: Array,
-             measured: MeasuredRun) -> PlateauReadings:
-        """Means of the samples [start, stop) of each plateau."""
-        spans = [slice(start, stop) for start, stop in rests]
-        return cls(
-            np.stack([np.nanmean(displacement[:, span], axis=1) for span in spans], axis=1),
-            np.array([float(np.nanmean(measured.load[span])) for span in spans]),
-            np.array([float(np.mean(measured.time[span])) for span in spans]))
-
 
 @dataclass(frozen=True)
 class PreparedRun:
     """A run with its displacement and where it is at rest (start, stop index pairs).
 
     load (N,) that the model is driven with; explained (3, N): what it explains of the displacement
-    at rest; rounding (3, N): errors of coarse converters that rest hides; parity (N,): as
+    at rest; rounding (3, N): errors of coarse converters that rest hides, if any; parity (N,): as
     `parity_at_rest` has it; plateaus: readings of a static run, None for a dynamic one.
     """
 
@@ -92,7 +80,7 @@ class PreparedRun:
     branch: Array | None
     interval: float
     parity: Array
-    rounding: Array | float = 0.0
+    rounding: Array | None = None
     plateaus: PlateauReadings | None = None
 
     def explained_by(self, rig: Rig, contact: ContactParameters) -> PreparedRun:
@@ -132,10 +120,14 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     good = np.all(np.isfinite(displacement), axis=0)
     centred = load[good] - load[good].mean()
     explained = np.asarray(displacement[:, good] @ centred / (centred @ centred))[:, None] * load
+    errors, rounding = probe_rounding(run), None
+    if errors is not None:
+        moved = probes_to_displacement(rig.probes, errors)
+        rounding = np.stack([moved.delta_x, moved.delta_y, moved.gamma])
     prepared = PreparedRun(
         run=run, measured=measured, displacement=displacement, load=load, explained=explained,
         rests=[], branch=None, interval=interval, parity=parity_at_rest(measured),
-        rounding=_rounding(run, rig))
+        rounding=rounding)
     if levels is not None:
         rests = list(zip(levels.start.tolist(), levels.stop.tolist(), strict=True))
         branch = np.asarray(levels.branch, dtype=float)
@@ -143,21 +135,16 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
         rests = [rest for rest, enough in zip(rests, seen, strict=True) if enough]
         if len(rests) < MIN_READINGS:
             raise IdentificationError(clipped_words(name))
-        return replace(prepared, rests=rests, branch=branch[seen],
-                       plateaus=PlateauReadings.over(rests, displacement, measured))
+        spans = [slice(start, stop) for start, stop in rests]
+        readings = PlateauReadings(
+            np.stack([np.nanmean(displacement[:, span], axis=1) for span in spans], axis=1),
+            np.array([float(np.nanmean(measured.load[span])) for span in spans]),
+            np.array([float(np.mean(measured.time[span])) for span in spans]))
+        return replace(prepared, rests=rests, branch=branch[seen], plateaus=readings)
     if np.mean(np.isfinite(displacement[0])) < MIN_SHARE_READ:
         raise IdentificationError(clipped_words(name))
     rests = quiet_stretches(stretches_at_rest(measured.time, measured.load, rig.limits.rest_band))
     return replace(prepared, rests=rests or [(measured.zero.start, measured.zero.end)])
-
-
-def _rounding(run: Record, rig: Rig) -> Array | float:
-    """The hidden rounding errors of the probes as displacement (3, N)."""
-    errors = probe_rounding(run)
-    if errors is None:
-        return 0.0
-    moved = probes_to_displacement(rig.probes, errors)
-    return np.stack([moved.delta_x, moved.delta_y, moved.gamma])
 
 
 def block_sizes(interval: float, samples: int, fit_rate: float | None) -> tuple[int, int]:
@@ -180,11 +167,18 @@ class NoiseModel:
 
 
 def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
-    """Noise of each run, learnt from all runs with equal sampling."""
+    """Noise of each run, learnt from all runs with equal sampling.
+
+    It is that at rest, and that of the parity if the parity is noise.
+    """
     alike: dict[int, list[PreparedRun]] = {}
     for one in runs:
         alike.setdefault(sampling_class(one.interval), []).append(one)
-    classes = {key: _quiet(members) for key, members in alike.items()}
+    classes = {key: RestSource.beside(
+        [segment for one in members for segment in rest_segments(one)],
+        [RestSegment(one.parity[None, :], one.interval) for one in members],
+        [one.parity[start:stop] for one in members for start, stop in one.rests])
+        for key, members in alike.items()}
     try:
         learnt = noise_by_class(classes, CHANNEL_COUNT, LEVEL_REACH)
     except EstimationError as problem:
@@ -201,20 +195,6 @@ def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
     return [models[sampling_class(one.interval)] for one in runs]
 
 
-def _quiet(runs: Sequence[PreparedRun]) -> RestSource:
-    """Noise of runs with equal sampling: at rest, and in the parity if the parity is noise."""
-    segments = [part for one in runs for part in rest_segments(one)]
-    parities = [one.parity for one in runs]
-    still = [parity[start:stop] for one, parity in zip(runs, parities, strict=True)
-             for start, stop in one.rests]
-    ratios = parity_ratios(parities, still, [segment.values for segment in segments])
-    if ratios is None:
-        return RestSource(segments)
-    records = [RestSegment(parity[None, :], one.interval)
-               for one, parity in zip(runs, parities, strict=True)]
-    return RestSource(segments, record=NoiseRecord(records, ratios))
-
-
 def rest_segments(one: PreparedRun) -> list[RestSegment]:
     """Stretches at rest of a run minus the part that the load explains.
 
@@ -225,7 +205,7 @@ def rest_segments(one: PreparedRun) -> list[RestSegment]:
     segments = []
     for start, stop in one.rests:
         motion, explained = one.displacement[:, start:stop], one.explained[:, start:stop]
-        if isinstance(one.rounding, np.ndarray):
+        if one.rounding is not None:
             motion = motion + one.rounding[:, start:stop]
         good = np.all(np.isfinite(motion + explained), axis=0)
         if np.count_nonzero(good) >= MIN_REST:

@@ -15,14 +15,7 @@ import numpy as np
 
 from saddlering_ros.errors import BagError
 from saddlering_ros.estimation.identifiability import undetermined_words
-from saddlering_ros.estimation.noise import (
-    LEVEL_REACH,
-    noise_alone,
-    noise_by_class,
-    NoiseRecord,
-    parity_ratios,
-    RestSource,
-)
+from saddlering_ros.estimation.noise import LEVEL_REACH, noise_alone, noise_by_class, RestSource
 from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, QUIET
 from saddlering_ros.estimation.rest import RestSegment, stretches_at_rest
 from saddlering_ros.files import Provenance
@@ -117,13 +110,10 @@ class _Comparison:
         segments = [residual[:, start:stop] for start, stop in self.rests]
         segments = [values[:, np.all(np.isfinite(values), axis=0)] for values in segments]
         segments = [values for values in segments if values.shape[1] >= MIN_REST]
-        rests = [RestSegment(values, self.interval) for values in segments]
         parity = parity_at_rest(self.measured)
-        ratios = parity_ratios([parity], [parity[a:b] for a, b in self.rests], segments)
-        if ratios is None:
-            return RestSource(rests)
-        whole = RestSegment(parity[None, :], self.interval)
-        return RestSource(rests, record=NoiseRecord([whole], ratios))
+        return RestSource.beside(
+            [RestSegment(values, self.interval) for values in segments],
+            [RestSegment(parity[None, :], self.interval)], [parity[a:b] for a, b in self.rests])
 
     def judged(
         self, rig: Rig, parameters: ParameterSet, noise: Sequence[ChannelNoise]
@@ -152,7 +142,7 @@ def _noise_of(compared: Sequence[_Comparison]) -> list[list[ChannelNoise]]:
     sources = [one.at_rest() for one in compared]
     rows = range(len(compared[0].channels))
     still = {number: source for number, source in enumerate(sources)
-             if source.record is not None and source.is_usable}
+             if source.ratios is not None and source.is_usable}
     learnt = noise_by_class(still, len(rows), LEVEL_REACH) if still else {}
     answers = []
     for number, source in enumerate(sources):

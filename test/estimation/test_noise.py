@@ -8,7 +8,6 @@ from saddlering_ros.estimation.noise import (
     channel_correlation,
     noise_alone,
     noise_by_class,
-    NoiseRecord,
     parity_ratios,
     RestSource,
 )
@@ -116,8 +115,7 @@ def test_the_parity_of_a_whole_record_shows_the_slow_part_between_the_stretches(
         parity = 1.5 * wandering(1, 15000, seed + 2)
         ratios = ratios_of(parity, rows)
         assert ratios == pytest.approx(1.0 / 1.5**2, rel=0.15)
-        silence = NoiseRecord(rests([parity]), ratios)
-        noise = RestSource(rests(cut(rows)), record=silence).noise(3, np.inf)[0]
+        noise = RestSource(rests(cut(rows)), (), rests([parity]), ratios).noise(3, np.inf)[0]
         stated.append(noise.deviation(137 * STEP))
     true = ChannelNoise(9e-14 * STEP, np.array([1e-14]), 0.0, 1, np.array([4.0]))
     expected = true.deviation(137 * STEP)
