@@ -79,6 +79,13 @@ def test_a_swing_that_is_no_steady_line_is_not_named_one(swing: np.ndarray) -> N
     assert 'pickup' not in {cause.effect for cause in found.causes}
 
 
+def test_a_line_at_which_the_drive_swings_is_not_named_a_pickup() -> None:
+    drive = 0.1 * np.cos(2.0 * np.pi * FREQUENCY * TIME)
+    runs = [replace(run, inputs={'load': LOAD + drive}, channels=run.channels + drive)
+            for run in two_runs(line())]
+    assert frequencies(runs) == []
+
+
 def frequencies(runs: list) -> list[float]:
     """Frequencies of the lines that are named."""
     found = diagnose_system(Problem(Bench(), runs))
