@@ -17,6 +17,7 @@ from typed_pages import typed_page
 
 from saddlering_ros.bags import read_run
 from saddlering_ros.effects import catalogue
+from saddlering_ros.record import displacement_of_run
 from saddlering_ros.rig import CHANNELS, default_rig, PARAMETER_NAMES, read_parameters
 from saddlering_ros.ring.simulator import simulate
 
@@ -54,13 +55,9 @@ def document(diagnosed: Diagnosed) -> dict[str, Any]:
     return json.loads(diagnosed.json.read_text(), parse_constant=refuse)
 
 
-def test_it_has_every_field_of_the_contract(document):
-    assert {'verdict', 'causes', 'runs', 'parameters', 'next_test'} <= set(document)
-    assert document['verdict'] == 'named'
-    assert document['next_test'] is None or isinstance(document['next_test'], str)
-
-
 def test_each_cause_has_group_parameters_evidence_and_gain(document):
+    assert document['verdict'] == 'named'
+    assert document['next_test'].startswith('To confirm dry friction in the radial row: ')
     assert document['causes']
     for cause in document['causes']:
         assert cause['effect'] in catalogue()
@@ -93,12 +90,10 @@ def test_parameters_stand_before_and_after_with_deviations(document):
 
 
 def test_friction_is_found_measured_and_worth_it_on_the_sealed_run(document):
-    cause = document['causes'][0]
-    assert document['verdict'] in ('named', 'ambiguous')
-    assert 'radial_friction' in cause['group']
+    (cause,) = document['causes']
+    assert cause['group'] == ['radial_friction']
     assert cause['gain']['held_out'] > 0.3
-    if cause['effect'] == 'radial_friction':
-        assert cause['parameters']['force']['value'] == pytest.approx(FORCE, rel=0.3)
+    assert cause['parameters']['force']['value'] == pytest.approx(FORCE, rel=0.3)
 
 
 def test_the_noise_floor_is_what_remains_on_runs_explained(document):
@@ -109,15 +104,14 @@ def test_the_noise_floor_is_what_remains_on_runs_explained(document):
 def test_the_extended_parameter_file_simulates_better(diagnosed):
     parameters = read_parameters(diagnosed.parameters)
     assert parameters.source.method == 'diagnose'
-    assert parameters.effects
+    assert set(parameters.effects) == {'radial_friction'}
     run = read_run(diagnosed.bags[0])
+    measured = displacement_of_run(default_rig(), run).displacement.delta_x
     plain = type(parameters)(parameters.contact, {}, parameters.source)
-    answers = [
-        simulate(default_rig(), item, run.elevation, run.time[::5], run.load[::5], max_step=5e-3)
-        for item in (parameters, plain)
-    ]
-    assert np.isfinite(answers[0].displacement.delta_x).all()
-    assert not np.allclose(answers[0].displacement.delta_x, answers[1].displacement.delta_x)
+    misfit = [
+        np.nanstd(simulate(default_rig(), item, run.elevation, run.time, run.load, max_step=5e-3
+                           ).displacement.delta_x - measured) for item in (parameters, plain)]
+    assert misfit[0] < 0.5 * misfit[1]
 
 
 def test_words_for_a_terminal_say_verdict_and_cause(diagnosed, document):
