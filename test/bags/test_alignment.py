@@ -323,3 +323,12 @@ def test_nan_and_duplicates_are_dropped_and_counted(aligner):
 
 def test_jitter_is_less_than_any_seek_that_must_restart():
     assert JITTER_NS <= 10 ** 9
+
+
+def test_a_load_that_came_late_holds_the_next_ones_back_for_twice_its_delay() -> None:
+    aligner, stamps, zeros = Aligner(max_wait=10**15), regular(40), np.zeros(40)
+    for probe in range(4):
+        push(aligner, probe, stamps, zeros)
+    assert push(aligner, -1, stamps[:10], zeros[:10])[-1].stamps == stamps[9]
+    push(aligner, -1, stamps[5:6] + 1, zeros[:1])  # 4 ms behind the newest
+    assert push(aligner, -1, stamps[10:30], zeros[10:30])[-1].stamps == stamps[29 - 8]
