@@ -89,6 +89,29 @@ def test_the_law_put_into_the_catalogue_is_named_on_fresh_data(found: Diagnosis)
     assert again.causes[0].parameters['size'].value == pytest.approx(0.05, rel=0.05)
 
 
+class Squared(Bench):
+    """The square of a load is seen; an addition may be one to the load."""
+
+    def predict(self, name: str, point: Point) -> np.ndarray:
+        return (point.base[0] * LOAD**2)[None, :]
+
+    def targets(self, run: RunBlocks, point: Point) -> dict[str, np.ndarray]:
+        return {'drive': (2.0 * point.base[0] * LOAD)[None, :]}
+
+    def start_of(self, run: RunBlocks) -> float:
+        return float(run.time[0])
+
+
+def test_a_law_may_act_on_a_target_that_the_system_names() -> None:
+    random = np.random.default_rng(3)
+    felt = LOAD + 0.03 * np.sin(2.0 * np.pi * LOAD / 0.3)
+    seen = [(1.2 * felt**2 + NOISE * random.normal(size=TIME.size))[None, :] for _ in range(2)]
+    found = diagnose_system(Problem(Squared(), [recorded(f'run {k}', own)
+                                                for k, own in enumerate(seen)]))
+    assert found.law is not None
+    assert (found.law.term.target, found.law.term.law) == ('drive', 'sine')
+
+
 class TwoChannels(System):
     """A load seen bent in two channels, by the same base parameter."""
 

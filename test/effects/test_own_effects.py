@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,9 @@ from pushed import pushed
 import pytest
 
 from saddlering_ros import effects
+from saddlering_ros.bags import read_run
 from saddlering_ros.cli.main import build_parser, main
+from saddlering_ros.discrepancy import Point
 from saddlering_ros.effects import EffectError, use_folder
 from saddlering_ros.effects.law import Law, LawHistory, read_law_effect
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
@@ -29,6 +32,7 @@ turn: 2000.0
 size: {{low: -1.0e-4, high: 1.0e-4, scale: 5.0e-6, start: 5.0e-6}}
 table: {{at: [20000.0, 80000.0, 81000.0, 200000.0], values: [0.0, 0.0, 1.0, 1.0]}}
 """
+IN_THE_LOAD = STEP.replace('1.0e-4', '1.0e+4').replace('5.0e-6', '5000.0')
 
 
 @pytest.fixture
@@ -64,8 +68,7 @@ def test_a_law_of_the_folder_is_added_to_its_channel(folder) -> None:
 
 
 def test_a_law_in_the_load_is_felt_as_load(folder) -> None:
-    text = STEP.replace('1.0e-4', '1.0e+4').replace('5.0e-6', '5000.0')
-    folder('hydraulic_load', text=text)
+    folder('hydraulic_load', text=IN_THE_LOAD)
     felt = LOAD + np.interp(LOAD, [2e4, 8e4, 8.1e4, 2e5], [0.0, 0.0, 3e3, 3e3])
     expected = simulate(RIG, ParameterSet(TRUE_TO_SCALE), 0.9, TIME, felt)
     found = simulate(RIG, parameters(3e3), 0.9, TIME, LOAD)
@@ -88,15 +91,23 @@ def test_a_direction_turns_after_the_load_turned_back_enough() -> None:
     assert history.push(np.arange(5.0), load).tolist() == [0.0, 0.0, 0.0, -2.0, -2.0]
 
 
-def test_the_diagnosis_gets_the_effect_with_the_others(folder) -> None:
+def test_the_diagnosis_gets_the_effect_and_feels_a_law_in_the_load_as_load(
+        folder, campaign) -> None:
+    from saddlering_ros.diagnosis.records import build_record
     from saddlering_ros.diagnosis.ring_system import RingSystem
 
-    folder()
-    assert 'seat_snaps' in [effect.id for effect in RingSystem(RIG).effects]
-
-
-def test_the_shipped_catalogue_is_as_it_was_without_a_folder(folder) -> None:
     assert 'seat_snaps' not in effects.catalogue()
+    folder('hydraulic_load', text=IN_THE_LOAD)
+    system, contact = RingSystem(RIG), TRUE_TO_SCALE.to_array()
+    assert 'seat_snaps' in [effect.id for effect in system.effects]
+    bag = next(bag for bag in campaign() if bag.name == 'static_50')
+    run = build_record(RIG, read_run(bag), held_out=False).run
+    grid = run.payload
+    felt = grid.load + np.interp(grid.load, [2e4, 8e4, 8.1e4, 2e5], [0.0, 0.0, 3e3, 3e3])
+    expected = system.predict_many(
+        replace(run, payload=replace(grid, load=felt)), [Point(contact)])
+    found = system.predict_many(run, [Point(contact, {'seat_snaps': {'size': 3e3}})])
+    assert np.allclose(found, expected, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
