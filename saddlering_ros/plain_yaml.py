@@ -43,10 +43,14 @@ _UNCLEAR_NUMBER = re.compile(
 class YamlRefused(yaml.YAMLError):
     """The text is YAML, but it holds something that is not accepted; `line` counts from 1."""
 
-    def __init__(self, reason: str, line: int | None = None) -> None:
+    def __init__(self, reason: str, event: yaml.Event | None = None) -> None:
         super().__init__(reason)
         self.reason = reason
-        self.line = line
+        self.line = None if event is None else _line(event)
+
+
+def _line(event: yaml.Event) -> int:
+    return event.start_mark.line + 1 if event.start_mark is not None else 0
 
 
 def parse_yaml(text: str) -> Any:
@@ -139,17 +143,17 @@ class _Safety:
     def see(self, event: yaml.Event) -> None:
         """Check the next event."""
         if isinstance(event, yaml.AliasEvent):
-            raise _refused(event, 'holds an alias (*name), which is not accepted: write the value '
-                                  'out')
+            raise YamlRefused('holds an alias (*name), which is not accepted: write the value '
+                              'out', event)
         if isinstance(event, yaml.ScalarEvent) and len(event.value) > LONGEST_NUMBER and \
                 _NUMBER.fullmatch(event.value):
-            raise _refused(event, f'holds a number of more than {LONGEST_NUMBER} digits: '
-                                  'shorten it')
+            raise YamlRefused(f'holds a number of more than {LONGEST_NUMBER} digits: '
+                              'shorten it', event)
         self._depth += isinstance(event, yaml.CollectionStartEvent)
         self._depth -= isinstance(event, yaml.CollectionEndEvent)
         if self._depth > DEEPEST:
-            raise _refused(event, f'holds more than {DEEPEST} collections inside each other: '
-                                  'correct the file')
+            raise YamlRefused(f'holds more than {DEEPEST} collections inside each other: '
+                              'correct the file', event)
 
 
 class _Strictness(_Safety):
@@ -157,53 +161,34 @@ class _Strictness(_Safety):
 
     def __init__(self) -> None:
         super().__init__()
-        self._open: list[_Collection] = []
+        # Of each open collection the lines of its keys (none of a sequence), and its entries.
+        self._keys: list[dict[str, int] | None] = []
+        self._entries: list[int] = []
 
     def see(self, event: yaml.Event) -> None:
         """Check the next event."""
         super().see(event)
         if isinstance(event, yaml.CollectionEndEvent):
-            self._open.pop()
+            self._keys.pop()
+            self._entries.pop()
             return
         if not isinstance(event, (yaml.ScalarEvent, yaml.CollectionStartEvent)):
             return
-        is_key = bool(self._open) and self._open[-1].next_is_key()
-        if isinstance(event, yaml.ScalarEvent):
-            if is_key:
-                keys = self._open[-1].keys
-                if event.value in keys:
-                    raise _refused(event, f'the key {event.value!r} is given twice in one section '
-                                          f'(first in line {keys[event.value]}): remove one')
-                keys[event.value] = _line(event)
-            self._check_number(event)
+        keys = None
+        if self._entries:
+            self._entries[-1] += 1
+            keys = self._keys[-1] if self._entries[-1] % 2 == 1 else None
         if isinstance(event, yaml.CollectionStartEvent):
-            self._open.append(_Collection(isinstance(event, yaml.MappingStartEvent)))
-
-    def _check_number(self, event: yaml.ScalarEvent) -> None:
+            self._keys.append({} if isinstance(event, yaml.MappingStartEvent) else None)
+            self._entries.append(0)
+            return
+        if keys is not None and event.value in keys:
+            raise YamlRefused(f'the key {event.value!r} is given twice in one section '
+                              f'(first in line {keys[event.value]}): remove one', event)
+        if keys is not None:
+            keys[event.value] = _line(event)
         if event.implicit[0] and _UNCLEAR_NUMBER.fullmatch(event.value):
-            raise _refused(event, f'the number {event.value} is not in plain decimal digits and '
-                                  'would be read differently by different programs: write it '
-                                  'without leading zeros, colons or underscores, or in quotes if '
-                                  'it is text')
-
-
-class _Collection:
-    """A mapping or sequence that is open; of a mapping the keys with their lines."""
-
-    def __init__(self, is_mapping: bool) -> None:
-        self.keys: dict[str, int] = {}
-        self._is_mapping = is_mapping
-        self._children = 0
-
-    def next_is_key(self) -> bool:
-        """Count one more child; whether it is a key of a mapping."""
-        self._children += 1
-        return self._is_mapping and self._children % 2 == 1
-
-
-def _refused(event: yaml.Event, reason: str) -> YamlRefused:
-    return YamlRefused(reason, _line(event))
-
-
-def _line(event: yaml.Event) -> int:
-    return event.start_mark.line + 1 if event.start_mark is not None else 0
+            raise YamlRefused(f'the number {event.value} is not in plain decimal digits and '
+                              'would be read differently by different programs: write it '
+                              'without leading zeros, colons or underscores, or in quotes if '
+                              'it is text', event)

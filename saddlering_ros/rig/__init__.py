@@ -46,7 +46,6 @@ from saddlering_ros.rig.parameter_file import (
 from saddlering_ros.rig.ros_yaml import RigError
 from saddlering_ros.rig.units import (
     force_decimals,
-    force_range,
     FORCE_UNITS,
     force_words,
     FULL_SCALE_LOAD,
@@ -63,7 +62,7 @@ __all__ = [
     'PARAMETER_UNITS', 'RIG_VARIABLE', 'TONNE', 'TRUE_TO_SCALE', 'Carriage', 'ContactParameters',
     'Displacement', 'Instruments', 'LoadLimits', 'ParameterSet', 'ParameterSource', 'Probes',
     'ResolvedLoad', 'Rig', 'RigError', 'RollerRow', 'Trunnion', 'ZeroReading', 'ZeroWindow',
-    'check_bounds', 'default_rig', 'displacement_to_probes', 'force_decimals', 'force_range',
+    'check_bounds', 'default_rig', 'displacement_to_probes', 'force_decimals',
     'force_words', 'gap_increment', 'line_contact_stiffness', 'load_rig', 'measured_displacement',
     'mirrored_gap', 'parameters_from_mapping', 'parameters_to_mapping', 'probes_to_displacement',
     'read_parameters', 'resolve_load', 'rig_digest', 'rig_file_of_project', 'rig_from_parameters',

@@ -16,7 +16,7 @@ from saddlering_ros.errors import did_you_mean, refuse_unknown_keys
 from saddlering_ros.quantities import compact
 from saddlering_ros.rig import units
 from saddlering_ros.rig.instruments import Instruments, instruments_from
-from saddlering_ros.rig.parameter_file import EXPONENTS, PARAMETER_NAMES
+from saddlering_ros.rig.parameter_file import EXPONENTS
 from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters, RigError
 from saddlering_ros.rig.units import FORCE_UNITS, LoadLimits
 
@@ -137,14 +137,13 @@ class Rig:
 
     def force_words(self, force: float, decimals: int = 1) -> str:
         """A load [N] in the unit that the rig file chooses; a small rig gets more decimals."""
-        return units.force_words(force, self.force_unit, self._decimals(decimals))
+        shown = units.force_decimals(self.full_scale_load, self.force_unit, decimals)
+        return units.force_words(force, self.force_unit, shown)
 
     def force_range(self, low: float, high: float, decimals: int = 1) -> str:
         """Two forces [N] in that unit."""
-        return units.force_range(low, high, self.force_unit, self._decimals(decimals))
-
-    def _decimals(self, decimals: int) -> int:
-        return units.force_decimals(self.full_scale_load, self.force_unit, decimals)
+        shown = units.force_decimals(self.full_scale_load, self.force_unit, decimals)
+        return units.force_range(low, high, self.force_unit, shown)
 
     @property
     def digest(self) -> str:
@@ -176,102 +175,74 @@ class _Section:
         if not isinstance(values, Mapping):
             raise RigError(f'{where}: {name} is not a section: give it as "{name}:" with entries')
         self._values = dict(values)
-        self._name = name
-        self._where = where
+        self.name = name
+        self.where = where
         self._known: list[str] = []
 
-    def section(self, key: str) -> _Section:
+    def take(self, key: str, default: Any = None, kind: str = 'number') -> Any:
+        """An entry, or its default; RigError for one that is missing and has none."""
         self._known.append(key)
-        if key not in self._values:
-            raise self._missing(key, 'section')
-        return _Section(self._values.pop(key), f'{self._name}.{key}', self._where)
+        if key in self._values or default is not None:
+            return self._values.pop(key, default)
+        for given in self._values:
+            if did_you_mean(str(given), [key]):
+                raise RigError(f'{self.where}: {self.name} has unknown entries ({given}): '
+                               f'did you mean {key}?')
+        raise RigError(f'{self.where}: {self.name}.{key} is missing: add this {kind}')
 
-    def has(self, key: str) -> bool:
+    def __contains__(self, key: str) -> bool:
         self._known.append(key)
         return key in self._values
 
-    def raw(self, key: str) -> Any:
-        return self._values.pop(key)
+    def section(self, key: str, default: Mapping[str, Any] | None = None) -> _Section:
+        return _Section(self.take(key, default, 'section'), f'{self.name}.{key}', self.where)
 
-    def number(self, key: str, low: float = -math.inf, high: float = math.inf,
-               default: float | None = None) -> float:
-        name = f'{self._name}.{key}'
-        self._known.append(key)
-        if key not in self._values and default is not None:
-            return default
-        if key not in self._values:
-            raise self._missing(key, 'number')
-        value = self._values.pop(key)
+    def number(self, key: str, low: float, high: float, default: float | None = None) -> float:
+        value = self.take(key, default)
         if not _is_number(value):
-            raise RigError(f'{self._where}: {name} is {value!r}: give a number')
+            raise RigError(f'{self.where}: {self.name}.{key} is {value!r}: give a number')
         if not math.isfinite(value) or not low <= value <= high:
-            raise RigError(
-                f'{self._where}: {name} is {value}: '
-                f'give a number from {low:g} to {high:g} (SI units)'
-            )
+            raise RigError(f'{self.where}: {self.name}.{key} is {value}: '
+                           f'give a number from {low:g} to {high:g} (SI units)')
         return float(value)
-
-    def count(self, key: str, low: int) -> int:
-        value = self.number(key, low, 10_000)
-        if value != int(value):
-            raise RigError(f'{self._where}: {self._name}.{key} is {value}: give a whole number')
-        return int(value)
 
     def finish(self) -> None:
         """Refuse unknown entries."""
-        refuse_unknown_keys(self._values, self._known, self._name, self._where, RigError)
-
-    def _missing(self, key: str, kind: str) -> RigError:
-        for given in self._values:
-            if did_you_mean(str(given), [key]):
-                return RigError(f'{self._where}: {self._name} has unknown entries ({given}): '
-                                f'did you mean {key}?')
-        return RigError(f'{self._where}: {self._name}.{key} is missing: add this {kind}')
+        refuse_unknown_keys(self._values, self._known, self.name, self.where, RigError)
 
 
-def _row(section: _Section, with_height: bool) -> RollerRow:
-    row = RollerRow(
-        rollers=section.count('rollers', 3),
-        pitch_radius=section.number('pitch_radius', 1e-3, 50.0),
-        clearance=section.number('clearance', -1e-3, 1e-2),
-        height=section.number('height', -5.0, 5.0, default=0.0) if with_height else 0.0)
-    section.finish()
-    return row
+def _row(section: _Section, **height: float) -> RollerRow:
+    rollers = section.number('rollers', 3, 10_000)
+    if rollers != int(rollers):
+        raise RigError(f'{section.where}: {section.name}.rollers is {rollers}: '
+                       'give a whole number')
+    return RollerRow(int(rollers), section.number('pitch_radius', 1e-3, 50.0),
+                     section.number('clearance', -1e-3, 1e-2), **height)
 
 
-def _polarity(section: _Section, where: str) -> tuple[float, float, float, float]:
-    values = section.raw('polarity') if section.has('polarity') else [1, 1, 1, 1]
-    is_list = isinstance(values, list) and len(values) == 4
-    if not is_list or any(isinstance(v, bool) or v not in (-1, 1) for v in values):
-        raise RigError(f'{where}: rig.probes.polarity is {values!r}: '
+def _probes(section: _Section) -> Probes:
+    signs = section.take('polarity', [1, 1, 1, 1])
+    is_list = isinstance(signs, list) and len(signs) == 4
+    if not is_list or any(isinstance(sign, bool) or sign not in (-1, 1) for sign in signs):
+        raise RigError(f'{section.where}: rig.probes.polarity is {signs!r}: '
                        'give four numbers, each 1 or -1')
-    first, second, third, fourth = (float(value) for value in values)
-    return first, second, third, fourth
-
-
-def _absent(section: _Section, where: str) -> int:
-    number = section.raw('absent') if section.has('absent') else 0
-    if isinstance(number, bool) or number not in (0, 1, 2, 3, 4):
-        raise RigError(f'{where}: rig.probes.absent is {number!r}: give 1 or 3, the number of the '
-                       'radial probe that is missing, or 0')
-    if number and number not in OPPOSITE:
-        raise RigError(
-            f'{where}: rig.probes.absent is {number}: without it delta_y and gamma cannot be '
-            'parted, only a radial probe (1 or 3) can be absent: repair or move the axial probe')
-    return int(number)
-
-
-def _bounds(section: _Section, where: str) -> dict[str, Pair]:
-    bounds = _default_bounds()
-    for name in PARAMETER_NAMES:
-        if not section.has(name):
-            continue
-        pair = section.raw(name)
-        if not (isinstance(pair, list) and len(pair) == 2 and all(map(_is_number, pair))):
-            raise RigError(f'{where}: bounds.{name} is {pair!r}: give [low, high]')
-        bounds[name] = (float(pair[0]), float(pair[1]))
-    section.finish()
-    return check_bounds(bounds, where)
+    first, second, third, fourth = (float(sign) for sign in signs)
+    absent = section.take('absent', 0)
+    if isinstance(absent, bool) or absent not in (0, 1, 2, 3, 4):
+        raise RigError(f'{section.where}: rig.probes.absent is {absent!r}: give 1 or 3, the '
+                       'number of the radial probe that is missing, or 0')
+    if absent and absent not in OPPOSITE:
+        raise RigError(f'{section.where}: rig.probes.absent is {absent}: without it delta_y and '
+                       'gamma cannot be parted, only a radial probe (1 or 3) can be absent: '
+                       'repair or move the axial probe')
+    probes = Probes(
+        section.number('axial_span', 1e-2, 100.0), section.number('radial_height', -5.0, 5.0),
+        (first, second, third, fourth), section.number('min_range', 0.0, 1.0),
+        section.number('max_range', 0.0, 1.0), int(absent))
+    if probes.max_range <= probes.min_range:
+        raise RigError(f'{section.where}: rig.probes.max_range is not above min_range: '
+                       'give the span in metres')
+    return probes
 
 
 def check_bounds(bounds: Mapping[str, Pair], where: str) -> dict[str, Pair]:
@@ -287,49 +258,38 @@ def check_bounds(bounds: Mapping[str, Pair], where: str) -> dict[str, Pair]:
     return dict(bounds)
 
 
-def _wear_limits(section: _Section) -> dict[str, float]:
-    limits = {name: section.number(name, 1e-9, 1.0) for name in WEAR_LIMITS if section.has(name)}
-    section.finish()
-    return limits
-
-
 def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
     """A Rig from the nested parameters of a rig file; `where` names the file in messages."""
-    check_sections(parameters, 'rig', 'see config/rig.yaml for the shape', where, RigError)
+    check_sections(parameters, 'rig', 'see config/rig.yaml for the shape', where)
     rig = _Section(parameters['rig'], 'rig', where)
-    bounds = _Section(parameters.get('bounds', {}), 'bounds', where)
-    carriage, trunnion, probes = (rig.section(name) for name in ('carriage', 'trunnion', 'probes'))
-    unit = rig.raw('force_unit') if rig.has('force_unit') else 't'
+    ranges = _Section(parameters.get('bounds', {}), 'bounds', where)
+    parts = [rig.section(name) for name in ('carriage', 'trunnion', 'probes', 'axial_rows',
+                                            'middle_row')]
+    carriage, trunnion, probes, axial, middle = parts
+    wear = rig.section('wear_limits', {})
+    unit = rig.take('force_unit', 't')
     if not isinstance(unit, str) or unit not in FORCE_UNITS:
         raise RigError(f'{where}: rig.force_unit is {unit!r}: give {" or ".join(FORCE_UNITS)}')
+    bounds = {}
+    for name, usual in _default_bounds().items():
+        pair = ranges.take(name, list(usual))
+        if not (isinstance(pair, list) and len(pair) == 2 and all(map(_is_number, pair))):
+            raise RigError(f'{where}: bounds.{name} is {pair!r}: give [low, high]')
+        bounds[name] = (float(pair[0]), float(pair[1]))
     result = Rig(
-        axial_rows=_row(rig.section('axial_rows'), with_height=False),
-        radial_row=_row(rig.section('middle_row'), with_height=True),
+        axial_rows=_row(axial),
+        radial_row=_row(middle, height=middle.number('height', -5.0, 5.0, default=0.0)),
         carriage=Carriage(
-            mass=carriage.number('mass', 1e-3, 1e9), inertia=carriage.number('inertia', 1e-3, 1e9),
-            weight=carriage.number('weight', 0.0, 1e9),
-            weight_x=carriage.number('weight_x', -50.0, 50.0)),
-        trunnion=Trunnion(
-            x=trunnion.number('x', -50.0, 50.0), y=trunnion.number('y', -50.0, 50.0),
-        ),
-        probes=Probes(
-            axial_span=probes.number('axial_span', 1e-2, 100.0),
-            radial_height=probes.number('radial_height', -5.0, 5.0),
-            polarity=_polarity(probes, where), min_range=probes.number('min_range', 0.0, 1.0),
-            max_range=probes.number('max_range', 0.0, 1.0), absent=_absent(probes, where)),
-        preload=rig.number('preload', 0.0, 1e9),
+            carriage.number('mass', 1e-3, 1e9), carriage.number('inertia', 1e-3, 1e9),
+            carriage.number('weight', 0.0, 1e9), carriage.number('weight_x', -50.0, 50.0)),
+        trunnion=Trunnion(trunnion.number('x', -50.0, 50.0), trunnion.number('y', -50.0, 50.0)),
+        probes=_probes(probes), preload=rig.number('preload', 0.0, 1e9),
         full_scale_load=rig.number('full_scale_load', 1.0, 1e9, default=units.FULL_SCALE_LOAD),
         full_scale_time=rig.number('full_scale_time', 1e-4, 1e4, default=units.FULL_SCALE_TIME),
-        force_unit=unit,
-        instruments=(instruments_from(rig.raw('instruments'), where) if rig.has('instruments')
-                     else Instruments()),
-        wear_limits=_wear_limits(rig.section('wear_limits')) if rig.has('wear_limits') else {},
-        bounds=_bounds(bounds, where),
-    )
-    if result.probes.max_range <= result.probes.min_range:
-        raise RigError(f'{where}: rig.probes.max_range is not above min_range: '
-                       'give the span in metres')
-    for section in (carriage, trunnion, probes, rig):
+        force_unit=unit, instruments=instruments_from(rig.take('instruments', {}), where),
+        wear_limits={name: wear.number(name, 1e-9, 1.0) for name in WEAR_LIMITS if name in wear},
+        bounds=check_bounds(bounds, where))
+    for section in (*parts, ranges, wear, rig):
         section.finish()
     return result
 
@@ -353,7 +313,7 @@ def load_rig(path: Path | str | None = None) -> Rig:
         return default_rig()
     if not isinstance(path, (str, Path)):
         raise RigError(f'rig file is of type {type(path).__name__}: give a path')
-    rig = rig_from_parameters(read_ros_parameters(Path(path), RigError), str(path))
+    rig = rig_from_parameters(read_ros_parameters(Path(path)), str(path))
     return replace(rig, source=str(path))
 
 

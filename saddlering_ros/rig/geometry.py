@@ -133,14 +133,6 @@ class Frame:
     translation: tuple[float, float, float]
     rotation: tuple[float, float, float, float]
 
-    def matrix(self) -> NDArray[np.float64]:
-        """Rotation matrix (3, 3): its columns are the frame's axes in the parent's."""
-        x, y, z, w = self.rotation
-        return np.array([
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
-
 
 def frames_of(rig: Rig, elevation: float | None = None) -> tuple[Frame, ...]:
     """Every frame of `rig`; that of the cylinder only at a known `elevation` [rad].

@@ -77,10 +77,10 @@ def instruments_from(values: Any, where: str) -> Instruments:
                         'rig.instruments', where, RigError)
     stated: dict[str, Any] = {}
     for name, value in values.items():
-        numbers = [
-            from_certificate(one, UNITS.get(name, '1'), Path(where).parent,
-                             f'{where}: rig.instruments.{name}') if isinstance(one, dict) else one
-            for one in (value if isinstance(value, list) else [value])]
+        entry = f'{where}: rig.instruments.{name}'
+        numbers = [_certified(one, UNITS.get(name, '1'), Path(where).parent, entry)
+                   if isinstance(one, dict) else one
+                   for one in (value if isinstance(value, list) else [value])]
         count = 4 if name == FOUR_PROBES and isinstance(value, list) else 1
         usable = len(numbers) == count and all(
             isinstance(one, (int, float)) and not isinstance(one, bool) and 0.0 < one < 1e9
@@ -134,21 +134,22 @@ SI_UNITS = {'metre': ('m', 1.0), 'newton': ('N', 1.0), 'second': ('s', 1.0),
 UNIT = re.compile(rf'\\(?:({"|".join(filter(None, PREFIXES))})\\)?({"|".join(SI_UNITS)})')
 
 
-def certified(path: Path, quantity: str, unit: str, where: str) -> float:
-    """Standard uncertainty of a quantity in a certificate, in `unit`; as a share for '1'.
+def _certified(entry: dict[str, Any], unit: str, folder: Path, where: str) -> float:
+    """Standard uncertainty of an entry {certificate: FILE.xml, quantity: NAME}, in `unit`.
 
-    quantity: its refType, id or name. Of a list the largest counts. RigError (one line) if the
-    certificate cannot be used.
+    quantity: its refType, id or name; unit '1': as a share. Of a list the largest counts.
     """
-    root = _document(path, where)
-    found = [item for item in root.iter() if _local(item) == 'quantity'
-             and quantity in _names(item)]
+    if set(entry) != {'certificate', 'quantity'} or not all(
+            isinstance(value, str) for value in entry.values()):
+        raise RigError(f'{where} is {entry!r}: give {{certificate: FILE.xml, quantity: NAME}}')
+    path, quantity = folder / entry['certificate'], entry['quantity']
+    quantities = [(item, _names(item)) for item in _document(path, where).iter('quantity')]
+    found = [item for item, names in quantities if quantity in names]
     if len(found) != 1:
-        known = sorted({name for item in root.iter() if _local(item) == 'quantity'
-                        for name in _names(item)})
+        known = sorted({name for _, names in quantities for name in names})
         raise RigError(f'{where}: {path} has {len(found)} quantities called {quantity!r}: give '
                        f'one of {", ".join(known[:12]) or "none"}')
-    spreads = [spread for real in found[0].iter() if _local(real) in ('real', 'realListXMLList')
+    spreads = [spread for real in found[0].iter() if real.tag in ('real', 'realListXMLList')
                for spread in _spreads(real, unit, f'{where}: {path}: {quantity}')]
     if not spreads or not 0.0 < max(spreads) < math.inf:
         raise RigError(f'{where}: {path}: {quantity} states no uncertainty above zero: give '
@@ -157,42 +158,44 @@ def certified(path: Path, quantity: str, unit: str, where: str) -> float:
 
 
 def _document(path: Path, where: str) -> ElementTree.Element:
+    """The root of a certificate, the tags without their name spaces."""
+    def refuse(*_: Any) -> None:
+        raise RigError(f'{where}: {path} declares a document type, which no DCC has: ask the '
+                       'laboratory for the certificate')
+
     try:
         if not path.is_file() or path.stat().st_size > MAX_CERTIFICATE:
             raise RigError(f'{where}: {path} is no certificate (a regular file of at most 32 MB): '
                            'check the path')
         data = path.read_bytes()
         parser = expat.ParserCreate()
-        parser.StartDoctypeDeclHandler = lambda *_: _refuse(path, where)
+        parser.StartDoctypeDeclHandler = refuse
         parser.Parse(data, True)
-        return ElementTree.fromstring(data)
+        root = ElementTree.fromstring(data)
     except (OSError, expat.ExpatError, ElementTree.ParseError) as problem:
         raise RigError(f'{where}: {path} cannot be read as XML ({problem}): check the certificate'
                        ) from problem
-
-
-def _refuse(path: Path, where: str) -> None:
-    raise RigError(f'{where}: {path} declares a document type, which no DCC has: ask the '
-                   'laboratory for the certificate')
-
-
-def _local(item: ElementTree.Element) -> str:
-    return item.tag.rpartition('}')[2]
+    for item in root.iter():
+        item.tag = item.tag.rpartition('}')[2]
+    return root
 
 
 def _names(quantity: ElementTree.Element) -> set[str]:
     """Words by which a quantity can be chosen."""
-    named = [content.text or '' for child in quantity if _local(child) == 'name'
-             for content in child.iter() if _local(content) == 'content']
-    return {*(quantity.get('refType') or '').split(), quantity.get('id') or '',
-            *map(str.strip, named)} - {''}
+    named = [(content.text or '').strip() for content in quantity.iterfind('name//content')]
+    return {*(quantity.get('refType') or '').split(), quantity.get('id') or '', *named} - {''}
 
 
 def _spreads(real: ElementTree.Element, unit: str, where: str) -> list[float]:
     """Standard uncertainties of one real or list of reals."""
+    def texts(*names: str) -> list[str]:
+        wanted = {*names, *(f'{name}XMLList' for name in names)}
+        return [word for item in real.iter() if item.tag in wanted
+                for word in (item.text or '').split()]
+
     def numbers(*names: str) -> list[float]:
         try:
-            return [float(text) for text in _texts(real, names)]
+            return list(map(float, texts(*names)))
         except ValueError as problem:
             raise RigError(f'{where} has an entry that is no number ({problem}): check the '
                            'certificate') from problem
@@ -203,33 +206,15 @@ def _spreads(real: ElementTree.Element, unit: str, where: str) -> list[float]:
         factors = numbers('coverageFactor') or [math.nan]
         factors = factors * len(expanded) if len(factors) == 1 else factors
         spreads = [one / factor for one, factor in zip(expanded, factors, strict=False)]
-    symbol, factor = _unit(next(iter(_texts(real, ('unit',))), ''), where)
+    # Units of other quantities than lengths, forces, times and angles serve for shares only.
+    symbol, factor = next(iter(texts('unit')), 'no unit'), 1.0
+    known = UNIT.fullmatch(symbol)
+    if known is not None:
+        symbol, factor = SI_UNITS[known[2]]
+        factor *= PREFIXES[known[1] or '']
     if unit == '1' and symbol != '1':
         return [spread / abs(value) for spread, value in zip(spreads, values, strict=False)
                 if value]
     if symbol != unit:
         raise RigError(f'{where} is in {symbol}, and {unit} is needed: give another quantity')
     return [factor * spread for spread in spreads]
-
-
-def _texts(real: ElementTree.Element, names: Iterable[str]) -> list[str]:
-    wanted = {*names, *(f'{name}XMLList' for name in names)}
-    return [word for item in real.iter() if _local(item) in wanted
-            for word in (item.text or '').split()]
-
-
-def _unit(text: str, where: str) -> tuple[str, float]:
-    """SI unit and factor of a D-SI unit; units of other quantities serve for shares only."""
-    found = UNIT.fullmatch(text)
-    if found is None:
-        return text or 'no unit', 1.0
-    symbol, factor = SI_UNITS[found[2]]
-    return symbol, factor * PREFIXES[found[1] or '']
-
-
-def from_certificate(entry: dict[str, Any], unit: str, folder: Path, where: str) -> float:
-    """Standard uncertainty of an entry {certificate: FILE.xml, quantity: NAME} of a rig file."""
-    if set(entry) != {'certificate', 'quantity'} or not all(
-            isinstance(value, str) for value in entry.values()):
-        raise RigError(f'{where} is {entry!r}: give {{certificate: FILE.xml, quantity: NAME}}')
-    return certified(folder / entry['certificate'], entry['quantity'], unit, where)

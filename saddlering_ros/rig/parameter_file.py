@@ -14,8 +14,12 @@ import yaml
 
 from saddlering_ros.errors import refuse_unknown_keys
 from saddlering_ros.files import Origin, write_text
-from saddlering_ros.rig import ros_yaml
-from saddlering_ros.rig.ros_yaml import check_sections, plain_exponents, RigError
+from saddlering_ros.rig.ros_yaml import (
+    check_sections,
+    plain_exponents,
+    read_ros_parameters,
+    RigError,
+)
 from saddlering_ros.rig.units import stiffness_per_millimetre
 
 EXPONENTS = (0.5, 5.0)
@@ -119,12 +123,12 @@ class ParameterSet:
 
 def read_parameters(path: Path | str) -> ParameterSet:
     """Read a parameter file; RigError (one line) when something in it cannot be used."""
-    return parameters_from_mapping(ros_yaml.read_ros_parameters(Path(path), RigError), str(path))
+    return parameters_from_mapping(read_ros_parameters(Path(path)), str(path))
 
 
 def parameters_from_mapping(parameters: Mapping[str, Any], where: str) -> ParameterSet:
     """A ParameterSet from nested parameters; `where` names the file in messages."""
-    check_sections(parameters, 'contact', 'give contact.{K1,n1,D1,K2,n2,D2}', where, RigError)
+    check_sections(parameters, 'contact', 'give contact.{K1,n1,D1,K2,n2,D2}', where)
     contact = parameters['contact']
     if not isinstance(contact, Mapping):
         raise RigError(f'{where}: contact is not a section: give contact.{{K1,n1,D1,K2,n2,D2}}')
@@ -132,13 +136,21 @@ def parameters_from_mapping(parameters: Mapping[str, Any], where: str) -> Parame
     missing = [name for name in PARAMETER_NAMES if name not in contact]
     if missing:
         raise RigError(f'{where}: contact.{missing[0]} is missing: give all of K1,n1,D1,K2,n2,D2')
-    values = [_number(contact[name], f'contact.{name}', where) for name in PARAMETER_NAMES]
+    numbers = [_number(contact[name], f'contact.{name}', where) for name in PARAMETER_NAMES]
     try:
-        law = ContactParameters(*values)
+        law = ContactParameters(*numbers)
     except RigError as problem:
         raise RigError(f'{where}: {problem}') from problem
-    return ParameterSet(law, _effects(parameters.get('effects', {}), where),
-                        _source(parameters.get('source', {}), where))
+    effects: Effects = {}
+    section = parameters.get('effects') or {}
+    if not isinstance(section, Mapping):
+        raise RigError(f'{where}: effects is not a section: give effects.<id>.<parameter>')
+    for effect, values in section.items():
+        if not isinstance(values, Mapping):
+            raise RigError(f'{where}: effects.{effect} is not a section: give its parameters')
+        effects[str(effect)] = {str(name): _number(value, f'effects.{effect}.{name}', where)
+                                for name, value in values.items()}
+    return ParameterSet(law, effects, _source(parameters.get('source', {}), where))
 
 
 def _number(value: Any, name: str, where: str) -> float:
@@ -147,37 +159,19 @@ def _number(value: Any, name: str, where: str) -> float:
     return float(value)
 
 
-def _effects(section: Any, where: str) -> Effects:
-    if section is None:
-        return {}
-    if not isinstance(section, Mapping):
-        raise RigError(f'{where}: effects is not a section: give effects.<id>.<parameter>')
-    result: Effects = {}
-    for effect, values in section.items():
-        if not isinstance(values, Mapping):
-            raise RigError(f'{where}: effects.{effect} is not a section: give its parameters')
-        result[str(effect)] = {
-            str(name): _number(value, f'effects.{effect}.{name}', where)
-            for name, value in values.items()
-        }
-    return result
-
-
 def _source(section: Any, where: str) -> ParameterSource:
     if isinstance(section, str) or section is None:
         return ParameterSource(note=section or '')
     if not isinstance(section, Mapping):
         raise RigError(f'{where}: source is {section!r}: give a section or a text')
     refuse_unknown_keys(section, SOURCE_KEYS, 'source', where, RigError)
-    covariance = section.get('covariance')
-    is_whole = isinstance(covariance, list) and len(covariance) in (0, 36)
-    if covariance is not None and not is_whole:
-        raise RigError(f'{where}: source.covariance has no 36 numbers: '
-                       'give it row by row or leave it out')
-    matrix = None
-    if covariance:
+    covariance = section.get('covariance') or None
+    if covariance is not None:
+        if not isinstance(covariance, list) or len(covariance) != 36:
+            raise RigError(f'{where}: source.covariance has no 36 numbers: '
+                           'give it row by row or leave it out')
         numbers = [_number(value, 'source.covariance', where) for value in covariance]
-        matrix = np.array(numbers, dtype=np.float64).reshape(6, 6)
+        covariance = np.array(numbers, dtype=np.float64).reshape(6, 6)
     objective = section.get('objective')
     # Reasons by name from a list of texts 'K1: why'.
     reasons = {}
@@ -189,7 +183,7 @@ def _source(section: Any, where: str) -> ParameterSource:
     return ParameterSource(
         method=str(section.get('method', 'given')), bags=_texts(section, 'bags', where),
         objective=None if objective is None else _number(objective, 'source.objective', where),
-        covariance=matrix, note=str(section.get('note', '')),
+        covariance=covariance, note=str(section.get('note', '')),
         sha256=_texts(section, 'sha256', where), versions=str(section.get('versions', '')),
         undetermined=reasons, rig_hash=str(section.get('rig_hash', '')))
 
@@ -225,10 +219,8 @@ def parameters_to_mapping(parameters: ParameterSet) -> dict[str, Any]:
             'K2_in_N_per_mm_n': stiffness_per_millimetre(contact.K2, contact.n2)},
     }
     if parameters.effects:
-        result['effects'] = {
-            effect: {name: float(value) for name, value in values.items()}
-            for effect, values in parameters.effects.items()
-        }
+        result['effects'] = {effect: {name: float(value) for name, value in values.items()}
+                             for effect, values in parameters.effects.items()}
     return result
 
 
@@ -236,11 +228,8 @@ class _Dumper(yaml.SafeDumper):
     """Writes floats so that ROS's parameter parser and YAML 1.1 both read them as floats."""
 
 
-def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
-    return dumper.represent_scalar('tag:yaml.org,2002:float', plain_exponents(repr(value)))
-
-
-_Dumper.add_representer(float, _represent_float)
+_Dumper.add_representer(float, lambda dumper, value: dumper.represent_scalar(
+    'tag:yaml.org,2002:float', plain_exponents(repr(value))))
 
 
 def write_parameters(path: Path | str, parameters: ParameterSet) -> None:

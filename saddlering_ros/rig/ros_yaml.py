@@ -17,49 +17,44 @@ OF_EVERY_NODE = ('use_sim_time',)
 """Parameters of ROS itself that the same file may hold."""
 
 
-def read_ros_parameters(path: Path, error: type[SaddleringError]) -> dict[str, Any]:
+class RigError(SaddleringError):
+    """A rig or parameter file that cannot be used; one line: fault, place, remedy."""
+
+
+def read_ros_parameters(path: Path) -> dict[str, Any]:
     """The parameters of the file's node entry, nested; dotted keys are unfolded.
 
-    Raises `error` with one line when the file cannot be read or has another shape.
+    Raises RigError with one line when the file cannot be read or has another shape.
     """
-    return parameters_of_document(read_strict_yaml(path, error), str(path), error)
-
-
-def check_sections(
-    parameters: Mapping[str, Any], needed: str, hint: str, where: str,
-    error: type[SaddleringError],
-) -> None:
-    """Raise `error` if the section `needed` is missing, or if a section is not in SECTIONS."""
-    known = (*SECTIONS, *OF_EVERY_NODE)
-    unknown = [key for key in parameters if key not in known]
-    if needed not in parameters and not any(did_you_mean(key, known) for key in unknown):
-        raise error(f'{where}: there is no {needed} section: {hint}')
-    refuse_unknown_keys(parameters, known, '', where, error)
-
-
-def parameters_of_document(
-    document: Any, where: str, error: type[SaddleringError],
-) -> dict[str, Any]:
-    """The parameters of a document's one node entry, nested."""
+    document = read_strict_yaml(path, RigError)
     if not isinstance(document, Mapping):
-        raise error(f'{where}: is not a ROS 2 parameter file: '
-                    'start it with "/**: ros__parameters:"')
+        raise RigError(f'{path}: is not a ROS 2 parameter file: '
+                       'start it with "/**: ros__parameters:"')
     entries = {key: node for key, node in document.items()
                if isinstance(node, Mapping) and isinstance(node.get('ros__parameters'), Mapping)}
     if not entries:
-        raise error(f'{where}: has no ros__parameters: start it with "/**: ros__parameters:"')
+        raise RigError(f'{path}: has no ros__parameters: start it with "/**: ros__parameters:"')
     others = [str(key) for key in document if key not in entries]
     if others:
-        raise error(f'{where}: {others[0]} stands outside of ros__parameters: '
-                    'move it below "/**: ros__parameters:"')
+        raise RigError(f'{path}: {others[0]} stands outside of ros__parameters: '
+                       'move it below "/**: ros__parameters:"')
     if len(entries) > 1:
-        raise error(f'{where}: has parameters for several nodes ({", ".join(map(str, entries))}): '
-                    'put them into one entry "/**"')
+        raise RigError(f'{path}: has parameters for several nodes ('
+                       f'{", ".join(map(str, entries))}): put them into one entry "/**"')
     (node,) = entries.values()
     beside = [str(key) for key in node if key != 'ros__parameters']
     if beside:
-        raise error(f'{where}: {beside[0]} is beside ros__parameters: move it below')
-    return unfold(node['ros__parameters'], where, error)
+        raise RigError(f'{path}: {beside[0]} is beside ros__parameters: move it below')
+    return unfold(node['ros__parameters'], str(path), RigError)
+
+
+def check_sections(parameters: Mapping[str, Any], needed: str, hint: str, where: str) -> None:
+    """RigError if the section `needed` is missing, or if a section is not in SECTIONS."""
+    known = (*SECTIONS, *OF_EVERY_NODE)
+    unknown = [key for key in parameters if key not in known]
+    if needed not in parameters and not any(did_you_mean(key, known) for key in unknown):
+        raise RigError(f'{where}: there is no {needed} section: {hint}')
+    refuse_unknown_keys(parameters, known, '', where, RigError)
 
 
 def unfold(
@@ -71,49 +66,35 @@ def unfold(
     one name in both notations.
     """
     result: dict[str, Any] = {}
-    for key, value in parameters.items():
-        _put(result, str(key).split('.'), value, (), (where, error))
+
+    def put(place: dict[str, Any], entries: Mapping[str, Any], above: str) -> None:
+        for key, value in entries.items():
+            name, dot, below = str(key).partition('.')
+            full = above + name
+            if dot or isinstance(value, Mapping):
+                inner = place.setdefault(name, {})
+                if not isinstance(inner, dict):
+                    raise error(f'{where}: {full} is given as a value and as a section: remove '
+                                'one')
+                put(inner, {below: value} if dot else value, f'{full}.')
+                continue
+            if name in place:
+                kind = 'as a value and as a section' if isinstance(place[name], dict) else 'twice'
+                raise error(f'{where}: {full} is given {kind}: remove one')
+            place[name] = _number(value)
+
+    put(result, parameters, '')
     return result
-
-
-def _put(
-    place: dict[str, Any], names: list[str], value: Any, above: tuple[str, ...],
-    report: tuple[str, type[SaddleringError]],
-) -> None:
-    """Put `value` into the nested `place` below `names`; `above` names the place itself."""
-    where, error = report
-    name, *below = names
-    full = '.'.join((*above, name))
-    if below or isinstance(value, Mapping):
-        inner = place.setdefault(name, {})
-        if not isinstance(inner, dict):
-            raise error(f'{where}: {full} is given as a value and as a section: remove one')
-        if below:
-            _put(inner, below, value, (*above, name), report)
-            return
-        for key, item in value.items():
-            _put(inner, str(key).split('.'), item, (*above, name), report)
-        return
-    if name in place:
-        kind = 'as a value and as a section' if isinstance(place[name], dict) else 'twice'
-        raise error(f'{where}: {full} is given {kind}: remove one')
-    place[name] = _number(value)
 
 
 def _number(value: Any) -> Any:
     """YAML 1.1 reads `1e8` as text; ROS and this reader read it as a number."""
     if isinstance(value, list):
         return [_number(item) for item in value]
-    if not isinstance(value, str):
-        return value
     try:
-        return float(value)
+        return float(value) if isinstance(value, str) else value
     except ValueError:
         return value
-
-
-class RigError(SaddleringError):
-    """A rig or parameter file that cannot be used; one line: fault, place, remedy."""
 
 
 def plain_exponents(line: str) -> str:

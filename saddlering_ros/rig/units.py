@@ -6,7 +6,6 @@ a rig of 400 t are judged by the same shares.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 
 STANDARD_GRAVITY = 9.80665
@@ -90,58 +89,17 @@ NEGATIVE_SHARE = 0.01
 """A load that falls further below zero than this share has the wrong sign."""
 
 
-@dataclass(frozen=True)
 class LoadLimits:
-    """Limits [N] of a rig whose cylinder's full scale is `full_scale` [N]."""
+    """Limits [N] of a rig whose cylinder's full scale is `full_scale` [N], by the shares above."""
 
-    full_scale: float
-
-    @property
-    def identification_min(self) -> float:
-        """Load that a run must exceed to be identified from."""
-        return IDENTIFICATION_SHARE * self.full_scale
-
-    @property
-    def threshold_min(self) -> float:
-        """Peak load below which a diagnosis notes that thresholds cannot show."""
-        return THRESHOLD_SHARE * self.full_scale
-
-    @property
-    def rest_band(self) -> float:
-        """Largest deviation of a mean load at rest."""
-        return REST_SHARE * self.full_scale
-
-    @property
-    def reversal_band(self) -> float:
-        """Smallest way back that counts as a change of direction."""
-        return REVERSAL_SHARE * self.full_scale
-
-    @property
-    def hold_min(self) -> float:
-        """Smallest held load that a diagnosis uses."""
-        return HOLD_SHARE * self.full_scale
-
-    @property
-    def level_step(self) -> float:
-        """Smallest difference of two load levels."""
-        return LEVEL_SHARE * self.full_scale
-
-    @property
-    def slope_step(self) -> float:
-        """Step of the load for numerical slopes."""
-        return SLOPE_SHARE * self.full_scale
-
-    @property
-    def unit_min(self) -> float:
-        """A record that never exceeds this load was not published in newtons."""
-        return UNIT_MIN_SHARE * self.full_scale
-
-    @property
-    def unit_max(self) -> float:
-        """A record with a load above this was not published in newtons."""
-        return UNIT_MAX_SHARE * self.full_scale
-
-    @property
-    def negative_max(self) -> float:
-        """Largest negative load that noise and zero of the cell account for."""
-        return NEGATIVE_SHARE * self.full_scale
+    def __init__(self, full_scale: float) -> None:
+        self.full_scale = full_scale
+        self.identification_min = IDENTIFICATION_SHARE * full_scale
+        self.threshold_min = THRESHOLD_SHARE * full_scale
+        self.rest_band = REST_SHARE * full_scale
+        self.reversal_band = REVERSAL_SHARE * full_scale
+        self.hold_min = HOLD_SHARE * full_scale
+        self.level_step = LEVEL_SHARE * full_scale
+        self.slope_step = SLOPE_SHARE * full_scale
+        self.unit_min, self.unit_max = UNIT_MIN_SHARE * full_scale, UNIT_MAX_SHARE * full_scale
+        self.negative_max = NEGATIVE_SHARE * full_scale
