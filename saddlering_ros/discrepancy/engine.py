@@ -24,7 +24,11 @@ from saddlering_ros.discrepancy.search.selection import (
 )
 from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
-from saddlering_ros.discrepancy.verdict.certainty import probabilities_of, stability_of
+from saddlering_ros.discrepancy.verdict.certainty import (
+    probabilities_of,
+    stability_of,
+    unsteady_sizes,
+)
 from saddlering_ros.discrepancy.verdict.established import (
     doubts_of,
     Publication,
@@ -232,6 +236,8 @@ def _answer_beside(
         *doubts_of(search.space, fit, published.shares, published.member_shares,
                    search.alternatives),
         *established.own_kind_left(noise_alone, seen, left)]
+    if noise_alone.problem.assumptions.exact_laws:
+        doubts += unsteady_sizes(search.space, fit, published.causes)
     if most_dropped**2 > established.MAINLY * max(one.visible for one in published.causes) ** 2:
         doubts.append(wording.AS_LARGE)
     is_open = any(search.alternatives.get(name) for name in fit.candidate.ids)

@@ -160,6 +160,31 @@ def test_a_cause_that_makes_a_view_worse_that_it_mainly_moves_is_not_established
                for item in answer.warnings) == (verdict == 'unknown')
 
 
+@pytest.mark.parametrize(('error', 'verdict'), [(0.01, 'named'), (0.4, 'unknown')])
+def test_a_cause_that_takes_only_a_view_with_little_misfit_is_not_the_main_one(
+    error: float, verdict: str,
+) -> None:
+    """What another law leaves in `seen` is many times what friction takes in `other`."""
+    def both(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        drive = np.asarray(run.inputs['drive'])
+        dry = values['friction.size'] * np.tanh(np.asarray(run.inputs['speed']) / 0.05)
+        return {'seen': values['gain'] * drive + 0.4 * dry, 'other': values['rate'] * drive + dry}
+
+    def run_of(number: int) -> Run:
+        run = record(number, 0.0, 0.0)
+        clean = both({'gain': 1.2, 'rate': 1.0, 'friction.size': 0.05}, run)
+        bent = error * np.sin(2.0 * np.asarray(run.inputs['drive']) + 1.0)
+        noise = STD * np.random.default_rng(number).normal(size=(2, TIME.size))
+        return replace(run, outputs={
+            'seen': clean['seen'] + bent + noise[0], 'other': clean['other'] + noise[1]})
+
+    model = Model(both, {**MODEL.base, 'rate': Parameter(0.5, 3)},
+                  {'friction': MODEL.effects['friction']},
+                  {'seen': Channel(), 'other': Channel()})
+    answer = diagnose(model, [run_of(number) for number in range(3)], hold_out=[run_of(3)])
+    assert (answer.verdict, answer.causes[0].effect) == (verdict, 'friction')
+
+
 def test_a_secondary_cause_with_alternatives_takes_no_name_from_the_main_one() -> None:
     assert named_beside_friction(0.06, cubic=0.8, channel='seen') == ['cubic']
 
@@ -224,6 +249,17 @@ def test_a_cause_that_predicts_other_runs_worse_has_no_name() -> None:
     assert answer.gain.held_out is not None
     assert answer.gain.held_out < 0.0
     assert any('on runs that it predicts' in item for item in answer.warnings)
+
+
+def test_a_cause_that_needs_another_size_in_each_run_is_not_established() -> None:
+    """A law that is not in the catalogue can look like friction of another size in each run."""
+    for sizes, verdict in (((0.3, 0.3, 0.3), 'named'), ((0.25, 0.3, 0.4), 'unknown')):
+        runs = [record(number, size, 0.03) for number, size in enumerate(sizes)]
+        answer = diagnose(MODEL, runs, hold_out=[record(3, 0.3, 0.03)])
+        assert answer.verdict == verdict
+        assert answer.causes[0].effect == 'friction'
+        assert any('a size for each run' in item for item in answer.warnings) is (
+            verdict == 'unknown')
 
 
 def test_a_size_at_its_bound_is_no_name() -> None:

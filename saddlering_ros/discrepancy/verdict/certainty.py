@@ -16,12 +16,14 @@ import numpy as np
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, FREE_STRENGTH
-from saddlering_ros.discrepancy.search.evidence import Comparison
+from saddlering_ros.discrepancy.search.evidence import changes_of_effects, Comparison
 from saddlering_ros.discrepancy.search.selection import Alternatives
-from saddlering_ros.discrepancy.search.space import ModelSpace
+from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.established import MIN_TAKEN, STRETCHES
 from saddlering_ros.discrepancy.verdict.results import Cause, Influence, Refit, Verdict
+from saddlering_ros.estimation.least_squares import covariance
+from saddlering_ros.estimation.statistics import fisher_chance
 
 SEEDS = 6
 """Number of draws of stretches: with the runs left out, about ten refits of usual data."""
@@ -52,6 +54,52 @@ class Stability:
     refits: tuple[Refit, ...]
     near_limit: tuple[str, ...]
     influence: tuple[Influence, ...]
+
+
+def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list[str]:
+    """A sentence for every cause that needs another size in each run, or in each channel.
+
+    A law has one size wherever it acts. The size of a stand-in follows the conditions. Sizes that
+    differ by more than model error and the stated interval explain are those of another law.
+    """
+    stated = {cause.effect: cause.parameters[cause.definition.size.name] for cause in causes}
+    sentences = []
+    slices = fit.candidate.slices(len(space.problem.system.base_parameters))
+    changes = changes_of_effects(space.problem, fit).T
+    for (effect, _, part), change in zip(slices, changes, strict=True):
+        size = stated[effect.id]
+        interval = size.std / max(abs(size.value - effect.neutral), 1e-300)
+        for kind, place in (('run', 0), ('channel', 1)):
+            sizes, errors = _freed_sizes(space, fit, part.start, change, place)
+            weights = np.linalg.inv(errors + interval**2 * np.eye(sizes.size))
+            apart = sizes - (weights @ sizes).sum() / max(weights.sum(), 1e-300)
+            freedom = max(sizes.size - 1, 1)
+            ratio = float(apart @ weights @ apart) / freedom
+            if fisher_chance(ratio, freedom, space.pairs) < space.settings.error_rate:
+                sentences.append(wording.unsteady_size_words(
+                    effect.id, kind, 1.0 + float(sizes.min()), 1.0 + float(sizes.max())))
+    return sentences
+
+
+def _freed_sizes(
+    space: ModelSpace, fit: Fit, size: int, change: Array, place: int
+) -> tuple[Array, Array]:
+    """Sizes (k,) of a cause by which it exceeds its fit, as shares of it, and their covariance.
+
+    size: index of the size among the parameters; change: what the cause changes (n,); place: 0
+    for a size of each run, 1 for one of each channel. Sizes that these data do not show are left
+    out.
+    """
+    owners = np.array([slot[:2] for slot in space.problem.slices])[:, place]
+    columns = np.zeros((change.size, 1 + int(owners.max())))
+    for (_, _, part), owner in zip(space.problem.slices, owners, strict=True):
+        columns[part, owner] = change[part]
+    others = np.delete(space.tangent_of(fit).white, size, axis=1)
+    jacobian = np.hstack([space.metric.whiten(columns), others])
+    errors = covariance(jacobian, 1.0 / FREE_SPREAD)
+    sizes = -(errors @ (jacobian.T @ fit.whitened))[: columns.shape[1]]
+    shown = np.flatnonzero(np.diag(errors)[: sizes.size] < 1.0)
+    return sizes[shown], errors[np.ix_(shown, shown)]
 
 
 def stability_of(

@@ -73,9 +73,9 @@ Noises = Mapping[tuple[str, int], ChannelNoise]
 class Shares:
     """Shares of the misfit's power beyond noise that a model takes beside another, by view.
 
-    worst_run: share of all misfit in the run with the least; worst_view: view and share of the
-    least where the model moves more than half of the misfit. interval: of the reduction of the
-    rms on predicted runs, 95 %.
+    fitted: of views with no small misfit beside that of the worst; worst_run: share of all
+    misfit in the run with the least; worst_view: view and share of the least where the model
+    moves more than half of the misfit; interval: 95 % of the reduction on predicted runs.
     """
 
     fitted: Mapping[str, float]
@@ -86,10 +86,13 @@ class Shares:
 
     @property
     def best(self) -> float:
-        """Share in the view in which the model takes most, where it is fitted and predicts."""
+        """Share in the view in which the model takes most, where it is fitted and predicts.
+
+        A view without misfit on the predicted runs shows nothing, if others have some.
+        """
         return max(
-            (min(share, self.predicted.get(view, share)) for view, share in self.fitted.items()),
-            default=0.0)
+            (min(share, self.predicted.get(view, 0.0)) if self.predicted else share
+             for view, share in self.fitted.items()), default=0.0)
 
 
 class Prediction:
@@ -110,7 +113,7 @@ class Prediction:
         runs = fitted.more.sum(axis=(1, 2)) / np.maximum(fitted.less.sum(axis=(1, 2)), 1e-300)
         touched = [item for powers in known for item in powers.touched(problem, floor)]
         return Shares(
-            fitted.taken(problem, floor),
+            fitted.mainly_taken(problem, floor),
             {} if predicted is None else predicted.taken(problem, floor),
             1.0 - float(runs.max()),
             min(touched, key=lambda item: item[1], default=('', 1.0)),
@@ -183,6 +186,13 @@ class _Powers:
             if before > 0.0:
                 shares[view] = 1.0 - after / before
         return shares
+
+    def mainly_taken(self, problem: Problem, floor: Array) -> dict[str, float]:
+        """The same of views whose misfit exceeds what a cause may leave of that of the worst."""
+        powers = dict(zip(problem.system.views, self.less.mean(axis=(0, 2)) - floor, strict=True))
+        least = (1.0 - MIN_TAKEN) * max(powers.values())
+        return {view: share for view, share in self.taken(problem, floor).items()
+                if powers[view] >= least}
 
     def touched(self, problem: Problem, floor: Array) -> Iterator[tuple[str, float]]:
         """Shares in the views in which the change is more than half of the misfit."""

@@ -251,6 +251,12 @@ def own_kind_words(ids: Sequence[str], share: float) -> str:
             'itself: the law is another one')
 
 
+def unsteady_size_words(name: str, kind: str, least: float, most: float) -> str:
+    """That a cause needs another size, as shares of the fitted one, in each run or channel."""
+    return (f'{name}: with a size for each {kind}, it is {percent(least)} to {percent(most)} of '
+            'the fitted one, which its interval does not allow: the law is another one')
+
+
 def shared_direction_words(name: str, other: str, share: float) -> str:
     """That another effect would act as the cause `name` does."""
     return (f'{other}, of another size or sign, has {percent(share)} of the power of what {name} '
