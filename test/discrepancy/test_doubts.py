@@ -19,6 +19,7 @@ from saddlering_ros.discrepancy import (
     Parameter,
     Run,
 )
+from saddlering_ros.discrepancy.problem.fits import ratio
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import Chart
 
@@ -69,6 +70,14 @@ def test_an_extension_that_predicts_worse_has_a_negative_gain() -> None:
     assert found.gain.fit > 0.5
     assert found.gain.held_out is not None
     assert found.gain.held_out < -0.2
+
+
+@pytest.mark.parametrize(('before', 'after', 'gain'), [
+    (4.0, 1.0, 0.5), (1.0, 1.0, 0.0), (1.0, 4.0, -1.0), (1.0, 400.0, -19.0), (0.0, 0.0, 0.0),
+    (0.0, 1.0, -np.inf)])
+def test_a_misfit_that_grows_is_a_negative_reduction(
+        before: float, after: float, gain: float) -> None:
+    assert ratio(before, after) == pytest.approx(gain)
 
 
 def test_points_at_which_a_simulator_fails_are_lost_alone_and_stated() -> None:

@@ -302,26 +302,30 @@ def test_a_verdict_with_little_evidence_says_that_it_is_near_its_limit() -> None
     assert any('near its limit: ' in line for line in answer.summary().splitlines())
 
 
-def test_held_out_runs_tell_open_alternatives_apart() -> None:
-    """Where the drive is small the spring and the gain are alike; a held-out run is large."""
-    def made(number: int, size: float, std: float = 0.02) -> Run:
-        random = np.random.default_rng(number)
-        drive = size * np.sin((0.9 + 0.2 * number) * TIME)
-        run = Run(f'run {number}', TIME, {'drive': drive}, {'seen': TIME})
-        seen = 1.2 * drive + 0.3 * drive**3 + std * random.normal(size=TIME.size)
-        return replace(run, outputs={'seen': seen})
-
+def two_springs(bound: float) -> Model:
+    """A cubic spring, and a softer one that is alike where the drive is small."""
     def law(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         drive = np.asarray(run.inputs['drive'])
         bent = parameters['cubic.size'] * drive**3
         bent = bent + parameters['soft.size'] * (drive - np.arctan(drive))
         return {'seen': parameters['gain'] * drive + bent}
 
-    model = Model(law, {'gain': Parameter(0.5, 2.0)}, {
+    return Model(law, {'gain': Parameter(0.5, 2.0)}, {
         'cubic': Effect('A cubic spring', {'size': Parameter(-2, 2)}),
-        'soft': Effect('A spring of another law', {'size': Parameter(-2, 2)}),
+        'soft': Effect('A softer spring', {'size': Parameter(-bound, bound)}),
     }, {'seen': Channel()})
-    answer = diagnose(model, [made(0, 0.5), made(1, 0.6)], hold_out=[made(2, 1.5)])
+
+
+def of_a_cubic_spring(number: int, size: float) -> Run:
+    drive = size * np.sin((0.9 + 0.2 * number) * TIME)
+    noise = 0.02 * np.random.default_rng(number).normal(size=TIME.size)
+    return Run(f'run {number}', TIME, {'drive': drive},
+               {'seen': 1.2 * drive + 0.3 * drive**3 + noise})
+
+
+def test_held_out_runs_tell_open_alternatives_apart() -> None:
+    first, second, large = (of_a_cubic_spring(*one) for one in ((0, 0.5), (1, 0.6), (2, 1.5)))
+    answer = diagnose(two_springs(2.0), [first, second], hold_out=[large])
     assert answer.verdict == 'ambiguous'
     assert [one.remains for one in answer.held_out_evidence] == [True, False]
     assert answer.held_out_evidence[0].effect == 'cubic'
@@ -329,27 +333,10 @@ def test_held_out_runs_tell_open_alternatives_apart() -> None:
     assert answer.next_test.startswith('Fit run 2 too: ')
 
 
-def test_an_alternative_at_its_bound_is_not_in_the_group() -> None:
-    def found_with(bound: float) -> Diagnosis:
-        def law(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
-            drive = np.asarray(run.inputs['drive'])
-            bent = parameters['cubic.size'] * drive**3
-            bent = bent + parameters['soft.size'] * (drive - np.arctan(drive))
-            return {'seen': parameters['gain'] * drive + bent}
-
-        effects = {'cubic': Effect('A cubic spring', {'size': Parameter(-2, 2)}),
-                   'soft': Effect('A softer spring', {'size': Parameter(-bound, bound)})}
-        model = Model(law, {'gain': Parameter(0.5, 2.0)}, effects, {'seen': Channel()})
-        runs = []
-        for number in range(2):
-            drive = 0.5 * np.sin((0.9 + 0.2 * number) * TIME)
-            noise = 0.02 * np.random.default_rng(number).normal(size=TIME.size)
-            runs.append(Run(f'run {number}', TIME, {'drive': drive},
-                            {'seen': 1.2 * drive + 0.3 * drive**3 + noise}))
-        return diagnose(model, runs)
-
-    assert [cause.group for cause in found_with(2.0).causes] == [('cubic', 'soft')]
-    assert [cause.group for cause in found_with(0.8).causes] == [('cubic',)]
+@pytest.mark.parametrize(('bound', 'group'), [(2.0, ('cubic', 'soft')), (0.8, ('cubic',))])
+def test_an_alternative_at_its_bound_is_not_in_the_group(bound: float, group: tuple) -> None:
+    answer = diagnose(two_springs(bound), [of_a_cubic_spring(number, 0.5) for number in (0, 1)])
+    assert [cause.group for cause in answer.causes] == [group]
 
 
 def test_a_slow_simulator_reports_its_progress_with_the_time_left(monkeypatch) -> None:
