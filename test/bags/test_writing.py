@@ -162,19 +162,6 @@ def test_a_time_that_no_header_holds_is_refused(second):
         messages_of(TOPICS[LOAD_TOPIC], [0, second * 10 ** 9], [1.0, 2.0])
 
 
-def test_an_interruption_keeps_the_old_bag(tmp_path, recording, bag, monkeypatch):
-    before = (bag / 'bag_0.mcap').read_bytes()
-
-    def fail(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(McapWriter, 'finish', fail)
-    with pytest.raises(KeyboardInterrupt):
-        recording.write(bag, overwrite=True)
-    assert (bag / 'bag_0.mcap').read_bytes() == before
-    assert {file.name for file in tmp_path.iterdir()} == {'bag'}
-
-
 def test_arrays_that_do_not_fit_are_refused(tmp_path, recording):
     with pytest.raises(BagError, match=PROBE_TOPICS[0]):
         recording.changed(PROBE_TOPICS[0], recording.stamps[PROBE_TOPICS[0]][1:]).write(

@@ -13,10 +13,7 @@ import pytest
 from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.cli.main import main
 from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, TestMetadata
-from saddlering_ros.record.batches import join, no_samples, Samples
-from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.rig import (
-    CHANNELS,
     default_rig,
     ParameterSet,
     ParameterSource,
@@ -74,28 +71,6 @@ def test_displacement_writes_what_the_probes_measured_to_the_last_bit(bag, tmp_p
     for name in ('delta_x', 'delta_y', 'gamma', 'parity'):
         np.testing.assert_array_equal(columns[name], getattr(measured.displacement, name)[kept])
     assert 'delta_x' in capsys.readouterr().out
-
-
-def test_displacement_equals_the_stream_bit_for_bit(bag, tmp_path):
-    """The same aligner and zero as the live node, fed message by message."""
-    from saddlering_ros.bags import read_raw
-
-    assert main(['displacement', str(bag), '--out', str(tmp_path / 'd.csv')]) == 0
-    raw = read_raw(bag)
-    messages = sorted(
-        (int(stamp), channel, float(value))
-        for channel, topic in enumerate((LOAD_TOPIC, *PROBE_TOPICS))
-        for stamp, value in zip(raw[topic].stamps, raw[topic].values, strict=True))
-    stream, found = DisplacementStream(default_rig()), []
-    for stamp, channel, value in messages:
-        batches = [no_samples()] * 5
-        batches[channel] = Samples(np.array([stamp]), np.array([value]))
-        found.append(stream.push(batches[0], batches[1:]))
-    live = join([batch for batch in found if len(batch)])
-    columns = table(tmp_path / 'd.csv')
-    assert columns['stamp_ns'].tolist() == live.stamps.tolist()
-    for name, channel in zip(CHANNELS, live.channels, strict=True):
-        assert columns[name].tolist() == channel.tolist()
 
 
 def test_simulate_writes_what_the_model_gives_to_the_last_bit(bag, parameters, tmp_path):

@@ -127,23 +127,6 @@ def test_every_command_of_the_contract_is_there():
                          'generate', 'demo'}
 
 
-def test_every_command_explains_itself():
-    parser, runs = command.build_parser()
-    for name in runs:
-        with pytest.raises(SystemExit) as left:
-            parser.parse_args([name, '--help'])
-        assert left.value.code == 0
-
-
-def test_asking_for_help_loads_nothing_heavy():
-    code = ('import sys; from saddlering_ros.cli.main import build_parser; build_parser(); '
-            'print(*sorted({"rclpy", "numba", "scipy", "matplotlib", "pyarrow", "mcap"} '
-            '& set(sys.modules)))')
-    done = subprocess.run([sys.executable, '-c', code], text=True, capture_output=True, cwd=ROOT,
-                          timeout=60, check=True)
-    assert done.stdout == '\n'
-
-
 def test_a_reader_who_leaves_is_no_error():
     code = ('import sys, argparse; from saddlering_ros.cli.main import run_reporting\n'
             'def run(_args):\n'

@@ -9,7 +9,7 @@ import threading
 
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
-from pyarrow import csv, parquet
+from pyarrow import parquet
 import pytest
 import rclpy
 from rosbags.highlevel import AnyReader
@@ -69,18 +69,6 @@ def test_a_recorded_replay_holds_every_live_result_and_explains_itself(
     assert again.rig_hash == first.rig_hash != ''
 
 
-def test_csv_and_parquet_hold_the_same_numbers(parameters, tmp_path):
-    tables = []
-    for name in ('a.csv', 'a.parquet'):
-        out = tmp_path / name
-        assert main(['residual', str(BAG), '--params', str(parameters), '--out', str(out)]) == 0
-        tables.append(csv.read_csv(out) if name.endswith('csv') else parquet.read_table(out))
-    assert tables[0].column_names == tables[1].column_names
-    for name in tables[0].column_names:
-        assert tables[0][name].to_pylist() == tables[1][name].to_pylist()
-
-
-@pytest.mark.ros
 def test_a_parameter_file_is_one_of_ros_2(ros_domain, parameters):
     context = rclpy.Context()
     rclpy.init(context=context, args=['--ros-args', '--params-file', str(parameters)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from hypothesis import given
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 import yaml
 
-from saddlering_ros.files import write_text
 from saddlering_ros.rig import (
     ContactParameters,
     parameters_from_mapping,
@@ -101,44 +99,6 @@ def test_a_fault_is_told_in_one_line_with_file_and_entry(
 def test_contact_parameters_need_six_numbers() -> None:
     with pytest.raises(RigError, match='six numbers'):
         ContactParameters.from_array([1.0, 2.0])
-
-
-def test_writing_replaces_the_old_file_and_leaves_nothing_else_behind(tmp_path: Path) -> None:
-    path = tmp_path / 'made' / 'p.yaml'
-    write_text(path, 'old')
-    write_text(path, 'new', RigError)
-    assert path.read_text(encoding='utf-8') == 'new'
-    assert os.listdir(path.parent) == ['p.yaml']
-
-
-def test_a_write_that_fails_keeps_the_old_file_whole(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / 'p.yaml'
-    write_text(path, 'old')
-
-    def refuse(source: str, target: str) -> None:
-        raise OSError(28, 'No space left on device')
-
-    monkeypatch.setattr(os, 'replace', refuse)
-    with pytest.raises(RigError, match='No space left on device'):
-        write_text(path, 'new', RigError)
-    assert path.read_text(encoding='utf-8') == 'old'
-    assert os.listdir(tmp_path) == ['p.yaml']
-
-
-def test_an_interrupted_write_keeps_the_old_file_whole(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / 'p.yaml'
-    write_text(path, 'old')
-
-    def interrupt(source: str, target: str) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(os, 'replace', interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        write_text(path, 'new', RigError)
-    assert path.read_text(encoding='utf-8') == 'old'
-    assert os.listdir(tmp_path) == ['p.yaml']
 
 
 def test_a_place_that_is_no_folder_is_refused_in_one_line(tmp_path: Path) -> None:
