@@ -18,7 +18,7 @@ from catalogue_page import catalogue_page
 from troubleshooting_page import troubleshooting_page
 
 import saddlering_ros
-from saddlering_ros.cli.main import build_parser, examples_of
+from saddlering_ros.cli.main import build_parser
 from saddlering_ros.record.topics import TOPICS as RIG
 from saddlering_ros.ros import names as ros_names
 
@@ -99,7 +99,7 @@ def messages_page() -> str:
 
 def commands_page() -> str:
     """Every subcommand with its options and examples, from the parser itself."""
-    parser, modules = build_parser()
+    parser, commands = build_parser()
     action = next(item for item in parser._actions
                   if isinstance(item, argparse._SubParsersAction))
     words = {item.dest: item.help for item in action._choices_actions}
@@ -110,12 +110,12 @@ def commands_page() -> str:
              'Colours and progress appear in terminals only, and not if `NO_COLOR` is set. After '
              '`eval "$(register-python-argcomplete saddlering)"` the tab key completes '
              'commands.', '']
-    for name in sorted(modules):
+    for name in sorted(commands):
         found = action.choices[name]
         parts += [f'## {name}', '', f'{_sentence(found.description or words[name])}', '',
                   '```text', _usage(found), '```', '', '| option | meaning |', '|---|---|']
         parts += [_option(item) for item in found._actions if item.dest != 'help']
-        examples = [f'# {text}\n{line}' for line, text in examples_of(modules[name], name)]
+        examples = [f'# {text}\n{line}' for line, text in commands[name][0].examples]
         parts += ['', '```text', *examples, '```', '']
     return '\n'.join(parts)
 

@@ -1,8 +1,7 @@
 """The `saddlering` command: a module for each subcommand, found by walking this folder.
 
-Commands that do the same to other curves share one. A subcommand's module has
-`add_parser(subparsers)`, `run(args) -> int` and `EXAMPLES`, imports nothing heavy before `run`,
-and raises SaddleringError for each error that its user can correct. The type of each argument that
-names a path (`_arguments.Role`) declares whether it is read or written. UNTRIED states why no test
-types the examples of a command.
+Commands that do the same to other curves share one. A subcommand's module has COMMANDS and
+`run(args) -> int`, imports nothing heavy before `run`, and raises SaddleringError for each error
+that its user can correct. The type of each argument that names a path (`_arguments.Role`) declares
+whether it is read or written, that of a number (`Within`) its range.
 """

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import contextlib
 from dataclasses import dataclass
+import math
 import os
 from pathlib import Path
 import re
@@ -68,10 +69,6 @@ class OneLineParser(argparse.ArgumentParser):
         return [text for action in self._actions for text in action.option_strings
                 if text.startswith('--')]
 
-    def path_arguments(self) -> list[argparse.Action]:
-        """The arguments that name files or folders, by their type."""
-        return [action for action in self._actions if isinstance(action.type, Role)]
-
     def error(self, message: str) -> NoReturn:
         """Print the error and how to get help; exit with status 2."""
         choice = _CHOICE.fullmatch(message)
@@ -91,11 +88,71 @@ class HelpFormatter(argparse.HelpFormatter):
         return super()._fill_text(text, width, indent)
 
 
+# -- what a command declares ---------------------------------------------------------------------
+
+AddOption = Callable[[argparse.ArgumentParser], argparse.Action]
+
+
+def option(name: str, words: str, **settings: Any) -> AddOption:
+    """An argument of a command with its words in the help; settings: those of argparse."""
+    return lambda parser: parser.add_argument(name, help=words, **settings)
+
+
+@dataclass(frozen=True)
+class Command:
+    """A subcommand: name, one line of the list of commands, description, arguments, examples.
+
+    examples: command lines with their meaning; untried: why no test types them.
+    """
+
+    name: str
+    words: str
+    description: str
+    options: tuple[AddOption, ...]
+    examples: tuple[tuple[str, str], ...]
+    untried: str = ''
+
+    def add_to(self, subparsers: Any) -> None:
+        """Declare the subcommand."""
+        parser = subparsers.add_parser(self.name, help=self.words, description=self.description,
+                                       epilog=examples_text(self.examples))
+        for add in self.options:
+            add(parser)
+        parser.add_argument('--traceback', action='store_true', default=argparse.SUPPRESS,
+                            help=TRACEBACK_WORDS)
+        parser.set_defaults(arguments=parser._actions)
+
+
+TRACEBACK_WORDS = 'show the place in the code where an error occurred'
+
+
 def examples_text(examples: Sequence[tuple[str, str]]) -> str:
     """Examples of a command, each with its meaning, as its help shows them."""
-    if not examples:
-        return ''
     return 'examples:\n' + '\n'.join(f'  # {words}\n  {line}' for line, words in examples)
+
+
+class Within:
+    """Type of an argument that is a number from low to high."""
+
+    def __init__(self, kind: type[int] | type[float], low: float, high: float = math.inf,
+                 unit: str = '') -> None:
+        self.low, self.high, self.unit = low, high, unit
+        self.read = plain_number if kind is float else whole_number
+        self.__name__ = kind.__name__  # of a message of argparse
+
+    def __call__(self, text: str) -> float:
+        return self.read(text)
+
+
+def check_ranges(args: argparse.Namespace) -> None:
+    """SaddleringError if a number is not in the range that its argument declares."""
+    for action in getattr(args, 'arguments', ()):
+        kind, value = action.type, getattr(args, action.dest, None)
+        if isinstance(kind, Within) and value is not None and not kind.low <= value <= kind.high:
+            ends = (f'{kind.low:g} or more' if math.isinf(kind.high) else
+                    f'{kind.low:g} to {kind.high:g}')
+            raise SaddleringError(f'{action.option_strings[-1]} is {value:g}: give {ends}'
+                                  f'{kind.unit}')
 
 
 # -- roles of paths: the type of an argument declares what the command does with its path --------
@@ -145,16 +202,18 @@ class _Named:
     role: Role
 
 
-def check_files(args: argparse.Namespace, arguments: Sequence[argparse.Action]) -> None:
-    """FileConflict if an output is an input, lies in a bag that is read, or is given twice.
-
-    arguments: those of the command that name paths.
-    """
-    named = [path for action in arguments for path in _named(args, action)]
+def check_files(args: argparse.Namespace) -> None:
+    """FileConflict if an output is an input, lies in a bag that is read, or is given twice."""
+    named = [path for action in getattr(args, 'arguments', ()) if isinstance(action.type, Role)
+             for path in _named(args, action)]
     outputs = [path for path in named if path.role.is_written]
     files = [path for path in named if not (path.role.is_written or path.role.is_bag)]
     bags = [bag for path in named if path.role.is_bag for bag in _bags(path)]
-    files_and_words = [*((file.path, file.words) for file in files), *_effects_of_environment()]
+    files_and_words = [(file.path, file.words) for file in files]
+    if os.environ.get('SADDLERING_EFFECTS'):
+        from saddlering_ros.effects import own_files
+
+        files_and_words += [(file, f'{file} (SADDLERING_EFFECTS)') for file in own_files()]
     for number, output in enumerate(outputs):
         for other in outputs[:number]:
             if same_file(output.path, other.path):
@@ -169,14 +228,6 @@ def check_files(args: argparse.Namespace, arguments: Sequence[argparse.Action]) 
                                        'which is read: choose another place')
         if output.role is page_written:
             check_ending(output.path, PAGE_ENDINGS, FileConflict)
-
-
-def _effects_of_environment() -> Iterator[tuple[Path, str]]:
-    """The effect files of the folder that the environment names."""
-    if os.environ.get('SADDLERING_EFFECTS'):
-        from saddlering_ros.effects import own_files
-
-        yield from ((file, f'{file} (SADDLERING_EFFECTS)') for file in own_files())
 
 
 def _named(args: argparse.Namespace, action: argparse.Action) -> Iterator[_Named]:
@@ -209,72 +260,43 @@ def _bags(named: _Named) -> Iterator[_Named]:
 
 # -- options that several commands share ---------------------------------------------------------
 
-def add_rig_option(
-    parser: argparse.ArgumentParser,
-    words: str = 'rig file (default: that of SADDLERING_RIG, or the shipped rig)',
-) -> None:
-    """The rig file."""
-    parser.add_argument('--rig', type=file_read, help=words)
+RIG = option('--rig', 'rig file (default: that of SADDLERING_RIG, or the shipped rig)',
+             type=file_read)
+TRUST = option('--trust-rig', 'accept a bag or parameters that state another rig than --rig',
+               action='store_true')
+METADATA = (
+    option('--test', 'kind of test, in place of that of the bag', choices=('static', 'dynamic')),
+    option('--elevation', 'elevation, in place of that of the bag', type=float, metavar='DEG'))
+"""Options that replace the test metadata of the bag."""
+
+READING = (RIG, TRUST, *METADATA)
+"""The rig of the bags, and their metadata."""
+
+EFFECTS = option('--effects', 'folder of your own effects, one YAML file each', type=effects_read,
+                 metavar='DIR')
+PARAMS = option('--params', 'parameter file of an identification or diagnosis', type=file_read,
+                required=True, metavar='FILE')
+MODEL = (PARAMS, EFFECTS)
+"""The parameter file of a simulation, and the folder of the user's own effects in it."""
+
+REPORT = option('--report', 'write a report', type=page_written, metavar='FILE.html')
+NETWORK = (
+    option('--domain', 'ROS domain (default: ROS_DOMAIN_ID, or 0)', type=int),
+    option('--namespace', 'namespace of the rig, so that several rigs share a domain (default: '
+           'the root)', default='', metavar='NS'))
+"""The ROS domain and the namespace of the rig."""
+
+OVERWRITE = option('--overwrite', 'replace an existing bag', action='store_true')
 
 
-def add_json_option(
-    parser: argparse.ArgumentParser, words: str = 'write a summary as JSON; - for stdout',
-) -> None:
+def json_option(words: str = 'write a summary as JSON; - for stdout') -> AddOption:
     """The place of the figures as JSON; words: say that - stands for standard output."""
-    parser.add_argument('--json', type=text_written, metavar='FILE', help=words)
+    return option('--json', words, type=text_written, metavar='FILE')
 
 
-def add_bags_options(parser: argparse.ArgumentParser, words: str) -> None:
-    """Several bags, and the options for reading them; words: what the command does with them."""
-    parser.add_argument('bags', type=bag_read, nargs='+', metavar='BAG', help=words)
-    add_reading_options(parser)
-
-
-def add_reading_options(parser: argparse.ArgumentParser) -> None:
-    """The rig of the bags, and their metadata."""
-    add_rig_option(parser)
-    add_trust_option(parser)
-    add_fact_options(parser)
-
-
-def add_fact_options(parser: argparse.ArgumentParser) -> None:
-    """Options that replace the test metadata of the bag."""
-    parser.add_argument('--test', choices=('static', 'dynamic'),
-                        help='kind of test, in place of that of the bag')
-    parser.add_argument('--elevation', type=float, metavar='DEG',
-                        help='elevation, in place of that of the bag')
-
-
-def add_report_option(parser: argparse.ArgumentParser) -> None:
-    """The place of a report."""
-    parser.add_argument('--report', type=page_written, metavar='FILE.html', help='write a report')
-
-
-def add_trust_option(parser: argparse.ArgumentParser) -> None:
-    """The option to continue although a bag or the parameters state another rig."""
-    parser.add_argument('--trust-rig', action='store_true',
-                        help='accept a bag or parameters that state another rig than --rig')
-
-
-def add_parameter_options(parser: argparse.ArgumentParser) -> None:
-    """The parameter file of a simulation, and the folder of the user's own effects in it."""
-    parser.add_argument('--params', type=file_read, required=True, metavar='FILE',
-                        help='parameter file of an identification or diagnosis')
-    add_effects_option(parser)
-
-
-def add_effects_option(parser: argparse.ArgumentParser) -> None:
-    """The folder of the user's own effects."""
-    parser.add_argument('--effects', type=effects_read, metavar='DIR',
-                        help='folder of your own effects, one YAML file each')
-
-
-def add_network_options(parser: argparse.ArgumentParser) -> None:
-    """The ROS domain and the namespace of the rig."""
-    parser.add_argument('--domain', type=int, help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
-    parser.add_argument('--namespace', default='', metavar='NS',
-                        help='namespace of the rig, so that several rigs share a domain '
-                             '(default: the root)')
+def bags_option(words: str) -> AddOption:
+    """Several bags; words: what the command does with them."""
+    return option('bags', words, type=bag_read, nargs='+', metavar='BAG')
 
 
 def domain_of(args: argparse.Namespace) -> int:
@@ -294,14 +316,12 @@ def in_options(message: str) -> str:
     return re.sub(r"\b(rig|test|elevation)=('?)(\w+)\2", r'--\1 \3', message)
 
 
-def radians(degrees: float | None) -> float | None:
-    """Degrees as typed, in radians."""
-    import math
-
-    return None if degrees is None else math.radians(degrees)
-
-
 # -- what the options name -----------------------------------------------------------------------
+
+def elevation_of(args: argparse.Namespace) -> float | None:
+    """The elevation as typed in degrees, in radians."""
+    return None if args.elevation is None else math.radians(args.elevation)
+
 
 def take_effects(args: argparse.Namespace) -> None:
     """Take the user's own effects into the catalogue, if a folder is given."""
@@ -330,7 +350,7 @@ def read_shown(args: argparse.Namespace, bag: str, rig: Rig) -> Record:
     from saddlering_ros.doubts.comparison import refuse_other_rig
 
     with Bar() as bar:
-        run = read_run(bag, test=args.test, elevation=radians(args.elevation), rig=rig,
+        run = read_run(bag, test=args.test, elevation=elevation_of(args), rig=rig,
                        on_progress=bar.reading(bag))
     if not args.trust_rig:
         refuse_other_rig([run], rig)

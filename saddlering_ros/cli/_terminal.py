@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -83,25 +82,18 @@ class Bar:
         self._progress: Any = None
         self._tasks: dict[str, Any] = {}
         if sys.stderr.isatty():
+            from rich import progress
             from rich.console import Console
-            from rich.progress import (
-                BarColumn,
-                Progress,
-                TaskProgressColumn,
-                TextColumn,
-                TimeElapsedColumn,
-                TimeRemainingColumn,
-            )
 
-            self._progress = Progress(
-                TextColumn('{task.description}', markup=False), BarColumn(), TaskProgressColumn(),
-                TimeElapsedColumn(), TextColumn('left'), TimeRemainingColumn(),
+            self._progress = progress.Progress(
+                progress.TextColumn('{task.description}', markup=False), progress.BarColumn(),
+                progress.TaskProgressColumn(), progress.TimeElapsedColumn(),
+                progress.TextColumn('left'), progress.TimeRemainingColumn(),
                 console=Console(stderr=True), transient=True)
             self._progress.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, problem: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._progress is not None:
             self._progress.stop()
 

@@ -3,36 +3,28 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command, option
 from saddlering_ros.cli._terminal import Bar, finish
 
-EXAMPLES = (
-    ('saddlering compare --before 2025/static_50 2025/dynamic_50 --after 2026/static_50 '
-     '2026/dynamic_50 --report change.html',
-     'name what changed since the base measurement; write a report'),
-)
-
-UNTRIED = 'the shipped bags are one session of one ring'
-
-
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'compare', help='name what changed in one ring between two sessions',
-        description='Name what changed in one ring between two sessions. What both sessions have '
-                    'cancels, so that smaller causes show than in one session.')
-    parser.add_argument('--before', type=arguments.bag_read, nargs='+', required=True,
-                        metavar='BAG', help='bags of the earlier session, such as the base '
-                        'measurement')
-    parser.add_argument('--after', type=arguments.bag_read, nargs='+', required=True,
-                        metavar='BAG', action='append', help='bags of the later session; given '
-                        'several times, in order of time: a series of sessions')
-    arguments.add_reading_options(parser)
-    arguments.add_json_option(parser, 'write the verdict on the change as JSON; - for stdout')
-    arguments.add_report_option(parser)
-    parser.add_argument('--seed', type=int, default=0, help='seed of the base fit (default 0)')
+COMMANDS = (Command(
+    'compare', 'name what changed in one ring between two sessions',
+    'Name what changed in one ring between two sessions. What both sessions have cancels, so that '
+    'smaller causes show than in one session.', (
+        option('--before', 'bags of the earlier session, such as the base measurement',
+               type=arguments.bag_read, nargs='+', required=True, metavar='BAG'),
+        option('--after', 'bags of the later session; given several times, in order of time: a '
+               'series of sessions', type=arguments.bag_read, nargs='+', required=True,
+               metavar='BAG', action='append'),
+        *arguments.READING,
+        arguments.json_option('write the verdict on the change as JSON; - for stdout'),
+        arguments.REPORT,
+        option('--seed', 'seed of the base fit (default 0)', type=int, default=0)), (
+        ('saddlering compare --before 2025/static_50 2025/dynamic_50 --after 2026/static_50 '
+         '2026/dynamic_50 --report change.html',
+         'name what changed since the base measurement; write a report'),),
+    'the shipped bags are one session of one ring'),)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import AddOption, Command, option
 from saddlering_ros.cli._terminal import Bar, show_table, stdout_console, tell_json
 from saddlering_ros.errors import BagError
 
@@ -19,42 +20,43 @@ if TYPE_CHECKING:
 
 PER_MILLION = 1e6
 
-EXAMPLES = (
-    ('saddlering displacement bags/static_50', 'the motion of the ring, in a few lines'),
-    ('saddlering displacement bags/static_50 --out ring.csv', 'every sample as a table'),
-    ('saddlering simulate bags/static_70 --params params.yaml --out simulated.csv',
-     'the motion of the model under the load of a bag'),
-    ('saddlering residual bags/static_70 --params params.yaml --out residual.parquet',
-     'measured minus simulated, sample by sample'),
-)
-
 KINDS = {'displacement': 'measured', 'simulate': 'simulated',
          'residual': 'measured minus simulated'}
 """What each command computes, in words."""
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommands."""
-    for name, words, description in (
-        ('displacement', 'compute the measured motion of the ring from a bag',
-         'Compute the motion of the ring from the four probe gaps, at the stamps of the load, as '
-         'the node ring_displacement does live.'),
-        ('simulate', 'simulate the ring under the load of a bag',
-         'Integrate the model of the ring under the load of a bag, as the node ring_simulator '
-         'does live.'),
-        ('residual', 'compute measured minus simulated motion for a bag',
-         'Subtract the simulated motion of the ring from the measured one where both have a '
-         'sample, as the node ring_residual does live.'),
-    ):
-        parser = subparsers.add_parser(name, help=words, description=description)
-        parser.add_argument('bag', type=arguments.bag_read, metavar='BAG',
-                            help='rosbag2 directory or .mcap file')
-        arguments.add_reading_options(parser)
-        if name != 'displacement':
-            arguments.add_parameter_options(parser)
-        parser.add_argument('--out', type=arguments.text_written, metavar='FILE',
-                            help='write the samples here (.csv or .parquet); - for CSV on stdout')
-        arguments.add_json_option(parser)
+def _command(
+    name: str, words: str, description: str, *examples: tuple[str, str],
+    model: tuple[AddOption, ...] = arguments.MODEL,
+) -> Command:
+    return Command(name, words, description, (
+        option('bag', 'rosbag2 directory or .mcap file', type=arguments.bag_read, metavar='BAG'),
+        *arguments.READING, *model,
+        option('--out', 'write the samples here (.csv or .parquet); - for CSV on stdout',
+               type=arguments.text_written, metavar='FILE'),
+        arguments.json_option()), examples)
+
+
+COMMANDS = (
+    _command(
+        'displacement', 'compute the measured motion of the ring from a bag',
+        'Compute the motion of the ring from the four probe gaps, at the stamps of the load, as '
+        'the node ring_displacement does live.',
+        ('saddlering displacement bags/static_50', 'the motion of the ring, in a few lines'),
+        ('saddlering displacement bags/static_50 --out ring.csv', 'every sample as a table'),
+        model=()),
+    _command(
+        'simulate', 'simulate the ring under the load of a bag',
+        'Integrate the model of the ring under the load of a bag, as the node ring_simulator does '
+        'live.',
+        ('saddlering simulate bags/static_70 --params params.yaml --out simulated.csv',
+         'the motion of the model under the load of a bag')),
+    _command(
+        'residual', 'compute measured minus simulated motion for a bag',
+        'Subtract the simulated motion of the ring from the measured one where both have a '
+        'sample, as the node ring_residual does live.',
+        ('saddlering residual bags/static_70 --params params.yaml --out residual.parquet',
+         'measured minus simulated, sample by sample')))
 
 
 def run(args: argparse.Namespace) -> int:

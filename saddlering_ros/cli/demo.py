@@ -8,7 +8,8 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import add_json_option, bags_below, folder_filled
+from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command, option
 from saddlering_ros.cli._terminal import Bar, tell_json
 from saddlering_ros.errors import BagError, SaddleringError
 
@@ -18,12 +19,6 @@ if TYPE_CHECKING:
     from saddlering_ros import Bag, DiagnosisResult, IdentificationResult
     from saddlering_ros.diagnosis.ring_wording import RunEntry
     from saddlering_ros.report.curves import Array, RunCurves
-
-EXAMPLES = (
-    ('saddlering demo --out out', 'all steps; then open out/report.html'),
-)
-UNTRIED = 'test/cli/test_demo.py runs it'
-"""Why no test types these examples."""
 
 IDENTIFY_AT = 50.0
 """Elevation [deg] of the published identification; the others verify."""
@@ -35,19 +30,19 @@ SCRATCH_PREFIX = 'saddlering_demo_run_'
 FOUND_BY = 'Before the diagnosis. The missing cause biases these contact parameters.'
 
 
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'demo', help='run all steps with live nodes, and write a report',
-        description='Identify the parameters from bags, replay another test through live nodes, '
-                    'diagnose what the simulation lacks, and verify the result by another '
-                    'replay. The folder then holds a report that opens offline.')
-    parser.add_argument('--out', type=folder_filled, default=Path('out'), metavar='DIR',
-                        help='folder for report, pictures, numbers, parameters (default: out)')
-    parser.add_argument('--bags', type=bags_below, metavar='DIR',
-                        help='folder of bags at two elevations (default: the shipped ones)')
-    add_json_option(parser, 'write all numbers as JSON; - for stdout (the steps then go to '
-                             'stderr)')
+COMMANDS = (Command(
+    'demo', 'run all steps with live nodes, and write a report',
+    'Identify the parameters from bags, replay another test through live nodes, diagnose what the '
+    'simulation lacks, and verify the result by another replay. The folder then holds a report '
+    'that opens offline.', (
+        option('--out', 'folder for report, pictures, numbers, parameters (default: out)',
+               type=arguments.folder_filled, default=Path('out'), metavar='DIR'),
+        option('--bags', 'folder of bags at two elevations (default: the shipped ones)',
+               type=arguments.bags_below, metavar='DIR'),
+        arguments.json_option('write all numbers as JSON; - for stdout (the steps then go to '
+                              'stderr)')),
+    (('saddlering demo --out out', 'all steps; then open out/report.html'),),
+    'test/cli/test_demo.py runs it'),)
 
 
 @dataclass(frozen=True)

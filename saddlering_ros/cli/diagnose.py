@@ -4,39 +4,30 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command, option
 from saddlering_ros.cli._terminal import Bar, finish
 
-EXAMPLES = (
-    ('saddlering diagnose bags/static_50 bags/dynamic_50 --hold-out bags/static_70 '
-     '--out extended.yaml --report report.html',
-     'name the missing cause, with a held-out run; write a report and parameters'),
-)
-
-
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'diagnose', help='name the cause that the simulation lacks',
-        description='Fit the model to the bags, and search the catalogue of effects for the '
-                    'cause of what is left. The verdict names a cause, states that several '
-                    'explain the misfit, or that none is known.')
-    arguments.add_bags_options(parser, 'runs to diagnose')
-    parser.add_argument('--hold-out', type=arguments.bag_read, nargs='+', default=[],
-                        metavar='BAG', help='held-out runs, on which the misfit reduction is '
-                        'measured')
-    parser.add_argument('--params', type=arguments.file_read, help='parameter file to start from')
-    arguments.add_json_option(parser, 'write the verdict as JSON; - for stdout')
-    arguments.add_report_option(parser)
-    parser.add_argument('--out', type=arguments.file_written,
-                        help='write the extended parameter file here')
-    parser.add_argument('--seed', type=int, default=0, help='seed of the base fit (default 0)')
-    parser.add_argument('--propose', type=arguments.folder_filled, metavar='DIR',
-                        help='folder for the effect file of a proposed law (default with --json '
-                             'FILE: FILE without its suffix, followed by _effects)')
-    arguments.add_effects_option(parser)
+COMMANDS = (Command(
+    'diagnose', 'name the cause that the simulation lacks',
+    'Fit the model to the bags, and search the catalogue of effects for the cause of what is '
+    'left. The verdict names a cause, states that several explain the misfit, or that none is '
+    'known.', (
+        arguments.bags_option('runs to diagnose'), *arguments.READING,
+        option('--hold-out', 'held-out runs, on which the misfit reduction is measured',
+               type=arguments.bag_read, nargs='+', default=[], metavar='BAG'),
+        option('--params', 'parameter file to start from', type=arguments.file_read),
+        arguments.json_option('write the verdict as JSON; - for stdout'), arguments.REPORT,
+        option('--out', 'write the extended parameter file here', type=arguments.file_written),
+        option('--seed', 'seed of the base fit (default 0)', type=int, default=0),
+        option('--propose', 'folder for the effect file of a proposed law (default with --json '
+               'FILE: FILE without its suffix, followed by _effects)',
+               type=arguments.folder_filled, metavar='DIR'),
+        arguments.EFFECTS), (
+        ('saddlering diagnose bags/static_50 bags/dynamic_50 --hold-out bags/static_70 '
+         '--out extended.yaml --report report.html',
+         'name the missing cause, with a held-out run; write a report and parameters'),)),)
 
 
 def run(args: argparse.Namespace) -> int:

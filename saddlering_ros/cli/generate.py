@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any, TYPE_CHECKING
 
-from saddlering_ros.cli._arguments import add_json_option, add_rig_option, file_read, file_written
+from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command, option, Within
 from saddlering_ros.cli._terminal import tell_json
 from saddlering_ros.errors import plain_number, VirtualRigError
 
@@ -14,78 +15,71 @@ if TYPE_CHECKING:
     from saddlering_ros.virtual_rig.recording import TestPlan
     from saddlering_ros.virtual_rig.schedule import Schedule
 
+def _effect_option(parser: argparse.ArgumentParser) -> argparse.Action:
+    """The option of an effect, with the completions that the shell offers after it."""
+    def effects(**_: object) -> list[str]:
+        from saddlering_ros.virtual_rig.effects import EFFECTS
 
-EXAMPLES = (
-    ('saddlering generate made/friction --test static --elevation 50 '
-     '--effect radial_friction=5000', 'a static test with a hidden friction of 5 kN'),
-    ('saddlering generate --list-effects', 'the effects that can be hidden'),
-)
+        return [f'{name}=' for name in sorted(EFFECTS)]
 
-
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'generate', help='record a test of the virtual rig as a bag',
-        description='Carry out a test on the virtual rig and record it as a bag.')
-    parser.add_argument('out', metavar='OUT', type=file_written, nargs='?', help='bag to write')
-    parser.add_argument('--test', choices=('static', 'dynamic'), help='kind of test')
-    parser.add_argument('--elevation', type=float, metavar='DEG', help='elevation of the barrel')
-    effect = parser.add_argument(
-        '--effect', action='append', default=[], metavar='NAME[.PARAM]=VALUE',
-        help='an effect to hide in the bag (SI units; may be repeated); NAME alone gives a '
-             'typical size on the rig; see --list-effects')
-    setattr(effect, 'completer', _effects)  # noqa: B010  # read by argcomplete
-    parser.add_argument('--form', action='append', default=[], metavar='NAME=FORM',
-                        help='physical form of an effect that has several')
-    parser.add_argument('--list-effects', action='store_true',
-                        help='list all effects, their parameters and forms')
-    parser.add_argument('--seed', type=int, default=0,
-                        help='seed of noise, jitter and offsets (default 0)')
-    parser.add_argument('--rig-seed', type=int, default=1,
-                        help='number of the rig; the same number gives the same rollers (default '
-                             '1)')
-    add_rig_option(parser)
-    parser.add_argument('--params', type=file_read,
-                        help='parameter file with the true contact law')
-    parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',
-                        help='one contact parameter, K1 n1 D1 K2 n2 D2, in SI units')
-    parser.add_argument('--noise', type=float, default=0.3, metavar='UM',
-                        help='rms noise of the probes in micrometres (default 0.3)')
-    parser.add_argument('--load-noise', type=float, metavar='N',
-                        help='rms white noise of the load cell (default: 0.02 %% of full scale)')
-    parser.add_argument('--gap-scatter', type=float, default=0.7, metavar='UM',
-                        help="rms difference of the rollers' gaps in micrometres (default 0.7)")
-    parser.add_argument('--stiffness-scatter', type=float, default=2.0, metavar='PERCENT',
-                        help="rms difference of the rollers' stiffness (default 2)")
-    parser.add_argument('--rate', type=float, metavar='HZ',
-                        help='sample rate (default 50 static, 1000 dynamic)')
-    parser.add_argument('--probe-rate', type=float, metavar='HZ',
-                        help='sample rate of the probes (default: that of the load)')
-    parser.add_argument('--duration', type=float, metavar='S',
-                        help='length of a dynamic test at normal speed (default 10)')
-    parser.add_argument('--speed', type=float, metavar='FACTOR',
-                        help='factor of the speed of a dynamic ramp (default 1)')
-    parser.add_argument('--hold', type=float, metavar='S',
-                        help='time per static step (default 5), or at the peak (default 0)')
-    parser.add_argument('--load-step', type=float, metavar='LOAD',
-                        help='step of a static test, in the unit of the rig file, rig.force_unit '
-                             '(default: a 25th of full scale)')
-    parser.add_argument('--peak', type=float, metavar='LOAD',
-                        help='highest load, in the unit of the rig file (default: full scale)')
-    parser.add_argument('--lowest', type=float, metavar='LOAD',
-                        help='load at both ends, in the unit of the rig file (default: its '
-                             'preload)')
-    parser.add_argument('--cycles', type=int, default=1, help='number of load cycles (default 1)')
-    parser.add_argument('--run-name', default='', help='free text for the bag')
-    parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
-    add_json_option(parser)
+    effect = option(
+        '--effect', 'an effect to hide in the bag (SI units; may be repeated); NAME alone gives a '
+        'typical size on the rig; see --list-effects', action='append', default=[],
+        metavar='NAME[.PARAM]=VALUE')(parser)
+    setattr(effect, 'completer', effects)  # noqa: B010  # read by argcomplete
+    return effect
 
 
-def _effects(**_: object) -> list[str]:
-    """Completions that the shell offers after --effect."""
-    from saddlering_ros.virtual_rig.effects import EFFECTS
-
-    return [f'{name}=' for name in sorted(EFFECTS)]
+COMMANDS = (Command(
+    'generate', 'record a test of the virtual rig as a bag',
+    'Carry out a test on the virtual rig and record it as a bag.', (
+        option('out', 'bag to write', metavar='OUT', type=arguments.file_written, nargs='?'),
+        option('--test', 'kind of test', choices=('static', 'dynamic')),
+        option('--elevation', 'elevation of the barrel', type=Within(float, -10.0, 90.0),
+               metavar='DEG'),
+        _effect_option,
+        option('--form', 'physical form of an effect that has several', action='append',
+               default=[], metavar='NAME=FORM'),
+        option('--list-effects', 'list all effects, their parameters and forms',
+               action='store_true'),
+        option('--seed', 'seed of noise, jitter and offsets (default 0)', type=Within(int, 0),
+               default=0),
+        option('--rig-seed', 'number of the rig; the same number gives the same rollers (default '
+               '1)', type=Within(int, 0), default=1),
+        arguments.RIG,
+        option('--params', 'parameter file with the true contact law', type=arguments.file_read),
+        option('--set', 'one contact parameter, K1 n1 D1 K2 n2 D2, in SI units', action='append',
+               default=[], metavar='NAME=VALUE'),
+        option('--noise', 'rms noise of the probes in micrometres (default 0.3)',
+               type=Within(float, 0.0, 1e4), default=0.3, metavar='UM'),
+        option('--load-noise', 'rms white noise of the load cell (default: 0.02 %% of full scale)',
+               type=Within(float, 0.0, 1e4), metavar='N'),
+        option('--gap-scatter', "rms difference of the rollers' gaps in micrometres (default 0.7)",
+               type=Within(float, 0.0, 1e4), default=0.7, metavar='UM'),
+        option('--stiffness-scatter', "rms difference of the rollers' stiffness (default 2)",
+               type=Within(float, 0.0, 1e4), default=2.0, metavar='PERCENT'),
+        option('--rate', 'sample rate (default 50 static, 1000 dynamic)', type=float,
+               metavar='HZ'),
+        option('--probe-rate', 'sample rate of the probes (default: that of the load)', type=float,
+               metavar='HZ'),
+        option('--duration', 'length of a dynamic test at normal speed (default 10)', type=float,
+               metavar='S'),
+        option('--speed', 'factor of the speed of a dynamic ramp (default 1)', type=float,
+               metavar='FACTOR'),
+        option('--hold', 'time per static step (default 5), or at the peak (default 0)',
+               type=float, metavar='S'),
+        option('--load-step', 'step of a static test, in the unit of the rig file, rig.force_unit '
+               '(default: a 25th of full scale)', type=float, metavar='LOAD'),
+        option('--peak', 'highest load, in the unit of the rig file (default: full scale)',
+               type=float, metavar='LOAD'),
+        option('--lowest', 'load at both ends, in the unit of the rig file (default: its preload)',
+               type=float, metavar='LOAD'),
+        option('--cycles', 'number of load cycles (default 1)', type=int, default=1),
+        option('--run-name', 'free text for the bag', default=''),
+        arguments.OVERWRITE, arguments.json_option()), (
+        ('saddlering generate made/friction --test static --elevation 50 '
+         '--effect radial_friction=5000', 'a static test with a hidden friction of 5 kN'),
+        ('saddlering generate --list-effects', 'the effects that can be hidden'))),)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -125,19 +119,10 @@ def _plan(args: argparse.Namespace) -> TestPlan:
     from saddlering_ros.virtual_rig.physics import PhysicalRig
     from saddlering_ros.virtual_rig.recording import Instruments, TestPlan
 
-    if not -10.0 <= args.elevation <= 90.0:
-        raise VirtualRigError(f'elevation is {args.elevation:g}: give degrees from -10 to 90')
     rig = load_rig(args.rig)
     load_noise = args.load_noise
     if load_noise is None:
         load_noise = Instruments.load_noise * rig.full_scale_load / FULL_SCALE_LOAD
-    noises = {'noise': args.noise, 'load-noise': load_noise, 'gap-scatter': args.gap_scatter,
-              'stiffness-scatter': args.stiffness_scatter}
-    for name, value in noises.items():
-        if not 0.0 <= value < 1e4:
-            raise VirtualRigError(f'--{name} is {value:g}: give a number from 0 up')
-    if args.seed < 0 or args.rig_seed < 0:
-        raise VirtualRigError('a seed is below zero: give a whole number from 0 up')
     physical = PhysicalRig(
         rig, _contact(args), math.radians(args.elevation),
         parse_requests(args.effect, args.form, rig),

@@ -3,48 +3,38 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command, option
 from saddlering_ros.cli._terminal import Bar, finish
 from saddlering_ros.errors import plain_number
 
-EXAMPLES = (
-    ('saddlering identify bags/static_50 bags/dynamic_50 --out params.yaml',
-     'contact parameters with their uncertainty'),
-    ('saddlering identify bags/static_50 bags/dynamic_50 --method paper --seed 3',
-     'by the published two-step swarm'),
-)
-
-
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'identify', help='identify the contact parameters from bags',
-        description='Fit the six contact parameters to static and dynamic tests, and print '
-                    'them with their uncertainty. The parameter file is read by simulator, '
-                    'nodes and diagnosis.')
-    arguments.add_bags_options(parser, 'runs to fit, static and dynamic')
-    parser.add_argument('--method', default='default', choices=('default', 'paper'),
-                        help="'paper': two swarm steps as published; 'default': joint fit of all")
-    parser.add_argument('--out', type=arguments.file_written, help='write the parameter file here')
-    arguments.add_json_option(parser, 'write all figures as JSON; - for stdout')
-    arguments.add_report_option(parser)
-    parser.add_argument('--seed', type=int, default=0, help='seed of the swarm (default 0)')
-    parser.add_argument('--bounds', nargs='+', default=[], metavar='NAME=LOW:HIGH',
-                        help='bounds of a parameter in SI units, e.g. K1=2e7:1e9')
-    parser.add_argument('--particles', type=int, default=20, help='size of the swarm (default 20)')
-    parser.add_argument('--iterations', type=int, default=50,
-                        help='most steps of the swarm (default 50)')
-    parser.add_argument('--accuracy', type=float, metavar='J',
-                        help='the swarm stops when its best objective is at most this')
-    parser.add_argument('--stagnation', type=int, metavar='N',
-                        help='the swarm stops after N iterations without progress')
-    parser.add_argument('--log-stiffness', action='store_true',
-                        help="search K on a logarithmic scale in the paper's method too")
-    parser.add_argument('--use-delta-y', action='store_true',
-                        help="use delta_y in the paper's method too")
-    parser.add_argument('--profiles', action='store_true', help='also compute profile likelihoods')
+COMMANDS = (Command(
+    'identify', 'identify the contact parameters from bags',
+    'Fit the six contact parameters to static and dynamic tests, and print them with their '
+    'uncertainty. The parameter file is read by simulator, nodes and diagnosis.', (
+        arguments.bags_option('runs to fit, static and dynamic'), *arguments.READING,
+        option('--method', "'paper': two swarm steps as published; 'default': joint fit of all",
+               default='default', choices=('default', 'paper')),
+        option('--out', 'write the parameter file here', type=arguments.file_written),
+        arguments.json_option('write all figures as JSON; - for stdout'), arguments.REPORT,
+        option('--seed', 'seed of the swarm (default 0)', type=int, default=0),
+        option('--bounds', 'bounds of a parameter in SI units, e.g. K1=2e7:1e9', nargs='+',
+               default=[], metavar='NAME=LOW:HIGH'),
+        option('--particles', 'size of the swarm (default 20)', type=int, default=20),
+        option('--iterations', 'most steps of the swarm (default 50)', type=int, default=50),
+        option('--accuracy', 'the swarm stops when its best objective is at most this', type=float,
+               metavar='J'),
+        option('--stagnation', 'the swarm stops after N iterations without progress', type=int,
+               metavar='N'),
+        option('--log-stiffness', "search K on a logarithmic scale in the paper's method too",
+               action='store_true'),
+        option('--use-delta-y', "use delta_y in the paper's method too", action='store_true'),
+        option('--profiles', 'also compute profile likelihoods', action='store_true')), (
+        ('saddlering identify bags/static_50 bags/dynamic_50 --out params.yaml',
+         'contact parameters with their uncertainty'),
+        ('saddlering identify bags/static_50 bags/dynamic_50 --method paper --seed 3',
+         'by the published two-step swarm'))),)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command, option
 from saddlering_ros.cli._terminal import Bar, tell_json
 from saddlering_ros.errors import printable
 
@@ -18,36 +19,28 @@ if TYPE_CHECKING:
 MIN_MOTION = 0.5e-6
 """The noise of an eddy-current probe alone spans more than this [m] in a test (0.3 um rms)."""
 
-EXAMPLES = (
-    ('saddlering import docs/data/static_30.csv --draft',
-     'the content of a file, and a draft of its map'),
-    ('saddlering import docs/data/static_30.csv --map docs/data/map_static_30.yaml '
-     '--rig docs/data/rig.yaml --out measured/static_30 --preview measured/static_30.png',
-     'the file as a bag, with a figure'),
-)
-
-
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'import', help='convert files of a data logger to a bag',
-        description='Write measured files as a bag, by a map of columns to channels (MAP.yaml). '
-                    'Units are stated in the map, never guessed.')
-    parser.add_argument('files', nargs='+', type=arguments.file_read, metavar='FILE',
-                        help='measured files')
-    parser.add_argument('--map', type=arguments.file_read, metavar='MAP.yaml',
-                        help='the map: column and unit of each channel')
-    parser.add_argument('--out', type=arguments.file_written, metavar='BAG',
-                        help='the bag to write; a folder of bags if the map splits runs')
-    parser.add_argument('--draft', action='store_true',
-                        help='print the content of the files and a draft of the map, which --map '
-                             'receives')
-    arguments.add_rig_option(
-        parser, 'rig file: its hash goes into the bag, its probes give the range')
-    parser.add_argument('--preview', type=arguments.file_written, metavar='FILE.png',
-                        help='write a figure of load and gaps over time')
-    arguments.add_json_option(parser)
-    parser.add_argument('--overwrite', action='store_true', help='replace a bag at --out')
+COMMANDS = (Command(
+    'import', 'convert files of a data logger to a bag',
+    'Write measured files as a bag, by a map of columns to channels (MAP.yaml). Units are stated '
+    'in the map, never guessed.', (
+        option('files', 'measured files', nargs='+', type=arguments.file_read, metavar='FILE'),
+        option('--map', 'the map: column and unit of each channel', type=arguments.file_read,
+               metavar='MAP.yaml'),
+        option('--out', 'the bag to write; a folder of bags if the map splits runs',
+               type=arguments.file_written, metavar='BAG'),
+        option('--draft', 'print the content of the files and a draft of the map, which --map '
+               'receives', action='store_true'),
+        option('--rig', 'rig file: its hash goes into the bag, its probes give the range',
+               type=arguments.file_read),
+        option('--preview', 'write a figure of load and gaps over time',
+               type=arguments.file_written, metavar='FILE.png'),
+        arguments.json_option(),
+        option('--overwrite', 'replace a bag at --out', action='store_true')), (
+        ('saddlering import docs/data/static_30.csv --draft',
+         'the content of a file, and a draft of its map'),
+        ('saddlering import docs/data/static_30.csv --map docs/data/map_static_30.yaml '
+         '--rig docs/data/rig.yaml --out measured/static_30 --preview measured/static_30.png',
+         'the file as a bag, with a figure'))),)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -90,10 +83,9 @@ def _import(args: argparse.Namespace) -> int:
     from saddlering_ros.files import spare_files
 
     named = [(table, f'table {table}') for table in mapping.tables]
-    for option in ('out', 'json', 'preview'):
-        given = getattr(args, option)
+    for name, given in (('out', args.out), ('json', args.json), ('preview', args.preview)):
         if given is not None and str(given) != '-':
-            spare_files(Path(given), f'--{option} {given}', named)
+            spare_files(Path(given), f'--{name} {given}', named)
     rig = load_rig(args.rig) if args.rig is not None else None
     shown = rig or load_rig()
     with Bar() as bar:

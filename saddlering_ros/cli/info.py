@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command
 from saddlering_ros.cli._terminal import Bar, show_table, stdout_console, tell_json
 from saddlering_ros.errors import BagError, printable
 
@@ -13,24 +14,15 @@ if TYPE_CHECKING:
     from saddlering_ros.bags import BagInfo, TopicInfo
     from saddlering_ros.rig import Rig
 
-
-EXAMPLES = (
-    ('saddlering info bags/static_50', 'the content of a bag and its faults'),
-    ('saddlering info bags/static_50 bags/dynamic_50 --json -', 'the same for a program'),
-)
-
-
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'info', help='show the content of a bag and its faults',
-        description='Print the test, the topics with their rates and ranges, and every fault '
-                    'of each bag. Status 2 if a bag cannot be used.')
-    parser.add_argument('bags', type=arguments.bag_read, nargs='+', metavar='BAG',
-                        help='rosbag2 directory or .mcap file')
-    arguments.add_fact_options(parser)
-    arguments.add_rig_option(parser)
-    arguments.add_json_option(parser, 'write all figures as JSON; - for stdout')
+COMMANDS = (Command(
+    'info', 'show the content of a bag and its faults',
+    'Print the test, the topics with their rates and ranges, and every fault of each bag. Status '
+    '2 if a bag cannot be used.', (
+        arguments.bags_option('rosbag2 directory or .mcap file'), *arguments.METADATA,
+        arguments.RIG, arguments.json_option('write all figures as JSON; - for stdout')), (
+        ('saddlering info bags/static_50', 'the content of a bag and its faults'),
+        ('saddlering info bags/static_50 bags/dynamic_50 --json -',
+         'the same for a program'))),)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -46,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     for bag in args.bags:
         try:
             with Bar() as bar:
-                info = bag_info(bag, test=args.test, elevation=arguments.radians(args.elevation),
+                info = bag_info(bag, test=args.test, elevation=arguments.elevation_of(args),
                                 rig=rig, on_progress=bar.reading(bag))
         except BagError as problem:
             problems.append(str(problem))

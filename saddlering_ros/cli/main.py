@@ -57,50 +57,37 @@ EXAMPLES = (
 
 
 def subcommand_modules() -> list[ModuleType]:
-    """Return the modules of this folder that define a subcommand, by name."""
+    """Return the modules of this folder that define subcommands, by name."""
     names = sorted(module.name for module in pkgutil.iter_modules(cli.__path__))
-    modules = [
-        importlib.import_module(f'{cli.__name__}.{name}')
-        for name in names
-        if name != 'main' and not name.startswith('_')
-    ]
-    return [module for module in modules if hasattr(module, 'add_parser')]
+    return [importlib.import_module(f'{cli.__name__}.{name}') for name in names
+            if name != 'main' and not name.startswith('_')]
 
 
-def examples_of(module: ModuleType, name: str) -> list[tuple[str, str]]:
-    """The examples of one command among those of its module."""
-    return [(line, words) for line, words in getattr(module, 'EXAMPLES', ())
-            if line.split()[1] == name]
-
-
-def build_parser() -> tuple[arguments.OneLineParser, dict[str, ModuleType]]:
-    """Return the parser, and the module of each subcommand."""
+def build_parser() -> tuple[arguments.OneLineParser, dict[str, tuple[arguments.Command, Run]]]:
+    """Return the parser, and each subcommand by its name with the function that runs it."""
     parser = arguments.OneLineParser(
         prog='saddlering',
         description='Test rig, simulator and diagnosis of a saddle ring.',
         epilog=arguments.examples_text(EXAMPLES),
     )
     parser.add_argument('--version', action=_Version, help='show the version and exit')
-    _add_traceback(parser, default=False)
+    parser.add_argument('--traceback', action='store_true', help=arguments.TRACEBACK_WORDS)
     subparsers = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
-    modules: dict[str, ModuleType] = {}
+    commands: dict[str, tuple[arguments.Command, Run]] = {}
     for module in subcommand_modules():
-        before = set(subparsers.choices)
-        module.add_parser(subparsers)
-        for name in set(subparsers.choices) - before:
-            modules[name] = module
-            subparser = subparsers.choices[name]
-            subparser.epilog = arguments.examples_text(examples_of(module, name))
-            subparser.set_defaults(path_arguments=subparser.path_arguments())
-            _add_traceback(subparser, default=argparse.SUPPRESS)
-    return parser, modules
+        for command in module.COMMANDS:
+            command.add_to(subparsers)
+            commands[command.name] = command, module.run
+    return parser, commands
 
 
 def run_reporting(run: Run, args: argparse.Namespace) -> int:
     """Run one subcommand; print an error as one line; return the exit status."""
     try:
-        _take_rig_of_project(args)
-        arguments.check_files(args, getattr(args, 'path_arguments', ()))
+        if getattr(args, 'rig', '') is None and os.environ.get('SADDLERING_RIG'):
+            _take_rig_of_project(args)
+        arguments.check_ranges(args)
+        arguments.check_files(args)
         status = run(args)
         sys.stdout.flush()
         return status
@@ -126,12 +113,11 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
 
 def _take_rig_of_project(args: argparse.Namespace) -> None:
     """Give a command without --rig the rig file of the project, and name it on standard error."""
-    if getattr(args, 'rig', '') is None and os.environ.get('SADDLERING_RIG'):
-        from saddlering_ros.rig import load_rig, rig_file_of_project, short_digest
+    from saddlering_ros.rig import load_rig, rig_file_of_project, short_digest
 
-        args.rig = rig_file_of_project()
-        print(f'saddlering {args.command}: rig: {args.rig} (SADDLERING_RIG), hash '
-              f'{short_digest(load_rig(args.rig).digest)}', file=sys.stderr)
+    args.rig = rig_file_of_project()
+    print(f'saddlering {args.command}: rig: {args.rig} (SADDLERING_RIG), hash '
+          f'{short_digest(load_rig(args.rig).digest)}', file=sys.stderr)
 
 
 def open_closed_streams() -> None:
@@ -165,7 +151,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print_any_text()
     leave_by_exception()
     try:
-        parser, modules = build_parser()
+        parser, commands = build_parser()
         if '_ARGCOMPLETE' in os.environ:  # the shell asks for completions of this line
             import argcomplete
 
@@ -173,7 +159,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = parser.parse_args(argv)
         words = sys.argv[1:] if argv is None else argv
         args.command_line = shlex.join(['saddlering', *map(str, words)])
-        return run_reporting(modules[args.command].run, args)
+        return run_reporting(commands[args.command][1], args)
     except KeyboardInterrupt:
         return INTERRUPTED
 
@@ -224,21 +210,12 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def _add_traceback(parser: argparse.ArgumentParser, default: object) -> None:
-    parser.add_argument('--traceback', action='store_true', default=default,
-                        help='show the place in the code where an error occurred')
-
-
-def _one_line(message: str) -> str:
-    return printable(' '.join(message.split()))
-
-
 def _complain(message: str, status: int, args: argparse.Namespace) -> int:
     if args.traceback:
         import traceback
         traceback.print_exc()
-    line = _one_line(arguments.in_options(message))
-    print(f'saddlering {args.command}: {line}', file=sys.stderr)
+    line = ' '.join(arguments.in_options(message).split())
+    print(f'saddlering {args.command}: {printable(line)}', file=sys.stderr)
     return status
 
 

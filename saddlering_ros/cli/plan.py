@@ -3,40 +3,32 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command, option, Within
 from saddlering_ros.cli._terminal import Bar, show_table, stdout_console, tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.diagnosis.plan import Plan
 
-EXAMPLES = (
-    ('saddlering plan --test static:50 --test dynamic:50',
-     'what a static and a dynamic test could find, and the test to add'),
-)
-
-
-UNTRIED = 'it simulates every test that could be added: half a minute'
-
-
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'plan', help='compute what given tests could find, before they are made',
-        description='Compute what tests could find before they are made: the smallest size of '
-                    'each cause, its look-alikes, the accuracy of K, n and D, and the best '
-                    'further test. Without --test, the four tests that find most on this rig.')
-    parser.add_argument('--test', action='append', default=[], metavar='KIND:ELEVATION',
-                        help='a test, such as static:50; kinds: static, dynamic, fast, slow, '
-                             'cycles; may be given several times')
-    arguments.add_rig_option(parser)
-    arguments.add_trust_option(parser)
-    parser.add_argument('--params', type=arguments.file_read,
-                        help='parameter file of the ring (default: the true-to-scale values)')
-    parser.add_argument('--noise', type=float, default=0.3, metavar='UM',
-                        help='standard deviation of a reading of a probe [um] (default 0.3)')
-    arguments.add_json_option(parser, 'write the plan as JSON; - for stdout')
+COMMANDS = (Command(
+    'plan', 'compute what given tests could find, before they are made',
+    'Compute what tests could find before they are made: the smallest size of each cause, its '
+    'look-alikes, the accuracy of K, n and D, and the best further test. Without --test, the four '
+    'tests that find most on this rig.', (
+        option('--test', 'a test, such as static:50; kinds: static, dynamic, fast, slow, cycles; '
+               'may be given several times', action='append', default=[],
+               metavar='KIND:ELEVATION'),
+        arguments.RIG, arguments.TRUST,
+        option('--params', 'parameter file of the ring (default: the true-to-scale values)',
+               type=arguments.file_read),
+        option('--noise', 'standard deviation of a reading of a probe [um] (default 0.3)',
+               type=Within(float, 1e-3, 100.0, ' micrometres'), default=0.3, metavar='UM'),
+        arguments.json_option('write the plan as JSON; - for stdout')), (
+        ('saddlering plan --test static:50 --test dynamic:50',
+         'what a static and a dynamic test could find, and the test to add'),),
+    'it simulates every test that could be added: half a minute'),)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -48,8 +40,6 @@ def run(args: argparse.Namespace) -> int:
     tests = [planned_test(text) for text in args.test]
     if len(set(tests)) < len(tests):
         raise PlanError('--test is given twice for the same test: give each test once')
-    if not 1e-3 <= args.noise <= 100.0:
-        raise PlanError(f'--noise {args.noise:g}: give micrometres from 0.001 to 100')
     contact = TRUE_TO_SCALE if args.params is None else arguments.read_model(args)[1].contact
     with Bar() as bar:
         plan = plan_tests(load_rig(args.rig), tests, contact, noise=1e-6 * args.noise,

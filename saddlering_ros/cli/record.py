@@ -3,40 +3,31 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command, option, Within
 from saddlering_ros.cli._terminal import tell_json
 from saddlering_ros.errors import BagError
 
-EXAMPLES = (
-    ('saddlering record test_17 --test static --elevation 50',
-     'a test on the rig that can be identified and diagnosed'),
-)
-UNTRIED = 'records until it is ended'
-"""Why no test types these examples."""
-
-
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'record', help='record the rig and the live results into a bag',
-        description='Record load, probes, displacement, simulation, residual, parameters in force '
-                    'and diagnostics as a rosbag2 bag (MCAP with its message definitions inside, '
-                    'so that PlotJuggler, Foxglove and ros2 bag read it without this package), '
-                    'until Ctrl-C or for --duration.')
-    parser.add_argument('out', type=arguments.file_written, metavar='OUT', help='bag to write')
-    parser.add_argument('--test', choices=('static', 'dynamic'),
-                        help='kind of test, kept in the bag (with --elevation, the bag can be '
-                             'identified and diagnosed)')
-    parser.add_argument('--elevation', type=float, metavar='DEG',
-                        help='elevation of the barrel in degrees, kept in the bag')
-    arguments.add_rig_option(parser, 'rig file, whose hash the bag then states (default: that of '
-                           'SADDLERING_RIG, or the rig of the nodes that run meanwhile)')
-    parser.add_argument('--duration', type=float, metavar='S', help='end after this time [s]')
-    arguments.add_network_options(parser)
-    parser.add_argument('--overwrite', action='store_true', help='replace an existing bag')
-    arguments.add_json_option(parser)
+COMMANDS = (Command(
+    'record', 'record the rig and the live results into a bag',
+    'Record load, probes, displacement, simulation, residual, parameters in force and diagnostics '
+    'as a rosbag2 bag (MCAP with its message definitions inside, so that PlotJuggler, Foxglove '
+    'and ros2 bag read it without this package), until Ctrl-C or for --duration.', (
+        option('out', 'bag to write', type=arguments.file_written, metavar='OUT'),
+        option('--test', 'kind of test, kept in the bag (with --elevation, the bag can be '
+               'identified and diagnosed)', choices=('static', 'dynamic')),
+        option('--elevation', 'elevation of the barrel in degrees, kept in the bag', type=float,
+               metavar='DEG'),
+        option('--rig', 'rig file, whose hash the bag then states (default: that of '
+               'SADDLERING_RIG, or the rig of the nodes that run meanwhile)',
+               type=arguments.file_read),
+        option('--duration', 'end after this time [s]',
+               type=Within(float, 1e-3, 1e6, ' seconds'), metavar='S'),
+        *arguments.NETWORK, arguments.OVERWRITE, arguments.json_option()), (
+        ('saddlering record test_17 --test static --elevation 50',
+         'a test on the rig that can be identified and diagnosed'),),
+    'records until it is ended'),)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,8 +43,6 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.ros.names import namespace_of
 
     facts = facts_of(args)
-    if args.duration is not None and not 0.0 < args.duration < 1e6:
-        raise BagError(f'--duration {args.duration:g}: give seconds above 0')
     domain = arguments.domain_of(args)
     prepare_transport()
     told_to_end = threading.Event()

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command, option, Within
 from saddlering_ros.cli._terminal import Bar, tell_json
 
 RECORDER = 'saddlering_recorder'
@@ -23,42 +24,31 @@ the limits of the step [s]: those of replay_clock."""
 LAST_MESSAGES = 5.0
 """How long the last messages may take to the recorder [s]."""
 
-
-EXAMPLES = (
-    ('saddlering replay bags/dynamic_50 --params params.yaml', 'to live nodes, in real time'),
-    ('saddlering replay bags/dynamic_50 --params params.yaml --rate 0 --record replayed',
-     'as fast as possible, with all results in a new bag'),
-)
-UNTRIED = 'test/cli/test_numbers_out.py replays a bag and records it'
-"""Why no test types these examples."""
-
-
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'replay', help='replay a bag through the live nodes',
-        description='Start the replay, displacement, simulator and residual nodes for a bag, and '
-        'end them with the bag. Other programs of the same ROS domain receive all topics.')
-    parser.add_argument('bag', type=arguments.bag_read, metavar='BAG', help='the bag to replay')
-    parser.add_argument('--params', type=arguments.file_read,
-                        help='contact parameters to simulate with')
-    arguments.add_rig_option(parser)
-    arguments.add_trust_option(parser)
-    parser.add_argument('--elevation', type=float, metavar='DEG',
-                        help='elevation of the test (default: that of the bag)')
-    parser.add_argument('--rate', type=float, default=1.0,
-                        help='speed; 1 is real time, 0 as fast as the nodes follow (default 1)')
-    arguments.add_network_options(parser)
-    parser.add_argument('--record', type=arguments.file_written, metavar='OUT',
-                        help='record all topics and results into this bag (lossless: the replay '
-                             'waits for the recorder)')
-    parser.add_argument('--overwrite', action='store_true',
-                        help='replace an existing bag with --record')
-    parser.add_argument('--alarm', action='store_true',
-                        help='start ring_alarm too, which watches the residual')
-    arguments.add_json_option(parser)
-    parser.add_argument('--log', type=arguments.folder_filled, metavar='FOLDER',
-                        help='folder for the logs of the nodes')
+COMMANDS = (Command(
+    'replay', 'replay a bag through the live nodes',
+    'Start the replay, displacement, simulator and residual nodes for a bag, and end them with '
+    'the bag. Other programs of the same ROS domain receive all topics.', (
+        option('bag', 'the bag to replay', type=arguments.bag_read, metavar='BAG'),
+        option('--params', 'contact parameters to simulate with', type=arguments.file_read),
+        arguments.RIG, arguments.TRUST,
+        option('--elevation', 'elevation of the test (default: that of the bag)', type=float,
+               metavar='DEG'),
+        option('--rate', 'speed; 1 is real time, 0 as fast as the nodes follow (default 1)',
+               type=Within(float, 0.0, 100.0), default=1.0),
+        *arguments.NETWORK,
+        option('--record', 'record all topics and results into this bag (lossless: the replay '
+               'waits for the recorder)', type=arguments.file_written, metavar='OUT'),
+        option('--overwrite', 'replace an existing bag with --record', action='store_true'),
+        option('--alarm', 'start ring_alarm too, which watches the residual',
+               action='store_true'),
+        arguments.json_option(),
+        option('--log', 'folder for the logs of the nodes', type=arguments.folder_filled,
+               metavar='FOLDER')), (
+        ('saddlering replay bags/dynamic_50 --params params.yaml',
+         'to live nodes, in real time'),
+        ('saddlering replay bags/dynamic_50 --params params.yaml --rate 0 --record replayed',
+         'as fast as possible, with all results in a new bag')),
+    'test/cli/test_numbers_out.py replays a bag and records it'),)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -83,7 +73,7 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
     from saddlering_ros.record.topics import LOAD_TOPIC
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.launcher import ALARM_NODES, REPLAY_NODES, RING_NODES, start_nodes
-    from saddlering_ros.ros.names import namespace_of, NodeError
+    from saddlering_ros.ros.names import namespace_of
 
     rig, bag = load_rig(args.rig), Path(args.bag)
     record = read_raw(bag, rig=rig)
@@ -96,8 +86,6 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
         simulator['parameters_file'] = str(args.params)
     if args.elevation is not None:
         simulator['elevation_deg'] = args.elevation
-    if not 0.0 <= args.rate <= 100.0:
-        raise NodeError(f'--rate {args.rate:g}: give 0 (as fast as possible) to 100')
     domain = arguments.domain_of(args)
     length = (record.stop - record.start) / 1e9
     clock: dict[str, Any] = dict(trusted)

@@ -4,42 +4,35 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command, option
 from saddlering_ros.cli._terminal import tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.rig import Rig
 
-
-EXAMPLES = (
-    ('saddlering rig --draft my_rig.yaml --set axial_rows.rollers=48 '
-     '--set full_scale_load=98066.5', 'a rig file to complete, and a drawing of this ring'),
-    ('saddlering rig --check bags/static_50', 'contradictions between a bag and the rig file'),
-)
-
-
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'rig', help='write, draw or check a rig file',
-        description='Write a commented rig file and a drawing of its ring, draw an existing rig '
-                    'file, or compare bags with a rig file.')
-    arguments.add_rig_option(parser)
-    parser.add_argument('--draft', type=arguments.file_written, nargs='?', const=Path('rig.yaml'),
-                        metavar='FILE.yaml',
-                        help='write a commented rig file (default rig.yaml) and, beside it, its '
-                             'drawing as SVG')
-    parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',
-                        help='an entry of the draft in SI units, like axial_rows.rollers=48 (may '
-                             'be repeated)')
-    parser.add_argument('--drawing', type=arguments.file_written, metavar='FILE',
-                        help='write the drawing here (.svg, .png or .pdf)')
-    parser.add_argument('--check', type=arguments.bag_read, nargs='+', default=[], metavar='BAG',
-                        help='print the contradictions between these bags and the rig file')
-    arguments.add_fact_options(parser)
-    arguments.add_json_option(parser, 'write the rig and the findings as JSON; - for stdout')
+COMMANDS = (Command(
+    'rig', 'write, draw or check a rig file',
+    'Write a commented rig file and a drawing of its ring, draw an existing rig file, or compare '
+    'bags with a rig file.', (
+        arguments.RIG,
+        option('--draft', 'write a commented rig file (default rig.yaml) and, beside it, its '
+               'drawing as SVG', type=arguments.file_written, nargs='?', const=Path('rig.yaml'),
+               metavar='FILE.yaml'),
+        option('--set', 'an entry of the draft in SI units, like axial_rows.rollers=48 (may be '
+               'repeated)', action='append', default=[], metavar='NAME=VALUE'),
+        option('--drawing', 'write the drawing here (.svg, .png or .pdf)',
+               type=arguments.file_written, metavar='FILE'),
+        option('--check', 'print the contradictions between these bags and the rig file',
+               type=arguments.bag_read, nargs='+', default=[], metavar='BAG'),
+        *arguments.METADATA,
+        arguments.json_option('write the rig and the findings as JSON; - for stdout')), (
+        ('saddlering rig --draft my_rig.yaml --set axial_rows.rollers=48 '
+         '--set full_scale_load=98066.5', 'a rig file to complete, and a drawing of this ring'),
+        ('saddlering rig --check bags/static_50',
+         'contradictions between a bag and the rig file'))),)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -59,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 
         save_drawing(args.drawing, rig, 50.0 if args.elevation is None else args.elevation)
         written.append(args.drawing)
-    found = {bag: contradictions(bag, rig, args.test, arguments.radians(args.elevation))
+    found = {bag: contradictions(bag, rig, args.test, arguments.elevation_of(args))
              for bag in args.check}
     doubts = sum(len(lines) for lines in found.values())
     if not tell_json(args, {'rig_hash': rig.digest, 'written': [str(path) for path in written],

@@ -6,6 +6,7 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
+from saddlering_ros.cli._arguments import Command, option
 from saddlering_ros.cli._terminal import Bar, tell_json
 
 if TYPE_CHECKING:
@@ -14,29 +15,21 @@ if TYPE_CHECKING:
 MATERIALITY_PERCENT = 2.0
 """Share of the range from preload to full scale that a residual may have without an alarm [%]."""
 
-EXAMPLES = (
-    ('saddlering watch bags/dynamic_70 --params params.yaml',
-     'whether, when and in which channel a test raises the alarm'),
-)
-
-
-def add_parser(subparsers: Any) -> None:
-    """Declare the subcommand."""
-    parser = subparsers.add_parser(
-        'watch', help='find the moment when a recorded ring leaves its model',
-        description='Replay the residual of each bag through the detector of the node '
-                    'ring_alarm, and print whether, when and in which channel it raises an '
-                    'alarm.')
-    arguments.add_bags_options(
-        parser, 'rosbag2 directories or .mcap files; each bag is watched separately')
-    arguments.add_parameter_options(parser)
-    parser.add_argument('--materiality', type=float, default=MATERIALITY_PERCENT,
-                        metavar='PERCENT', help='residual that is allowed without an alarm, in '
-                        'percent of the range from preload to full scale (default '
-                        f'{MATERIALITY_PERCENT:g})')
-    parser.add_argument('--false-alarm-hours', type=float, default=1000.0, metavar='H',
-                        help='mean time between false alarms, in hours of testing (default 1000)')
-    arguments.add_json_option(parser, 'write the result as JSON; - for stdout')
+COMMANDS = (Command(
+    'watch', 'find the moment when a recorded ring leaves its model',
+    'Replay the residual of each bag through the detector of the node ring_alarm, and print '
+    'whether, when and in which channel it raises an alarm.', (
+        arguments.bags_option('rosbag2 directories or .mcap files; each bag is watched '
+                              'separately'),
+        *arguments.READING, *arguments.MODEL,
+        option('--materiality', 'residual that is allowed without an alarm, in percent of the '
+               f'range from preload to full scale (default {MATERIALITY_PERCENT:g})', type=float,
+               default=MATERIALITY_PERCENT, metavar='PERCENT'),
+        option('--false-alarm-hours', 'mean time between false alarms, in hours of testing '
+               '(default 1000)', type=float, default=1000.0, metavar='H'),
+        arguments.json_option('write the result as JSON; - for stdout')), (
+        ('saddlering watch bags/dynamic_70 --params params.yaml',
+         'whether, when and in which channel a test raises the alarm'),)),)
 
 
 def run(args: argparse.Namespace) -> int:

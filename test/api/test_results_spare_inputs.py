@@ -77,7 +77,7 @@ def test_an_effect_file_in_use_is_an_input(place, monkeypatch):
         result.save(place / 'own.json')
     args = build_parser()[0].parse_args(['info', 'bag', '--json', str(own)])
     with pytest.raises(FileConflict, match='SADDLERING_EFFECTS'):
-        check_files(args, args.path_arguments)
+        check_files(args)
     assert own.read_text() == 'mine'
 
 

@@ -14,8 +14,8 @@ from saddlering_ros.cli import main as command
 from saddlering_ros.errors import did_you_mean
 
 ROOT = Path(__file__).resolve().parents[2]
-PARSER, MODULES = command.build_parser()
-COMMANDS = sorted(MODULES)
+PARSER, DECLARED = command.build_parser()
+COMMANDS = sorted(DECLARED)
 
 
 def help_of(name, capsys):
@@ -28,7 +28,7 @@ def help_of(name, capsys):
 def test_the_help_of_every_command_ends_with_examples_that_can_be_parsed(name, capsys):
     shown = help_of(name, capsys)
     assert 'examples:\n' in shown
-    for line, words in command.examples_of(MODULES[name], name):
+    for line, words in DECLARED[name][0].examples:
         assert f'  # {words}\n  {line}\n' in shown
         assert PARSER.parse_args(shlex.split(line)[1:]).command == name
 

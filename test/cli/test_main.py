@@ -154,8 +154,8 @@ def test_a_signal_closes_what_is_open(tmp_path, number, status):
         '        time.sleep(30)\n'
         '    finally:\n'
         f'        pathlib.Path({str(tmp_path / "closed")!r}).touch()\n'
-        'def add_parser(subparsers): subparsers.add_parser("try")\n'
-        'only = types.SimpleNamespace(add_parser=add_parser, run=run)\n'
+        'declared = command.arguments.Command("try", "", "", (), ())\n'
+        'only = types.SimpleNamespace(COMMANDS=[declared], run=run)\n'
         'command.subcommand_modules = lambda: [only]\n'
         'sys.exit(command.main(["try"]))\n')
     child = subprocess.Popen([sys.executable, '-c', code], stderr=subprocess.PIPE, text=True,

@@ -29,8 +29,9 @@ def commands() -> dict[str, OneLineParser]:
 def cases() -> Iterator[tuple[str, argparse.Action, argparse.Action]]:
     """Each (command, output, input) that there is."""
     for name, parser in commands().items():
-        for output in parser.path_arguments():
-            for read in parser.path_arguments():
+        paths = [action for action in parser._actions if isinstance(action.type, Role)]
+        for output in paths:
+            for read in paths:
                 if output.type.is_written and not read.type.is_written:
                     yield name, output, read
 

@@ -52,9 +52,9 @@ def test_every_command_of_a_page_does_what_it_says(page, campaign, made_once):
 
 def test_the_examples_of_the_help_are_among_them():
     run = {line for page in RUN for line in lines_run(page)}
-    _, modules = build_parser()
-    examples = {line for module in modules.values() for line, _ in module.EXAMPLES
-                if not hasattr(module, 'UNTRIED')}
+    _, commands = build_parser()
+    examples = {line for command, _ in commands.values() for line, _ in command.examples
+                if not command.untried}
     assert examples <= run
     started = {line.split()[1] for line, _ in EXAMPLES}
-    assert started <= set(modules)
+    assert started <= set(commands)

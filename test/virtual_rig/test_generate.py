@@ -33,7 +33,7 @@ def test_an_existing_bag_is_kept_unless_told_otherwise(tmp_path, capsys):
     (['--set', 'K9=1'], 'K1, n1, D1, K2, n2, D2'),
     (['--set', 'K1=hard'], 'NAME=NUMBER'),
     (['--elevation', '120'], '-10 to 90'),
-    (['--noise', '-1'], 'from 0 up'),
+    (['--noise', '-1'], 'give 0 to 10000'),
     (['--hold', 'nan'], 'hold'),
     (['--load-step', '2'], 'static'),
     (['--rate', '0'], 'rate'),
