@@ -205,6 +205,18 @@ def write_text(path: Path | str, text: str,
         temporary.write_text(text, encoding='utf-8')
 
 
+def write_csv(path: Path | str, columns: Mapping[str, Iterable[Any]],
+              error: type[SaddleringError] = SaddleringError) -> None:
+    """Write columns of equal length as CSV, whole or not at all; an empty cell for None."""
+    import csv  # which takes longer than most that `--help` needs
+
+    with whole_file(path, error) as temporary, temporary.open(
+            'w', encoding='utf-8', newline='') as file:
+        table = csv.writer(file)
+        table.writerow(columns)
+        table.writerows(zip(*columns.values(), strict=True))
+
+
 def settle(path: Path) -> None:
     """Wait until a file's bytes, or a folder's names, are on the disk and not only on the way."""
     handle = os.open(path, os.O_RDONLY)

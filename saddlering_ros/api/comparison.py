@@ -76,7 +76,7 @@ def compare(
     result then has the evidence of the whole series, which may be read after every session. The
     other arguments are those of `diagnose`.
     """
-    inputs.check_seed(seed)
+    inputs.check_whole('seed', seed, 0)
     given = inputs_of(before, hold_out=after, rig=rig, trust_rig=trust_rig,
                       on_progress=on_progress, is_cancelled=is_cancelled,
                       names=('before', 'after'))

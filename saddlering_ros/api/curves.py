@@ -31,7 +31,7 @@ MAX_DRAWN = 4000
 
 
 @dataclass(frozen=True, repr=False)
-class Curves(inputs.Samples):
+class Curves(inputs.Tabular):
     """The displacement of the ring in one test, sample by sample, as the live nodes give it.
 
     kind: 'measured', 'simulated' or 'measured minus simulated'; stamp_ns (N,) [ns]; time (N,) [s]

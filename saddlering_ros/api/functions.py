@@ -37,7 +37,7 @@ def identify(
     on_progress is called with a `Progress`. If is_cancelled returns True, `Cancelled` is raised
     with the result so far as `partial`. Raises SaddleringError for input that cannot be used.
     """
-    inputs.check_seed(seed)
+    inputs.check_whole('seed', seed, 0)
     inputs.check_bounds({} if bounds is None else bounds)
     for name, value in (('particles', particles), ('iterations', iterations)):
         inputs.check_whole(name, value)
@@ -99,7 +99,7 @@ def diagnose(
     parameters: the start of the fit of the contact law (None: the true-to-scale values). The other
     arguments are those of `identify`.
     """
-    inputs.check_seed(seed)
+    inputs.check_whole('seed', seed, 0)
     given = inputs.inputs_of(bags, hold_out=hold_out, rig=rig, trust_rig=trust_rig,
                              parameters=parameters, on_progress=on_progress,
                              is_cancelled=is_cancelled)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
-import csv
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import importlib
@@ -23,7 +22,7 @@ from saddlering_ros.doubts.comparison import (
     refuse_repeats,
 )
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.files import Origin, whole_file
+from saddlering_ros.files import Origin
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
 from saddlering_ros.record import condensed, displacement_of_run, fit_limit, MeasuredRun, Record
 from saddlering_ros.record.displacement import measured_rows, zero_of_run
@@ -46,36 +45,75 @@ ParametersLike = Any
 """Contact parameters: a `ParameterSet`, a parameter file, or a result that found some."""
 
 
-class Samples(ABC):
-    """What a bag and curves share: a summary, and a row of numbers per sample."""
+Columns = Mapping[str, Any]
+"""Lists or arrays of equal length by name."""
+
+
+class Tabular(ABC):
+    """What bags, curves and results share: a summary, and tables of columns."""
 
     @abstractmethod
     def summary(self) -> str:
-        """The content in a few lines."""
+        """The content in a few lines, as the command prints it."""
 
     @abstractmethod
     def columns(self) -> dict[str, Any]:
-        """The arrays by name."""
+        """The main table as lists or arrays by column name (SI units)."""
 
     def __repr__(self) -> str:
-        return f'<{type(self).__name__} {self.summary().splitlines()[0]}>'
+        return f'<{type(self).__name__} {self._headline()}>'
 
-    def to_dataframe(self) -> pandas.DataFrame:
-        """The same as a pandas DataFrame, one row per sample."""
-        return dataframe(self.columns())
-
-    def to_polars(self) -> polars.DataFrame:
-        """The same as a polars DataFrame."""
-        return polars_frame(self.columns())
+    def _headline(self) -> str:
+        return self.summary().splitlines()[0]
 
     def _repr_html_(self) -> str:
         from saddlering_ros.pages import html
 
         return html.commands(self.summary().splitlines())
 
+    def _tables(self) -> dict[str, Callable[[], Columns]]:
+        """Tables beside that of `columns`, by name."""
+        return {}
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Names of the tables beside that of `columns`."""
+        return tuple(self._tables())
+
+    def table(self, name: str = '') -> dict[str, Any]:
+        """A table of `tables` as lists by column name (SI units); '': that of `columns`."""
+        if not name:
+            return self.columns()
+        if name not in self.tables:
+            raise ApiError(f'table {name!r} is not one of this result: give one of '
+                           f'{", ".join(self.tables) or "none"}')
+        return dict(self._tables()[name]())
+
+    def to_dataframe(self, table: str = '') -> pandas.DataFrame:
+        """A table as a pandas DataFrame (pandas is not installed by itself)."""
+        return frame('pandas', self.table(table))
+
+    def to_polars(self, table: str = '') -> polars.DataFrame:
+        """A table as a polars DataFrame (polars is not installed by itself)."""
+        return frame('polars', self.table(table))
+
+
+def frame(library: str, columns: Columns) -> Any:
+    """Columns as a DataFrame of a library; ApiError if the library is not installed."""
+    try:
+        return importlib.import_module(library).DataFrame(dict(columns))
+    except ModuleNotFoundError as problem:
+        raise ApiError(f'a DataFrame needs {library}: pip install {library}, or use columns(), '
+                       'which gives the same as plain lists') from problem
+
+
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """Rows with the same keys as lists by key."""
+    return {key: [row[key] for row in rows] for key in (rows[0] if rows else {})}
+
 
 @dataclass(frozen=True, repr=False)
-class Bag(Samples):
+class Bag(Tabular):
     """A test of a bag, aligned at the stamps of the load; `read_bag` returns it.
 
     run: the arrays as read (gaps [m], load [N], stamps [ns], notes); rig: the rig of the test.
@@ -199,7 +237,15 @@ def inputs_of(
 
     fitted, kept = [read(item) for item in given], [read(item) for item in held]
     if not trust_rig:
-        _check_rig([*fitted, *kept], law, in_use)
+        for bag in (*fitted, *kept):
+            if bag.rig.digest != in_use.digest:
+                raise ApiError(
+                    f'{bag.name} was read with the rig with the hash '
+                    f'{short_digest(bag.rig.digest)}, and rig has {short_digest(in_use.digest)}: '
+                    'leave rig out, or give trust_rig=True to continue with it')
+        refuse_other_rig(runs_of([*fitted, *kept]), in_use)
+        if law is not None:
+            refuse_parameters_of_other_rig(law, in_use)
     return Inputs(fitted, kept, in_use, law, origins(in_use.source or None, parameters))
 
 
@@ -212,19 +258,6 @@ def rig_of(bags: Sequence[BagLike], given: RigLike) -> Rig:
         raise ApiError(f'the bags were read with different rigs (hashes '
                        f'{", ".join(map(short_digest, rigs))}): read all of them with one rig')
     return next(iter(rigs.values()), None) or as_rig(None)
-
-
-def _check_rig(bags: Sequence[Bag], law: ParameterSet | None, rig: Rig) -> None:
-    """Refuse bags and parameters of another rig than the one in use."""
-    for bag in bags:
-        if bag.rig.digest != rig.digest:
-            raise ApiError(
-                f'{bag.name} was read with the rig with the hash {short_digest(bag.rig.digest)}, '
-                f'and rig has {short_digest(rig.digest)}: leave rig out, or give trust_rig=True '
-                'to continue with it')
-    refuse_other_rig(runs_of(bags), rig)
-    if law is not None:
-        refuse_parameters_of_other_rig(law, rig)
 
 
 def for_fits(bags: Sequence[Bag], held_out: Sequence[Bag] = ()) -> tuple[list[Bag], list[Bag]]:
@@ -275,16 +308,12 @@ def check_path(name: str, given: object, also: str = '') -> None:
         raise ApiError(f'{name} is {_kind(given)}: give a path{also}')
 
 
-def check_whole(name: str, given: object) -> None:
-    """ApiError unless an argument is a whole number."""
-    if not _is_whole(given):
-        raise ApiError(f'{name} is {given!r}: give a whole number')
-
-
-def check_seed(seed: int) -> None:
-    """Refuse a seed that no random generator takes."""
-    if not _is_whole(seed) or seed < 0:
-        raise ApiError(f'seed is {seed!r}: give a whole number, 0 or above')
+def check_whole(name: str, given: object, low: float = -math.inf) -> None:
+    """ApiError unless an argument is a whole number, at least `low`."""
+    is_whole = isinstance(given, (int, np.integer)) and not isinstance(given, bool)
+    if not is_whole or given < low:  # type: ignore[operator]
+        raise ApiError(f'{name} is {given!r}: give a whole number'
+                       + (f', {low:g} or above' if math.isfinite(low) else ''))
 
 
 def check_number(name: str, given: object) -> None:
@@ -325,10 +354,6 @@ def _several(name: str, given: Any) -> list[BagLike]:
     return items
 
 
-def _is_whole(given: object) -> bool:
-    return isinstance(given, (int, np.integer)) and not isinstance(given, bool)
-
-
 def _is_number(given: object) -> bool:
     return (isinstance(given, (int, float, np.integer, np.floating))
             and not isinstance(given, bool) and math.isfinite(given))
@@ -336,39 +361,3 @@ def _is_number(given: object) -> bool:
 
 def _kind(given: object) -> str:
     return 'None' if given is None else f'of type {type(given).__name__}'
-
-
-Columns = Mapping[str, Any]
-"""Lists or arrays of equal length by name."""
-
-
-def dataframe(columns: Columns) -> pandas.DataFrame:
-    """Columns as a pandas DataFrame; ApiError if pandas is not installed."""
-    return _library('pandas', 'to_dataframe').DataFrame(dict(columns))
-
-
-def polars_frame(columns: Columns) -> polars.DataFrame:
-    """Columns as a polars DataFrame; ApiError if polars is not installed."""
-    return _library('polars', 'to_polars').DataFrame(dict(columns))
-
-
-def _library(name: str, method: str) -> Any:
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as problem:
-        raise ApiError(f'{method} needs {name}: pip install {name}, or use columns(), which '
-                       'gives the same as plain lists') from problem
-
-
-def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """Rows with the same keys as lists by key."""
-    return {key: [row[key] for row in rows] for key in (rows[0] if rows else {})}
-
-
-def write_csv(path: Path, columns: Columns) -> None:
-    """Write columns as CSV, whole or not at all; an empty cell for None."""
-    with whole_file(path, ApiError) as temporary, temporary.open(
-            'w', encoding='utf-8', newline='') as file:
-        table = csv.writer(file)
-        table.writerow(columns)
-        table.writerows(zip(*columns.values(), strict=True))

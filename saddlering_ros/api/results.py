@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -13,7 +13,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from saddlering_ros.api import inputs
-from saddlering_ros.api.inputs import ApiError, Bag, columns_of, runs_of
+from saddlering_ros.api.inputs import ApiError, Bag, Columns, columns_of, runs_of, Tabular
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.ring_wording import causes_of, document_text, VerdictDocument
 from saddlering_ros.discrepancy import CauseEntry
@@ -24,6 +24,7 @@ from saddlering_ros.files import (
     spare_bags,
     spare_files,
     whole_file,
+    write_csv,
     write_text,
 )
 from saddlering_ros.identification import Identification, Validation
@@ -39,8 +40,6 @@ from saddlering_ros.rig import (
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    import pandas
-    import polars
 
     from saddlering_ros.report.curves import RunCurves
 
@@ -76,26 +75,15 @@ class Plot:
 
 
 @dataclass(frozen=True, repr=False)
-class Result(ABC):
+class Result(Tabular):
     """Methods that every result has. bags: its inputs; files: rig and parameter files."""
 
     bags: tuple[Bag, ...]
     rig: Rig
     files: tuple[Origin, ...]
 
-    def __repr__(self) -> str:
-        return f'<{type(self).__name__} {self._headline()}>'
-
     def __str__(self) -> str:
         return self.summary()
-
-    @abstractmethod
-    def summary(self) -> str:
-        """The result as plain text, as the command prints it."""
-
-    @abstractmethod
-    def columns(self) -> dict[str, list[Any]]:
-        """The result's main table as lists by column name (SI units)."""
 
     @abstractmethod
     def plot(self) -> Plot:
@@ -124,32 +112,6 @@ class Result(ABC):
         """Everything as plain dictionaries, lists and numbers, as `--json` writes it."""
         return add_origins(self._document(), self.files)
 
-    def _tables(self) -> dict[str, Callable[[], Mapping[str, list[Any]]]]:
-        """Tables beside that of `columns`, by name."""
-        return {}
-
-    @property
-    def tables(self) -> tuple[str, ...]:
-        """Names of the tables beside that of `columns`."""
-        return tuple(self._tables())
-
-    def table(self, name: str = '') -> dict[str, list[Any]]:
-        """A table of `tables` as lists by column name (SI units); '': that of `columns`."""
-        if not name:
-            return self.columns()
-        if name not in self.tables:
-            raise ApiError(f'table {name!r} is not one of this result: give one of '
-                           f'{", ".join(self.tables) or "none"}')
-        return dict(self._tables()[name]())
-
-    def to_dataframe(self, table: str = '') -> pandas.DataFrame:
-        """A table as a pandas DataFrame (pandas is not installed by itself)."""
-        return inputs.dataframe(self.table(table))
-
-    def to_polars(self, table: str = '') -> polars.DataFrame:
-        """A table as a polars DataFrame (polars is not installed by itself)."""
-        return inputs.polars_frame(self.table(table))
-
     def save(self, path: Path | str) -> None:
         """Write the result; the suffix selects .json (all figures) or .csv (table of `columns`).
 
@@ -161,13 +123,13 @@ class Result(ABC):
         if where.suffix == '.json':
             write_text(where, json.dumps(self.to_json(), indent=2) + '\n')
         elif where.suffix == '.csv':
-            inputs.write_csv(where, self.columns())
-        elif where.suffix in ('.yaml', '.yml') and isinstance(self, _Parametric):
+            write_csv(where, self.columns(), ApiError)
+        elif where.suffix in ('.yaml', '.yml') and isinstance(self, ParametricResult):
             self.save_parameters(where)
         else:
-            endings = '.json, .csv' + (', .yaml' if isinstance(self, _Parametric) else '')
+            more = ', .yaml' if isinstance(self, ParametricResult) else ''
             raise ApiError(f'{where}: cannot be saved under this name: end the name with '
-                           f'{endings}')
+                           f'.json, .csv{more}')
 
     def _spare_inputs(self, *outputs: Path | str) -> None:
         """FileConflict if an output would replace a bag or a file of this result."""
@@ -181,24 +143,18 @@ class Result(ABC):
         from saddlering_ros.pages import html
 
         columns = self.columns()
-        rows = [[_cell(value) for value in row] for row in zip(*columns.values(), strict=True)]
+        rows = [['' if value is None else html.number(f'{value:.5g}') if isinstance(value, float)
+                 else str(value) for value in row] for row in zip(*columns.values(), strict=True)]
         return html.paragraph(self._headline()) + html.table(list(columns), rows)
 
-    def _headline(self) -> str:
-        return self.summary().splitlines()[0]
 
-
-class _Parametric(ABC):
+class ParametricResult(Result):
     """A result with parameters of its own."""
 
     @property
     @abstractmethod
     def parameters(self) -> ParameterSet:
         """Contact law and effects, for `validate` and for nodes."""
-
-    @abstractmethod
-    def _spare_inputs(self, *outputs: Path | str) -> None:
-        """FileConflict if an output would replace an input."""
 
     def save_parameters(self, path: Path | str) -> None:
         """Write the parameter file under any name."""
@@ -211,16 +167,8 @@ def _bags(count: int) -> str:
     return '1 bag' if count == 1 else f'{count} bags'
 
 
-def _cell(value: Any) -> Any:
-    from saddlering_ros.pages.html import number
-
-    if value is None:
-        return ''
-    return number(f'{value:.5g}') if isinstance(value, float) else str(value)
-
-
 @dataclass(frozen=True, repr=False)
-class IdentificationResult(Result, _Parametric):
+class IdentificationResult(ParametricResult):
     """Contact parameters with their uncertainty; `found` holds every figure."""
 
     found: Identification
@@ -297,7 +245,7 @@ class ValidationResult(Result):
 
         return curves_of_validation(self.found, runs_of(self.bags), self.rig.force_unit)
 
-    def _tables(self) -> dict[str, Callable[[], Mapping[str, list[Any]]]]:
+    def _tables(self) -> dict[str, Callable[[], Columns]]:
         from saddlering_ros.report.curves import curve_columns
 
         return {'curves': lambda: curve_columns(self._curves())}
@@ -339,7 +287,7 @@ class ValidationResult(Result):
 
 
 @dataclass(frozen=True, repr=False)
-class DiagnosisResult(Result, _Parametric):
+class DiagnosisResult(ParametricResult):
     """The verdict on bags; `found` holds every figure."""
 
     found: Verdict
@@ -378,7 +326,7 @@ class DiagnosisResult(Result, _Parametric):
         return columns_of([
             row for cause in causes_of(self.document) for row in _cause_rows(cause)])
 
-    def _tables(self) -> dict[str, Callable[[], Mapping[str, list[Any]]]]:
+    def _tables(self) -> dict[str, Callable[[], Columns]]:
         from saddlering_ros.report.curves import curve_columns, curves_of
 
         said = self.document

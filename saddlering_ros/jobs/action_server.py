@@ -20,9 +20,10 @@ from rclpy.task import Future
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.errors import Cancelled, SaddleringError
 from saddlering_ros.files import share_directory
+from saddlering_ros.jobs.requests import Answer
 from saddlering_ros.jobs.worker import CANCELED, DONE, FAILED, Outcome, REFUSED, Worker
 from saddlering_ros.progress import Progress
-from saddlering_ros.rig import ParameterSet, Rig
+from saddlering_ros.rig import Rig
 from saddlering_ros.ros import names, parameters
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, to_message
 from saddlering_ros.ros.messages import parameters_to_message
@@ -123,13 +124,10 @@ class ActionNode(Node):
         """The feedback message of a progress report."""
         raise NotImplementedError
 
-    def fill(self, result: Any, answer: Any) -> None:
+    def fill(self, result: Any, answer: Answer) -> None:
         """Put the job's answer into the result."""
-        raise NotImplementedError
-
-    def offers(self, found: ParameterSet) -> bool:
-        """Whether the parameters of a result are offered to simulators on ring/parameters."""
-        return True
+        for name, value in answer.fields.items():
+            setattr(result, name, value)
 
     # --- bags ---
 
@@ -228,8 +226,14 @@ class ActionNode(Node):
             result.status = result.SUCCEEDED
             result.message = outcome.answer.words
             goal_handle.succeed()
-            if outcome.answer.parameters is not None:
-                self._publish(outcome.answer.parameters, result)
+            if (found := outcome.answer.parameters) is not None:
+                result.parameters = parameters_to_message(found, self.get_clock().now().to_msg())
+                if outcome.answer.offered:
+                    self._found.publish(result.parameters)
+                else:
+                    self.get_logger().warning(
+                        'the parameters are not offered to simulators, because the data do not '
+                        f'determine {", ".join(found.source.undetermined)}')
         elif outcome.kind == CANCELED and goal_handle.is_cancel_requested:
             result.status = result.CANCELED
             goal_handle.canceled()
@@ -239,16 +243,6 @@ class ActionNode(Node):
             goal_handle.abort()
         self._last = f'{outcome.kind}: {result.message}'
         self.get_logger().info(f'goal {self._last}')
-
-    def _publish(self, found: ParameterSet, result: Any) -> None:
-        message = parameters_to_message(found, self.get_clock().now().to_msg())
-        result.parameters = message
-        if self.offers(found):
-            self._found.publish(message)
-        else:
-            self.get_logger().warning(
-                'the parameters are not offered to simulators, because the data do not determine '
-                f'{", ".join(found.source.undetermined)}')
 
     def _diagnose(self) -> None:
         status = TaskStatus(self._level, self._stage, {'last goal': self._last})
@@ -270,14 +264,6 @@ class ActionNode(Node):
         return not self._busy.locked()
 
 
-def spin_while(executor: SingleThreadedExecutor, wanted: Callable[[], bool], seconds: float,
-               ) -> None:
-    """Serve callbacks while they are wanted, at most so long."""
-    deadline = time.monotonic() + seconds
-    while wanted() and time.monotonic() < deadline:
-        executor.spin_once(timeout_sec=0.02)
-
-
 def serve(make: Any, args: Sequence[str] | None = None) -> int:
     """Run an action server until SIGINT or SIGTERM; a goal that runs then is aborted first."""
     told = threading.Event()
@@ -291,8 +277,10 @@ def serve(make: Any, args: Sequence[str] | None = None) -> int:
             executor.spin_once(timeout_sec=0.1)
         node.stopping = True
         if not node.idle():
-            spin_while(executor, lambda: not node.idle(), 1.0)
-            spin_while(executor, lambda: True, FAREWELL)
+            for wanted, seconds in ((lambda: not node.idle(), 1.0), (lambda: True, FAREWELL)):
+                deadline = time.monotonic() + seconds
+                while wanted() and time.monotonic() < deadline:
+                    executor.spin_once(timeout_sec=0.02)
         executor.shutdown(timeout_sec=0.0)
 
     return run(make, spin, args)

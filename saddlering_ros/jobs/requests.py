@@ -5,18 +5,32 @@ The API is imported by the worker alone; the nodes have no need of it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import json
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.progress import OnProgress
-from saddlering_ros.rig import ParameterSet, Rig
+from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig
 
 if TYPE_CHECKING:
     from saddlering_ros.identification import IdentificationSettings
 
 PRELOADED = ('saddlering_ros.api.functions',)
 """What the worker imports before the first job."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Result of a job in words, its parameters (None of a change), fields of the action's result.
+
+    offered: whether the parameters are of use to a simulator.
+    """
+
+    words: str
+    parameters: ParameterSet | None
+    fields: Mapping[str, Any]
+    offered: bool = True
 
 
 @dataclass(frozen=True)
@@ -28,16 +42,27 @@ class IdentificationRequest:
     rig: Rig
     settings: IdentificationSettings
 
+    def run(self, on_progress: OnProgress) -> Answer:
+        """Identify, and validate on the held-out bags (on all bags if there are none)."""
+        from saddlering_ros.api.functions import identify, validate
+        from saddlering_ros.api.inputs import inputs_of, runs_of
+        from saddlering_ros.doubts.comparison import refuse_repeats
 
-@dataclass(frozen=True)
-class IdentificationAnswer:
-    """Result; validation and report as JSON texts."""
-
-    parameters: ParameterSet
-    objective: float
-    words: str
-    validation_json: str
-    report_json: str
+        given = inputs_of(self.bags, hold_out=self.validation_bags, rig=self.rig,
+                          on_progress=on_progress)  # its faults come before minutes of work
+        refuse_repeats(runs_of(given.bags), runs_of(given.held_out))
+        result = identify(
+            given.bags, rig=self.rig, settings=self.settings, on_progress=on_progress)
+        judged = validate(given.held_out or given.bags, parameters=result, rig=self.rig,
+                          on_progress=on_progress)
+        found = result.found
+        unknown = [name for name in PARAMETER_NAMES
+                   if name in found.parameters.source.undetermined]
+        offered = len(unknown) < len(PARAMETER_NAMES)
+        return Answer(found.status, found.parameters, {
+            'objective': float(found.objective), 'undetermined': unknown, 'offered': offered,
+            'validation_json': json.dumps(judged.found.to_json()['runs']),
+            'report_json': json.dumps(found.to_json())}, offered)
 
 
 @dataclass(frozen=True)
@@ -51,56 +76,22 @@ class DiagnosisRequest:
     parameters_file: str
     seed: int
 
+    def run(self, on_progress: OnProgress) -> Answer:
+        """Diagnose, or compare with the earlier session."""
+        from saddlering_ros.api.comparison import compare
+        from saddlering_ros.api.functions import diagnose
 
-@dataclass(frozen=True)
-class DiagnosisAnswer:
-    """The word of the verdict, its JSON, a sentence; parameters with causes, None of a change."""
+        if self.before:
+            change = compare(self.before, self.bags, rig=self.rig, seed=self.seed,
+                             on_progress=on_progress)
+            return Answer(change.headline, None, {'verdict_json': json.dumps(change.to_json())})
+        result = diagnose(
+            self.bags, hold_out=self.hold_out, rig=self.rig, seed=self.seed,
+            parameters=self.parameters_file or None, on_progress=on_progress)
+        words = result.verdict + (f': {", ".join(result.causes)}' if result.causes else '')
+        return Answer(words, result.parameters, {'verdict_json': json.dumps(result.document)})
 
-    verdict: str
-    verdict_json: str
-    words: str
-    parameters: ParameterSet | None
 
-
-def run(
-    request: IdentificationRequest | DiagnosisRequest, on_progress: OnProgress,
-) -> IdentificationAnswer | DiagnosisAnswer:
+def run(request: IdentificationRequest | DiagnosisRequest, on_progress: OnProgress) -> Answer:
     """Do the job of a request."""
-    if isinstance(request, IdentificationRequest):
-        return _identified(request, on_progress)
-    return _diagnosed(request, on_progress)
-
-
-def _identified(request: IdentificationRequest, on_progress: OnProgress) -> IdentificationAnswer:
-    """Identify, and validate on the held-out bags (on all bags if there are none)."""
-    from saddlering_ros.api.functions import identify, validate
-    from saddlering_ros.api.inputs import inputs_of, runs_of
-    from saddlering_ros.doubts.comparison import refuse_repeats
-
-    rig = request.rig
-    given = inputs_of(request.bags, hold_out=request.validation_bags, rig=rig,
-                      on_progress=on_progress)  # its faults come before minutes of work
-    refuse_repeats(runs_of(given.bags), runs_of(given.held_out))
-    result = identify(given.bags, rig=rig, settings=request.settings, on_progress=on_progress)
-    judged = validate(given.held_out or given.bags, parameters=result, rig=rig,
-                      on_progress=on_progress)
-    found = result.found
-    return IdentificationAnswer(found.parameters, found.objective, found.status,
-                                json.dumps(judged.found.to_json()['runs']),
-                                json.dumps(found.to_json()))
-
-
-def _diagnosed(request: DiagnosisRequest, on_progress: OnProgress) -> DiagnosisAnswer:
-    """Diagnose, or compare with the earlier session."""
-    from saddlering_ros.api.comparison import compare
-    from saddlering_ros.api.functions import diagnose
-
-    if request.before:
-        change = compare(request.before, request.bags, rig=request.rig, seed=request.seed,
-                         on_progress=on_progress)
-        return DiagnosisAnswer(change.verdict, json.dumps(change.to_json()), change.headline, None)
-    result = diagnose(
-        request.bags, hold_out=request.hold_out, rig=request.rig,
-        parameters=request.parameters_file or None, seed=request.seed, on_progress=on_progress)
-    words = result.verdict + (f': {", ".join(result.causes)}' if result.causes else '')
-    return DiagnosisAnswer(result.verdict, json.dumps(result.document), words, result.parameters)
+    return request.run(on_progress)

@@ -58,22 +58,18 @@ class Worker:
     def start(self) -> None:
         """Start the process, unless it runs. May be called from several threads."""
         with self._starting:
-            self._start()
-
-    def _start(self) -> None:
-        if self._process is not None and self._process.poll() is None:
-            return
-        self.close()
-        ours, theirs = Pipe()
-        read_end, self._life = os.pipe()
-        self._process = subprocess.Popen(
-            [sys.executable, '-m', __name__, str(theirs.fileno()), self._module],
-            stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), read_end),
-            start_new_session=True, env={**os.environ, **self._environment,
-                                         LIFELINE: str(read_end)})
-        os.close(read_end)
-        theirs.close()
-        self._pipe = ours
+            if self._process is not None and self._process.poll() is None:
+                return
+            self.close()
+            self._pipe, theirs = Pipe()
+            read_end, self._life = os.pipe()
+            self._process = subprocess.Popen(
+                [sys.executable, '-m', __name__, str(theirs.fileno()), self._module],
+                stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), read_end),
+                start_new_session=True, env={**os.environ, **self._environment,
+                                             LIFELINE: str(read_end)})
+            os.close(read_end)
+            theirs.close()
 
     def run(self, request: Any, on_progress: OnProgress, is_cancelled: IsCancelled) -> Outcome:
         """Do one job, with the progress and cancel protocol of the API.
@@ -115,8 +111,13 @@ class Worker:
         self._process = self._pipe = self._life = None
 
 
-def serve(pipe: Connection, module: str) -> None:
-    """Do jobs until the other end is gone."""
+def main() -> None:
+    """Serve the process that started this one: do jobs until the other end is gone."""
+    follow_lifeline()
+    with contextlib.suppress(OSError):
+        os.nice(NICENESS)
+    number, module = sys.argv[1:]
+    pipe = Connection(int(number))
     job = importlib.import_module(module)
     for needed in job.PRELOADED:
         importlib.import_module(needed)
@@ -135,15 +136,6 @@ def _attempt(run: Callable[..., Any], request: Any, pipe: Connection) -> tuple[s
         return REFUSED, ' '.join(str(problem).split())
     except Exception as problem:
         return FAILED, f'{type(problem).__name__}: {" ".join(str(problem).split())}'
-
-
-def main() -> None:
-    """Serve the process that started this one."""
-    follow_lifeline()
-    with contextlib.suppress(OSError):
-        os.nice(NICENESS)
-    number, module = sys.argv[1:]
-    serve(Connection(int(number)), module)
 
 
 if __name__ == '__main__':

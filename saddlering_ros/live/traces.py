@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 import math
 import time
 from typing import Any
@@ -54,51 +54,40 @@ class Cells:
     changed: Stamps
 
     @classmethod
-    def none(cls, channels: int) -> Cells:
-        """No cells of a stream with this number of channels."""
-        whole, values = np.empty(0, np.int64), np.empty((channels, 0))
-        return cls(whole, values.astype(np.int64), values, values.copy(), values.copy(),
-                   whole.copy())
+    def of(cls, number: Stamps, values: Floats, turn: int) -> Cells:
+        """A cell of that number for each of N samples (C, N), NaN where not known."""
+        known = np.isfinite(values)
+        return cls(number, known.astype(np.int64), np.where(known, values, 0.0),
+                   np.where(known, values, np.inf), np.where(known, values, -np.inf),
+                   np.full(len(number), turn, np.int64))
 
     def __len__(self) -> int:
         return len(self.number)
 
+    def pick(self, rows: NDArray[Any]) -> Cells:
+        """Some of the cells."""
+        return Cells(self.number[rows], self.count[:, rows], self.total[:, rows],
+                     self.low[:, rows], self.high[:, rows], self.changed[rows])
 
-def cells_of(number: Stamps, values: Floats, turn: int) -> Cells:
-    """Samples (C, N), NaN where not known, each in the cell of that number, as cells."""
-    order = np.argsort(number, kind='stable')
-    number, values = number[order], values[:, order]
-    first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
-    known = np.isfinite(values)
+    def means(self) -> Floats:
+        """Means (C, N) of the cells; NaN where not known."""
+        return np.where(self.count > 0, self.total / np.maximum(self.count, 1), np.nan)
+
+
+def merged(*several: Cells) -> Cells:
+    """All these cells; those of the same number become one."""
+    joined = Cells(*(np.concatenate([getattr(cells, item.name) for cells in several], axis=-1)
+                     for item in fields(Cells)))
+    joined = joined.pick(np.argsort(joined.number, kind='stable'))
+    if not len(joined):
+        return joined
+    first = np.flatnonzero(np.diff(joined.number, prepend=joined.number[0] - 1))
     return Cells(
-        number[first], np.add.reduceat(known.astype(np.int64), first, axis=1),
-        np.add.reduceat(np.where(known, values, 0.0), first, axis=1),
-        np.minimum.reduceat(np.where(known, values, np.inf), first, axis=1),
-        np.maximum.reduceat(np.where(known, values, -np.inf), first, axis=1),
-        np.full(len(first), turn, np.int64))
-
-
-def merged(cells: Cells) -> Cells:
-    """Cells in which none has the number of another; equal ones become one."""
-    order = np.argsort(cells.number, kind='stable')
-    number = cells.number[order]
-    first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
-    return Cells(
-        number[first], np.add.reduceat(cells.count[:, order], first, axis=1),
-        np.add.reduceat(cells.total[:, order], first, axis=1),
-        np.minimum.reduceat(cells.low[:, order], first, axis=1),
-        np.maximum.reduceat(cells.high[:, order], first, axis=1),
-        np.maximum.reduceat(cells.changed[order], first))
-
-
-def joined(one: Cells, other: Cells) -> Cells:
-    """The cells of both."""
-    return merged(Cells(
-        np.append(one.number, other.number),
-        np.concatenate([one.count, other.count], axis=1),
-        np.concatenate([one.total, other.total], axis=1),
-        np.concatenate([one.low, other.low], axis=1),
-        np.concatenate([one.high, other.high], axis=1), np.append(one.changed, other.changed)))
+        joined.number[first], np.add.reduceat(joined.count, first, axis=1),
+        np.add.reduceat(joined.total, first, axis=1),
+        np.minimum.reduceat(joined.low, first, axis=1),
+        np.maximum.reduceat(joined.high, first, axis=1),
+        np.maximum.reduceat(joined.changed, first))
 
 
 @dataclass(frozen=True)
@@ -122,15 +111,12 @@ class TestCurves:
         """
         found: dict[str, dict[str, Any]] = {}
         for name, cells in self.cells.items():
-            new = cells.changed > turn
-            if not new.any():
-                continue
-            scale = scales[name]
-            mean = _means(cells.total[:, new], cells.count[:, new])
-            found[name] = {
-                'cell': cells.number[new].tolist(), 'mean': _rounded(scale * mean),
-                'low': _rounded(scale * cells.low[:, new]),
-                'high': _rounded(scale * cells.high[:, new])}
+            new = cells.pick(cells.changed > turn)
+            if len(new):
+                scale = scales[name]
+                found[name] = {
+                    'cell': new.number.tolist(), 'mean': _rounded(scale * new.means()),
+                    'low': _rounded(scale * new.low), 'high': _rounded(scale * new.high)}
         return found
 
 
@@ -171,7 +157,8 @@ class Traces:
         self.received = dict.fromkeys(self._channels, 0)
         self._last: dict[str, int] = {}
         self._ended: dict[str, int] = {}
-        self._cells = {name: Cells.none(count) for name, count in self._channels.items()}
+        self._cells = {name: Cells.of(np.empty(0, np.int64), np.empty((count, 0)), 0)
+                       for name, count in self._channels.items()}
         self._peaks = {name: np.full((count, 2), np.nan) for name, count in self._channels.items()}
 
     @property
@@ -217,7 +204,7 @@ class Traces:
         self._peaks[name] = np.column_stack(
             [np.fmin.reduce(peaks, axis=1), np.fmax.reduce(peaks, axis=1)])
         number = (stamps - self.origin) // self.width
-        self._cells[name] = joined(self._cells[name], cells_of(number, values, self.turn))
+        self._cells[name] = merged(self._cells[name], Cells.of(number, values, self.turn))
 
     def _is_leftover(self, name: str, started: int) -> bool:
         """Whether samples from that stamp on belong to the test before; begins a new one if due.
@@ -251,35 +238,21 @@ class Traces:
             self.version += 1
             for cells in self._cells.values():
                 cells.number //= 2
-            self._cells = {name: merged(cells) if len(cells) else cells
-                           for name, cells in self._cells.items()}
+            self._cells = {name: merged(cells) for name, cells in self._cells.items()}
         oldest = (self.newest - self.origin - self._window) // self.width
-        if oldest > self._limit // 8 + self._first():
+        first = min((int(cells.number[0]) for cells in self._cells.values() if len(cells)),
+                    default=0)
+        if oldest > self._limit // 8 + first:
             self.version += 1
-            for name, cells in self._cells.items():
-                kept = cells.number >= oldest
-                self._cells[name] = Cells(
-                    cells.number[kept], cells.count[:, kept], cells.total[:, kept],
-                    cells.low[:, kept], cells.high[:, kept], cells.changed[kept])
-
-    def _first(self) -> int:
-        starts = [int(cells.number[0]) for cells in self._cells.values() if len(cells)]
-        return min(starts, default=0)
+            self._cells = {name: cells.pick(cells.number >= oldest)
+                           for name, cells in self._cells.items()}
 
     def means(self, name: str) -> Floats:
         """Means (C, N) of the drawn cells of a stream; NaN where not known."""
-        cells = self._cells[name]
-        return _means(cells.total, cells.count)
-
-
-def _means(total: Floats, count: Stamps) -> Floats:
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        return self._cells[name].means()
 
 
 def _rounded(values: Floats) -> list[list[float | None]]:
-    rounded = np.round(values, 4)
-    found: list[list[float | None]] = rounded.tolist()
-    if np.isfinite(rounded).all():
-        return found
-    return [[value if value is not None and math.isfinite(value) else None for value in row]
-            for row in found]
+    """Rows of numbers with four digits; None where a value is not finite."""
+    return [[value if math.isfinite(value) else None for value in row]
+            for row in np.round(values, 4).tolist()]

@@ -13,14 +13,12 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 import numpy as np
 from numpy.typing import NDArray
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import Range
 
 from saddlering_interfaces import msg
 from saddlering_ros.bags.wire import CdrError, decode_displacements, decode_samples
@@ -80,8 +78,6 @@ BAND_LAG = 30
 """Drawn means over which the noise of the residual is judged, at most: slow noise counts too."""
 
 MIN_MEANS = 20
-TYPES = {'geometry_msgs/msg/WrenchStamped': WrenchStamped, 'sensor_msgs/msg/Range': Range,
-         'geometry_msgs/msg/Vector3Stamped': Vector3Stamped}
 SENSORS: dict[str, RigTopic] = {
     'elevation': ELEVATION, **{f'probe_{place}': topic for place, topic in enumerate(PROBES, 1)}}
 """Readings of the rig besides the load, by the name of the gauge."""
@@ -116,11 +112,13 @@ class Watcher:
         self.traces = Traces(channels, window=window)
         self.lock = threading.Lock()
         self._streams = {
-            name: RawSubscription(
-                self.node, topic, WrenchStamped if name == 'load' else msg.RingDisplacement)
+            name: RawSubscription(self.node, topic, raw_topics.message_class(LOAD.type)
+                                  if name == 'load' else msg.RingDisplacement)
             for name, topic in STREAMS.items()}
-        self._sensors = {name: RawSubscription(self.node, topic.relative, TYPES[topic.type])
-                         for name, topic in SENSORS.items()}
+        self._sensors = {
+            name: RawSubscription(self.node, topic.relative, raw_topics.message_class(topic.type))
+            for name, topic in SENSORS.items()}
+        self._flows = {**self._streams, **self._sensors}
         self.gauges = Gauges()
         self.session = Session()
         self.commands = Commands(self.node)
@@ -217,22 +215,16 @@ class Watcher:
         has_ended = self._replay is not None and self._replay['state'] == 'finished'
         if not has_ended or now - self._received_at < LAST_SAMPLES:
             return ''
-        flows = {**self._streams, **self._sensors}
-        taken = sum(flow.received for flow in flows.values())
+        taken = sum(flow.received for flow in self._flows.values())
         if self._counted != taken:
             self._counted, self._received = taken, dict(self.traces.received)
-            with contextlib.suppress(LiveError):
-                self._received |= self._received_of_sensors()
-        return missing_words(self._received, {
-            name: self._published.get(flows[name].topic, 0) for name in self._received})
-
-    def _received_of_sensors(self) -> dict[str, int]:
-        """How many messages of the test that is shown are kept, by gauge."""
-        curves = self.traces.current
-        if curves is None:
-            return {}
-        _, flows = self.session.messages(curves)
-        return {name: len(flows[topic.name]) for name, topic in SENSORS.items()}
+            if self.traces.current is not None:
+                with contextlib.suppress(LiveError):
+                    _, kept = self.session.messages(self.traces.current)
+                    self._received |= {name: len(kept[topic.name])
+                                       for name, topic in SENSORS.items()}
+        due = {name: self._published.get(self._flows[name].topic, 0) for name in self._received}
+        return missing_words(self._received, due)
 
     def test(self, number: int) -> dict[str, Any] | None:
         """All curves of an earlier test, as `rows` gives them; None if it is not kept."""
@@ -288,12 +280,11 @@ class Watcher:
                 self._poll()
             if now - reported >= REPORT and self._replay is not None:
                 reported = now
-                self._report([flow for flow in (*self._streams.values(), *self._sensors.values())
-                              if flow.reliable])
+                self._report([flow for flow in self._flows.values() if flow.reliable])
             if now - reviewed >= REVIEW:
                 reviewed = now
-                for subscription in (*self._streams.values(), *self._sensors.values()):
-                    subscription.review()
+                for flow in self._flows.values():
+                    flow.review()
                 with self.lock:
                     self._band = self._band_of_residual()
                     self._look_at_sound_ring()
@@ -306,21 +297,18 @@ class Watcher:
         self._progress.publish(progress_of(f'{names.LIVE_PAGE}_{os.getpid()}', flows, []))
 
     def _poll(self) -> None:
-        for name, subscription in self._streams.items():
-            messages = subscription.take()
+        for name, flow in self._flows.items():
+            messages = flow.take()
             if not messages:
                 continue
             with contextlib.suppress(CdrError), self.lock:
-                self._take(name, messages)
-        for name, subscription in self._sensors.items():
-            messages = subscription.take()
-            newest = messages[-1:]
-            if newest:
-                with contextlib.suppress(CdrError), self.lock:
-                    self.session.keep(SENSORS[name].name, messages)
-                    found = decode_samples(newest, SENSORS[name])
-                    subscription.last_stamp = int(found.stamps[-1])
-                    self.gauges.push(name, float(found.values[-1]), found.low, found.high)
+                if name in STREAMS:
+                    self._take(name, messages)
+                    continue
+                self.session.keep(SENSORS[name].name, messages)
+                found = decode_samples(messages[-1:], SENSORS[name])
+                flow.last_stamp = int(found.stamps[-1])
+                self.gauges.push(name, float(found.values[-1]), found.low, found.high)
         # Every node reports a thousand times a second; the last report of each counts.
         last = {report[:NODE_NAME]: report for report in self._reports.take()}
         for report in last.values():

@@ -8,7 +8,7 @@ from typing import Any
 
 from saddlering_interfaces.action import DiagnoseRing
 from saddlering_ros.jobs.action_server import ActionNode, serve
-from saddlering_ros.jobs.requests import DiagnosisAnswer, DiagnosisRequest
+from saddlering_ros.jobs.requests import Answer, DiagnosisRequest
 from saddlering_ros.progress import Progress
 from saddlering_ros.ros.messages import fill_diagnosis
 from saddlering_ros.ros.names import DIAGNOSE, NodeError
@@ -40,10 +40,10 @@ class RingDiagnosisNode(ActionNode):
         share = progress.share if progress.task in ('diagnose', 'compare') else 0.0
         return DiagnoseRing.Feedback(stage=progress.words, progress=share, elapsed=elapsed)
 
-    def fill(self, result: Any, answer: DiagnosisAnswer) -> None:
+    def fill(self, result: Any, answer: Answer) -> None:
         """The verdict."""
-        result.verdict_json = answer.verdict_json
-        fill_diagnosis(result, json.loads(answer.verdict_json))
+        super().fill(result, answer)
+        fill_diagnosis(result, json.loads(result.verdict_json))
 
 
 def main(args: Sequence[str] | None = None) -> None:

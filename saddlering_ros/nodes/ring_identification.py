@@ -9,9 +9,9 @@ from typing import Any
 from saddlering_interfaces.action import IdentifyRing
 from saddlering_ros.identification import IdentificationSettings, SwarmSettings
 from saddlering_ros.jobs.action_server import ActionNode, serve
-from saddlering_ros.jobs.requests import IdentificationAnswer, IdentificationRequest
+from saddlering_ros.jobs.requests import IdentificationRequest
 from saddlering_ros.progress import Progress, SearchStep
-from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet
+from saddlering_ros.rig import PARAMETER_NAMES
 from saddlering_ros.ros.names import IDENTIFY, NodeError
 from saddlering_ros.ros.streaming_node import leave
 
@@ -60,18 +60,6 @@ class RingIdentificationNode(ActionNode):
             stage=progress.words, iteration=step.iteration, iterations=step.iterations,
             best_objective=step.best_objective, best_parameters=list(step.best_parameters),
             spread=step.spread, elapsed=elapsed, progress=min(self._done_share, 1.0))
-
-    def fill(self, result: Any, answer: IdentificationAnswer) -> None:
-        """The numbers."""
-        result.objective = float(answer.objective)
-        result.validation_json, result.report_json = answer.validation_json, answer.report_json
-        result.undetermined = [name for name in PARAMETER_NAMES
-                               if name in answer.parameters.source.undetermined]
-        result.offered = self.offers(answer.parameters)
-
-    def offers(self, found: ParameterSet) -> bool:
-        """Numbers none of which the data determine are of no use to a simulator."""
-        return len(found.source.undetermined) < len(PARAMETER_NAMES)
 
 
 def settings_of(goal: IdentifyRing.Goal) -> IdentificationSettings:

@@ -13,7 +13,7 @@ from saddlering_ros.pages.html import Cell, number
 from saddlering_ros.quantities import allowed_misfit, percent, quantity
 from saddlering_ros.record import displacement_of_run, Record
 from saddlering_ros.record.quality import white_noise
-from saddlering_ros.report.figures import SYMBOLS
+from saddlering_ros.report.figures import name_of, SYMBOLS
 from saddlering_ros.rig import CHANNELS, Rig, short_digest, units
 from saddlering_ros.rig.drawing import drawing_svg
 
@@ -83,56 +83,50 @@ def dimensions(rig: Rig) -> list[tuple[str, str]]:
 
 
 def data_quality(runs: Sequence[Record], rig: Rig) -> str:
-    """Chapter: the quality of each run's data."""
+    """Chapter: the quality of each run's data: length, rate, load, faults, zero, white noise."""
+    rows: list[list[str | Cell]] = []
+    for run in runs:
+        measured = displacement_of_run(rig, run)
+        steps = np.diff(run.stamps) / 1e9
+        period = float(np.median(steps))
+        long = steps[steps > max(GAP_PERIODS * period, 0.005)]
+        incomplete, zero = int((~measured.complete).sum()), measured.zero
+        low, high = float(run.load.min()), float(run.load.max())
+        decimals = units.force_decimals(high, rig.force_unit)
+        rows.append([
+            run.path.name, f'{len(run.stamps)}', f'{float(run.time[-1]):.1f} s',
+            f'{1.0 / period:.4g} Hz', rig.force_range(low, high, decimals + 1),
+            number(f'{incomplete}', 'bad' if incomplete > 0.01 * len(run.stamps) else ''),
+            number(f'{len(long)} (≤ {long.max():.3g} s)', 'bad') if len(long) else 'none',
+            number(rig.force_words(zero.load, decimals + 2), '' if zero.near_preload else 'bad'),
+            *(quantity(white_noise(np.asarray(getattr(measured.displacement, name))),
+                       'rad' if name == 'gamma' else 'm') for name in CHANNELS)])
     said = [f'{run.path.name}: {note}' for run in runs for note in run.notes]
     return html.section('Data quality', html.table(
         ['run', *map(number, ('load samples', 'duration', 'rate', 'load', 'without all probes',
                               'gaps', 'zero at', *(f'noise {SYMBOLS[name]}'
-                                                   for name in CHANNELS)))],
-        [_quality(run, rig) for run in runs],
+                                                   for name in CHANNELS)))], rows,
         'Noise: white noise of one sample, from second differences. Red: more than 1 % of the '
         'samples lack a probe, the stamps have gaps, or the zero is not at preload.'),
         html.bullets(said) if said else html.paragraph(
             'These bags have no other fault.' if runs else '', 'soft'))
 
 
-def _quality(run: Record, rig: Rig) -> list[str | Cell]:
-    """The row of one run: its length, rate, load, faults, zero and white noise."""
-    measured = displacement_of_run(rig, run)
-    steps = np.diff(run.stamps) / 1e9
-    period = float(np.median(steps))
-    long = steps[steps > max(GAP_PERIODS * period, 0.005)]
-    incomplete, zero = int((~measured.complete).sum()), measured.zero
-    low, high = float(run.load.min()), float(run.load.max())
-    decimals = units.force_decimals(high, rig.force_unit)
-    return [
-        run.path.name, f'{len(run.stamps)}', f'{float(run.time[-1]):.1f} s',
-        f'{1.0 / period:.4g} Hz', units.force_range(low, high, rig.force_unit, decimals + 1),
-        number(f'{incomplete}', 'bad' if incomplete > 0.01 * len(run.stamps) else ''),
-        number(f'{len(long)} (≤ {long.max():.3g} s)', 'bad') if len(long) else 'none',
-        number(units.force_words(zero.load, rig.force_unit, decimals + 2),
-               '' if zero.near_preload else 'bad'),
-        *(quantity(white_noise(np.asarray(getattr(measured.displacement, name))),
-                   'rad' if name == 'gamma' else 'm') for name in CHANNELS)]
-
-
 def misfit_reductions(document: Mapping[str, Any]) -> str:
     """Chapter: by how much the misfit falls, run by run, with the extended model."""
-    total = document.get('gain') or {}
+    total, shown = document.get('gain') or {}, CHANNELS[:3]
     if document['verdict'] == 'none' or total.get('fit') is None:
         return ''
-    rows = [[str(run['bag']).rstrip('/').rsplit('/', 1)[-1],
-             'held out' if run['held_out'] else 'fitted',
-             *(_reduction_words(run['channels'].get(name)) for name in CHANNELS[:3]), '–']
+    rows = [[name_of(run['bag']), 'held out' if run['held_out'] else 'fitted',
+             *(_reduction_words(run['channels'].get(name)) for name in shown), '–']
             for run in document['runs']]
-    blank = ['–'] * 3
-    rows.append(['all fitted runs', 'fitted', *blank, percent(total['fit'])])
+    rows.append(['all fitted runs', 'fitted', *'–––', percent(total['fit'])])
     if total.get('held_out') is not None:
         in_turn = total.get('how') == 'held out in turn'
         rows.append(['all runs in turn' if in_turn else 'all held-out runs', 'held out',
-                     *blank, percent(total['held_out'])])
+                     *'–––', percent(total['held_out'])])
     return html.section('Misfit reduction', html.table(
-        ['run', 'role', *(number(f'misfit reduction in {SYMBOLS[name]}') for name in CHANNELS[:3]),
+        ['run', 'role', *(number(f'misfit reduction in {SYMBOLS[name]}') for name in shown),
          number('in all channels')], rows,
         'Misfit reduction: the share by which the cause in the simulation reduces the rms misfit. '
         'It is negative if the misfit rises, and in brackets if the misfit was within twice the '

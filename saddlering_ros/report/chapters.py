@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from saddlering_ros.diagnosis import ring_wording
 from saddlering_ros.diagnosis.ring_wording import signature_words, value_words, VerdictDocument
@@ -22,7 +21,7 @@ from saddlering_ros.quantities import (
 )
 from saddlering_ros.report import figures
 from saddlering_ros.report.curves import RunCurves
-from saddlering_ros.report.figures import SYMBOLS
+from saddlering_ros.report.figures import name_of, SYMBOLS
 from saddlering_ros.rig import CHANNELS
 
 CANDIDATES_SHOWN = 12
@@ -51,8 +50,8 @@ def _proof(document: VerdictDocument, curves: Sequence[RunCurves]) -> str:
     cases = [
         (run['held_out'], (item['nrmse_before'] or 0.0) - (
             (item['nrmse_after'] or 0.0) if document['verdict'] in ('named', 'ambiguous') else 0.0
-        ), shown[_short(run['bag'])], name)
-        for run in document['runs'] if _short(run['bag']) in shown
+        ), shown[name_of(run['bag'])], name)
+        for run in document['runs'] if name_of(run['bag']) in shown
         for name, item in run['channels'].items() if name != 'parity']
     if not cases:
         return ''
@@ -88,28 +87,30 @@ def simulated_tests(document: VerdictDocument) -> str:
         'Simulated draws of each test, with each open cause as the truth in turn')
 
 
-def _look_alike_rows(cause: CauseEntry, document: VerdictDocument) -> list[list[str | Cell]]:
-    """The alternatives to this cause, each with the measurement that separates it."""
-    evidence = {item['effects'][-1]: item['delta_bic'] for item in reversed(
-        document.get('candidates') or []) if item['effects']}
-    known = catalogue()
-    return [[ring_wording.title_of(name), code(name), compact(evidence.get(name), 4),
-             known[name].settled_by if name in known else ''] for name in cause['group']]
-
-
 def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
     effect_id, title = cause['effect'], ring_wording.title_of(cause['effect'])
-    effect = catalogue().get(effect_id)
-    evidence, gain = cause['evidence'], cause['gain']
-    partial = ' – explains part of the misfit only' if cause.get('partial') else ''
-    is_alone = len(cause['group']) == 1
+    known, choices = catalogue(), ring_wording.choices_of(effect_id)
+    effect = known.get(effect_id)
+    words = {} if effect is None else {item.name: item.words for item in effect.parameters}
+    where = ring_wording.place_of(cause)
+    fitted = [['where', where, '']] if where else []
+    fitted += [[name, value_words(effect_id, name, item['value'], item['unit'], item['std']),
+                words.get(name, '')]
+               for name, item in cause['parameters'].items() if name not in choices]
+    tried = {item['effects'][-1]: item['delta_bic'] for item in reversed(
+        document.get('candidates') or []) if item['effects']}
+    alike: list[list[str | Cell]] = [
+        [ring_wording.title_of(name), code(name), compact(tried.get(name), 4),
+         known[name].settled_by if name in known else ''] for name in cause['group']]
+    is_alone = len(alike) == 1
     is_next = ring_wording.lowered(title) in (document.get('next_test') or '')
+    partial = ' – explains part of the misfit only' if cause.get('partial') else ''
+    evidence, gain = cause['evidence'], cause['gain']
     return '\n'.join([
         f'<h3>{html.escape(title)} <code>{html.escape(effect_id)}</code>{html.escape(partial)}'
         '</h3>',
         html.paragraph('' if effect is None else effect.words),
-        html.table(['parameter', number('value ± standard deviation'), ''],
-                   _cause_parameters(cause)),
+        html.table(['parameter', number('value ± standard deviation'), ''], fitted),
         html.table(['', number('')], [
             ['misfit reduction on fitted runs', percent(gain['fit'])],
             ['misfit reduction on held-out runs', percent(gain['held_out'])],
@@ -117,22 +118,10 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
             ['probability by chance alone', probability(evidence['p_value'])],
             ['evidence (ΔBIC)', compact(evidence['delta_bic'])]]),
         html.table(['alternatives for these data', 'id', number('evidence (ΔBIC)'),
-                    'measurement that tells them apart'],
-                   [] if is_alone else _look_alike_rows(cause, document)),
+                    'measurement that tells them apart'], [] if is_alone else alike),
         html.paragraph(f'To confirm it: {effect.settled_by}'
                        if effect is not None and is_alone and not is_next else '', 'note'),
     ])
-
-
-def _cause_parameters(cause: CauseEntry) -> list[list[str]]:
-    """Where the cause acts, and each fitted parameter with its meaning."""
-    effect_id, where = cause['effect'], ring_wording.place_of(cause)
-    effect, choices = catalogue().get(effect_id), ring_wording.choices_of(effect_id)
-    words = {} if effect is None else {item.name: item.words for item in effect.parameters}
-    return [*([['where', where, '']] if where else []), *(
-        [name, value_words(effect_id, name, item['value'], item['unit'], item['std']),
-         words.get(name, '')]
-        for name, item in cause['parameters'].items() if name not in choices)]
 
 
 OFFSETS = 'A constant offset of each probe is fitted. '
@@ -150,7 +139,7 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
         for name, item in run['channels'].items():
             shares = (_share(item['nrmse_before'], item), _share(item['nrmse_after'], item))
             rows.append([
-                _short(run['bag']), run['test'], f'{run["elevation_deg"]:g}°',
+                name_of(run['bag']), run['test'], f'{run["elevation_deg"]:g}°',
                 'held out' if run['held_out'] else 'fitted', code(name), shares[0],
                 shares[1] if is_extended else '', percent(item['noise_floor'])])
     return html.section(
@@ -176,24 +165,22 @@ def _share(value: float | None, item: ring_wording.ChannelEntry) -> Cell:
 
 
 def paper_split(curves: Sequence[RunCurves]) -> str:
-    """Measured and simulated as the published tests show them: one figure per kind of test."""
+    """Measured and simulated as the published tests show them: one figure per kind of test.
+
+    At most three runs each: the first at each elevation, fitted ones before those held out.
+    """
     parts = []
     for test, words in (('static', 'over load'), ('dynamic', 'over time')):
-        runs = _one_per_elevation([run for run in curves if run.test == test])
-        if runs:
+        chosen: dict[float, RunCurves] = {}
+        for run in sorted(curves, key=lambda item: item.held_out):
+            if run.test == test:
+                chosen.setdefault(round(run.elevation_deg, 1), run)
+        if chosen:
             parts.append(html.picture(
-                figures.comparison(runs), f'comparison_{test}',
+                figures.comparison(list(chosen.values())[:3]), f'comparison_{test}',
                 f'{test.capitalize()} tests {words}: δx, δy and γ, measured and simulated; below '
                 'each, measured minus simulated, with a band of twice the noise floor.'))
     return html.section('Simulation and measurement', *parts)
-
-
-def _one_per_elevation(runs: Sequence[RunCurves]) -> list[RunCurves]:
-    """At most three runs: the first at each elevation, fitted ones before those held out."""
-    chosen: dict[float, RunCurves] = {}
-    for run in sorted(runs, key=lambda item: item.held_out):
-        chosen.setdefault(round(run.elevation_deg, 1), run)
-    return list(chosen.values())[:3]
 
 
 def residual_map(curves: Sequence[RunCurves]) -> str:
@@ -257,9 +244,13 @@ def _shape_cell(
 def candidates(document: VerdictDocument) -> str:
     """Every fitted candidate with its evidence, and real effects that are too small."""
     found = document.get('candidates') or []
-    chosen = {cause['effect'] for cause in ring_wording.causes_of(document)}
-    alike = {name for cause in ring_wording.causes_of(document) for name in cause['group']}
-    parts = []
+    causes = ring_wording.causes_of(document)
+    chosen = {cause['effect'] for cause in causes}
+    alike = {name for cause in causes for name in cause['group']}
+    parts = [html.paragraph(
+        'Each candidate was refitted with the contact parameters free, on all fitted runs and all '
+        'four probes. ΔBIC above 10 is strong evidence for the candidate.', 'soft')
+        if found else '']
     for step in sorted({item['step'] for item in found}):
         members = sorted((item for item in found if item['step'] == step),
                          key=lambda item: -(item['delta_bic'] or 0.0))
@@ -267,33 +258,22 @@ def candidates(document: VerdictDocument) -> str:
         parts.append(html.table(
             ['model', 'fitted', number('evidence (ΔBIC)'), number('p'), number('share of range'),
              'outcome'],
-            [[*_candidate(item), ring_wording.why_lost(item, members[0], chosen, alike)]
+            [[Cell(' + '.join(f'<code>{html.escape(name)}</code>' for name in item['effects']),
+                   is_html=True),
+              _fitted_words(item['effects'][-1], item['parameters'].get(item['effects'][-1], {})),
+              compact(item['delta_bic'], 4), probability(item['p_value']),
+              percent(item['share_of_range']),
+              ring_wording.why_lost(item, members[0], chosen, alike)]
              for item in members[:CANDIDATES_SHOWN]]))
         left = len(members) - CANDIDATES_SHOWN
         parts.append(html.paragraph(
             f'{left} further candidates explain less.' if left > 0 else '', 'note'))
-    if parts:
-        parts.insert(0, html.paragraph(
-            'Each candidate was refitted with the contact parameters free, on all fitted runs and '
-            'all four probes. ΔBIC above 10 is strong evidence for the candidate.',
-            'soft'))
     small = document.get('immaterial') or []
     parts.append(html.heading('Real, but too small to matter') if small else '')
     parts.append(html.bullets([
         f'{" + ".join(item["effects"])}: {percent(item["share_of_range"])} of range, '
         f'p {probability(item["p_value"])}' for item in small]))
     return html.section('Evidence', *parts)
-
-
-def _candidate(item: ring_wording.CandidateEntry) -> list[str | Cell]:
-    last = item['effects'][-1]
-    values = item['parameters'].get(last, {})
-    return [
-        Cell(' + '.join(f'<code>{html.escape(name)}</code>' for name in item['effects']),
-             is_html=True),
-        _fitted_words(last, values), compact(item['delta_bic'], 4),
-        probability(item['p_value']), percent(item['share_of_range']),
-    ]
 
 
 def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
@@ -361,10 +341,6 @@ def notes(document: VerdictDocument) -> str:
     return html.section('Notes', html.bullets(lines))
 
 
-def _short(bag: str) -> str:
-    return str(bag).rstrip('/').rsplit('/', 1)[-1]
-
-
 def proposal(document: VerdictDocument, force_unit: str = 't') -> str:
     """The proposed law with its curve, misfit reduction and doubts; empty without a law.
 
@@ -379,22 +355,17 @@ def proposal(document: VerdictDocument, force_unit: str = 't') -> str:
         '.' if kept is None else f' and by {percent(kept)} on held-out runs.')
     parts = [html.paragraph('A proposal; the verdict stays unknown.', 'soft'),
              html.paragraph(worth)]
-    for place, term in enumerate(law['terms']):
-        parts += _term(term, place, force_unit)
+    for place, term in enumerate(law['terms'], start=1):
+        words = f'{term["channel"]} += {term["law"]} in {term["coordinate"]}'
+        parts += [
+            html.heading(words), html.commands([term['formula']]),
+            html.table(['parameter', number('value ± standard deviation')], [
+                [code(name), quantity(item['value'], item['unit'], item['std'])]
+                for name, item in term['parameters'].items()]),
+            html.picture(figures.proposed_law(term, force_unit), f'proposal_{place}',
+                         f'{words}: the addition, with twice its standard deviation (dotted).')]
     parts += [html.heading('Doubts') if law['doubts'] else '', html.bullets(law['doubts'])]
     if law['effect_files']:
         parts.append(html.paragraph(
             f'Effect file, for the next diagnosis: {", ".join(law["effect_files"])}.', 'note'))
     return html.section('A law that would explain the misfit', *parts)
-
-
-def _term(term: Mapping[str, Any], place: int, force_unit: str) -> list[str]:
-    rows: list[list[str | Cell]] = [
-        [code(name), quantity(item['value'], item['unit'], item['std'])]
-        for name, item in term['parameters'].items()]
-    words = f'{term["channel"]} += {term["law"]} in {term["coordinate"]}'
-    return [
-        html.heading(words), html.commands([term['formula']]),
-        html.table(['parameter', number('value ± standard deviation')], rows),
-        html.picture(figures.proposed_law(term, force_unit), f'proposal_{place + 1}',
-                     f'{words}: the addition, with twice its standard deviation (dotted).')]

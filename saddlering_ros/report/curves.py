@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import csv
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -12,10 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
-from saddlering_ros.discrepancy import RunBlocks
-from saddlering_ros.files import whole_file
-from saddlering_ros.pages import ReportError
+from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.record import plateaus, Record
 from saddlering_ros.rig import CHANNELS, FORCE_UNITS
 
@@ -89,73 +85,22 @@ class Branches:
 def curves_of(verdict: Verdict) -> list[RunCurves]:
     """The runs of a diagnosis."""
     changed = verdict.diagnosis.fits.after is not verdict.diagnosis.fits.before
-    return [_curves(figures, changed, verdict.rig.force_unit) for figures in verdict.runs]
-
-
-def _curves(figures: RunFigures, changed: bool, force_unit: str) -> RunCurves:
-    run, test_run = figures.record.run, figures.record.test_run
-    noise = {
-        name: item.noise_floor * float(np.ptp(figures.measured[row]))
-        for row, (name, item) in enumerate(figures.channels.items())
-    }
-    sound = {
-        name: float(np.hypot(noise[name], item.sound * np.ptp(figures.measured[row])))
-        for row, (name, item) in enumerate(figures.channels.items()) if item.sound
-    }
-    return RunCurves(
-        name=run.name, test=test_run.test, elevation_deg=float(np.degrees(test_run.elevation)),
-        held_out=run.held_out, time=run.time, width=run.width, load=run.inputs['load'],
-        direction=_direction(run), measured=figures.measured, before=figures.before,
-        after=figures.after if changed else figures.before, noise=noise, force_unit=force_unit,
-        sound=sound)
-
-
-def _direction(run: RunBlocks) -> Array:
-    return np.ones(run.time.size) if run.direction is None else run.direction
-
-
-@dataclass(frozen=True)
-class Means:
-    """How one run's samples are averaged: plateaus, or equal blocks; N means.
-
-    start, stop (N,) count the run's load samples; direction (N,) +1 load rises, -1 it falls.
-    """
-
-    start: NDArray[np.int64]
-    stop: NDArray[np.int64]
-    direction: Array
-
-    def of(self, values: Array) -> Array:
-        """Means (..., N) of values (..., samples), NaN samples left out."""
-        return np.stack([_mean(values[..., a:b])
-                         for a, b in zip(self.start, self.stop, strict=True)], axis=-1)
-
-
-def _mean(values: Array) -> Array:
-    """Mean of the finite values over the last axis; NaN if there is none."""
-    good = np.isfinite(values)
-    count = good.sum(axis=-1)
-    total = np.where(good, values, 0.0).sum(axis=-1)
-    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
-
-
-def means_of(run: Record) -> Means:
-    """Plateaus of a static run, equal blocks of a dynamic one."""
-    if run.test == 'static':
-        holds = plateaus(run)
-        return Means(holds.start, holds.stop, _carried(holds.branch.astype(float)))
-    edges = np.linspace(0, len(run.time), min(BLOCKS, len(run.time) // 4) + 1).astype(int)
-    load = np.array([run.load[a:b].mean() for a, b in pairwise(edges.tolist())])
-    top = int(np.argmax(load))
-    direction = np.where(np.arange(load.size) <= top, 1.0, -1.0)
-    return Means(edges[:-1], edges[1:], direction)
-
-
-def _carried(branch: Array) -> Array:
-    for index in range(branch.size):
-        if branch[index] == 0.0:
-            branch[index] = branch[index - 1] if index else 1.0
-    return branch
+    found = []
+    for figures in verdict.runs:
+        run, test_run = figures.record.run, figures.record.test_run
+        spans = dict(zip(figures.channels, np.ptp(figures.measured, axis=1), strict=False))
+        noise = {name: item.noise_floor * float(spans[name])
+                 for name, item in figures.channels.items()}
+        found.append(RunCurves(
+            name=run.name, test=test_run.test, held_out=run.held_out, time=run.time,
+            elevation_deg=float(np.degrees(test_run.elevation)), width=run.width,
+            load=run.inputs['load'], measured=figures.measured, before=figures.before,
+            direction=np.ones(run.time.size) if run.direction is None else run.direction,
+            after=figures.after if changed else figures.before, noise=noise,
+            force_unit=verdict.rig.force_unit,
+            sound={name: float(np.hypot(noise[name], item.sound * spans[name]))
+                   for name, item in figures.channels.items() if item.sound}))
+    return found
 
 
 def curves_of_run(
@@ -164,22 +109,41 @@ def curves_of_run(
 ) -> RunCurves:
     """A run's curves from its channels (4, samples) at the load's stamps.
 
+    A static run is shown by the means of its plateaus, a dynamic one by those of equal blocks.
     floors: noise floor by channel as a share of the channel's measured range; 0 where missing.
     """
-    means = means_of(run)
-    seen, first = means.of(measured), means.of(before)
-    last = first if after is before else means.of(after)
+    if run.test == 'static':
+        holds = plateaus(run)
+        edges = list(zip(holds.start, holds.stop, strict=True))
+        direction = holds.branch.astype(float)
+        for index in np.flatnonzero(direction == 0.0):  # at the peak and at the ends
+            direction[index] = direction[index - 1] if index else 1.0
+    else:
+        places = np.linspace(0, len(run.time), min(BLOCKS, len(run.time) // 4) + 1).astype(int)
+        edges = list(pairwise(places.tolist()))
+        top = int(np.argmax([run.load[start:stop].mean() for start, stop in edges]))
+        direction = np.where(np.arange(len(edges)) <= top, 1.0, -1.0)
+
+    def means(values: Array) -> Array:
+        """Means (..., N) of values (..., samples); NaN samples left out."""
+        sums = [np.nansum(values[..., start:stop], axis=-1) for start, stop in edges]
+        counts = [np.isfinite(values[..., start:stop]).sum(axis=-1) for start, stop in edges]
+        total, count = np.stack(sums, axis=-1), np.stack(counts, axis=-1)
+        return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+    seen, first = means(measured), means(before)
+    last = first if after is before else means(after)
     there = np.isfinite(seen).any(axis=1)  # The parity is unknown if a probe is absent.
     good = np.isfinite(seen + first + last)[there].all(axis=0)
-    widths = means.of(np.gradient(run.time)) * (means.stop - means.start)
+    widths = means(np.gradient(run.time)) * [stop - start for start, stop in edges]
     noise = {name: (floors.get(name) or 0.0) * float(np.ptp(seen[row][good]))
              for row, name in enumerate(CHANNELS)}
     shown = first[:, good]
     return RunCurves(
         name=run.path.name, test=run.test,
         elevation_deg=round(float(np.degrees(run.elevation)), 2), held_out=held_out,
-        time=means.of(run.time)[good], width=widths[good], load=means.of(run.load)[good],
-        direction=means.direction[good], measured=seen[:, good], before=shown,
+        time=means(run.time)[good], width=widths[good], load=means(run.load)[good],
+        direction=direction[good], measured=seen[:, good], before=shown,
         after=shown if last is first else last[:, good], noise=noise, force_unit=force_unit,
     )
 
@@ -236,16 +200,6 @@ def curves_path(report: Path | str) -> Path:
     """'report_curves.csv' for 'report.html'."""
     path = Path(report)
     return path.with_name(f'{path.stem}_curves.csv')
-
-
-def write_curves(path: Path, curves: Sequence[RunCurves]) -> None:
-    """Write the table of `curve_columns` as CSV, whole or not at all."""
-    columns = curve_columns(curves)
-    with whole_file(path, ReportError) as temporary, temporary.open(
-            'w', encoding='utf-8', newline='') as file:
-        table = csv.writer(file)
-        table.writerow(columns)
-        table.writerows(zip(*columns.values(), strict=True))
 
 
 def curve_columns(curves: Sequence[RunCurves]) -> dict[str, list[Any]]:

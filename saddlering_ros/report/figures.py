@@ -146,7 +146,8 @@ def misfit(
                      markers([after], at, 'D', charts.AFTER, 'extended model', size=4.5)]
             series += drawn if is_extended else drawn[1:3]
             heights.append(height)
-            words.append(f'{_short(run)}   {SYMBOLS[name]}')
+            words.append(f'{name_of(run["bag"])}{" (held out)" if run.get("held_out") else ""}'
+                         f'   {SYMBOLS[name]}')
             height += 1.0
         height += 0.6
     panel = Panel(
@@ -157,9 +158,9 @@ def misfit(
                  legend_columns=3)
 
 
-def _short(run: Mapping[str, Any]) -> str:
-    name = str(run['bag']).rstrip('/').rsplit('/', 1)[-1]
-    return f'{name}{" (held out)" if run.get("held_out") else ""}'
+def name_of(bag: object) -> str:
+    """The last part of a bag's path."""
+    return str(bag).rstrip('/').rsplit('/', 1)[-1]
 
 
 def residuals(run: RunCurves) -> Chart:
@@ -274,12 +275,18 @@ def residual_map(runs: Sequence[RunCurves]) -> Chart:
     y_ticks = Ticks(tuple(float(place) for place in range(len(rows))), names, 7.5)
     panels: list[Panel] = []
     for place, channel in enumerate(SHOWN):
+        is_last = place == len(SHOWN) - 1
         for column, (extended, words) in enumerate(versions):
-            values = np.array([_map_row(*row, channel, extended, top) for row in rows])
+            values = np.full((len(rows), MAP_LEVELS + 1), np.nan)
+            for row, (run, sign) in enumerate(rows):
+                misfit = run.residual(channel, extended=extended) / max(run.noise[channel], 1e-12)
+                level = np.clip(np.round(run.load / top * MAP_LEVELS).astype(int), 0, MAP_LEVELS)
+                for number in np.unique(level[np.sign(run.direction) == sign]):
+                    values[row, number] = misfit[
+                        (level == number) & (np.sign(run.direction) == sign)].mean()
             heat = HeatMap(
                 values, BROWN_TO_PURPLE, low=-MAP_LIMIT, high=MAP_LIMIT, rows=names, columns=loads,
                 label='' if panels else 'mean misfit / noise floor', background='#dde3e9')
-            is_last = place == len(SHOWN) - 1
             panels.append(Panel(
                 place, column, 'load', 'run and branch', heat=heat,
                 title=f'{SYMBOLS[channel]}, {words}', shows_x=is_last, shows_x_label=False,
@@ -287,19 +294,6 @@ def residual_map(runs: Sequence[RunCurves]) -> Chart:
     return Chart(tuple(panels), width=11.4,
                  height=0.9 + len(SHOWN) * (0.45 + 0.19 * len(rows)),
                  heights=(1.0,) * len(SHOWN), columns=len(versions))
-
-
-def _map_row(run: RunCurves, sign: float, channel: str, extended: bool, top: float) -> Array:
-    """Mean misfit over noise at each load level of one branch; NaN if there is no reading."""
-    here = np.sign(run.direction) == sign
-    level = np.clip(np.round(run.load / top * MAP_LEVELS).astype(int), 0, MAP_LEVELS)
-    values = run.residual(channel, extended=extended) / max(run.noise[channel], 1e-12)
-    found = np.full(MAP_LEVELS + 1, np.nan)
-    for number in range(MAP_LEVELS + 1):
-        cell = here & (level == number)
-        if cell.any():
-            found[number] = values[cell].mean()
-    return found
 
 
 def proposed_law(term: Mapping[str, Any], force_unit: str) -> Chart:

@@ -24,6 +24,9 @@ from saddlering_ros.rig import (
 STRONG = 0.9
 """A correlation of parameters beyond which neither is known without the other."""
 
+Row = list[str | Cell]
+HEAD = ('parameter', number('value ± standard deviation'), number('95 % interval'), '')
+UNDETERMINED = 'not determined by these data: '
 ASSUMPTION = ('Every dimension of the rig is an assumption of this project, so the parameters are '
               "equivalent ones: they reproduce the ring's response, not a single roller's.")
 OF_NOISE = ('Where no cause is in the model, standard deviations of a parameter file count noise '
@@ -33,26 +36,22 @@ OF_NOISE = ('Where no cause is in the model, standard deviations of a parameter 
 
 def identified(found: Mapping[str, Any], words: str = '') -> str:
     """Result of an identification: values, errors, intervals, undetermined parameters."""
-    rows: list[list[str | Cell]] = []
-    for name in PARAMETER_NAMES:
-        item = found['parameters'][name]
-        rows.append([
-            code(name), quantity(item['value'], item['unit'], item['std']),
-            span(*item['interval']) if item['interval'] else '–',
-            f'not determined by these data: {item["reason"]}' if item['reason'] else
-            ('at its bound' if item['at_bound'] else '')])
-    for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
-        values = [found['parameters'][key]['value'] for key in (name, exponent)]
-        rows.append([code(name), _per_millimetre(*values), '', ''])
+    items = found['parameters']
+    rows: list[Row] = [
+        [code(name), quantity(item['value'], item['unit'], item['std']),
+         span(*item['interval']) if item['interval'] else '–',
+         UNDETERMINED + item['reason'] if item['reason'] else
+         ('at its bound' if item['at_bound'] else '')]
+        for name, item in ((name, items[name]) for name in PARAMETER_NAMES)]
+    rows += [[code(name), words, '', ''] for name, words in _per_millimetre(
+        {name: items[name]['value'] for name in PARAMETER_NAMES})]
     covariance = np.array([[math.nan if value is None else value for value in row]
                            for row in found.get('covariance') or []])
     return html.section(
         'Identification',
         html.paragraph(f'{found["evaluations"]} simulations in {found["elapsed"]:.1f} s; '
                        f'{found["status"]}.'),
-        html.table(['parameter', number('value ± standard deviation'), number('95 % interval'),
-                    ''], rows, words),
-        html.paragraph(INTERVALS, 'note'),
+        html.table(HEAD, rows, words), html.paragraph(INTERVALS, 'note'),
         correlation(covariance if covariance.shape == (6, 6) else None),
         html.paragraph(ASSUMPTION, 'note'), html.bullets(list(found.get('notes') or [])))
 
@@ -65,24 +64,23 @@ def before_and_after(
     first, last = document['parameters']['before'], document['parameters']['after']
     reasons = document['parameters'].get('undetermined', {}).get('after', {})
     is_extended = bool(causes_of(document))  # Without a cause, columns of the change are empty.
-    rows: list[list[str | Cell]] = []
+    rows: list[Row] = []
     for name in PARAMETER_NAMES:
         if name not in first or name not in last:
             continue
         std = None if name in reasons else last.get(f'{name}_std')
-        changed = (_contact(name, first[name], None),
-                   '–' if name in reasons else _moved(first[name], last[name]),
-                   f'{abs(first[name] - last[name]) / std:.1f}' if std else '–')
-        was, moved, ratio = changed if is_extended else ('', '', '')
+        ratio = first[name] / last[name]
+        moved = '–' if name in reasons else '0 %' if abs(ratio - 1.0) < 5e-4 else (
+            f'{100.0 * (ratio - 1.0):+.2g} %' if 0.5 < ratio < 1.5 else f'× {ratio:.2g}')
         rows.append([
-            code(name), was, _contact(name, last[name], std), interval(last[name], std), moved,
-            ratio, f'not determined by these data: {reasons[name]}' if name in reasons else '',
-        ])
-    for name, exponent in (('K1', 'n1'), ('K2', 'n2')):
-        if name in first and name in last:
-            stiffness = [_per_millimetre(item[name], item[exponent]) for item in (first, last)]
-            rows.append([code(name), stiffness[0] if is_extended else '', stiffness[1],
-                         *[''] * 4])
+            code(name), quantity(first[name], PARAMETER_UNITS[name]) if is_extended else '',
+            quantity(last[name], PARAMETER_UNITS[name], std), interval(last[name], std),
+            moved if is_extended else '',
+            f'{abs(first[name] - last[name]) / std:.1f}' if std and is_extended else '–',
+            UNDETERMINED + reasons[name] if name in reasons else ''])
+    rows += [[code(name), before_words if is_extended else '', after_words, *[''] * 4]
+             for (name, before_words), (_, after_words) in zip(
+                 _per_millimetre(first), _per_millimetre(last), strict=True)]
     return html.section(
         'Contact parameters',
         html.table(['parameter', *map(number, (
@@ -99,36 +97,25 @@ def interval(value: float, std: float | None) -> str:
     return span(value - 1.96 * std, value + 1.96 * std) if std else '–'
 
 
-def _moved(first: float, last: float) -> str:
-    """Change of a value: in percent, or as a factor if it is more than half."""
-    ratio = first / last
-    if abs(ratio - 1.0) < 5e-4:
-        return '0 %'
-    return f'{100.0 * (ratio - 1.0):+.2g} %' if 0.5 < ratio < 1.5 else f'× {ratio:.2g}'
-
-
-def _contact(name: str, value: float, std: float | None) -> str:
-    return quantity(value, PARAMETER_UNITS[name], std)
-
-
-def _per_millimetre(stiffness: float, exponent: float) -> str:
-    return quantity(stiffness_per_millimetre(stiffness, exponent), 'N/mm^n')
+def _per_millimetre(values: Mapping[str, float]) -> list[tuple[str, str]]:
+    """K1 and K2 of parameters by name, each with its stiffness as catalogues give it."""
+    return [(name, quantity(stiffness_per_millimetre(values[name], values[exponent]), 'N/mm^n'))
+            for name, exponent in (('K1', 'n1'), ('K2', 'n2'))
+            if name in values and exponent in values]
 
 
 def of_file(parameters: ParameterSet) -> str:
     """The parameter file: contact law with errors, effects, correlation, where it came from."""
     covariance = parameters.source.covariance
     spread = [None] * 6 if covariance is None else np.sqrt(np.diag(covariance)).tolist()
-    rows: list[list[str | Cell]] = []
-    for name, std in zip(PARAMETER_NAMES, spread, strict=True):
-        value = float(getattr(parameters.contact, name))
+    values_of = {name: float(getattr(parameters.contact, name)) for name in PARAMETER_NAMES}
+    rows: list[Row] = []
+    for (name, value), std in zip(values_of.items(), spread, strict=True):
         reason = parameters.source.undetermined.get(name)
-        shown_std = std if reason is None else None
-        rows.append([code(name), _contact(name, value, shown_std), interval(value, shown_std),
-                     '' if reason is None else f'not determined by these data: {reason}'])
-    contact = parameters.contact
-    for name, value, power in (('K1', contact.K1, contact.n1), ('K2', contact.K2, contact.n2)):
-        rows.append([code(name), _per_millimetre(value, power), '', ''])
+        shown = std if reason is None else None
+        rows.append([code(name), quantity(value, PARAMETER_UNITS[name], shown),
+                     interval(value, shown), '' if reason is None else UNDETERMINED + reason])
+    rows += [[code(name), words, '', ''] for name, words in _per_millimetre(values_of)]
     for effect, values in parameters.effects.items():
         rows += [[code(f'{effect}.{name}'), f'{compact(value, 5)} (SI)', '', '']
                  for name, value in values.items()]
@@ -137,8 +124,7 @@ def of_file(parameters: ParameterSet) -> str:
     words += f' from {", ".join(source.bags)}' if source.bags else ''
     return html.section(
         'Parameters',
-        html.table(['parameter', number('value ± standard deviation'), number('95 % interval'),
-                    ''], rows, words + (f': {source.note}' if source.note else '')),
+        html.table(HEAD, rows, words + (f': {source.note}' if source.note else '')),
         correlation(covariance),
         '' if covariance is None or source.method == 'given' else html.paragraph(OF_NOISE, 'note'),
         html.paragraph(ASSUMPTION, 'note'))
@@ -151,10 +137,10 @@ def correlation(covariance: Array | None) -> str:
     spread = np.sqrt(np.diag(covariance))
     scale = np.outer(spread, spread)
     shares = np.divide(covariance, scale, out=np.zeros_like(covariance), where=scale > 0.0)
-    rows: list[list[str | Cell]] = [
-        [html.code(name), *(
-            _heat(shares[i, j], known=bool(scale[i, j] > 0.0)) for j in range(len(spread)))]
-        for i, name in enumerate(PARAMETER_NAMES)]
+    rows: list[Row] = [
+        [code(name), *(_heat(share) if size > 0.0 else Cell('–', mark='heat')
+                       for share, size in zip(*of, strict=True))]
+        for name, *of in zip(PARAMETER_NAMES, shares, scale, strict=True)]
     strong = [f'{first} and {second}' for i, first in enumerate(PARAMETER_NAMES)
               for j, second in enumerate(PARAMETER_NAMES)
               if i < j and abs(shares[i, j]) > STRONG]
@@ -164,9 +150,7 @@ def correlation(covariance: Array | None) -> str:
         ['', *(number(name) for name in PARAMETER_NAMES)], rows) + html.paragraph(words, 'note')
 
 
-def _heat(value: float, *, known: bool) -> Cell:
-    if not known:
-        return Cell('–', mark='heat')
+def _heat(value: float) -> Cell:
     hue = '31,111,178' if value >= 0.0 else '209,73,91'
     return Cell(f'<span style="background:rgba({hue},{0.45 * abs(value):.2f});padding:1px 7px">'
                 f'{value:+.2f}</span>'.replace('-', '−'), is_number=True, is_html=True)

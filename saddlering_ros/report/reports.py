@@ -10,7 +10,7 @@ import numpy as np
 
 from saddlering_ros.diagnosis.ring_wording import lowered, title_of, VerdictDocument
 from saddlering_ros.diagnosis.verdict import Verdict
-from saddlering_ros.files import whole_file
+from saddlering_ros.files import whole_file, write_csv
 from saddlering_ros.identification.validation import judge, Validation
 from saddlering_ros.pages import html, ReportError
 from saddlering_ros.pages.certainty import certainty
@@ -21,11 +21,11 @@ from saddlering_ros.record import Record
 from saddlering_ros.report import background, chapters, figures, parameters
 from saddlering_ros.report.curves import (
     Array,
+    curve_columns,
     curves_of,
     curves_of_run,
     curves_path,
     RunCurves,
-    write_curves,
 )
 from saddlering_ros.report.figures import SYMBOLS
 from saddlering_ros.rig import CHANNELS, Rig
@@ -48,7 +48,7 @@ def write_diagnosis_report(
         top=background.head(DIAGNOSIS, verdict.rig, tests),
         quality=background.data_quality([run for run, _ in tests], verdict.rig),
         command=command, curves_file=beside.name, more=more))
-    write_curves(beside, curves)
+    write_csv(beside, curve_columns(curves), ReportError)
     return Path(path), beside
 
 
@@ -109,7 +109,7 @@ def write_validation_report(
         background.data_quality(runs, rig),
         background.reproduction(validation.to_json(), command, beside.name),
     ]))
-    write_curves(beside, curves)
+    write_csv(beside, curve_columns(curves), ReportError)
     return Path(path), beside
 
 

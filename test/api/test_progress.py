@@ -43,7 +43,7 @@ def test_a_job_reports_what_the_api_reports(paths):
     assert [item.task for item in from_job if item not in shared] == ['validate', 'validate']
     assert isinstance(shared[-1].search, SearchStep)
     assert answer.parameters.contact == found.parameters.contact
-    assert json.loads(answer.report_json)['parameters'] == found.to_json()['parameters']
+    assert json.loads(answer.fields['report_json'])['parameters'] == found.to_json()['parameters']
 
 
 def test_a_report_names_its_step_in_words():

@@ -14,6 +14,7 @@ from shared_pictures import DRAWN, shared_drawn
 
 from saddlering_ros.diagnosis.ring_wording import document_text, gain_sentence, headline, tried
 from saddlering_ros.discrepancy.verdict.wording import remaining_words
+from saddlering_ros.files import write_csv
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import draw
@@ -24,7 +25,7 @@ from saddlering_ros.record.quality import white_noise
 from saddlering_ros.report import figures, parameters
 from saddlering_ros.report.background import date_of, head, misfit_reductions
 from saddlering_ros.report.chapters import proposal
-from saddlering_ros.report.curves import branches, curves_path, spectrum, welch, write_curves
+from saddlering_ros.report.curves import branches, curve_columns, curves_path, spectrum, welch
 from saddlering_ros.report.reports import diagnosis_page
 from saddlering_ros.rig import default_rig
 
@@ -221,7 +222,7 @@ def test_a_stamp_that_is_no_date_gives_none():
 
 def test_the_curves_beside_a_report_are_those_that_it_draws(tmp_path):
     path = curves_path(tmp_path / 'page.html')
-    write_curves(path, RUNS)
+    write_csv(path, curve_columns(RUNS))
     with path.open(newline='') as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == sum(run.time.size for run in RUNS)
