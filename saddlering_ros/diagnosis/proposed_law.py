@@ -59,9 +59,8 @@ def proposal_document(law: LawProposal | None, files: tuple[str, ...]) -> dict[s
 
 
 def effect_paths(law: LawProposal, folder: Path) -> dict[Path, Term]:
-    """Each term that can be simulated, by the path of its file; none for curves of single runs."""
-    return {folder / f'{_effect_id(term)}.yaml': term
-            for term in law.terms if term.law != 'own curve'}
+    """Each term, by the path of its file."""
+    return {folder / f'{_effect_id(term)}.yaml': term for term in law.terms}
 
 
 def _effect_id(term: Term) -> str:
@@ -69,7 +68,7 @@ def _effect_id(term: Term) -> str:
 
 
 def write_effect_files(law: LawProposal, folder: Path, full_scale_load: float) -> list[Path]:
-    """One effect file per term that can be simulated."""
+    """One effect file per term."""
     paths = effect_paths(law, folder)
     for path, term in paths.items():
         coordinate, at, values = _table(term)

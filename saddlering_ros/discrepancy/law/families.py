@@ -14,7 +14,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 from scipy.optimize import nnls
 
 from saddlering_ros.discrepancy.problem.system import Array
@@ -119,11 +118,11 @@ class Misfit:
         return sum(run.residual.size for run in self.runs)
 
     @cached_property
-    def folds(self) -> list[NDArray[np.int64]]:
+    def folds(self) -> Sequence[slice | NDArray[np.int64]]:
         """Rows that are held out in turn: runs, or parts of a single run."""
         if len(self.runs) > 1:
             ends = np.cumsum([run.residual.size for run in self.runs])
-            return np.split(np.arange(self.size), ends[:-1])
+            return list(map(slice, (0, *ends[:-1]), ends))
         channels, samples = self.runs[0].residual.shape
         part = np.tile(np.arange(samples) * FOLDS // samples, channels)
         return [np.flatnonzero(part == number) for number in range(FOLDS)]
@@ -247,20 +246,6 @@ def _curve(runs: tuple[ObservedRun, ...], name: str) -> ShapeFamily:
     return ShapeFamily(name, 'curve', shapes, _roughness(pieces), span)
 
 
-def own_curves(runs: tuple[ObservedRun, ...]) -> ShapeFamily:
-    """One curve over time for each run: a description that predicts no other run."""
-    roughness = _roughness(TIME_PIECES)
-    width, shapes = len(roughness), []
-    for number, run in enumerate(runs):
-        time = run.coordinates[TIME]
-        shape = np.zeros((time.size, width * len(runs)))
-        shape[:, number * width : (number + 1) * width] = spline_columns(
-            time, (float(time.min()), float(time.max())), TIME_PIECES)
-        shapes.append(shape)
-    penalty = block_diag(*[roughness] * len(runs))
-    return ShapeFamily(TIME, 'own curve', tuple(shapes), penalty, span_of(runs, TIME))
-
-
 @dataclass(frozen=True)
 class BlockFit:
     """One family added to one target: coefficients, and explained part of the whitened misfit.
@@ -302,16 +287,15 @@ def _fit_block(
     gram, slope = white.T @ white, white.T @ wanted
     unit = float(np.trace(gram)) / max(float(np.trace(block.penalty)), 1e-300)
     ridge = (MIN_RIDGE * float(np.trace(gram)) / len(gram) + 1e-300) * np.eye(len(gram))
-    parts = [(rows, white[rows].T @ white[rows], white[rows].T @ wanted[rows])
+    parts = [(white[rows].T @ white[rows], white[rows].T @ wanted[rows])
              for rows in misfit.folds]
     best, chosen = -np.inf, float(STRENGTHS[-1])
     for strength in STRENGTHS:
         penalty = strength * unit * block.penalty + ridge
         predicted = 0.0
-        for rows, own_gram, own_slope in parts:
+        for own_gram, own_slope in parts:
             solution = _solve(block, gram - own_gram + penalty, slope - own_slope)
-            left = wanted[rows] - white[rows] @ solution
-            predicted += float(wanted[rows] @ wanted[rows] - left @ left)
+            predicted += float(2.0 * solution @ own_slope - solution @ own_gram @ solution)
         if predicted > best:
             best, chosen = predicted, float(strength)
     penalised = gram + (chosen * unit * block.penalty + ridge)

@@ -152,7 +152,7 @@ def _forms_of(coordinate: str, kind: str) -> list[Form]:
     if coordinate == DIRECTION:
         return [replace(form, coordinate=DIRECTION, words=f'direction * {form.words}')
                 for form in (*CURVES, CONSTANT)]
-    special = {'plays': [PLAY], 'relaxation': [MEMORY], 'own curve': []}
+    special = {'plays': [PLAY], 'relaxation': [MEMORY]}
     return special.get(kind, [replace(form, coordinate=coordinate) for form in CURVES])
 
 
@@ -204,6 +204,11 @@ class Term:
         return curve * coordinates[DIRECTION] if self.coordinate == DIRECTION else curve
 
 
+MAX_REFINED = 3
+"""Number of forms whose shape is searched beyond its grid: those that fit best there. Chosen for
+cost."""
+
+
 def match_law(misfit: Misfit, fit: BlockFit, wanted: Array) -> Term:
     """The simple law that is as good as the family by BIC, or the curve of the family."""
 
@@ -212,14 +217,14 @@ def match_law(misfit: Misfit, fit: BlockFit, wanted: Array) -> Term:
         return size * float(np.log(max(left, 1e-300) / size)) + count * float(np.log(size))
 
     left = float(wanted @ wanted) - fit.taken
-    laws = []
-    for form in _forms_of(fit.block.coordinate, fit.block.kind):
-        own, shape = _search(misfit, fit, form, wanted)
-        laws.append((bic(own, form.count), form, shape))
-    if laws:
-        lowest, form, shape = min(laws, key=lambda law: law[0])
-        if lowest <= bic(left, fit.freedom):
-            return _law_term(misfit, fit, form, shape, wanted)
+    begun = [(*_on_grid(misfit, fit, form, wanted), form)
+             for form in _forms_of(fit.block.coordinate, fit.block.kind)]
+    begun.sort(key=lambda law: bic(law[0], law[2].count))
+    ends = [(*_refined(misfit, fit, form, wanted, own, shape), form)
+            for own, shape, form in begun[:MAX_REFINED]]
+    own, shape, form = min(ends, key=lambda law: bic(law[0], law[2].count))
+    if bic(own, form.count) <= bic(left, fit.freedom):
+        return _law_term(misfit, fit, form, shape, wanted)
     return _curve_term(misfit, fit, left)
 
 
@@ -229,25 +234,32 @@ def _columns(misfit: Misfit, target: str, form: Form, shapes: Sequence[Shape]) -
         for run in misfit.runs])
 
 
-def _search(misfit: Misfit, fit: BlockFit, form: Form, wanted: Array) -> tuple[float, Array]:
-    """Misfit and shape of the best law of one form."""
+def _left(columns: Array, wanted: Array) -> float:
+    """Misfit with the best amplitudes of columns (n, m)."""
+    slope = columns.T @ wanted
+    amplitudes = np.linalg.pinv(columns.T @ columns, hermitian=True) @ slope
+    return float(wanted @ wanted - amplitudes @ slope)
 
-    def left(columns: Array) -> float:
-        """Misfit with the best amplitudes of columns (n, m)."""
-        slope = columns.T @ wanted
-        amplitudes = np.linalg.pinv(columns.T @ columns, hermitian=True) @ slope
-        return float(wanted @ wanted - amplitudes @ slope)
 
+def _on_grid(misfit: Misfit, fit: BlockFit, form: Form, wanted: Array) -> tuple[float, Array]:
+    """Misfit and shape of the best law of one form on its grid."""
     low, high = fit.block.span
     if form is MEMORY and fit.block.memory is not None:
         low, high = float(fit.block.memory[0]), float(fit.block.memory[-1])
     shapes = [np.array(shape) for shape in form.grid(low, high)]
     columns = _columns(misfit, fit.target, form, shapes)
-    lefts = [left(own) for own in np.split(columns, len(shapes), axis=1)]
+    lefts = [_left(own, wanted) for own in np.split(columns, len(shapes), axis=1)]
     best = int(np.argmin(lefts))
-    start, free = shapes[best], form.searched
+    return lefts[best], shapes[best]
+
+
+def _refined(
+    misfit: Misfit, fit: BlockFit, form: Form, wanted: Array, least: float, start: Array
+) -> tuple[float, Array]:
+    """Misfit and shape of the best law of one form about a start, whose misfit is `least`."""
+    free = form.searched
     if start.size == 0:
-        return lefts[best], start
+        return least, start
 
     def moved_by(move: Array) -> Array:
         shape = start.copy()
@@ -255,13 +267,13 @@ def _search(misfit: Misfit, fit: BlockFit, form: Form, wanted: Array) -> tuple[f
         return shape
 
     minimum = minimize(
-        lambda move: left(_columns(misfit, fit.target, form, [moved_by(move)])),
+        lambda move: _left(_columns(misfit, fit.target, form, [moved_by(move)]), wanted),
         np.zeros(len(free)), method='Nelder-Mead',
         options={
-            'maxfev': 60, 'xatol': 1e-4, 'fatol': 1e-7 * max(lefts[best], 1e-300),
+            'maxfev': 60, 'xatol': 1e-4, 'fatol': 1e-7 * max(least, 1e-300),
             'initial_simplex': np.vstack([np.zeros(len(free)), 0.1 * np.eye(len(free))])})
-    if minimum.fun >= lefts[best]:
-        return lefts[best], start
+    if minimum.fun >= least:
+        return least, start
     return float(minimum.fun), moved_by(minimum.x)
 
 
@@ -316,10 +328,6 @@ def _curve_term(misfit: Misfit, fit: BlockFit, left: float) -> Term:
         return Term(fit.target, block.coordinate, block.kind, words, {}, block.memory,
                     coefficients * scale, spread * scale)
     at = np.linspace(*block.span, CURVE_POINTS)
-    if block.kind == 'own curve':
-        zero = np.zeros(at.size)
-        return Term(fit.target, block.coordinate, block.kind,
-                    'a separate curve over time for each run', {}, at, zero, zero)
     if block.kind == 'harmonics':
         basis = families.harmonics(at)
     else:

@@ -23,7 +23,6 @@ from saddlering_ros.discrepancy.law.families import (
     LOAD,
     Misfit,
     ObservedRun,
-    own_curves,
     ranked_fits,
     RATE,
     span_of,
@@ -47,10 +46,6 @@ description of the misfit, however significant it is."""
 MIN_SECOND_SHARE = 0.1
 """Smallest share of the remaining misfit that a second family must predict, for the same
 reason."""
-
-OWN_CURVES = 0.3
-"""Predicted share below which a curve of its own is tried for each run: the runs then have little
-in common."""
 
 ALIKE = 0.9
 """Predicted share, relative to the best, at which another coordinate or target is a doubt. The
@@ -99,11 +94,6 @@ class LawProposal:
         return self.terms[0]
 
     @property
-    def predicts(self) -> bool:
-        """Whether it predicts a run that it was not fitted to."""
-        return all(term.law != 'own curve' for term in self.terms)
-
-    @property
     def doubts(self) -> tuple[str, ...]:
         """Every reason not to trust it, one sentence each."""
         return (*(f'the law makes {name} worse' for name in self.worse), *self.reasons)
@@ -137,11 +127,7 @@ def propose_law(
     """The best law of at most two families, or None if none passes the test."""
     wanted = misfit.residual
     total = float(wanted @ wanted)
-    families = ranked_fits(misfit, blocks_of(misfit.runs), wanted)
-    ranked = families
-    if ranked[0].predicted < OWN_CURVES * total:
-        own = ranked_fits(misfit, [own_curves(misfit.runs)], wanted)
-        ranked = sorted([*families, *own], key=lambda fit: -fit.predicted)
+    ranked = ranked_fits(misfit, blocks_of(misfit.runs), wanted)
     trials = len(ranked)
     first = ranked[0]
     p_value = first.p_value(misfit.degrees, trials)
@@ -149,7 +135,7 @@ def propose_law(
         return None
     chosen = [first]
     left = _left(wanted, chosen)
-    second = max((fit.refitted(misfit, left) for fit in families), key=lambda fit: fit.predicted)
+    second = max((fit.refitted(misfit, left) for fit in ranked), key=lambda fit: fit.predicted)
     enough = second.predicted >= MIN_SECOND_SHARE * float(left @ left)
     if enough and second.p_value(misfit.degrees, trials * trials) < error_rate:
         # Both are fitted together, each to the residual of the other, in turn; the larger first.
@@ -160,7 +146,7 @@ def propose_law(
         chosen.sort(key=lambda fit: -fit.taken)
     terms = tuple(match_law(misfit, fit, _left(wanted, chosen, number))
                   for number, fit in enumerate(chosen))
-    unexplained = _unexplained(misfit, terms, chosen)
+    unexplained = _unexplained(misfit, terms)
     move, white_left = _base_move(misfit, unexplained)
     law = LawProposal(
         terms=terms, share=1.0 - float(white_left @ white_left) / total, p_value=p_value,
@@ -171,7 +157,7 @@ def propose_law(
     held = {
         run.name: (mean_square(run, run.residual),
                    mean_square(run, run.residual - law.addition(run) - run.slopes @ move))
-        for run in held_out if law.predicts}
+        for run in held_out}
     return law.judged_by(fitted, held)
 
 
@@ -184,16 +170,11 @@ def _left(wanted: Array, fits: Sequence[BlockFit], without: int | None = None) -
     return left
 
 
-def _unexplained(
-    misfit: Misfit, terms: Sequence[Term], fits: Sequence[BlockFit]
-) -> list[Array]:
+def _unexplained(misfit: Misfit, terms: Sequence[Term]) -> list[Array]:
     """Plain residual (C, N) of each run without the part of all terms."""
     total = np.zeros(misfit.size)
-    for term, fit in zip(terms, fits, strict=True):
-        if term.law == 'own curve':
-            shapes = [(part @ fit.coefficients)[:, None] for part in fit.block.shapes]
-        else:
-            shapes = [term.evaluate(run.coordinates)[:, None] for run in misfit.runs]
+    for term in terms:
+        shapes = [term.evaluate(run.coordinates)[:, None] for run in misfit.runs]
         total += misfit.plain(term.target, shapes)[:, 0]
     ends = np.cumsum([run.residual.size for run in misfit.runs])
     return [run.residual - part.reshape(run.residual.shape)
@@ -227,11 +208,6 @@ def _reasons(
             f'{run.name} (held out) has a {along} outside the fitted range' for run in held_out
             if run.coordinates[along].min() < low - slack
             or run.coordinates[along].max() > high + slack]
-        if term.law == 'own curve':
-            reasons.append(
-                f'{term.target} follows a separate curve over time in each run, which predicts '
-                'no other run'
-            )
     as_good = [fit for fit in ranked
                if fit is not best and fit.predicted >= ALIKE * best.predicted]
     coordinates = {other.block.coordinate for other in as_good} - {best.block.coordinate}
@@ -295,11 +271,11 @@ class Proposer:
         linear change of them.
         """
         first = self._law_about(subject)
-        if first is None or not first.predicts:
-            return first
+        if first is None:
+            return None
         fit = self._beside(first, subject)
         again = self._law_about(fit)
-        if again is None or not again.predicts:
+        if again is None:
             return first
         again = self._judged(again, subject, self._beside(again, fit))
         return max(first, again, key=lambda law: law.fit)
