@@ -36,6 +36,7 @@ from saddlering_ros.discrepancy.problem.fits import (
     COARSE_BASE,
     Fit,
     MAX_BASE_STARTS,
+    QUIET_GAIN,
     refit,
     run_refits,
     spread_starts,
@@ -296,6 +297,9 @@ def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     ])
     log.candidates += [Comparison(space, space.base, pair_fit).evidence(1) for pair_fit in refits]
     best = min(refits, key=space.penalised)
+    known = space.fits.get(best.candidate.key)
+    if known is not None and known.misfit < best.misfit + QUIET_GAIN:
+        best = known  # What is beside it has been refitted.
     p_value = space.likelihood_ratio_test(
         fit.misfit - best.misfit, best.theta_unit.size - fit.theta_unit.size,
         trials=space.trials if count else space.trials**2 // 2)
@@ -324,41 +328,35 @@ def _fit_from_all_over(
 ) -> list[Fit]:
     """The base and each effect alone, the best of several starts; the best first.
 
+    Those starts of base and effect receive a few rounds at which the effect has influence.
     starts: first guesses of an effect for each start of the base.
     """
-    single_fits = []
+    if not effects:
+        return []
+    metric, problem, single_fits = space.metric, space.problem, []
+    base = problem.system.base_parameters
+    thetas = spread_starts(base, space.settings.seed)
+    alone = problem.predict([Candidate().point(base, theta) for theta in thetas])
     for effect, variant in effects:
-        fits = _coarse(space, Candidate(((effect, variant),)), effect, starts)
+        space.watch.check()
+        candidate = Candidate(((effect, variant),))
+        wholes = [np.concatenate([theta, start])
+                  for start in effect_starts(effect)[:starts] for theta in thetas]
+        seen = problem.predict([candidate.point(base, whole) for whole in wholes])
+        changed = seen - np.tile(alone, seen.shape[1] // alone.shape[1])
+        acts = np.flatnonzero(np.isfinite(changed).all(axis=0) & changed.any(axis=0))
+        if not acts.size:
+            continue
+        lengths = np.linalg.norm(metric.whiten(changed[:, acts]), axis=0)
+        left = metric.whiten(seen[:, acts] - problem.measured[:, None])
+        misfits = np.where(lengths > MIN_LENGTH, (left**2).sum(axis=0), np.inf)
+        fits = run_refits(metric, [
+            refit(metric, candidate, wholes[acts[number]], rounds=COARSE_BASE)
+            for number in np.argsort(misfits)[:MAX_BASE_STARTS] if np.isfinite(misfits[number])])
         if fits:
             best = min(fits, key=lambda fit: fit.misfit)
             single_fits += [space.keep(fit) for fit in space.refine([best])]
     return sorted(single_fits, key=space.penalised)
-
-
-def _coarse(space: ModelSpace, candidate: Candidate, effect: Effect, count: int) -> list[Fit]:
-    """A few rounds from those starts of base and effect at which the effect has influence."""
-    metric = space.metric
-    base = metric.problem.system.base_parameters
-    thetas = spread_starts(base, space.settings.seed)
-    alone = metric.problem.predict([Candidate().point(base, theta) for theta in thetas])
-    trials: list[tuple[float, Array]] = []
-    for start in effect_starts(effect)[:count]:
-        whole = [np.concatenate([theta, start]) for theta in thetas]
-        space.watch.check()
-        seen = metric.problem.predict([candidate.point(base, theta_unit) for theta_unit in whole])
-        change = np.linalg.norm(metric.whiten(seen - alone), axis=0)
-        left = metric.whiten(seen - metric.problem.measured[:, None])
-        misfit = (left**2).sum(axis=0)
-        acts = np.isfinite(misfit) & (change > MIN_LENGTH)
-        trials += [(float(misfit[number]), whole[number]) for number in np.flatnonzero(acts)]
-    trials.sort(key=lambda trial: trial[0])
-    return run_refits(
-        metric,
-        [
-            refit(metric, candidate, theta_unit, rounds=COARSE_BASE)
-            for _, theta_unit in trials[:MAX_BASE_STARTS]
-        ],
-    )
 
 
 ERROR_WAVES = 60

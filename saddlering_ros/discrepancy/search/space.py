@@ -369,19 +369,22 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
     effect at its detection limit is then found, and no cause is named before all others were
     tried.
     """
-    scores = space.scores(current)
-    least = max(MIN_GAIN, MIN_GAIN_SHARE * space.real_gain)
-    listed = shortlist(scores, least, space.settings.refits)
-    first = fit_each(space, current, listed)
-    is_found = any(
-        space.likelihood_ratio_test(
-            current.misfit - tried.misfit, tried.theta_unit.size - current.theta_unit.size)
-        < space.settings.error_rate
-        for tried in first)
-    if not (is_found or space.conceals_effects(current)):
-        return first
-    others = [score for score in scores if all(score is not tried for tried in listed)]
-    return fit_race(space, current, first, others)
+    def refits() -> list[Fit]:
+        scores = space.scores(current)
+        least = max(MIN_GAIN, MIN_GAIN_SHARE * space.real_gain)
+        listed = shortlist(scores, least, space.settings.refits)
+        first = fit_each(space, current, listed)
+        is_found = any(
+            space.likelihood_ratio_test(
+                current.misfit - tried.misfit, tried.theta_unit.size - current.theta_unit.size)
+            < space.settings.error_rate
+            for tried in first)
+        if not (is_found or space.conceals_effects(current)):
+            return first
+        others = [score for score in scores if all(score is not tried for tried in listed)]
+        return fit_race(space, current, first, others)
+
+    return space.once('refitted', current, refits)
 
 
 def prepare(problem: Problem) -> ModelSpace:
