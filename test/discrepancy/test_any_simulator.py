@@ -6,17 +6,13 @@ from dataclasses import replace
 from functools import cache
 import importlib.util
 from pathlib import Path
-import sys
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose, Diagnosis, Run
-
-sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmarks'))
-
-from machines.units import in_other_units, run_in_other_units
+from saddlering_ros.discrepancy import diagnose, Diagnosis, Model, Parameter, Run
 
 FOLDER = Path(__file__).parents[2] / 'examples' / 'any_simulator'
 NAMES = sorted(path.stem for path in FOLDER.glob('*.py'))
@@ -86,12 +82,40 @@ UNITS = {True: (1e6, 1e-3, 1e3), False: (1e-6, 1e3, 1e-3)}
 """Factors on channels, time and parameters, in turn over the examples."""
 
 
+def in_other_units(model: Model, channel: float, time: float, parameter: float) -> Model:
+    """The model with its channels, its time and its parameters in units so many times as small."""
+    straight = {name for name, item in model.base.items() if not item.periodic}
+    straight |= {f'{key}.{name}' for key, effect in model.effects.items()
+                 for name, item in effect.parameters.items() if not item.periodic}
+
+    def simulate(parameters: dict[str, float], run: Run) -> dict[str, Any]:
+        usual = {name: value / parameter if name in straight else value
+                 for name, value in parameters.items()}
+        seen = model.simulate(usual, replace(run, time=run.time / time))
+        return {name: channel * np.asarray(values) for name, values in seen.items()}
+
+    def scaled(items: dict[str, Parameter]) -> dict[str, Parameter]:
+        fields = ('low', 'high', 'start', 'neutral')
+        return {name: item if item.periodic else replace(item, **{
+            field: getattr(item, field) * parameter for field in fields
+            if getattr(item, field) is not None}) for name, item in items.items()}
+
+    effects = {key: replace(effect, parameters=scaled(effect.parameters))
+               for key, effect in model.effects.items()}
+    channels = {name: replace(
+        item, offset=item.offset if isinstance(item.offset, str) else item.offset * channel,
+        noise=replace(item.noise, std=item.noise.std * channel) if hasattr(item.noise, 'std')
+        else item.noise) for name, item in model.channels.items()}
+    return Model(simulate, scaled(model.base), effects, channels)
+
+
 @pytest.mark.parametrize('name', NAMES)
 def test_a_verdict_is_the_same_in_any_unit(name: str) -> None:
     module = example(name)
     channel, time, parameter = UNITS[NAMES.index(name) % 2 == 0]
     usual = records(module, module.HIDDEN)
-    other = [run_in_other_units(run, channel, time) for run in usual]
+    other = [replace(run, time=run.time * time, outputs={
+        name: values * channel for name, values in run.outputs.items()}) for run in usual]
     first = found_in(name)
     second = diagnose(in_other_units(module.model, channel, time, parameter), other)
     assert (second.verdict, names(second)) == (first.verdict, names(first))

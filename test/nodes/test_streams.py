@@ -43,10 +43,6 @@ def simulation(**options) -> SimulationStream:
     return SimulationStream(RIG, ParameterSet(TRUE_TO_SCALE), np.radians(50.0), **options)
 
 
-def values_at(batch: Displacements) -> dict[int, tuple[float, ...]]:
-    return dict(zip(batch.stamps.tolist(), map(tuple, batch.channels.T.tolist()), strict=True))
-
-
 def test_the_size_of_batches_changes_nothing(record) -> None:
     _, whole = measure(record, pace=100_000)
     for pace in (1, 7, 333):
