@@ -34,7 +34,8 @@ from independent_ring import Noise, record, usual_courses
 import numpy as np
 
 from saddlering_ros import compare, read_bag
-from saddlering_ros.comparison import Change, change
+from saddlering_ros.comparison import change
+from saddlering_ros.comparison.change import Change
 
 TESTS = ('static_50', 'dynamic_50', 'static_70')
 LATER, UNCHANGED = 40, 400

@@ -10,7 +10,7 @@ from typing import Any
 from saddlering_ros.api import inputs
 from saddlering_ros.api.inputs import BagLike, for_fits, inputs_of, RigLike
 from saddlering_ros.api.results import Plot, Result
-from saddlering_ros.comparison import Change, compare_records
+from saddlering_ros.comparison.change import Change, compare_records
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.progress import IsCancelled, OnProgress
 
@@ -33,7 +33,7 @@ class ComparisonResult(Result):
 
     def summary(self) -> str:
         """Verdict, changes with their errors, contact law, figures of makers, notes."""
-        from saddlering_ros.comparison.page import change_text
+        from saddlering_ros.report.change import change_text
 
         return change_text(self.change)
 
@@ -47,13 +47,13 @@ class ComparisonResult(Result):
 
     def plot(self) -> Plot:
         """The change of the later runs over the load."""
-        from saddlering_ros.comparison.page import change_chart
         from saddlering_ros.pages.charts import draw
+        from saddlering_ros.report.change import change_chart
 
         return Plot(draw(change_chart(self.change)), self._spare_inputs)
 
     def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
-        from saddlering_ros.comparison.page import write_change_page
+        from saddlering_ros.report.change import write_change_page
 
         write_change_page(self.change, path, command)
         return (path,)

@@ -193,13 +193,14 @@ def compare_records(
     for first, second in pairwise(every if between else ()):
         doubts |= check_sessions(first, second)[1]
     watch = Watch('compare', on_progress, is_cancelled)
-    sessions = {
-        session: tuple(_named(build_record(rig, record, held_out=False), session, number)
-                       for number, record in enumerate(records, start=1))
-        for session, records in (
-            ('before', before),
-            *((f'session {number}', own) for number, own in enumerate(between, start=2)),
-            ('after', after))}
+    names = ['before', *(f'session {number + 2}' for number in range(len(between))), 'after']
+    sessions: dict[str, tuple[PreparedRecord, ...]] = {}
+    for session, records in zip(names, every, strict=True):
+        built = [build_record(rig, record, held_out=False) for record in records]
+        # Bags of two sessions often share their names.
+        sessions[session] = tuple(
+            replace(one, run=replace(one.run, name=f'{session} {number}: {one.run.name}'))
+            for number, one in enumerate(built, start=1))
     earlier, later = sessions['before'], sessions['after']
     watch.progress('contact parameters', 0.0)
     start = dict(zip(PARAMETER_NAMES, identify(
@@ -247,10 +248,13 @@ def check_sessions(
             f'before is of {", ".join(sorted(rings[0]))} and after of '
             f'{", ".join(sorted(rings[1]))}: compare sessions of one ring')
     dated = all(record.rig != DRAWN_DATES for record in (*before, *after))
-    if dated and min(int(record.stamps[0]) for record in before) > max(
-            int(record.stamps[0]) for record in after):
+    times = [[int(record.stamps[0]) for record in records] for records in (before, after)]
+    if dated and min(times[0]) > max(times[1]):
         raise ComparisonError('every bag of before was recorded later than those of after: '
                               'exchange the sessions')
+    if dated and max(times[0]) > min(times[1]):
+        raise ComparisonError('some bags of before were recorded later than some of after: give '
+                              'each session the bags of its own time')
     doubts = {}
     for key, (reason, test) in DOUBTS.items():
         first, second = ({record.details.get(key, '') for record in records} - {''}
@@ -279,12 +283,6 @@ def renewed_between(
     return renewed, [f'{", ".join(names)}: calibrated between the sessions (certificates '
                      f'{old or "not named"}, then {new or "not named"}): a change within both '
                      'certificates is not accused'] if names else []
-
-
-def _named(record: PreparedRecord, session: str, number: int) -> PreparedRecord:
-    """The record with a run of a name of its own: bags of two sessions often share theirs."""
-    run = replace(record.run, name=f'{session} {number}: {record.run.name}')
-    return replace(record, run=run)
 
 
 def _as_change(cause: Cause) -> Cause:
@@ -361,17 +359,15 @@ def contact_of_sessions(
     changed = {} if moved is None else {
         QUANTITIES[round(moved['quantity'])]: 1.0 + moved['change']}
     for index, item in enumerate(parameters):
-        unit = float(fit.theta_unit[index])
-        slope = item.slope(unit)
-        value = item.from_unit(unit)
-        earlier = value + slope * float(step[index])
-        later = value * changed.get(item.name, 1.0) + slope * float(step[count + index])
-        both = slope**2 * covariance[np.ix_([index, count + index], [index, count + index])]
-        answers[item.name] = (
-            Estimate(earlier, math.sqrt(both[0, 0]), item.unit),
-            Estimate(later, math.sqrt(both[1, 1]), item.unit),
-            Estimate(later - earlier, math.sqrt(both[0, 0] + both[1, 1] - 2.0 * both[0, 1]),
-                     item.unit))
+        unit, places = float(fit.theta_unit[index]), [index, count + index]
+        slope, value = item.slope(unit), item.from_unit(unit)
+        earlier, later = np.array([value, value * changed.get(item.name, 1.0)]) + (
+            slope * step[places])
+        both = slope**2 * covariance[np.ix_(places, places)]
+        spread = both[0, 0] + both[1, 1] - 2.0 * both[0, 1]
+        answers[item.name] = (Estimate(float(earlier), math.sqrt(both[0, 0]), item.unit),
+                              Estimate(float(later), math.sqrt(both[1, 1]), item.unit),
+                              Estimate(float(later - earlier), math.sqrt(spread), item.unit))
     return answers
 
 

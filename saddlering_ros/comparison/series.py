@@ -52,6 +52,8 @@ however many sessions it has."""
 CONTACT_STEP = 0.05
 """Spread of a change of K or D as a share, and the step by which its shape is differenced."""
 
+MAX_LOG = 600.0
+"""Largest logarithm of an e-value that is stated: larger ones are no numbers any more."""
 
 UNSEEN = 1e-6
 """Information on a size that a session does not show at all; a thousand spreads are its error."""
@@ -98,28 +100,25 @@ def evidence_of(base: SessionSums, later: Sequence[SessionSums]) -> Evidence:
     """Evidence of a change since the base session."""
     e_values = []
     for count in range(1, len(later) + 1):
-        logs = _log_ratios(base, later[:count]) + np.log(_weights(count))[:, None]
+        numbers = np.arange(1.0, count + 1.0)
+        # Prior chance that the change begins with each session; all that may come sum to 1.
+        weights = 1.0 / (numbers * (numbers + 1.0))
+        logs = _log_ratios(base, later[:count]) + np.log(weights)[:, None]
         mean = np.logaddexp.reduce(logs, axis=None) - math.log(logs.shape[1])
-        open_still = 1.0 - float(_weights(count).sum())
-        e_values.append(math.exp(min(mean, MAX_LOG)) + open_still)
+        e_values.append(math.exp(min(mean, MAX_LOG)) + 1.0 - float(weights.sum()))
     begun = np.logaddexp.reduce(logs, axis=1)
     kind = int(np.argmax(np.logaddexp.reduce(logs, axis=0)))
-    sizes, deviations = _sizes(base, later, kind)
-    return Evidence(np.array(e_values), np.exp(begun - np.logaddexp.reduce(begun)), kind, sizes,
-                    deviations)
+    # Size of this shape in each later session by itself, without a prior.
+    inverse, residual = _without_change(base, later)
+    cross = np.array([one.cross[:, kind] for one in later])
+    known = np.diag([one.changes[kind] for one in later]) - cross @ inverse @ cross.T
+    along = np.array([one.along[kind] for one in later]) - cross @ (inverse @ residual)
+    covariance = np.linalg.inv(known + UNSEEN * np.eye(len(later)))
+    return Evidence(np.array(e_values), np.exp(begun - np.logaddexp.reduce(begun)), kind,
+                    covariance @ along, np.sqrt(np.diag(covariance)))
 
 
-def _weights(count: int) -> Array:
-    """Prior chance that the change begins with each later session; all that may come sum to 1."""
-    numbers = np.arange(1.0, count + 1.0)
-    return np.asarray(1.0 / (numbers * (numbers + 1.0)))
-
-
-MAX_LOG = 600.0
-"""Largest logarithm of an e-value that is stated: larger ones are no numbers any more."""
-
-
-def _inverse(base: SessionSums, later: Sequence[SessionSums]) -> tuple[Array, Array]:
+def _without_change(base: SessionSums, later: Sequence[SessionSums]) -> tuple[Array, Array]:
     """Covariance (m, m) of the errors given no change, and their residual products (m,)."""
     errors = base.errors + sum(one.errors for one in later)
     residual = base.residual + sum(one.residual for one in later)
@@ -128,29 +127,13 @@ def _inverse(base: SessionSums, later: Sequence[SessionSums]) -> tuple[Array, Ar
 
 def _log_ratios(base: SessionSums, later: Sequence[SessionSums]) -> Array:
     """Log ratio (S, h) of the densities with each shape since each later session, and without."""
-    inverse, residual = _inverse(base, later)
-
-    def since(parts: Sequence[Array]) -> Array:
-        return np.cumsum(np.array(parts)[::-1], axis=0)[::-1]
-
-    cross = since([one.cross for one in later])
-    known = since([one.changes for one in later]) - np.einsum(
-        'smh,mn,snh->sh', cross, inverse, cross, optimize=True)
-    along = since([one.along for one in later]) - np.einsum(
-        'smh,m->sh', cross, inverse @ residual)
+    inverse, residual = _without_change(base, later)
+    cross, known, along = (
+        np.cumsum(np.array([getattr(one, name) for one in later])[::-1], axis=0)[::-1]
+        for name in ('cross', 'changes', 'along'))
+    known = known - np.einsum('smh,mn,snh->sh', cross, inverse, cross, optimize=True)
+    along = along - np.einsum('smh,m->sh', cross, inverse @ residual)
     return np.asarray(0.5 * along**2 / (1.0 + known) - 0.5 * np.log1p(known))
-
-
-def _sizes(
-    base: SessionSums, later: Sequence[SessionSums], kind: int,
-) -> tuple[Array, Array]:
-    """Size and deviation (S,) of one shape in each later session by itself, without a prior."""
-    inverse, residual = _inverse(base, later)
-    cross = np.array([one.cross[:, kind] for one in later])
-    known = np.diag([one.changes[kind] for one in later]) - cross @ inverse @ cross.T
-    along = np.array([one.along[kind] for one in later]) - cross @ (inverse @ residual)
-    covariance = np.linalg.inv(known + UNSEEN * np.eye(len(later)))
-    return covariance @ along, np.sqrt(np.diag(covariance))
 
 
 @dataclass(frozen=True)
@@ -196,24 +179,13 @@ class ChangeSeries:
                     self.deviations, strict=True)]}
 
 
-@dataclass(frozen=True)
-class Kind:
-    """One kind of change: its effect, the parameter of its size, and one spread of that [unit]."""
-
-    effect: str
-    parameter: str
-    spread: float
-    unit: str
-
-
 def series_of(
     rig: Rig, sessions: Mapping[str, Sequence[PreparedRecord]], start: Mapping[str, float],
     watch: Watch,
 ) -> ChangeSeries:
     """The series of sessions by name, the base session first; start: its contact law."""
     base, *later = sessions
-    system = TwoSessions(
-        RingSystem(rig), frozenset(record.run.name for record in sessions[base]))
+    system = TwoSessions(RingSystem(rig), frozenset(record.run.name for record in sessions[base]))
     problem = Problem(
         system, [record.run for records in sessions.values() for record in records], SETTINGS,
         Assumptions(model_error=PERSISTENT_MODEL_ERROR), start, watch=watch)
@@ -227,7 +199,6 @@ def series_of(
     prediction, contact = predicted[:, 0], predicted[:, 1:] - predicted[:, :1]
     nuisances = nuisance_columns(problem, Point(law), prediction)
     ranges = np.array([item.high - item.low for item in system.base_parameters])
-    kinds = kinds_of(system)
     shapes = np.hstack([
         nuisances[:, nuisances.shape[1] - len(system.persistent):],
         contact[:, [PARAMETER_NAMES.index(name) for name in QUANTITIES]]])
@@ -244,17 +215,13 @@ def series_of(
                                if problem.runs[index].name in names])
         sums.append(SessionSums.of(errors[rows], shapes[rows], residual[rows]))
     found = evidence_of(sums[0], sums[1:])
-    kind = kinds[found.kind]
+    if found.kind < len(system.persistent):
+        (effect, values), = system.persistent[found.kind].items()
+        size = catalogue()[effect].parameters[0]
+        parameter, unit, spread = size.name, size.unit, values[size.name] - size.neutral
+    else:
+        effect, unit, spread = CONTACT_CHANGE, '1', CONTACT_STEP
+        parameter = QUANTITIES[found.kind - len(system.persistent)]
     deviations = np.hypot(found.deviations, DEFINITION * found.sizes)
-    return ChangeSeries((base, *later), found, kind.effect, kind.parameter, kind.unit,
-                        kind.spread * found.sizes, kind.spread * deviations)
-
-
-def kinds_of(system: TwoSessions) -> list[Kind]:
-    """Every effect in each way it can act, then the contact parameters that may change."""
-    kinds = []
-    for point in system.persistent:
-        (name, values), = point.items()
-        size = catalogue()[name].parameters[0]
-        kinds.append(Kind(name, size.name, values[size.name] - size.neutral, size.unit))
-    return [*kinds, *(Kind(CONTACT_CHANGE, name, CONTACT_STEP, '1') for name in QUANTITIES)]
+    return ChangeSeries((base, *later), found, effect, parameter, unit, spread * found.sizes,
+                        spread * deviations)

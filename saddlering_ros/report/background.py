@@ -30,17 +30,17 @@ def date_of(stamp: int) -> str:
     return datetime.fromtimestamp(stamp / 1e9, timezone.utc).strftime('%Y-%m-%d %H:%M UTC')
 
 
-def head(title: str, rig: Rig, tests: Sequence[tuple[Record, bool]]) -> str:
+def head(title: str, rig: Rig, tests: Sequence[tuple[Record, str]]) -> str:
     """Title, rig with its hash, tests; the rig's dimensions folded below.
 
-    tests: each run, and whether it is held out.
+    tests: each run, and its role.
     """
     named = ', '.join(sorted({run.rig for run, _ in tests if run.rig})) or 'not named in the bags'
     digest = rig.digest
     rows = [
-        [run.path.name, run.test, f'{_degrees(run):g}°', 'held out' if held_out else 'fitted',
+        [run.path.name, run.test, f'{_degrees(run):g}°', role,
          run.details.get('date', '') or date_of(int(run.stamps[0])) or '–',
-         run.details.get('operator', '') or '–', run.run or '–'] for run, held_out in tests]
+         run.details.get('operator', '') or '–', run.run or '–'] for run, role in tests]
     svg = drawing_svg(rig, *(_degrees(run) for run, _ in tests[:1]))
     return '\n'.join([
         f'<h1>{html.escape(title)}</h1>',

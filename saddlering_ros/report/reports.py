@@ -30,6 +30,7 @@ from saddlering_ros.report.curves import (
 from saddlering_ros.report.figures import SYMBOLS
 from saddlering_ros.rig import CHANNELS, Rig
 
+ROLES = ('fitted', 'held out')
 DIAGNOSIS = 'What the ring simulation lacks'
 VALIDATION = 'How well the parameters predict'
 
@@ -42,7 +43,7 @@ def write_diagnosis_report(
     command: the command line that makes the page; more: chapters of the caller.
     """
     beside, curves = curves_path(path), curves_of(verdict)
-    tests = [(run.record.test_run, run.record.run.held_out) for run in verdict.runs]
+    tests = [(run.record.test_run, ROLES[run.record.run.held_out]) for run in verdict.runs]
     html.write_page(path, diagnosis_page(
         verdict.to_json(), curves, verdict.extended_parameters().source.covariance,
         top=background.head(DIAGNOSIS, verdict.rig, tests),
@@ -95,7 +96,7 @@ def write_validation_report(
     `runs` are those validated, in order; `identification` is the JSON of an identification.
     """
     beside, curves = curves_path(path), curves_of_validation(validation, runs, rig.force_unit)
-    tests = [(run, shown.held_out) for run, shown in zip(runs, curves, strict=True)]
+    tests = [(run, ROLES[shown.held_out]) for run, shown in zip(runs, curves, strict=True)]
     html.write_page(path, html.page(VALIDATION, [
         background.head(VALIDATION, rig, tests),
         _banner(validation, curves),

@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 from sessions_made import dirt, RIG, session, with_size
 
-from saddlering_ros.comparison import compare_records, ComparisonError
-from saddlering_ros.comparison.change import check_sessions, renewed_between
+from saddlering_ros.comparison.change import (
+    check_sessions,
+    compare_records,
+    ComparisonError,
+    renewed_between,
+)
 from saddlering_ros.comparison.difference import (
     DEFINITION,
     in_doubt,
@@ -18,7 +22,6 @@ from saddlering_ros.comparison.difference import (
     with_main_cause,
 )
 from saddlering_ros.comparison.maker import common_loads, judged_wear, maker_figures, MakerFigures
-from saddlering_ros.comparison.page import change_text, wear_words, write_change_page
 from saddlering_ros.comparison.series import ChangeSeries, Evidence
 from saddlering_ros.comparison.sessions import (
     beside,
@@ -34,6 +37,7 @@ from saddlering_ros.diagnosis.ring_wording import title_of
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.errors import BagError
 from saddlering_ros.pages.certainty import certainty
+from saddlering_ros.report.change import change_text, wear_words, write_change_page
 from saddlering_ros.rig import Instruments, TRUE_TO_SCALE
 
 
@@ -123,7 +127,10 @@ def test_a_series_stands_in_the_document_and_on_the_page(grown, tmp_path):
     early = replace(series, evidence=replace(found, moment=np.array([0.9, 0.1])))
     assert 'changed since the base session (' in early.headline
     write_change_page(change, tmp_path / 'change.html')
-    assert 'changed since session 2' in (tmp_path / 'change.html').read_text()
+    page = (tmp_path / 'change.html').read_text()
+    assert 'changed since session 2' in page
+    assert f'hash <code title="{RIG.digest}">' in page
+    assert page.count('>before</td>') == page.count('>after</td>') == 2
     assert document['headline'] in change_text(change)
 
 
@@ -231,6 +238,7 @@ def test_sessions_that_are_no_pair_are_refused_in_one_line(before):
     other = [replace(record, rig='SR-2') for record in later]
     named = [replace(record, details={'ring': 'SR-2'}) for record in later]
     for first, second, said in ((later, before, 'exchange the sessions'),
+                                ([before[0], later[1]], [before[1], later[0]], 'own time'),
                                 (before, [], 'after: no bags'),
                                 (before, other, 'is of SR-1 and after of SR-2: .* one ring'),
                                 (before, named, 'one ring'),

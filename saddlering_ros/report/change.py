@@ -29,6 +29,7 @@ from saddlering_ros.pages.charts import (
 )
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import probability, quantity
+from saddlering_ros.report import background
 from saddlering_ros.rig import MICRO_UNITS, PARAMETER_UNITS, Rig
 from saddlering_ros.rig.description import WEAR_LIMITS
 
@@ -113,15 +114,6 @@ def series_chart(series: ChangeSeries) -> Chart:
             title=name_of(series.effect), x_ticks=ticks)), 9.4, 3.0, columns=2)
 
 
-def _series(change: Change) -> str:
-    if change.series is None:
-        return ''
-    return html.section('Series', html.paragraph(change.series.headline), html.picture(
-        series_chart(change.series), 'series',
-        'The e-value may be read after every session: an unchanged ring reaches 100 with a chance '
-        'of at most 1 %. Right: the size of the change with most evidence.'))
-
-
 def _load(run: RunBlocks) -> np.ndarray:
     """Mean load of each block [kN]."""
     return KILONEWTON * np.asarray(run.inputs['load'])
@@ -138,7 +130,20 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
          number(quantity(max(item.limit, item.material_limit), item.unit)),
          number(quantity(change.limits_alone.get(item.effect), item.unit))]
         for item in change.diagnosis.observability.limits if item.testable]
+    series = '' if change.series is None else html.section(
+        'Series', html.paragraph(change.series.headline), html.picture(
+            series_chart(change.series), 'series',
+            'The e-value may be read after every session: an unchanged ring reaches 100 with a '
+            'chance of at most 1 %. Right: the size of the change with most evidence.'))
+    makers = '' if change.maker is None else html.table(
+        ['', number('before'), number('after'), number('wear')],
+        [[name, *map(number, figures)] for name, *figures in _maker_rows(change.maker)],
+        f'Static tests {_maker_test(change.maker[0], change.rig)}.'
+    ) + html.bullets(wear_words(change.wear_judged))
+    tests = [(record.test_run, session) for session, records in (
+        ('before', change.before), ('after', change.after)) for record in records]
     html.write_page(path, html.page('What changed', [
+        background.head('What changed', change.rig, tests),
         f'<div class="verdict {change.verdict}">{html.paragraph(change.headline, "headline")}'
         + (html.paragraph(f'Next: {change.next_test}', 'next') if change.next_test else '')
         + '</div>',
@@ -147,25 +152,15 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
             change_chart(change), 'change',
             'Measured minus simulated in the later session, over the load. Errors that both '
             'sessions share are removed. The line is the part that the causes explain.')),
-        _series(change),
+        series,
         html.section('Contact law', html.table(
             ['parameter', number('before'), number('after'), number('change')], contact)),
-        html.section('Figures of makers', _maker_table(change)),
+        html.section('Figures of makers', makers),
         html.section('Smallest change that these sessions could show', html.table(
             ['cause', number('change'), number('in the later session alone')], limits)),
         html.section('Notes', html.bullets(change.notes)),
         html.section('Command', html.commands([command])) if command else ''
     ]))
-
-
-def _maker_table(change: Change) -> str:
-    if change.maker is None:
-        return ''
-    rows: list[list[str | Cell]] = [
-        [name, *map(number, figures)] for name, *figures in _maker_rows(change.maker)]
-    return html.table(['', number('before'), number('after'), number('wear')], rows,
-                      f'Static tests {_maker_test(change.maker[0], change.rig)}.'
-                      ) + html.bullets(wear_words(change.wear_judged))
 
 
 def _maker_test(figures: MakerFigures, rig: Rig) -> str:
