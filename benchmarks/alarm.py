@@ -18,12 +18,11 @@ from rigs import RIG
 
 from saddlering_ros.monitoring.detector import (
     BlockNoise,
-    ChannelInnovations,
     Detector,
+    Innovations,
     MAX_BEYOND,
     SINCE_ZERO,
     SIZES,
-    threshold_of,
     wander_limit,
 )
 from saddlering_ros.monitoring.noise import assumed_noise, least_wander
@@ -48,7 +47,7 @@ class ManyStreams:
         self._half = 0.5 * self._sizes**2
         self._evidence = np.zeros((SIZES.size, 2 * values, streams), np.float32)
         self._gain = np.empty_like(self._evidence)
-        self._limit = threshold_of(allowed_hours, BLOCK) * 2 * values * views * SIZES.size
+        self._limit = 3600.0 * allowed_hours / BLOCK * 2 * values * views * SIZES.size
 
     def reset(self, which: np.ndarray) -> None:
         """Begin anew in these streams."""
@@ -114,10 +113,10 @@ def false_alarms_swinging(hours: float, seed: int) -> int:
 
 def _steady(noise: BlockNoise) -> tuple[float, float, float]:
     """Gain, scale and response of the whitener when it is steady."""
-    whitener, scale = ChannelInnovations(noise), 1.0
+    whitener = Innovations([noise])
     for _ in range(2000):
-        _, scale = whitener.step(0.0)
-    return 1.0 - noise.white / scale**2, scale, whitener.response
+        _, (scale,) = whitener.step(np.zeros(1))
+    return 1.0 - noise.white / scale**2, float(scale), float(whitener.response[0])
 
 
 def delays(size: float, draws: int, seed: int, drift: float = 0.0) -> np.ndarray:
@@ -140,7 +139,7 @@ def delays(size: float, draws: int, seed: int, drift: float = 0.0) -> np.ndarray
 
 def theory(size: float, drift: float = 0.0) -> float:
     """Time [s] in which the information about the change reaches the threshold."""
-    needed = math.log(threshold_of(ALLOWED_HOURS, BLOCK) * 4 * CHANNELS)
+    needed = math.log(3600.0 * ALLOWED_HOURS / BLOCK * 4 * CHANNELS)
     total, block = 0.0, 0
     while total < needed:
         share = min(1.0, BLOCK * block / drift) if drift else 1.0
@@ -152,7 +151,7 @@ def theory(size: float, drift: float = 0.0) -> float:
 def check_streams() -> None:
     """Assert that the array of streams takes the steps of `Detector`."""
     chance = np.random.default_rng(9)
-    one, many = Detector(4, threshold_of(ALLOWED_HOURS, BLOCK)), ManyStreams(1, 4)
+    one, many = Detector(4, 3600.0 * ALLOWED_HOURS / BLOCK), ManyStreams(1, 4)
     for block in range(2000):
         values = chance.standard_normal(4)
         values[1] += 0.6 * (block > 1000)

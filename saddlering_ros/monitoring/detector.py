@@ -27,7 +27,7 @@ AR(1) process and white noise; a scalar Kalman filter turns them into innovation
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -55,11 +55,6 @@ class Alarm:
     sign: int
     since: int
     evidence: float
-
-
-def threshold_of(false_alarm_hours: float, block_seconds: float) -> float:
-    """Blocks in the time in which one false alarm is allowed."""
-    return 3600.0 * false_alarm_hours / block_seconds
 
 
 class Detector:
@@ -136,21 +131,17 @@ class BlockWatch:
         self, noise: Sequence[BlockNoise], block: float, false_alarm_hours: float
     ) -> None:
         self._channels = len(noise)
-        self._whiteners = [ChannelInnovations(item) for item in noise]
+        self._innovations = Innovations(noise)
         self._white = np.sqrt([item.white for item in noise])
         self._wander = np.array([
             wander_limit(item, block, false_alarm_hours, self._channels) for item in noise])
-        self.detector = Detector(2 * self._channels, threshold_of(false_alarm_hours, block))
-        self._forget_noise()
+        self.detector = Detector(2 * self._channels, 3600.0 * false_alarm_hours / block)
+        self.reset()
 
     def reset(self) -> None:
         """Begin anew, without the past."""
-        for whitener in self._whiteners:
-            whitener.reset()
+        self._innovations.reset()
         self.detector.reset()
-        self._forget_noise()
-
-    def _forget_noise(self) -> None:
         self._before = np.full(self._channels, np.nan)
         self._ratio, self._blocks = np.ones(self._channels), 0
 
@@ -161,21 +152,13 @@ class BlockWatch:
 
     def step(self, means: Array, materiality: Array) -> Alarm | None:
         """Take the means (C,) of one block; NaN where a channel is not known."""
-        count = self._channels
-        values, bounds = np.full(2 * count, np.nan), np.zeros(2 * count)
-        for place, (whitener, mean) in enumerate(
-                zip(self._whiteners, means.tolist(), strict=True)):
-            if not math.isfinite(mean):
-                whitener.reset()
-                continue
-            bound = ((1.0 + whitener.response) * materiality[place]
-                     + (1.0 - whitener.response) * self._wander[place])
-            values[place], scale = whitener.step(mean)
-            bounds[place] = bound / scale
-        values[count:] = means / self._white
-        bounds[count:] = (materiality + SINCE_ZERO * self._wander) / self._white
+        response = self._innovations.response
+        innovations, scale = self._innovations.step(means)
+        bound = (1.0 + response) * materiality + (1.0 - response) * self._wander
+        values = np.concatenate([innovations, means / self._white])
+        bounds = np.concatenate([
+            bound / scale, (materiality + SINCE_ZERO * self._wander) / self._white])
         # Follow the variance of the innovations by their differences, which no level moves.
-        innovations = values[:count]
         step = np.clip(innovations - self._before, -MAX_STEP, MAX_STEP)
         self._before = innovations
         self._blocks += 1
@@ -183,9 +166,7 @@ class BlockWatch:
         known = np.isfinite(step)
         self._ratio[known] += share * (0.5 * step[known]**2 - self._ratio[known])
         alarm = self.detector.step(values, bounds)
-        if alarm is None:
-            return None
-        return Alarm(alarm.block, alarm.channel % count, alarm.sign, alarm.since, alarm.evidence)
+        return None if alarm is None else replace(alarm, channel=alarm.channel % self._channels)
 
 
 def wander_limit(
@@ -235,30 +216,36 @@ def block_noise(noise: ChannelNoise, step: float) -> BlockNoise:
     return BlockNoise(max(here - wander, 1e-6 * here), wander, memory)
 
 
-class ChannelInnovations:
-    """Innovations of one channel, block by block.
+class Innovations:
+    """Innovations of C channels, block by block.
 
-    `response` is the prediction of the filter next had every mean so far been 1, the noise apart:
-    means that stay within m of nought have innovations within (1 + response) m.
+    `response` (C,) is the prediction of the filter next had every mean so far been 1, the noise
+    apart: means that stay within m of nought have innovations within (1 + response) m.
     """
 
-    def __init__(self, noise: BlockNoise) -> None:
-        self._noise = noise
+    def __init__(self, noise: Sequence[BlockNoise]) -> None:
+        self._white, self._level, self._memory = np.array(
+            [(one.white, one.wander, one.memory) for one in noise]).T
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: the zero was renewed, or samples are missing."""
-        self._wander, self._variance = 0.0, self._noise.wander
-        self.response = 0.0
+        """Forget the past: the zero was renewed."""
+        self._wander, self._variance = np.zeros(len(self._level)), self._level
+        self.response = np.zeros(len(self._level))
 
-    def step(self, value: float) -> tuple[float, float]:
-        """The innovation of a block's mean in standard deviations, and that deviation."""
-        noise = self._noise
-        scale = math.sqrt(self._variance + noise.white)
-        surprise = value - self._wander
+    def step(self, values: Array) -> tuple[Array, Array]:
+        """The innovations of block means (C,) in standard deviations, and these deviations.
+
+        A channel that is not known, NaN, begins anew.
+        """
+        known, memory = np.isfinite(values), self._memory
+        scale = np.sqrt(self._variance + self._white)
+        surprise = values - self._wander
         gain = self._variance / (scale * scale)
         wander, variance = self._wander + gain * surprise, (1.0 - gain) * self._variance
-        self._wander = noise.memory * wander
-        self._variance = noise.memory**2 * variance + (1.0 - noise.memory**2) * noise.wander
-        self.response = noise.memory * (self.response + gain * (1.0 - self.response))
+        self._wander = np.where(known, memory * wander, 0.0)
+        self._variance = np.where(
+            known, memory**2 * variance + (1.0 - memory**2) * self._level, self._level)
+        self.response = np.where(
+            known, memory * (self.response + gain * (1.0 - self.response)), 0.0)
         return surprise / scale, scale

@@ -74,16 +74,12 @@ class ExpectedMotion:
         inside = float(np.clip(load, self._loads[0], self._loads[-1]))
         validity |= OUTSIDE if abs(inside - load) > self._tolerance else 0
         begin = self._loads[0] if zero_load is None else zero_load
-        motion = self._between(self._motion, inside) - self._between(self._motion, begin)
-        if not np.isfinite(motion).all():
-            validity |= NO_EQUILIBRIUM
-        covariance = np.zeros((3, 3))
-        if self._covariance is None:
-            validity |= NO_COVARIANCE
-        else:
-            slopes = (self._between(self._by_parameter, inside)
-                      - self._between(self._by_parameter, begin))
-            covariance = slopes.T @ self._covariance @ slopes
+        motion, slopes = (self._between(curves, inside) - self._between(curves, begin)
+                          for curves in (self._motion, self._by_parameter))
+        validity |= 0 if np.isfinite(motion).all() else NO_EQUILIBRIUM
+        validity |= NO_COVARIANCE if self._covariance is None else 0
+        covariance = np.zeros((3, 3)) if self._covariance is None else (
+            slopes.T @ self._covariance @ slopes)
         return Expected(motion, self._between(self._slope, inside), covariance, validity)
 
     def _between(self, curves: Array, load: float) -> Array:

@@ -139,9 +139,9 @@ class Monitor:
         self._last: Sample | None = None
         self._history = _History()
         self._noise_grew, self._known = False, (True,) * len(CHANNELS)
-        self._clear_block()
         self._onset: tuple[int, int] | None = None
         self._refine_at = self._raised_at = 0
+        self._clear_evidence()
 
     @property
     def state(self) -> int:
@@ -204,26 +204,35 @@ class Monitor:
         else:
             self._check_continuity(last, sample)
         self._last = sample
-        if self._watch is None:
+        if self.rest is None:
             self._learn(sample)
-        else:
-            self._add(sample)
+            return
+        if not self._count:
+            self._block_began = sample.stamp
+        total = self._sum
+        for place, value in enumerate(sample.residual):
+            total[place] += value
+        total[-1] += sample.load
+        self._count += 1
+        if self._count == self.rest.samples:
+            self._judge(self.rest.block)
 
     # --- assumptions ---
 
     def _check_continuity(self, last: Sample, sample: Sample) -> None:
         """Begin anew after a new zero, a new elevation or a pause."""
+        reasons = []
         if sample.zero != last.zero:
-            self._lapse('the zero was renewed: the evidence restarts', sample.stamp)
-            self._clear_evidence()
-        if not _same(sample.elevation, last.elevation):
+            reasons.append('the zero was renewed')
+        if sample.elevation != last.elevation and not (
+                math.isnan(sample.elevation) and math.isnan(last.elevation)):
             self._take_materiality(sample.elevation)
-            self._lapse(f'the elevation changed to {math.degrees(sample.elevation):.3f} deg: the '
-                        'evidence restarts', sample.stamp)
-            self._clear_evidence()
+            reasons.append(f'the elevation changed to {math.degrees(sample.elevation):.3f} deg')
         pause = (sample.stamp - last.stamp) / noise.SECOND
         if self.rest is not None and pause > MAX_GAP * self.rest.block + self.rest.interval:
-            self._lapse(f'no samples for {pause:.3g} s: the evidence restarts', sample.stamp)
+            reasons.append(f'no samples for {pause:.3g} s')
+        for reason in reasons:
+            self._lapse(f'{reason}: the evidence restarts', sample.stamp)
             self._clear_evidence()
 
     def _take_materiality(self, elevation: float) -> None:
@@ -236,11 +245,8 @@ class Monitor:
         del self.lapses[:-MAX_LAPSES]
         self.changes += 1
 
-    def _clear_block(self) -> None:
-        self._sum, self._count = [0.0] * (len(CHANNELS) + 1), 0
-
     def _clear_evidence(self) -> None:
-        self._clear_block()
+        self._sum, self._count = [0.0] * (len(CHANNELS) + 1), 0
         if self._watch is not None:
             self._watch.reset()
 
@@ -269,26 +275,13 @@ class Monitor:
 
     # --- watching ---
 
-    def _add(self, sample: Sample) -> None:
-        """Add a sample to the block, and judge the block once it is whole."""
-        assert self.rest is not None
-        if not self._count:
-            self._block_began = sample.stamp
-        total = self._sum
-        for place, value in enumerate(sample.residual):
-            total[place] += value
-        total[-1] += sample.load
-        self._count += 1
-        if self._count == self.rest.samples:
-            self._judge()
-
-    def _judge(self) -> None:
+    def _judge(self, block: float) -> None:
+        """Judge a whole block, of `block` seconds."""
         assert self._watch is not None
-        assert self.rest is not None
         mean = np.array(self._sum) / self._count
-        self._clear_block()
+        self._sum, self._count = [0.0] * (len(CHANNELS) + 1), 0
         self.blocks += 1
-        self.seconds += self.rest.block
+        self.seconds += block
         known = tuple(math.isfinite(value) for value in mean[:-1])
         if known != self._known:
             self._known = known
@@ -299,7 +292,7 @@ class Monitor:
         if self.alarm is not None:
             # Take size and first guess anew from the readings since the alarm.
             if self._onset is not None and index >= self._refine_at:
-                self._refine_at = index + max(round(REFINE_AFTER / self.rest.block),
+                self._refine_at = index + max(round(REFINE_AFTER / block),
                                               round(REFINE_GROWTH * (index - self._raised_at)))
                 self.alarm = self._described(self.alarm)
                 self.changes += 1
@@ -314,7 +307,7 @@ class Monitor:
             self._onset = (found.channel, index - (found.block - found.since))
             self.alarm = self._described(
                 Raised(CHANNELS[found.channel], self.stamp, 0, 0.0, found.evidence, ''))
-            self._raised_at, self._refine_at = index, index + round(REFINE_AFTER / self.rest.block)
+            self._raised_at, self._refine_at = index, index + round(REFINE_AFTER / block)
             self.changes += 1
 
     def _described(self, alarm: Raised) -> Raised:
@@ -333,32 +326,23 @@ class _History:
     """The last HISTORY_BLOCKS blocks: when each began, its means and its load."""
 
     def __init__(self) -> None:
-        self._stamps = np.zeros(1024, np.int64)
-        self._rows = np.zeros((1024, len(CHANNELS) + 1))
+        # Zeros that are not touched yet take no memory.
+        self._stamps = np.zeros(HISTORY_BLOCKS, np.int64)
+        self._rows = np.zeros((HISTORY_BLOCKS, len(CHANNELS) + 1))
         self._blocks = 0
 
     def add(self, stamp: int, row: Array) -> int:
         """Keep a block; its number."""
-        size = len(self._stamps)
-        if self._blocks == size < HISTORY_BLOCKS:
-            size = min(2 * size, HISTORY_BLOCKS)
-            self._stamps = np.resize(self._stamps, size)
-            self._rows = np.resize(self._rows, (size, self._rows.shape[1]))
-        place = self._blocks % size
+        place = self._blocks % HISTORY_BLOCKS
         self._stamps[place], self._rows[place] = stamp, row
         self._blocks += 1
         return self._blocks - 1
 
     def since(self, number: int) -> tuple[NDArray[np.int64], Array]:
         """Stamps (N,) and rows (N, 4) from the block of that number on, or from the oldest."""
-        size = len(self._stamps)
-        first = max(number, self._blocks - size, 0)
-        places = np.arange(min(first, self._blocks - 1), self._blocks) % size
+        first = max(number, self._blocks - HISTORY_BLOCKS, 0)
+        places = np.arange(min(first, self._blocks - 1), self._blocks) % HISTORY_BLOCKS
         return self._stamps[places], self._rows[places]
-
-
-def _same(one: float, other: float) -> bool:
-    return one == other or (math.isnan(one) and math.isnan(other))
 
 
 def watch(monitor: Monitor, samples: Iterable[Sample]) -> Monitor:
@@ -432,11 +416,6 @@ FOLLOWS = {
 }
 
 
-def size_words(alarm: Raised) -> str:
-    """The size with its unit."""
-    return signed(alarm.size, 'rad' if alarm.channel == 'gamma' else 'm')
-
-
 def alarm_words(alarm: Raised, origin: int | None = None) -> str:
     """An alarm in one line; with seconds since `origin` [ns] where it is given."""
     delay = quantity(1e-9 * (alarm.stamp - alarm.since), 's')
@@ -444,8 +423,9 @@ def alarm_words(alarm: Raised, origin: int | None = None) -> str:
     if origin is not None:
         found = (f'ALARM at {1e-9 * (alarm.stamp - origin):.2f} s, onset at '
                  f'{1e-9 * (alarm.since - origin):.2f} s')
-    words = (f'{found}: {alarm.channel} has differed from its model by {size_words(alarm)} in the '
-             'mean since then')
+    size = signed(alarm.size, 'rad' if alarm.channel == 'gamma' else 'm')
+    words = (f'{found}: {alarm.channel} has differed from its model by {size} in the mean since '
+             'then')
     if alarm.follows:
         words += f'; {FOLLOWS[alarm.follows]}; first guess: {alarm.first_guess}'
     return words
@@ -455,8 +435,5 @@ def state_words(monitor: Monitor) -> str:
     """The state of a monitor in one line."""
     if monitor.alarm is not None:
         return alarm_words(monitor.alarm)
-    if monitor.state == WAITING:
-        return 'waiting for samples'
-    if monitor.state == LEARNING:
-        return 'reading the noise while the load rests'
-    return 'no alarm'
+    return {WAITING: 'waiting for samples',
+            LEARNING: 'reading the noise while the load rests'}.get(monitor.state, 'no alarm')

@@ -33,6 +33,10 @@ UNKNOWN = BlockNoise(math.inf, 0.0, 0.0)
 """Noise of a channel that could not be read while the load rested."""
 
 
+class MonitoringError(SaddleringError):
+    """A record or settings that cannot be monitored."""
+
+
 @dataclass(frozen=True)
 class RestNoise:
     """Result of a rest: noise of block means per channel, the blocks, the rest itself.
@@ -74,28 +78,24 @@ class RestLearner:
             self._begin = stamp
         ended = False
         if stamp - self._begin >= BLOCK_SECONDS * SECOND:
-            ended = self._end_block(stamp)
+            # Judge the block that ends: whether the load has left its rest in it.
+            count = len(self._stamps) - self._rest.samples
+            ended = not self._rest.takes(self._load / count, count)
+            if not ended:
+                self._load, self._begin = 0.0, stamp
         self._stamps.append(stamp)
         self._rows.append(residual)
         self._load += load
         rested = self._stamps[self._rest.samples - 1] - self._stamps[0]
         if not ended and rested < MAX_REST * SECOND:
             return None
-        # The noise of the samples at rest; None, and begin anew, if they are too few.
-        found = self._read(ended)
+        found = self._read(ended=ended)
         if found is None:
             self.restart(moved=True)
         return found
 
-    def _end_block(self, stamp: int) -> bool:
-        """Judge the block that ends; whether the load has left its rest in it."""
-        count = len(self._stamps) - self._rest.samples
-        if not self._rest.takes(self._load / count, count):
-            return True
-        self._load, self._begin = 0.0, stamp
-        return False
-
-    def _read(self, ended: bool) -> RestNoise | None:
+    def _read(self, *, ended: bool) -> RestNoise | None:
+        """The noise of the samples at rest; None if they are too few."""
         if self._rest.samples < MIN_SAMPLES:
             return None
         interval = float(np.median(np.diff(self._stamps[:self._rest.samples]))) / SECOND
@@ -105,11 +105,10 @@ class RestLearner:
         if seconds < MIN_SECONDS or len(stamps) < MIN_SAMPLES:
             return None
         samples = max(1, round(self._block / interval))
-        values = np.array(rows).T
         factor = 1.0 + LEVEL_SIGMAS / math.sqrt(2.0 * len(stamps))
         noise = tuple(
             block_noise(noise_alone([channel], interval), samples * interval).inflated(factor)
-            if np.isfinite(channel).all() else UNKNOWN for channel in values)
+            if np.isfinite(channel).all() else UNKNOWN for channel in np.array(rows).T)
         return RestNoise(noise, samples, interval, seconds, not self.moved)
 
 
@@ -144,9 +143,7 @@ def assumed_noise(read: BlockNoise, least: float, block: float) -> BlockNoise:
     is_slow = read.memory >= math.exp(-block / FASTEST_WANDER)
     white = read.white + (0.0 if is_slow else read.wander)
     wander = max(read.wander if read.memory >= FAST_MEMORY else 0.0, least**2)
-    if wander == 0.0:
-        return BlockNoise(white, 0.0, 0.0)
-    return BlockNoise(white, wander, math.exp(-block / FASTEST_WANDER))
+    return BlockNoise(white, wander, math.exp(-block / FASTEST_WANDER) if wander else 0.0)
 
 
 DEFAULT_PERCENT = 2.0
@@ -175,7 +172,3 @@ def materiality(
     if not 0.0 <= percent < math.inf:
         raise MonitoringError(f'materiality is {percent:g} %: give 0 or more')
     return np.asarray(0.01 * percent * np.ptp(sound_motion(rig, contact, elevation), axis=1))
-
-
-class MonitoringError(SaddleringError):
-    """A record or settings that cannot be monitored."""

@@ -70,11 +70,8 @@ class AlarmStream:
 
     def use(self, contact: ContactParameters) -> None:
         """The ring is simulated with these parameters."""
-        if self._contact == contact:
-            return
-        is_first = self._contact is None
-        self._contact = contact
-        if not is_first:
+        before, self._contact = self._contact, contact
+        if before not in (None, contact):
             self.monitor.parameters_changed()
 
     def push(self, residual: Displacements, load: Samples) -> None:
@@ -126,7 +123,6 @@ def residual_samples(batch: Displacements, loads: NDArray[np.float64]) -> Iterat
         for stamp, x, y, gamma, load, zero, elevation in zip(
                 *(column[rows].tolist() for column in columns), strict=True):
             yield Sample(stamp, (x, y, gamma), load, zero, elevation)
-
 
 
 PATIENCE = 0.2
@@ -200,11 +196,9 @@ class Sight:
 def blind_words(lacks: str, missing: Sequence[str], lag: float) -> str:
     """What the watch lacks, in one line; missing: topics; lag [s]: of the residual by stamp."""
     topics = ' and '.join(missing)
-    if lacks == NO_LOAD:
-        return f'BLIND: no load arrives on {topics}: start the driver, or see to its network'
-    if lacks == LATE:
-        return f'BLIND: {topics} is {lag:.2f} s behind the load: see to the load of the machine'
-    if lacks == NO_CHANNEL:
-        return f'BLIND: {topics} holds no known channel: repair the probes, then call ~/zero'
-    return (f'BLIND: nothing arrives on {topics}: its node is not running or not active, or has '
-            'no zero (go to preload, or call /ring_displacement/zero)')
+    return 'BLIND: ' + {
+        NO_LOAD: f'no load arrives on {topics}: start the driver, or see to its network',
+        LATE: f'{topics} is {lag:.2f} s behind the load: see to the load of the machine',
+        NO_CHANNEL: f'{topics} holds no known channel: repair the probes, then call ~/zero',
+        NO_RESIDUAL: f'nothing arrives on {topics}: its node is not running or not active, or has '
+                     'no zero (go to preload, or call /ring_displacement/zero)'}[lacks]

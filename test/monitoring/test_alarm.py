@@ -13,8 +13,8 @@ from saddlering_ros.monitoring.detector import (
     block_noise,
     BlockNoise,
     BlockWatch,
-    ChannelInnovations,
     Detector,
+    Innovations,
 )
 from saddlering_ros.monitoring.monitor import (
     ALARM,
@@ -81,10 +81,10 @@ def test_one_wild_block_is_no_change():
 def test_innovations_of_wandering_noise_are_independent():
     chance = np.random.default_rng(4)
     noise, wander, values = BlockNoise(1.0, 4.0, 0.98), 0.0, []
-    whitener = ChannelInnovations(noise)
+    whitener = Innovations([noise])
     for _ in range(10_000):
         wander = 0.98 * wander + np.sqrt(4.0 * (1.0 - 0.98**2)) * chance.standard_normal()
-        values.append(whitener.step(wander + chance.standard_normal())[0])
+        values.append(whitener.step(np.array([wander + chance.standard_normal()]))[0][0])
     seen = np.array(values[500:])
     assert seen.std() == pytest.approx(1.0, abs=0.03)
     assert abs(np.corrcoef(seen[1:], seen[:-1])[0, 1]) < 0.03
