@@ -20,8 +20,9 @@ from frame import arguments, table
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.fleet import COORDINATES, judge_fleet, SessionFigures
+from saddlering_ros.fleet.attention import judge_fleet
 from saddlering_ros.fleet.drifts import YEAR
+from saddlering_ros.fleet.observations import COORDINATES, SessionFigures
 
 Array = NDArray[np.float64]
 

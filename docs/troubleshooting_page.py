@@ -52,9 +52,8 @@ def _messages(folder: str) -> Iterator[str]:
         for item in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
             if isinstance(item, ast.Call) and isinstance(item.func, ast.Name) and item.args:
                 name, texts = item.func.id, item.args
-                if name == 'Kind' and len(texts) > 1:
-                    yield from _text(texts[1])
-                elif name.endswith('Error') and not name.startswith(('Value', 'Type', 'Assert')):
+                ours = name.endswith('Error') and not name.startswith(('Value', 'Type', 'Assert'))
+                if ours or name == 'Kind':
                     yield from _text(texts[0])
 
 

@@ -177,73 +177,43 @@ def _warning(address: str) -> str:
             'workers (see docs/campaigns.md)')
 
 
-@dataclass
-class Summary:
-    """Of all sessions of a campaign, how many have a result, how many of these are failures.
-
-    computed: in this run; faults: failures of our own, not of the bags; altered: result files that
-    were damaged or changed, and were computed again.
-    """
-
-    total: int
-    done: int = 0
-    failed: int = 0
-    computed: int = 0
-    faults: int = 0
-    altered: list[Path] = field(default_factory=list)
-
-    def add(self, document: dict[str, Any], *, new: bool) -> None:
-        """Count one more result."""
-        self.done += 1
-        self.computed += new
-        if document['status'] == 'failed':
-            self.failed += 1
-            self.faults += document.get('kind') != 'refused'
-
-
 def run_campaign(
     tasks: Sequence[SessionTask], store: Store, workers: Workers, *, retry: bool = False,
     on_status: Callable[[Status], None] = lambda status: None,
-) -> Summary:
+) -> Status:
     """Compute the missing results until every task has one; `retry` repeats failures.
 
     Where the workers are gone, or a result cannot be written, the campaign ends with
     CampaignError. The next call continues it.
     """
     store.prepare()
-    count = Summary(len(tasks))
-    work = _Work(store, workers, _waiting(tasks, store, count, retry=retry))
-    began = last = time.time()
-
-    def status(*, running: bool) -> Status:
-        return Status(
-            total=len(tasks), done=count.done, failed=count.failed, started=began,
-            updated=time.time(), slots=workers.slots, computed=count.computed, running=running)
-
-    store.write_status(status(running=True))
+    status = Status(len(tasks), started=time.time(), updated=time.time(), slots=workers.slots)
+    work = _Work(store, workers, _waiting(tasks, store, status, retry=retry))
+    store.write_status(status)
     try:
         while work.waiting or work.running:
             documents, is_late = work.next_results()
             for document in documents:
-                count.add(document, new=True)
+                status.add(document, new=True)
             if is_late and not workers.alive():
                 raise CampaignInterruptedError(
-                    f'the scheduler no longer answers; {count.done} of {len(tasks)} sessions '
+                    f'the scheduler no longer answers; {status.done} of {len(tasks)} sessions '
                     'have a result: start it again and repeat the command')
-            if time.time() - last >= STATUS_SECONDS:
-                last = time.time()
-                store.write_status(status(running=True))
-                on_status(status(running=True))
+            if time.time() - status.updated >= STATUS_SECONDS:
+                status.updated = time.time()
+                store.write_status(status)
+                on_status(status)
     finally:
         for future in work.running:
             future.cancel()
-        store.write_status(status(running=False))
-    on_status(status(running=False))
-    return count
+        status.updated, status.running = time.time(), False
+        store.write_status(status)
+    on_status(status)
+    return status
 
 
 def _waiting(
-    tasks: Sequence[SessionTask], store: Store, count: Summary, *, retry: bool
+    tasks: Sequence[SessionTask], store: Store, status: Status, *, retry: bool
 ) -> deque[SessionTask]:
     """The tasks without a whole result, with `retry` failed ones too; the others are counted.
 
@@ -253,7 +223,8 @@ def _waiting(
     for task in tasks:
         document = store.read_result(task.key)
         if document is None:
-            count.altered += filter(Path.exists, [store.place_of(task.key)])
+            place = store.place_of(task.key)
+            status.altered += [str(place)] if place.exists() else []
             waiting.append(task)
             continue
         if document['status'] == 'failed':
@@ -262,7 +233,7 @@ def _waiting(
             is_whole = (not task.reports or document['task']['reports']
                         or document['verdict']['verdict'] == 'none')
         if is_whole:
-            count.add(document, new=False)
+            status.add(document, new=False)
         else:
             waiting.append(replace(task, attempt=int(document.get('attempt', 0)) + 1))
     return waiting

@@ -6,7 +6,7 @@ therefore write into one store, and an interrupted campaign continues with the m
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 import hashlib
 import json
 from pathlib import Path
@@ -20,18 +20,32 @@ HASH = 'sha256'
 """Key of the hash over all else that a result file holds."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Status:
-    """How far a campaign is: sessions, times [s since 1970], whether it is still running."""
+    """How far a campaign is: times [s since 1970], and how many of its sessions have a result.
+
+    failed: of those done; computed: in this run; faults: failures of our own, not of the bags;
+    altered: result files that were damaged or changed, and were computed again.
+    """
 
     total: int
-    done: int
-    failed: int
-    started: float
-    updated: float
-    slots: int
-    computed: int
-    running: bool
+    done: int = 0
+    failed: int = 0
+    started: float = 0.0
+    updated: float = 0.0
+    slots: int = 0
+    computed: int = 0
+    running: bool = True
+    faults: int = 0
+    altered: list[str] = field(default_factory=list)
+
+    def add(self, document: dict[str, Any], *, new: bool) -> None:
+        """Count one more result."""
+        self.done += 1
+        self.computed += new
+        if document['status'] == 'failed':
+            self.failed += 1
+            self.faults += document.get('kind') != 'refused'
 
     def __str__(self) -> str:
         parts = [f'{self.done} of {self.total} sessions', f'{self.failed} failed']

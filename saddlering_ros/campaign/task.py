@@ -210,9 +210,7 @@ def session_verdict(task: SessionTask) -> dict[str, Any]:
     }
 
 
-def change_since(
-    base: Sequence[str], bags: Sequence[str], rig: Rig, seed: int,
-) -> dict[str, Any]:
+def change_since(base: Sequence[str], bags: Sequence[str], rig: Rig, seed: int) -> dict[str, Any]:
     """The verdict on the change since the base measurement; a refusal does not end the session."""
     from saddlering_ros import compare
 

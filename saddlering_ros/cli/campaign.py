@@ -13,7 +13,9 @@ from saddlering_ros.cli._terminal import Bar, show_table, tell_json
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from saddlering_ros.campaign import Session, SessionTask, Store, Summary
+    from saddlering_ros.campaign.sessions import Session
+    from saddlering_ros.campaign.store import Status, Store
+    from saddlering_ros.campaign.task import SessionTask
 
 STATUS = 'status'
 MAX_SHOWN = 40
@@ -66,10 +68,10 @@ def run(args: argparse.Namespace) -> int:
         return _show_status(args.store)
     import json
 
-    from saddlering_ros import campaign
-    from saddlering_ros.campaign import CampaignError
+    from saddlering_ros.campaign import sessions, task
+    from saddlering_ros.campaign.store import CampaignError, Store
     from saddlering_ros.campaign.tables import write_fleet, write_tables
-    from saddlering_ros.fleet import limits_from_text
+    from saddlering_ros.fleet.attention import limits_from_text
     from saddlering_ros.rig import load_rig
 
     if args.out is None and not args.plan:
@@ -80,24 +82,24 @@ def run(args: argparse.Namespace) -> int:
     load_rig(args.rig)
     limits = limits_from_text(args.limit)
     with Bar() as bar:
-        bags = campaign.find_bags(
+        bags = sessions.find_bags(
             args.folder, lambda count: bar.show('find', 0.0, f'{count} bags'))
     if not bags:
         raise CampaignError(f'{args.folder}: has no bags: give the folder of the bags')
     if args.manifest is not None:
-        sessions = campaign.read_manifest(args.manifest, bags)
+        grouped = sessions.read_manifest(args.manifest, bags)
     else:
-        sessions = campaign.group_sessions(bags, args.gap * 3600.0, args.hold_out)
+        grouped = sessions.group_sessions(bags, args.gap * 3600.0, args.hold_out)
     if args.json != '-':
-        _print_plan(sessions)
+        _print_plan(grouped)
     if args.plan:
         return 0
-    store = campaign.Store(args.out)
+    store = Store(args.out)
     store.prepare()
-    campaign.write_manifest(store.folder, sessions)
-    session = campaign.SessionLimits(args.time_limit, int(args.memory_limit * 2**30))
-    tasks = campaign.tasks_of(
-        sessions, args.rig, session,
+    sessions.write_manifest(store.folder, grouped)
+    limits_of_one = task.SessionLimits(args.time_limit, int(args.memory_limit * 2**30))
+    tasks = task.tasks_of(
+        grouped, args.rig, limits_of_one,
         reports=store.reports if args.reports == 'flagged' else None)
     summary = _compute(args, tasks, store)
     write_tables(store, tasks)
@@ -130,11 +132,10 @@ def _print_plan(sessions: list[Session]) -> None:
           f'{sum(len(session.members) for session in sessions)} bags')
 
 
-def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Store) -> Summary:
+def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Store) -> Status:
     import sys
 
-    from saddlering_ros.campaign import run_campaign
-    from saddlering_ros.campaign.running import dask_workers, local_workers
+    from saddlering_ros.campaign.running import dask_workers, local_workers, run_campaign
 
     workers = local_workers(args.jobs) if args.scheduler is None else dask_workers(args.scheduler)
     with workers as found, Bar() as bar:
@@ -149,7 +150,7 @@ def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Stor
 def _show_status(folder: Path) -> int:
     import time
 
-    from saddlering_ros.campaign import Store
+    from saddlering_ros.campaign.store import Store
 
     status = Store(folder).read_status()
     state = 'running' if status.running else (

@@ -12,7 +12,7 @@ from saddlering_ros.cli._terminal import Bar, tell_json
 from saddlering_ros.errors import printable
 
 if TYPE_CHECKING:
-    from saddlering_ros.importing import ImportedRun, ImportResult
+    from saddlering_ros.importing.convert import ImportedRun, ImportResult
     from saddlering_ros.rig import Rig
 
 
@@ -50,7 +50,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _draft(args: argparse.Namespace) -> int:
     from saddlering_ros.files import write_text
-    from saddlering_ros.importing import draft_map, ImportingError, open_sources
+    from saddlering_ros.importing.calibration import ImportingError
+    from saddlering_ros.importing.draft import draft_map
+    from saddlering_ros.importing.source import open_sources
 
     if args.map is not None and args.map.exists():
         raise ImportingError(f'{args.map}: exists already, and a draft does not replace it: '
@@ -72,7 +74,10 @@ def _draft(args: argparse.Namespace) -> int:
 def _import(args: argparse.Namespace) -> int:
     import sys
 
-    from saddlering_ros.importing import import_files, ImportingError, read_map, save_preview
+    from saddlering_ros.importing.calibration import ImportingError
+    from saddlering_ros.importing.convert import import_files
+    from saddlering_ros.importing.mapping import read_map
+    from saddlering_ros.importing.preview import save_preview
     from saddlering_ros.rig import load_rig
 
     if args.map is None or args.out is None:

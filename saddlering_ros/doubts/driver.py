@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.doubts.finding import FAULT, Finding, NOTE
+from saddlering_ros.doubts.finding import FAULT, Finding
 from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
 from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_findings
 from saddlering_ros.errors import BagError
@@ -45,13 +45,6 @@ NARROW_MARGIN = 0.1
 
 MOVED = 50.0
 """Readings that spread by more than this many standard deviations of their noise have moved."""
-
-LIMITS = {
-    'other_clock': CLOCK_LIMIT, 'skew': SKEW_LIMIT, 'other_rate': RATE_TOLERANCE,
-    'stamps_no_times': RATE_TOLERANCE, 'block_stamps': SHARED_STAMPS,
-    'other_range': SPAN_TOLERANCE, 'narrow_margin': NARROW_MARGIN, 'load_still': MIN_LOAD_SPAN,
-    'few_samples': MIN_SAMPLES}
-"""Limits by kind of finding, in the units stated above."""
 
 
 @dataclass(frozen=True)
@@ -93,11 +86,11 @@ class _Findings(list[Finding]):
 
     where = ''
 
-    def fault(self, kind: str, words: str) -> None:
-        self.append(Finding(kind, words, self.where, LIMITS.get(kind), FAULT))
+    def fault(self, words: str) -> None:
+        self.append(Finding(words, self.where, FAULT))
 
-    def note(self, kind: str, words: str) -> None:
-        self.append(Finding(kind, words, self.where, LIMITS.get(kind), NOTE))
+    def note(self, words: str) -> None:
+        self.append(Finding(words, self.where))
 
 
 def check_driver(
@@ -122,12 +115,12 @@ def check_driver(
         types = () if one is None else one.types
         wrong = [kind for kind in types if kind != topic.type]
         if wrong:
-            found.fault('wrong_type', f'is published as {wrong[0]}: publish {topic.type}')
+            found.fault(f'is published as {wrong[0]}: publish {topic.type}')
         elif one is None or not one.publishers:
-            found.fault('no_publisher', 'it has no publisher: start the driver, or remap its '
+            found.fault('it has no publisher: start the driver, or remap its '
                         'topic')
         else:
-            found.fault('few_samples', f'{len(one)} samples came from {one.publishers} '
+            found.fault(f'{len(one)} samples came from {one.publishers} '
                         'publisher(s): check that the driver reads its device, or listen longer')
     if usable:
         _skew(found, heard, [topic.name for topic in probes])
@@ -139,61 +132,61 @@ def check_driver(
 def _stamps(found: _Findings, topic: RigTopic, one: HeardTopic, rate: float | None) -> None:
     """Faults of the source of a topic and of its stamps."""
     if one.publishers > 1:
-        found.fault('several_publishers', f'{one.publishers} publishers, whose samples are mixed: '
+        found.fault(f'{one.publishers} publishers, whose samples are mixed: '
                     'end all but one')
     if one.frame_id != topic.frame_id:
-        found.note('frame_id', f'frame_id is {one.frame_id!r}: set it to {topic.frame_id!r}')
+        found.note(f'frame_id is {one.frame_id!r}: set it to {topic.frame_id!r}')
     unset = int((one.stamps <= 0).sum())
     if unset:
-        found.fault('stamps_unset', f'{unset} of {len(one)} stamps are not set: stamp each sample '
+        found.fault(f'{unset} of {len(one)} stamps are not set: stamp each sample '
                     'with the time of its measurement')
         return
     steps = np.diff(one.stamps)
     shared, back = int((steps == 0).sum()), int((steps < 0).sum())
     if shared > SHARED_STAMPS * len(steps):
-        found.fault('block_stamps', f'{shared} of {len(one)} samples have the stamp of the one '
+        found.fault(f'{shared} of {len(one)} samples have the stamp of the one '
                     'before: stamp each sample of a block with its own time')
         return
     if shared:
-        found.fault('shared_stamps', f'{shared} samples have the stamp of the one before')
+        found.fault(f'{shared} samples have the stamp of the one before')
     if back:
-        found.fault('stamps_go_back', f'{back} stamps go back: publish samples in the order of '
+        found.fault(f'{back} stamps go back: publish samples in the order of '
                     'their measurement')
         return
     gaps = gap_mask(one.stamps)
     if gaps.any():
-        found.fault('gaps', f'{int(gaps.sum())} gaps in the stamps, longest '
+        found.fault(f'{int(gaps.sum())} gaps in the stamps, longest '
                     f'{float(steps[gaps].max()) / 1e9:.3g} s: samples are lost in the driver or '
                     'on the way (best effort on a busy network)')
     if rate is not None and abs(one.rate / rate - 1.0) > RATE_TOLERANCE:
-        found.fault('other_rate', f'comes at {one.rate:.4g} Hz, and {rate:g} Hz is required')
+        found.fault(f'comes at {one.rate:.4g} Hz, and {rate:g} Hz is required')
     arrived = float(one.arrivals[-1] - one.arrivals[0])
     stamped = float(one.stamps[-1] - one.stamps[0])
     if not gaps.any() and arrived > 1e9 and abs(stamped / arrived - 1.0) > RATE_TOLERANCE:
-        found.fault('stamps_no_times', f'stamps advance by {stamped / 1e9:.3g} s in '
+        found.fault(f'stamps advance by {stamped / 1e9:.3g} s in '
                     f'{arrived / 1e9:.3g} s: the stamps are not times, or the driver falls behind')
     if abs(one.delay) > CLOCK_LIMIT:
         side = 'behind' if one.delay > 0.0 else 'ahead of'
-        found.fault('other_clock', f'stamps are {abs(one.delay):.3g} s {side} the clock of this '
+        found.fault(f'stamps are {abs(one.delay):.3g} s {side} the clock of this '
                     'machine: synchronise the clocks (chrony, PTP), or stamp in UTC')
 
 
 def _values(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> None:
     values = one.values[np.isfinite(one.values)]
     if len(values) < len(one):
-        found.fault('not_numbers', f'{len(one) - len(values)} of {len(one)} readings are not '
+        found.fault(f'{len(one) - len(values)} of {len(one)} readings are not '
                     'numbers: leave out what was not measured')
     if not len(values):
         return
     if (values == values[0]).all():
-        found.fault('never_changes', f'the reading never changes ({values[0]:.6g} {topic.unit}): '
+        found.fault(f'the reading never changes ({values[0]:.6g} {topic.unit}): '
                     'a sensor has noise; check that it is connected')
     guard = SampleGuard(load_limits(rig) if topic is LOAD else probe_limits(rig))
     guard.push(Samples(one.stamps, one.values))
     counts = guard.counters
     impossible = counts.impossible + counts.leaps_of_reading + counts.doubtful_load
     if impossible and not _in_other_unit(found, rig, topic, values):
-        found.fault('impossible', f'{impossible} readings that this rig cannot have (from '
+        found.fault(f'{impossible} readings that this rig cannot have (from '
                     f'{values.min():.4g} to {values.max():.4g} {topic.unit}): the nodes refuse '
                     'them; look for spikes, the unit and the rig file')
     if topic is LOAD:
@@ -201,17 +194,17 @@ def _values(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> Non
     low, high = rig.probes.min_range, rig.probes.max_range
     span = high - low
     if not one.high > one.low:
-        found.note('no_span', f'states no range: fill in min_range {low:g} and max_range {high:g}')
+        found.note(f'states no range: fill in min_range {low:g} and max_range {high:g}')
     elif max(abs(one.low - low), abs(one.high - high)) > SPAN_TOLERANCE * span:
-        found.fault('other_range', f'its range is {one.low:.4g} to {one.high:.4g} m and that of '
+        found.fault(f'its range is {one.low:.4g} to {one.high:.4g} m and that of '
                     f'the rig file {low:.4g} to {high:.4g} m: correct one of them')
     ended = int(((values <= low) | (values >= high)).sum())
     margin = min(float(np.median(values)) - low, high - float(np.median(values)))
     if ended:
-        found.fault('at_limit_of_span', f'{ended} of {len(values)} readings at or beyond an end '
+        found.fault(f'{ended} of {len(values)} readings at or beyond an end '
                     'of the range: check the position and the unit of the probe')
     elif margin < NARROW_MARGIN * span:
-        found.note('narrow_margin', f'the gap is {margin * 1e3:.3g} mm from an end of the range: '
+        found.note(f'the gap is {margin * 1e3:.3g} mm from an end of the range: '
                    'move the probe to the middle')
 
 
@@ -223,7 +216,7 @@ def _in_other_unit(found: _Findings, rig: Rig, topic: RigTopic, values: Floats) 
         else:
             check_probe_unit('', values, rig.probes.min_range, rig.probes.max_range)
     except BagError as problem:
-        found.fault('other_unit', str(problem).removeprefix(': '))
+        found.fault(str(problem).removeprefix(': '))
         return True
     return False
 
@@ -233,14 +226,14 @@ def _skew(found: _Findings, heard: Mapping[str, HeardTopic], probes: Sequence[st
     for found.where in probes:
         skew = heard[found.where].delay - load.delay
         if abs(skew) > SKEW_LIMIT and abs(load.delay) < CLOCK_LIMIT:
-            found.fault('skew', f'stamps are {abs(skew) * 1e3:.3g} ms '
+            found.fault(f'stamps are {abs(skew) * 1e3:.3g} ms '
                         f'{"older" if skew > 0.0 else "younger"} than those of the load that '
                         'arrive with them: use one clock for both, and stamp with the time of '
                         'measurement')
     found.where = min(probes, key=lambda name: heard[name].rate)
     slowest = heard[found.where].rate
     if slowest < 0.5 * load.rate:
-        found.note('slow_probe', f'comes at {slowest:.4g} Hz and the load at {load.rate:.4g} Hz: '
+        found.note(f'comes at {slowest:.4g} Hz and the load at {load.rate:.4g} Hz: '
                    'damping is known better with equal rates')
 
 
@@ -251,12 +244,12 @@ def _load(found: _Findings, rig: Rig, one: HeardTopic) -> None:
     if low < load_limits(rig).low:
         return  # these readings are refused, which is a finding already
     if low < -rig.limits.negative_max:
-        found.fault('load_negative', f'the load falls to {low:.4g} N: publish a pushing load as '
+        found.fault(f'the load falls to {low:.4g} N: publish a pushing load as '
                     'positive, and zero the load cell')
     elif high < rig.limits.unit_min and high - low > MOVED * white_noise(values):
         _in_other_unit(found, rig, LOAD, values)
     elif high < rig.limits.unit_min:
-        found.note('load_at_rest', f'the load is {low:.4g} to {high:.4g} N: at rest without '
+        found.note(f'the load is {low:.4g} to {high:.4g} N: at rest without '
                    'preload, or not in newtons; sign and unit are known from '
                    f'{rig.preload:.4g} N on')
 
@@ -268,7 +261,7 @@ def _directions(
     stamps, values = _in_order(heard[LOAD_TOPIC])
     least = MIN_LOAD_SPAN * rig.full_scale_load
     if len(values) < MIN_SAMPLES or float(np.ptp(values)) < least:
-        found.note('load_still', 'the load did not move: polarity, order of the probes and sign '
+        found.note('the load did not move: polarity, order of the probes and sign '
                    'of the load are not checked; move it by '
                    f'{rig.force_words(least)} meanwhile')
         return

@@ -1,4 +1,4 @@
-"""A finding: what is doubtful and what to do about it, where, and by which limit it was judged."""
+"""A finding: what is doubtful and what to do about it, and where."""
 
 from __future__ import annotations
 
@@ -10,17 +10,10 @@ FAULT, NOTE = 'fault', 'note'
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding.
+    """What is doubtful, with the remedy; where: the topic, '' for the record as a whole."""
 
-    id: of its kind; words: what is doubtful, with the remedy; where: the topic, '' for the record
-    as a whole; threshold: limit that the record exceeds, in the unit that its kind states, None
-    if no number decides.
-    """
-
-    id: str
     words: str
     where: str = ''
-    threshold: float | None = None
     severity: str = NOTE
 
     def __str__(self) -> str:
@@ -29,19 +22,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of finding: the one place of its words, with figures in braces, and of its limit."""
+    """A kind of finding: the one place of its words, with figures in braces, and of its limit.
 
-    id: str
+    limit: that the record exceeds, in the unit that is stated beside it.
+    """
+
     words: str
-    threshold: float | None = None
-    severity: str = NOTE
+    limit: float = 0.0
 
     def at(self, where: str = '', /, **figures: object) -> Finding:
         """The finding of this kind with its figures."""
-        return Finding(self.id, self.words.format(**figures), where, self.threshold, self.severity)
-
-    @property
-    def limit(self) -> float:
-        """The threshold of a kind that a number decides."""
-        assert self.threshold is not None
-        return self.threshold
+        return Finding(self.words.format(**figures), where)

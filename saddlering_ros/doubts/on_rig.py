@@ -52,49 +52,42 @@ PARITY_ERRORS = 5.0
 the load."""
 
 PARITY_FOLLOWS = Kind(
-    'parity_follows_load',
     'the parity of probes 1 and 3 follows the load by {moved}; that of a rigid ring is constant: '
     'cross-talk, a gain, a bracket or the ring itself (diagnose reports which)',
-    threshold=0.004)
+    limit=0.004)
 """Share of the largest motion by which the parity may follow the load."""
 
 PARITY_OSCILLATES = Kind(
-    'parity_oscillates',
     'the parity of probes 1 and 3 oscillates by {size} at {frequency}, which a rigid ring cannot: '
     'mains pickup, a vibration of the probes, or one above half the sampling rate that is seen at '
     'a wrong frequency (aliasing): filter before sampling',
-    threshold=60.0)
+    limit=60.0)
 """Ratio of the power of a line of the spectrum to the median about it. Chance: once in 1e14
 records."""
 
 LOAD_UNIT = Kind(
-    'load_unit',
     'the load begins at {start:.4g} and ends at {peak:.4g} at most, which looks like {units} (the '
     'preload is {preload:.4g} N): publish newtons, or K comes out about {factor:.2g} times too '
     'small')
 
 OVERLOAD = Kind(
-    'overload',
     'the load reaches {peak} and the full scale is {full}: the unit or the gain of the load, or '
     'full_scale_load of the rig file, is wrong',
-    threshold=1.1)
+    limit=1.1)
 """Share of the full scale, in any unit, below which the highest load stays."""
 
 START_OFF_PRELOAD = Kind(
-    'start_off_preload',
     'the record starts at {start}, which is not near the preload ({preload}): displacements count '
     'from there')
 
 SPAN_UNIT = Kind(
-    'span_unit',
     'probe {probe} publishes a span up to {high:.4g} m and the rig file gives {wanted:.4g} m, '
     'which looks like {unit}: publish metres')
 
 LOOKS_STATIC = Kind(
-    'looks_static',
     'the load is held at {holds} levels, which looks like a static test: give --test static, or '
     'correct the metadata of the bag',
-    threshold=0.6)
+    limit=0.6)
 """Share of its time in holds with which a dynamic record looks static."""
 
 MIN_LINE_SAMPLES = 200
@@ -104,39 +97,32 @@ LINE_REACH = 12
 MIN_PEAK = 0.5
 """Share of the full scale that the highest load of a test reaches."""
 
-OTHER_RIG = Kind(
-    'other_rig',
-    'it was recorded on a rig with the hash {hash}, and this rig is another ({rig})')
+OTHER_RIG = Kind('it was recorded on a rig with the hash {hash}, and this rig is another ({rig})')
 
 OTHER_RANGE = Kind(
-    'other_range',
     'probe {probe} states a range of {low:g} to {high:g} mm, the rig file {rig_low:g} to '
     '{rig_high:g} mm (rig.probes.min_range, max_range)')
 
 OUT_OF_RANGE = Kind(
-    'out_of_range',
     'probe {probe} reads {low:.3f} to {high:.3f} mm, outside of the range in the rig file '
     '(rig.probes.min_range, max_range)')
 
 OTHER_FULL_SCALE = Kind(
-    'other_full_scale',
     'the highest load is {peak}, the full scale in the rig file {full} (rig.full_scale_load)',
-    threshold=1.05)
+    limit=1.05)
 """Share of the full scale that the highest load of a test does not exceed."""
 
 OTHER_PRELOAD = Kind(
-    'other_preload',
     'the record starts at {start}, the preload in the rig file is {preload} (rig.preload)',
-    threshold=0.04)
+    limit=0.04)
 """Share of the full scale by which a record may start beside the preload."""
 
 OTHER_ELEVATION = Kind(
-    'other_elevation',
     'tilt and axial motion agree with an elevation of about {apparent:.0f} deg (within '
     '{uncertainty:.0f}) and the bag states {stated:g}: the elevation, the trunnion '
     "(rig.trunnion), the probes' span (rig.probes.axial_span) or "
     'the pitch radius (rig.axial_rows.pitch_radius) is wrong',
-    threshold=math.radians(10.0))
+    limit=math.radians(10.0))
 """Error [rad] of the elevation from tilt over lift against that of a simulated ring, beside what
 the curvature of the two adds."""
 

@@ -54,45 +54,36 @@ MAX_SPAN = 0.1
 FAR_OUTSIDE = 20.0
 """Distance of a typical gap from the probe's span, in spans, that shows another unit."""
 
-GAPS = Kind('gaps', '{count} gap{plural} in the stamps, the longest {longest:.3f} s')
+GAPS = Kind('{count} gap{plural} in the stamps, the longest {longest:.3f} s')
 
-NO_READING = Kind(
-    'no_reading', 'has no reading at {count} of {stamps} load stamps', threshold=0.005)
+NO_READING = Kind('has no reading at {count} of {stamps} load stamps', limit=0.005)
 """Share of load stamps without a reading, as at both ends of a record."""
 
 AT_LIMIT_OF_SPAN = Kind(
-    'at_limit_of_span',
     '{count} of {readings} readings are at or beyond the limits of its span ({low:g} to {high:g} '
     'm){unit}')
-NO_SPAN = Kind('no_span', 'states no span (min_range, max_range)')
-NEVER_CHANGES = Kind('never_changes', 'the reading never changes')
+NO_SPAN = Kind('states no span (min_range, max_range)')
+NEVER_CHANGES = Kind('the reading never changes')
 
 HELD = Kind(
-    'held',
     '{percent:.0f} % of consecutive readings are equal: the sensor reads at about {update:.3g} Hz '
     'and is published at {rate:.4g} Hz; readings are up to {age:.3g} ms old, which shifts D1 and '
     "D2: record at the sensor's own rate")
 COARSE = Kind(
-    'coarse',
     'its resolution of {step} is coarser than its noise ({noise} rms): rounding counts as noise; '
     'use a finer range of the converter')
 SPIKES = Kind(
-    'spikes',
     '{count} of its readings are spikes, the first at sample {first}: identification and '
     'diagnosis leave them out')
 STALL = Kind(
-    'stall',
     '{count} equal readings in a row from {seconds:.2f} s on: the converter or the logger stopped')
 AT_LIMIT = Kind(
-    'at_limit',
     '{count} readings equal the {value} that no other reading exceeds: the sensor or its '
     'amplifier is at a limit')
 FILTERED = Kind(
-    'filtered',
     '{subject} low-passed at about {bandwidth:.2g} Hz and the other readings are not, or less: a '
     'lag of about {lag:.1f} ms, which shifts D1 and D2: give all channels the same filter')
 DRIFT = Kind(
-    'clock_drift',
     'load and probes are stamped at rates that differ by {percent:.3g} %: if both should have one '
     'rate, a clock drifts by {drift:.3g} ms over the record, which shifts D1 and D2')
 
@@ -101,16 +92,13 @@ MAX_REFUSED_SHARE = 0.05
 wrong."""
 
 REFUSED = Kind(
-    'refused',
     '{count} samples are refused, as live nodes refuse them ({words}): validity marks what is '
     'interpolated across them, and identification and diagnosis leave it out')
 DOUBTFUL_LOAD = Kind(
-    'doubtful_load',
     '{count} samples lie behind a step that the hydraulics cannot make in its time '
     '(rig.full_scale_time), as when a counter rolls over: validity marks what is simulated by '
     'them, and identification and diagnosis leave it out')
 PROBE_ABSENT = Kind(
-    'probe_absent',
     'probe {absent} is absent (rig.probes.absent): delta_x is of probe {partner} alone, with the '
     'ring taken as rigid; the parity is unknown, and causes that show in it cannot be told from '
     'others')

@@ -36,34 +36,30 @@ each other."""
 STUCK_SAMPLES = 20
 
 STUCK = Kind(
-    'probe_stuck',
     'probe {probe} stays at {gap:.2f} µm while the load changes from {loads}: the probe is stuck, '
     'or at an end of its range',
-    threshold=0.05)
+    limit=0.05)
 """Share of the load's span that passes while a reading stands still."""
 
 DEAD = Kind(
-    'probe_dead',
     'probe {probe} does not follow the load: its reading changes by {motion} over {span}, that '
     'of another probe by {largest}; check that the probe is connected and faces the ring',
-    threshold=0.02)
+    limit=0.02)
 """Share of the largest motion below which a probe does not follow the load."""
 
 SWAPPED = Kind(
-    'probes_swapped',
     'probes {first} and {second} have opposite readings (their sum is {percent:.1f} % of their '
     'difference) and probes 1 and 3, which should be opposite, are not ({opposite:.0f} %): '
     'channels look swapped',
-    threshold=0.06)
+    limit=0.06)
 """Sum of two probes, as a share of their difference (rms), up to which they mirror each other."""
 
-WRONG_SIDE = Kind('probe_on_wrong_side', '{guess}: µm per {unit} {slopes}')
+WRONG_SIDE = Kind('{guess}: µm per {unit} {slopes}')
 
 EXCHANGED = Kind(
-    'probes_exchanged',
     'probes {first} and {second} exchange their readings at {seconds:.3f} s while the load stands '
     'still: a cable or a channel was moved: repeat the test',
-    threshold=8.0)
+    limit=8.0)
 """Change of each reading at an exchange, as a multiple of the usual change over ROWS."""
 
 
@@ -141,9 +137,7 @@ def _mirrored(increments: Floats) -> list[Finding]:
                        opposite=100 * opposite)]
 
 
-def _sides(
-    rig: Rig, slope: Floats, expected: Floats, clear: NDArray[np.bool_],
-) -> list[Finding]:
+def _sides(rig: Rig, slope: Floats, expected: Floats, clear: NDArray[np.bool_]) -> list[Finding]:
     """A finding on probes that move to the wrong side; slope [m/N] of each."""
     wrong = np.flatnonzero(clear & (slope * expected < 0.0)).tolist()
     if not wrong:

@@ -136,9 +136,7 @@ def _compared(
     pairs = [combined(values, covariances, inflation) for values, covariances in measured.values()]
     means = np.array([mean for mean, _ in pairs])
     covariances = np.array([covariance for _, covariance in pairs])
-    unlike = statistics.unlike_sisters(means, covariances, level)
-    usual = np.array([not one.stands for one in unlike])
-    population = statistics.fit_population(means[usual], covariances[usual])
+    unlike, population = statistics.unlike_sisters(means, covariances, level)
     return dict(zip(measured, unlike, strict=True)), population
 
 

@@ -30,36 +30,44 @@ UNLIKE_TEST = (
 def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
     """The page; failures: name of a session without a verdict, and the reason."""
     flagged = [ring for ring in fleet.rings if ring.reasons]
+    verdicts = Counter(session.verdict for session in fleet.sessions)
+    words = ', '.join(f'{count} {name}' for name, count in verdicts.most_common())
     return html.page('Fleet of rings', [
-        '<h1>Rings and rigs of this campaign</h1>', _tiles(fleet, flagged, failures),
+        '<h1>Rings and rigs of this campaign</h1>',
+        html.tiles([
+            (str(len(fleet.rings)), 'rings'), (str(len(fleet.sessions)), f'sessions: {words}'),
+            (str(len(flagged)), 'rings that need attention'),
+            (str(len(fleet.rigs)), 'rigs that drift'),
+            (str(len(failures)), 'sessions without a verdict')]),
         _needs_a_person(fleet, flagged), _histories(fleet), _all_rings(fleet),
         html.section('Sessions without a verdict', html.table(
             ['session', 'reason'], [[name, reason] for name, reason in failures])),
-        _method(fleet),
-    ])
-
-
-def _tiles(
-    fleet: Fleet, flagged: Sequence[RingJudgement], failures: Sequence[tuple[str, str]]
-) -> str:
-    verdicts = Counter(session.verdict for session in fleet.sessions)
-    words = ', '.join(f'{count} {name}' for name, count in verdicts.most_common())
-    return html.tiles([
-        (str(len(fleet.rings)), 'rings'), (str(len(fleet.sessions)), f'sessions: {words}'),
-        (str(len(flagged)), 'rings that need attention'), (str(len(fleet.rigs)), 'rigs that '
-                                                                                 'drift'),
-        (str(len(failures)), 'sessions without a verdict'),
+        html.section('How to read this page', html.bullets([
+            f'At most {100 * fleet.level:g} % of the findings listed are expected to be false: '
+            'Benjamini-Hochberg over sessions and drifts, e-values over the sessions of a ring.',
+            f'Sessions of one ring scatter {fleet.inflation:.2f} times as much (in variance) as '
+            'their own intervals; all statistics here include that factor.',
+            'A drift of stiffness and damping by the same share can be a drift of the load cell. '
+            'Then both are listed, and a dead weight on the load cell tells them apart.',
+            'Remaining life is given only for a significant drift whose predictions of the next '
+            'session were correct.'])),
     ])
 
 
 def _needs_a_person(fleet: Fleet, flagged: Sequence[RingJudgement]) -> str:
     rigs = [f'Rig {drift.owner}: most of its rings drift together ({words_of(drift.group)}). The '
             f'rig is at fault, not the rings. {drift.next_test}' for drift in fleet.rigs]
-    rows: list[list[str | html.Cell]] = [
-        [ring.ring, ring.bench, '; '.join(ring.reasons), _next_test(ring), _life(ring),
-         _links(ring)]
-        for ring in flagged
-    ]
+    rows: list[list[str | html.Cell]] = []
+    for ring in flagged:
+        unit = 'h' if ring.history.clock == 'service_hours' else 'years'
+        life = '; '.join(
+            f'{name}: {_long(life.median)} {unit} ({_long(life.low)} to {_long(life.high)})'
+            for name, life in ring.life.items())
+        links = ', '.join(
+            f'<a href="{html.escape(session.report)}">{html.escape(session.name)}</a>'
+            for session in ring.sessions if session.report)
+        rows.append([ring.ring, ring.bench, '; '.join(ring.reasons), _next_test(ring), life,
+                     html.Cell(links, is_html=True)])
     head = ['ring', 'rig', 'why', 'next test', 'remaining life', 'reports']
     nothing = '' if rows or rigs else html.paragraph('No ring and no rig needs attention.')
     return html.section('Rings and rigs that need attention', html.bullets(rigs),
@@ -76,24 +84,9 @@ def _next_test(ring: RingJudgement) -> str:
     return proposed
 
 
-def _life(ring: RingJudgement) -> str:
-    unit = 'h' if ring.history.clock == 'service_hours' else 'years'
-    return '; '.join(
-        f'{name}: {_long(life.median)} {unit} ({_long(life.low)} to {_long(life.high)})'
-        for name, life in ring.life.items())
-
-
 def _long(time: float) -> str:
     """A time of three digits, without an exponent."""
     return 'beyond the horizon' if math.isinf(time) else f'{float(f"{time:.3g}"):g}'
-
-
-def _links(ring: RingJudgement) -> html.Cell:
-    links = [
-        f'<a href="{html.escape(session.report)}">{html.escape(session.name)}</a>'
-        for session in ring.sessions if session.report
-    ]
-    return html.Cell(', '.join(links), is_html=True)
 
 
 def _histories(fleet: Fleet) -> str:
@@ -157,16 +150,3 @@ def _all_rings(fleet: Fleet) -> str:
             '; '.join(ring.reasons)])
     return html.section('All rings by concern', html.table(
         head, rows, 'z: distance from the other rings in standard deviations'))
-
-
-def _method(fleet: Fleet) -> str:
-    return html.section('How to read this page', html.bullets([
-        f'At most {100 * fleet.level:g} % of the findings listed are expected to be false: '
-        'Benjamini-Hochberg over sessions and drifts, e-values over the sessions of a ring.',
-        f'Sessions of one ring scatter {fleet.inflation:.2f} times as much (in variance) as '
-        'their own intervals; all statistics here include that factor.',
-        'A drift of stiffness and damping by the same share can be a drift of the load cell. '
-        'Then both are listed, and a dead weight on the load cell tells them apart.',
-        'Remaining life is given only for a significant drift whose predictions of the next '
-        'session were correct.',
-    ]))

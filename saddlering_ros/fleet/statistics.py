@@ -135,17 +135,16 @@ def _weighted(
     return (np.asarray(mean), np.asarray(mean_covariance), np.asarray(total), np.asarray(inverse))
 
 
-def unlike_sisters(means: Array, covariances: Array, level: float) -> list[Unlikeness]:
-    """Which of the rings (R, P) is unlike the others, at most the share `level` of them falsely.
+def unlike_sisters(
+    means: Array, covariances: Array, level: float,
+) -> tuple[list[Unlikeness], Population]:
+    """Which of R rings (R, P) is unlike the others, at most the share `level` of them falsely.
 
     Rings that stand out are taken from the population and it is fitted anew, so that a bad ring
-    does not make its own spread look usual. Each is judged by its sisters without itself.
+    does not make its own spread look usual. Each is judged by its sisters without itself. R is
+    MIN_RINGS at least; the population is that of the usual rings.
     """
-    count, size = means.shape
-    if count < MIN_RINGS:
-        return [Unlikeness(np.full(size, np.nan), 1.0, False) for _ in range(count)]
-    usual = np.ones(count, dtype=bool)
-    answer: list[Unlikeness] = []
+    usual = np.ones(len(means), dtype=bool)
     for _ in range(MAX_PASSES):
         population = fit_population(means[usual], covariances[usual])
         answer = _judged(means, covariances, population, usual, level)
@@ -153,7 +152,7 @@ def unlike_sisters(means: Array, covariances: Array, level: float) -> list[Unlik
         if (usual == ~standing).all() or (~standing).sum() < MIN_RINGS:
             break
         usual = ~standing
-    return answer
+    return answer, population
 
 
 def _judged(

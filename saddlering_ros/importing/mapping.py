@@ -154,9 +154,7 @@ def _refuse_todo(value: Any, name: str, where: str) -> None:
         raise ImportingError(f'{where}: {name} is still {TO_DO}: state it')
 
 
-def _section(
-    value: Any, file: str, name: str, known: Sequence[str] = (),
-) -> Mapping[str, Any]:
+def _section(value: Any, file: str, name: str, known: Sequence[str] = ()) -> Mapping[str, Any]:
     """The section of that dotted name; ImportingError if it is none, or has unknown entries."""
     if not isinstance(value, Mapping):
         raise ImportingError(f'{file}: {name} is {value!r}: give a section with entries')

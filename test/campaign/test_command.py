@@ -10,7 +10,9 @@ import re
 from campaign_stubs import verdict_document
 import pytest
 
-from saddlering_ros.campaign import find_bags, group_sessions, Store, tasks_of
+from saddlering_ros.campaign.sessions import find_bags, group_sessions
+from saddlering_ros.campaign.store import Store
+from saddlering_ros.campaign.task import tasks_of
 from saddlering_ros.cli.main import main
 
 HERE = Path(__file__).resolve().parent

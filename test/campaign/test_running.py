@@ -17,8 +17,8 @@ from campaign_stubs import marks, tasks, write_bag
 import pyarrow.parquet
 import pytest
 
-from saddlering_ros.campaign import CampaignError, CampaignInterruptedError, run_campaign, Store
-from saddlering_ros.campaign.running import local_workers, Workers
+from saddlering_ros.campaign.running import local_workers, run_campaign, Workers
+from saddlering_ros.campaign.store import CampaignError, CampaignInterruptedError, Store
 from saddlering_ros.campaign.tables import write_tables
 
 HERE = Path(__file__).resolve().parent
@@ -105,7 +105,7 @@ def test_a_result_half_written_or_altered_is_computed_again_and_said(works, tmp_
         place.write_text(change(before))
         assert place.read_text() != before
         found = run(works, store)
-        assert (found.computed, found.altered) == (1, [place])
+        assert (found.computed, found.altered) == (1, [str(place)])
         assert store.read_result(victim.key)['status'] == 'done'
 
 
@@ -141,7 +141,7 @@ def test_a_client_killed_at_any_moment_loses_and_repeats_nothing(works, tmp_path
     store = Store(tmp_path / 'store')
     script = (f'import sys; sys.path.insert(0, {str(HERE)!r})\n'
               'from pathlib import Path\nfrom test_running import run\n'
-              'from saddlering_ros.campaign import Store\n'
+              'from saddlering_ros.campaign.store import Store\n'
               'run(Path(sys.argv[1]), Store(Path(sys.argv[2])), "slowly")')
     for moment in (2, 5):
         process = subprocess.Popen([sys.executable, '-c', script, works, store.folder])

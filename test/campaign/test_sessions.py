@@ -10,15 +10,14 @@ from types import SimpleNamespace
 from campaign_stubs import write_bag
 import pytest
 
-from saddlering_ros.campaign import (
-    CampaignError,
+from saddlering_ros.campaign.sessions import (
     find_bags,
     group_sessions,
     read_manifest,
-    tasks_of,
     write_manifest,
 )
-from saddlering_ros.campaign.task import change_since, session_verdict
+from saddlering_ros.campaign.store import CampaignError
+from saddlering_ros.campaign.task import change_since, session_verdict, tasks_of
 from saddlering_ros.rig import default_rig
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'

@@ -9,17 +9,15 @@ import math
 import numpy as np
 import pytest
 
-from saddlering_ros.fleet import (
-    figures_of,
-    fleet_document,
-    FleetError,
-    judge_fleet,
-    limits_from_text,
-    SessionFigures,
-)
+from saddlering_ros.fleet.attention import fleet_document, judge_fleet, limits_from_text
 from saddlering_ros.fleet.drifts import scales_alike, YEAR
 from saddlering_ros.fleet.history import follow, remaining_life, TimeSeries
-from saddlering_ros.fleet.observations import to_coordinates
+from saddlering_ros.fleet.observations import (
+    figures_of,
+    FleetError,
+    SessionFigures,
+    to_coordinates,
+)
 from saddlering_ros.fleet.page import fleet_page, history_chart
 from saddlering_ros.fleet.statistics import (
     benjamini_hochberg,
@@ -97,7 +95,7 @@ def test_the_one_ring_unlike_its_sisters_is_found_with_its_coordinate():
     means = MEAN + SPREAD * chance.standard_normal((30, 6))
     means[7, 2] += 0.8
     own = np.broadcast_to(np.diag(ERROR**2), (30, 6, 6))
-    found = unlike_sisters(means, own, 0.05)
+    found, _ = unlike_sisters(means, own, 0.05)
     assert [index for index, item in enumerate(found) if item.stands] == [7]
     assert int(np.argmax(np.abs(found[7].z_scores))) == 2
 

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_raw
-from saddlering_ros.importing import import_files, ImportingError, ImportResult, read_map
+from saddlering_ros.importing.calibration import ImportingError
+from saddlering_ros.importing.convert import import_files, ImportResult
+from saddlering_ros.importing.mapping import read_map
 
 ROWS = 50
 TIME = {'column': 't', 'unit': 's', 'start': '2026-11-20T08:00:00Z'}

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from datetime import timezone
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from logger_files import make_record
 from map_documents import (
     convert,
     document,
@@ -19,17 +21,16 @@ from map_documents import (
 )
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from saddlering_ros.bags import read_raw
-from saddlering_ros.importing import (
-    draft_map,
-    import_files,
-    ImportingError,
-    open_sources,
-    read_map,
-    save_preview,
-)
+from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.clock import DatedTime, MISSING
+from saddlering_ros.importing.convert import import_files
+from saddlering_ros.importing.draft import draft_map
+from saddlering_ros.importing.mapping import read_map
+from saddlering_ros.importing.preview import save_preview
+from saddlering_ros.importing.source import open_sources
 from saddlering_ros.rig import default_rig
 
 
@@ -167,6 +168,11 @@ def test_a_draft_keeps_what_it_knows_and_is_refused_until_completed(tmp_path: Pa
     assert (tmp_path / 'a.png').read_bytes().startswith(b'\x89PNG')
 
 
+_FILE = BytesIO()
+savemat(_FILE, {'data': make_record().readings()}, do_compression=True)
+DAMAGED_MATLAB = _FILE.getvalue()[:400] + bytes(60) + _FILE.getvalue()[460:]
+
+
 @pytest.mark.parametrize(('content', 'words'), [
     (b'', 'is empty'),
     (b'\0\1\2\3' * 40, 'is neither a text file nor of another format'),
@@ -176,11 +182,15 @@ def test_a_draft_keeps_what_it_knows_and_is_refused_until_completed(tmp_path: Pa
     (b'MDF     3.30    ' + bytes(60), 'is of MDF version 3.30'),
     (b'\x89HDF\r\n\x1a\n' + bytes(60), 'is damaged, or not an HDF5 file'),
     (b'MATLAB 5.0 MAT-file'.ljust(124) + b'\0\1IM' + bytes(9), 'is damaged, or a MATLAB file'),
+    (DAMAGED_MATLAB, 'is damaged'), (None, 'cannot be read'),
 ])
 def test_a_file_that_cannot_be_read_is_refused_in_one_line(
-        tmp_path: Path, content: bytes, words: str) -> None:
+        tmp_path: Path, content: bytes | None, words: str) -> None:
     path = tmp_path / 'a.dat'
-    path.write_bytes(content)
+    if content is None:
+        path.symlink_to(path)
+    else:
+        path.write_bytes(content)
     with pytest.raises(ImportingError) as caught:
         open_sources([path])
     assert words in str(caught.value)

@@ -26,7 +26,7 @@ import pytest
 
 from saddlering_ros.bags import read_raw
 from saddlering_ros.errors import BagError
-from saddlering_ros.importing import read_map
+from saddlering_ros.importing.mapping import read_map
 from saddlering_ros.rig import default_rig
 
 
