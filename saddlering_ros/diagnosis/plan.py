@@ -212,10 +212,16 @@ class Planner:
         return self.plan(chosen, all_tests())
 
     def _without_further(self, tests: Sequence[PlannedTest]) -> Plan:
-        runs = [self._run(test) for test in tests]
+        for test in tests:
+            if test not in self._runs:  # The readings are those of the ring without any cause.
+                empty = test.run(self.rig)
+                plain = Point(self.contact.to_array())
+                self._runs[test] = replace(
+                    empty, channels=self._system.predict_many(empty, [plain])[0])
         start = dict(zip(PARAMETER_NAMES, self.contact.to_array(), strict=True))
-        space = prepare(Problem(self._system, runs, start=start, watch=Watch('plan'),
-                                assumptions=Assumptions(learn_noise=self._noise_of)))
+        space = prepare(Problem(
+            self._system, [self._runs[test] for test in tests], start=start, watch=Watch('plan'),
+            assumptions=Assumptions(learn_noise=self._noise_of)))
         white = space.tangent_of(space.base).white
         covariance = np.linalg.inv(white.T @ white + np.eye(white.shape[1]))
         accuracy = {
@@ -225,28 +231,16 @@ class Planner:
         return Plan(tuple(tests), _causes(observed(space), self.rig), accuracy, self.contact, None,
                     0.0, self.noise)
 
-    def _run(self, test: PlannedTest) -> RunBlocks:
-        """The run with the readings of the ring without any cause."""
-        if test not in self._runs:
-            empty = test.run(self.rig)
-            plain = Point(self.contact.to_array())
-            readings = self._system.predict_many(empty, [plain])[0]
-            self._runs[test] = replace(empty, channels=readings)
-        return self._runs[test]
-
     def _noise_of(
         self, runs: Sequence[RunBlocks], residuals: Sequence[Array] | None,
     ) -> dict[tuple[str, int], ChannelNoise]:
         """The same noise for every probe; a reading has `noise`, and the probe wanders."""
         slow = np.array([(WANDER.get(tau, 0.0) * self.noise) ** 2
                          for tau in TIME_CONSTANTS.tolist()])
-        answer = {}
-        for run in runs:
-            rate = STATIC_RATE if run.name.startswith('static') else DYNAMIC_RATE
-            for channel in range(len(run.channels)):
-                answer[run.name, channel] = ChannelNoise(
-                    self.noise**2 / rate, slow, 0.0, PAIRS)
-        return answer
+        rates = [STATIC_RATE if run.name.startswith('static') else DYNAMIC_RATE for run in runs]
+        return {
+            (run.name, channel): ChannelNoise(self.noise**2 / rate, slow, 0.0, PAIRS)
+            for run, rate in zip(runs, rates, strict=True) for channel in range(len(run.channels))}
 
 
 def all_tests() -> list[PlannedTest]:

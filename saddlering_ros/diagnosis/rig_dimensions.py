@@ -131,15 +131,6 @@ def without_dimensions(point: Point) -> Point:
         if name not in DIMENSIONS and name != REVERSED})
 
 
-def _rig_of(rig: Rig, point: Point) -> Rig:
-    """The rig with the dimensions of a point."""
-    for name, values in point.effects.items():
-        if name in DIMENSIONS:
-            one = DIMENSIONS[name]
-            rig = one.changed(rig, one.read(rig) + values['change'])
-    return rig
-
-
 def _signs(rig: Rig, point: Point) -> NDArray[np.float64]:
     """Factors (C,) of the channels of a point."""
     reversal = point.effects.get(REVERSED, {'probe': 0.0, 'reversal': 0.0})
@@ -164,19 +155,21 @@ class NeighbourhoodsByRig:
         prepare: Callable[[Rig, list[list[Point]]], Neighbourhood],
     ) -> NeighbourhoodsByRig:
         """Each rig's points, prepared by a function of that rig and of points on it."""
-        rigs: dict[tuple[object, ...], dict[int, list[int]]] = {}
+        rigs: dict[tuple[tuple[str, float], ...], dict[int, list[int]]] = {}
         for number, group in enumerate(groups):
             for row, point in enumerate(group):
-                key = tuple((name, *values.items()) for name, values in point.effects.items()
+                key = tuple((name, values['change']) for name, values in point.effects.items()
                             if name in DIMENSIONS)
                 rigs.setdefault(key, {}).setdefault(number, []).append(row)
         parts = []
-        for places in rigs.values():
-            number, rows = next(iter(places.items()))
+        for key, places in rigs.items():
+            changed = rig
+            for name, change in key:
+                one = DIMENSIONS[name]
+                changed = one.changed(changed, one.read(changed) + change)
             own = [[without_dimensions(groups[number][row]) for row in rows]
                    for number, rows in places.items()]
-            parts.append((prepare(_rig_of(rig, groups[number][rows[0]]), own),
-                          list(places.items())))
+            parts.append((prepare(changed, own), list(places.items())))
         signs = [np.array([_signs(rig, point) for point in group]) for group in groups]
         return cls(signs, parts)
 

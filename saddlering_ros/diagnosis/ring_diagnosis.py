@@ -113,10 +113,9 @@ def _with_different_names(records: Sequence[PreparedRecord]) -> list[PreparedRec
     seen: dict[str, int] = {}
     renamed = []
     for record in records:
-        count = seen.get(record.run.name, 0)
-        seen[record.run.name] = count + 1
-        if count:
-            run = replace(record.run, name=f'{record.run.name} ({count + 1})')
+        count = seen[record.run.name] = seen.get(record.run.name, 0) + 1
+        if count > 1:
+            run = replace(record.run, name=f'{record.run.name} ({count})')
             record = replace(record, run=run)
         renamed.append(record)
     return renamed

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import compress
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,6 @@ from saddlering_ros.ring.roller_scatter import compressed, SimulatedCourse
 from saddlering_ros.ring.simulator import Additions, probe_batch
 
 Array = NDArray[np.float64]
-
 
 OTHER_SIGN = (0.15, 0.9, 2.7)
 """Sizes of the starts of the other sign, in usual sizes. They differ from all starts of this
@@ -53,16 +51,8 @@ number in a run."""
 CURVATURE = 1.5
 """Approximate standard deviation of the square of a standard normal number."""
 
-
 KEPT_POINTS = 4096
 """Number of stored extensions, because every run is simulated at the same effects."""
-
-
-class _ReadPoint(NamedTuple):
-    """The effects of a point as extension and laws of the ring."""
-
-    extension: RingExtension
-    laws: Sequence[Law]
 
 
 @dataclass(frozen=True)
@@ -86,7 +76,17 @@ class RingNeighbourhood:
         """
         if any(self.system.laws(group[0]) for group in self.groups):
             return [self.system.predict_many(run, group) for group in self.groups]
-        answers = self._by_tangents(run)
+        # By tangents; NaN for a point that must be simulated.
+        grid: LoadGrid = run.payload
+        seen, answers = self.system.seen, []
+        responses = self.passes.along(
+            grid.elevation, grid.time, grid.load, grid.zero_load, grid.max_step,
+            (grid.first, grid.last))
+        for near, response in zip(self.near, responses, strict=True):
+            answer = np.full((1 + len(near), *run.channels.shape), np.nan)
+            answer[0] = response.centre[seen]
+            answer[1:][near] = response.neighbours[:, seen]
+            answers.append(answer)
         missing = [
             (answer, index, candidate)
             for answer, group in zip(answers, self.candidates, strict=True)
@@ -96,22 +96,6 @@ class RingNeighbourhood:
             for (answer, index, _), values in zip(missing, simulated, strict=True):
                 answer[index] = values
         return [np.clip(answer, -10.0 * FAILED, 10.0 * FAILED) for answer in answers]
-
-    def _by_tangents(self, run: RunBlocks) -> list[Array]:
-        """The same, NaN for a point that must be simulated."""
-        grid: LoadGrid = run.payload
-        seen = self.system.seen
-        responses = self.passes.along(
-            grid.elevation, grid.time, grid.load, grid.zero_load, grid.max_step,
-            (grid.first, grid.last))
-        answers = []
-        for near, response in zip(self.near, responses, strict=True):
-            answer = np.full((1 + len(near), *run.channels.shape), np.nan)
-            answer[0] = response.centre[seen]
-            answer[1:][near] = response.neighbours[:, seen]
-            answers.append(answer)
-        return answers
-
 
 @dataclass(frozen=True)
 class RingSystem:
@@ -123,7 +107,7 @@ class RingSystem:
 
     rig: Rig
     bounds_rig: Rig | None = None
-    _kept: dict[tuple[object, ...], _ReadPoint] = field(
+    _kept: dict[tuple[object, ...], tuple[RingExtension, Sequence[Law]]] = field(
         default_factory=dict, repr=False, compare=False)
 
     @cached_property
@@ -289,13 +273,24 @@ class RingSystem:
         There is one column per block; k counts over all runs, each with its own blocks.
         """
         wander = LOAD_WANDER * self.rig.full_scale_load
+        step = LOAD_STEP * self.rig.full_scale_load
         changes, places = [], []
         for run, point in zip(runs, points, strict=True):
             grid: LoadGrid = run.payload
-            per_newton = _beside(self._per_newton(run, point))
+            extension = self.extension(point)
+            # Change (C, N) by one more newton in all of the run, its zero included.
+            less, more = self.simulated(run, [
+                (point.base, replace(extension, load_offset=extension.load_offset + change))
+                for change in (step, -step)])
+            per_newton = _beside((more - less) / (2.0 * step))
             white = 0.0 if grid.load_noise is None else grid.load_noise
             changes.append(per_newton * np.hypot(white, wander))
-            places.append(_steep(run, per_newton))
+            # Blocks in which a newton moves the ring much further than under load.
+            load = next(iter(run.inputs.values()))
+            moves = np.linalg.norm(per_newton, axis=0)
+            usual = float(np.median(moves[load >= 0.5 * load.max()]))
+            steepest = np.argsort(-moves)[:MAX_STEEP]
+            places.append(np.sort(steepest[moves[steepest] > STEEP * usual]))
         total, answer, before = sum(map(len, places)), [], 0
         for run, change, place in zip(runs, changes, places, strict=True):
             columns = np.zeros((*run.channels.shape, total))
@@ -303,14 +298,6 @@ class RingSystem:
             before += len(place)
             answer.append(columns)
         return answer
-
-    def _per_newton(self, run: RunBlocks, point: Point) -> Array:
-        """Change (C, N) by one more newton in all of a run, its zero included."""
-        extension, step = self.extension(point), LOAD_STEP * self.rig.full_scale_load
-        less, more = self.simulated(run, [
-            (point.base, replace(extension, load_offset=extension.load_offset + change))
-            for change in (step, -step)])
-        return np.asarray((more - less) / (2.0 * step))
 
     def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
         """Change by one more newton at the ring, for laws that add to its load.
@@ -334,25 +321,25 @@ class RingSystem:
 
     def extension(self, point: Point) -> RingExtension:
         """Extension parameters that the effects of a point set."""
-        if not point.effects:
-            return NO_EXTENSION
-        return self._read_point(point).extension
+        return self._read(point)[0]
 
     def laws(self, point: Point) -> Sequence[Law]:
         """The laws of the user's own effects at a point."""
-        return self._read_point(point).laws if point.effects else ()
+        return self._read(point)[1]
 
-    def _read_point(self, point: Point) -> _ReadPoint:
+    def _read(self, point: Point) -> tuple[RingExtension, Sequence[Law]]:
+        """The effects of a point as extension and laws of the ring."""
+        if not point.effects:
+            return NO_EXTENSION, ()
         key = tuple((name, *values.items()) for name, values in point.effects.items())
-        point_read = self._kept.get(key)
-        if point_read is None:
-            plain = rig_dimensions.without_dimensions(point)
+        if key not in self._kept:
             if len(self._kept) >= KEPT_POINTS:
                 self._kept.clear()
-            point_read = self._kept[key] = _ReadPoint(
-                catalogue_of_effects.extension_of(plain.effects, self.bounds_rig or self.rig),
-                catalogue_of_effects.laws_of(plain.effects))
-        return point_read
+            effects = rig_dimensions.without_dimensions(point).effects
+            self._kept[key] = (
+                catalogue_of_effects.extension_of(effects, self.bounds_rig or self.rig),
+                catalogue_of_effects.laws_of(effects))
+        return self._kept[key]
 
 
 def _beside(per_newton: Array) -> Array:
@@ -366,51 +353,37 @@ def _beside(per_newton: Array) -> Array:
     return np.asarray(near[largest, :, np.arange(largest.size)].T)
 
 
-def _steep(run: RunBlocks, per_newton: Array) -> NDArray[np.int64]:
-    """Blocks in which a newton moves the ring much further than under load."""
-    load = next(iter(run.inputs.values()))
-    moves = np.linalg.norm(per_newton, axis=0)
-    usual = float(np.median(moves[load >= 0.5 * load.max()]))
-    steepest = np.argsort(-moves)[:MAX_STEEP]
-    return np.sort(steepest[moves[steepest] > STEEP * usual])
-
-
 def engine_effects(
     effect: catalogue_of_effects.RingEffect, rig: Rig,
 ) -> tuple[Effect, ...]:
-    """A ring effect as an engine effect, and its wider forms, which free more parameters."""
+    """A ring effect as an engine effect, and its wider forms, which free more parameters.
+
+    The variants of each have the same parameters, of which the amplitude comes first.
+    """
     plain = sum(not variant.frees for variant in effect.variants)
-    return (
-        engine_effect(effect, range(plain), rig),
-        *(engine_effect(effect, range(n, n + 1), rig)
-          for n in range(plain, len(effect.variants))),
-    )
-
-
-def engine_effect(
-    effect: catalogue_of_effects.RingEffect, variants: range, rig: Rig,
-) -> Effect:
-    """Variants of a ring effect with the same parameters; the amplitude comes first."""
-    own = effect.parameters_of(effect.variants[variants.start], rig)
-    ordered = sorted(own, key=lambda item: not item.amplitude)
-    parameters = {
-        item.name: Parameter(
-            item.low, item.high, unit=item.unit, scale='log' if item.logarithmic else 'linear',
-            start=float(np.clip(item.start, item.low, item.high)),
-            neutral=item.neutral if item.amplitude or item is ordered[0] else None,
-            step=FINE_STEP if item.logarithmic else float(
-                np.clip(0.003 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)))
-        for item in ordered
-    }
     # Channels of each variant of a line on one probe, or on all probes for 0.
     probes = [int(item.values['probe']) for item in effect.variants] if effect.line else []
-    return Effect(
-        effect.title, parameters,
-        variants=tuple(dict(item.values) for item in effect.variants[: variants.stop]),
-        starts=_starts(effect, ordered, rig), settled_by=effect.settled_by,
-        line=tuple((probe - 1,) if probe else (0, 1, 2, 3) for probe in probes),
-        form=effect.form, id=effect.id, first_variant=variants.start,
-        contains=effect.variants[variants.start].contains)
+    effects = []
+    for first, stop in [(0, plain), *((n, n + 1) for n in range(plain, len(effect.variants)))]:
+        variant = effect.variants[first]
+        ordered = sorted(effect.parameters_of(variant, rig), key=lambda item: not item.amplitude)
+        parameters = {
+            item.name: Parameter(
+                item.low, item.high, unit=item.unit,
+                scale='log' if item.logarithmic else 'linear',
+                start=float(np.clip(item.start, item.low, item.high)),
+                neutral=item.neutral if item.amplitude or item is ordered[0] else None,
+                step=FINE_STEP if item.logarithmic else float(
+                    np.clip(0.003 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)))
+            for item in ordered
+        }
+        effects.append(Effect(
+            effect.title, parameters,
+            variants=tuple(dict(item.values) for item in effect.variants[:stop]),
+            starts=_starts(effect, ordered, rig), settled_by=effect.settled_by,
+            line=tuple((probe - 1,) if probe else (0, 1, 2, 3) for probe in probes),
+            form=effect.form, id=effect.id, first_variant=first, contains=variant.contains))
+    return tuple(effects)
 
 
 def _starts(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +38,7 @@ from saddlering_ros.ring import static_response
 from saddlering_ros.ring.sensitivity import load_sensitivity
 
 
-@dataclass(frozen=True)
-class LoadErrors:
+class LoadErrors(NamedTuple):
     """M independent errors of a run's load of unit variance, in its readings and simulation.
 
     answers (M, 3, N): change of simulated increments by each error; loads (M, N) [N]: each
@@ -48,23 +48,6 @@ class LoadErrors:
     answers: Array
     loads: Array
     at_zero: Array
-
-    @classmethod
-    def of(
-        cls, covariance: Array, answers: Array, in_zero: Array, at_zero: Array
-    ) -> LoadErrors | None:
-        """Errors of covariance (M, M) at M times, of which the first N are those of the readings.
-
-        answers (3, N, M): change by each error; in_zero (M,): its share in the load of the
-        zero; at_zero (3,): change of the zero by that load. None if these are not finite.
-        """
-        if not (np.all(np.isfinite(answers)) and np.all(np.isfinite(at_zero))):
-            return None
-        root = cholesky(covariance, lower=True)
-        increments = answers - at_zero[:, None, None] * in_zero
-        # The product with a triangle takes half of the time of one with a whole matrix.
-        each = dtrmm(1.0, root.T, increments.reshape(-1, root.shape[0]).T)
-        return cls(each.reshape(-1, *answers.shape[:2]), root[:answers.shape[1]].T, in_zero @ root)
 
 
 @dataclass(frozen=True)
@@ -144,19 +127,16 @@ class Observation:
         for row, channel in zip(rows, channels, strict=True):
             self.whitening[channel].whiten_in_place(row)
         count, size, batch = rows.shape
-        apart = self._unmixing(tuple(channels)) @ rows.reshape(count, -1)
-        return np.ascontiguousarray(apart.reshape(count * size, batch).T)
-
-    def _unmixing(self, channels: tuple[int, ...]) -> Array:
-        """Matrix (C, C) that makes whitened channels uncorrelated, computed once."""
-        matrix = self._unmixings.get(channels)
-        if matrix is None:
+        key = tuple(channels)
+        if key not in self._unmixings:
             lower = cholesky(self.correlation[np.ix_(channels, channels)], lower=True)
-            matrix = self._unmixings[channels] = np.linalg.inv(lower)
-        return matrix
+            self._unmixings[key] = np.linalg.inv(lower)
+        apart = self._unmixings[key] @ rows.reshape(count, -1)
+        return np.ascontiguousarray(apart.reshape(count * size, batch).T)
 
     @cached_property
     def _unmixings(self) -> dict[tuple[int, ...], Array]:
+        """Matrices (C, C) that make whitened channels uncorrelated, by the channels."""
         return {}
 
     def shared_errors(self, channels: Sequence[int]) -> SharedErrors:
@@ -223,19 +203,9 @@ def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
     edges = np.array(one.rests, dtype=np.intp)
     starts = np.minimum(-(-edges[:, 0] // step), len(measured.load) // step - 1)
     spans = np.stack([starts, np.maximum(edges[:, 1] // step, starts + 1)], axis=1)
-    zero_error = _zero_error(one, noise)
-    error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
-    return Observation(
-        name=run_name(one.run), dynamic=False, elevation=float(one.run.elevation),
-        time=plateaus.time, load=plateaus.load, zero_load=measured.zero.load,
-        displacement=plateaus.displacement, branch=np.asarray(one.branch),
-        whitening=tuple(
-            build_whitener(channel, plateaus.time, lasting) for channel in noise.channels),
-        correlation=noise.correlation, zero_error=zero_error,
-        standard_error=np.hypot(error, zero_error[:, None]),
-        fine_time=block_means(measured.time, step),
-        fine_load=block_means(measured.load, step), spans=spans,
-    )
+    return _observation(
+        one, noise, plateaus.time, plateaus.load, plateaus.displacement, np.asarray(one.branch),
+        lasting, block_means(measured.time, step), block_means(measured.load, step), spans=spans)
 
 
 def _observe_dynamic(one: PreparedRun, noise: NoiseModel, fit_rate: float | None) -> Observation:
@@ -244,36 +214,37 @@ def _observe_dynamic(one: PreparedRun, noise: NoiseModel, fit_rate: float | None
     first, last = int(np.argmax(good)), len(good) - int(np.argmax(good[::-1]))
     span = slice(first, last)
     size, per_block = block_sizes(one.interval, last - first, fit_rate)
-    time, load = measured.time[span], measured.load[span]
+    time, load = measured.time[span], block_means(measured.load[span], size)
     means = block_means(one.displacement[:, span], size)
-    displacement, middle = filled(means), block_means(time, size)
-    samples = displacement.shape[1]
-    lasting = np.full(samples, size * one.interval)
-    zero_error = _zero_error(one, noise)
-    error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
-    fine = samples * per_block
-    mean_load = block_means(load, size)
-    return Observation(
-        name=run_name(one.run), dynamic=True, elevation=float(one.run.elevation),
-        time=middle, load=mean_load, zero_load=measured.zero.load,
-        displacement=displacement, branch=np.sign(np.gradient(mean_load)),
-        whitening=tuple(
-            build_whitener(channel, middle, lasting, present=np.isfinite(row))
-            for channel, row in zip(noise.channels, means, strict=True)
-        ),
-        correlation=noise.correlation, zero_error=zero_error,
-        standard_error=np.hypot(error, zero_error[:, None]),
-        fine_time=block_means(time, size // per_block)[:fine],
-        fine_load=block_means(one.load[span], size // per_block)[:fine],
-        per_block=per_block, doubtful_lag=one.run.doubtful_lag,
-    )
+    fine = load.size * per_block
+    seen = _observation(
+        one, noise, block_means(time, size), load, means, np.sign(np.gradient(load)),
+        np.full(load.size, size * one.interval), block_means(time, size // per_block)[:fine],
+        block_means(one.load[span], size // per_block)[:fine])
+    return replace(seen, dynamic=True, displacement=filled(means), per_block=per_block,
+                   doubtful_lag=one.run.doubtful_lag)
 
 
-def _zero_error(one: PreparedRun, noise: NoiseModel) -> Array:
-    """Standard deviation (3,) of the zero, a mean over its window."""
+def _observation(
+    one: PreparedRun, noise: NoiseModel, time: Array, load: Array, displacement: Array,
+    branch: Array, lasting: Array, fine_time: Array, fine_load: Array,
+    spans: NDArray[np.intp] | None = None,
+) -> Observation:
+    """An observation of readings that are means over `lasting` (N,) [s]; NaN where missing."""
     zero = one.measured.zero
-    lasting = one.interval * max(1, zero.end - zero.start)
-    return np.array([channel.deviation(lasting) for channel in noise.channels])
+    # The zero is a mean over its window.
+    window = one.interval * max(1, zero.end - zero.start)
+    zero_error = np.array([channel.deviation(window) for channel in noise.channels])
+    error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
+    return Observation(
+        name=run_name(one.run), dynamic=False, elevation=float(one.run.elevation), time=time,
+        load=load, zero_load=zero.load, displacement=displacement, branch=branch,
+        whitening=tuple(
+            build_whitener(channel, time, lasting, present=np.isfinite(row))
+            for channel, row in zip(noise.channels, displacement, strict=True)),
+        correlation=noise.correlation, zero_error=zero_error,
+        standard_error=np.hypot(error, zero_error[:, None]), fine_time=fine_time,
+        fine_load=fine_load, spans=spans)
 
 
 ANSWER_STEP = 2e-3
@@ -327,6 +298,8 @@ def load_errors_of(
     at_zero = static_slopes(rig, contact, seen.elevation, np.array([seen.zero_load]))[:, 0]
     if readings > 2 * MAX_SAMPLES or not noise.deviation(one.interval) > 0.0:
         return None
+    # Change (3, N, M) of the readings by an error at each of M times, of which the first N are
+    # theirs; in_zero (M,): its share in the load of the zero.
     if not seen.dynamic:
         slopes = static_slopes(rig, contact, seen.elevation, seen.load)
         zero_time = float(np.mean(one.measured.time[zero.start:zero.end]))
@@ -334,16 +307,24 @@ def load_errors_of(
         covariance = noise.covariance(
             np.append(seen.time, zero_time), one.interval * np.array(spans, dtype=float))
         answers = slopes[:, :, None] * np.eye(readings, readings + 1)
-        return LoadErrors.of(covariance, answers, np.eye(readings + 1)[-1], at_zero)
-    interval = float(seen.time[-1] - seen.time[0]) / (readings - 1)
-    steps = readings * max(seen.per_block, int(np.ceil(interval / ANSWER_STEP)))
-    time = seen.time[0] + interval * ((np.arange(steps) + 0.5) * readings / steps - 0.5)
-    load = np.interp(time, seen.fine_time, seen.fine_load)
-    answers = load_sensitivity(rig, contact, seen.elevation, time, load, readings)
-    first, last = one.measured.time[[zero.start, zero.end - 1]]
-    in_zero = ((seen.time >= first) & (seen.time <= last)).astype(np.float64)
-    covariance = noise.covariance(seen.time, np.full(readings, interval))
-    return LoadErrors.of(covariance, answers, in_zero / max(1.0, in_zero.sum()), at_zero)
+        in_zero = np.eye(readings + 1)[-1]
+    else:
+        interval = float(seen.time[-1] - seen.time[0]) / (readings - 1)
+        steps = readings * max(seen.per_block, int(np.ceil(interval / ANSWER_STEP)))
+        time = seen.time[0] + interval * ((np.arange(steps) + 0.5) * readings / steps - 0.5)
+        load = np.interp(time, seen.fine_time, seen.fine_load)
+        answers = load_sensitivity(rig, contact, seen.elevation, time, load, readings)
+        first, last = one.measured.time[[zero.start, zero.end - 1]]
+        in_zero = ((seen.time >= first) & (seen.time <= last)).astype(np.float64)
+        in_zero = in_zero / max(1.0, in_zero.sum())
+        covariance = noise.covariance(seen.time, np.full(readings, interval))
+    if not (np.all(np.isfinite(answers)) and np.all(np.isfinite(at_zero))):
+        return None
+    root = cholesky(covariance, lower=True)
+    increments = answers - at_zero[:, None, None] * in_zero
+    # The product with a triangle takes half of the time of one with a whole matrix.
+    each = dtrmm(1.0, root.T, increments.reshape(-1, root.shape[0]).T)
+    return LoadErrors(each.reshape(-1, *answers.shape[:2]), root[:readings].T, in_zero @ root)
 
 
 def static_slopes(rig: Rig, contact: ContactParameters, elevation: float, load: Array) -> Array:
