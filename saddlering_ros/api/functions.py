@@ -18,7 +18,7 @@ def identify(
     settings: IdentificationSettings | None = None, method: str = 'default',
     bounds: Mapping[str, tuple[float, float]] | None = None, particles: int = 20,
     iterations: int = 50, accuracy: float | None = None, stagnation: int | None = None,
-    log_stiffness: bool = False, use_delta_y: bool | None = None, profiles: bool = False,
+    log_stiffness: bool = False, use_delta_y: bool | None = None,
     seed: int = 0, trust_rig: bool = False, on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
 ) -> IdentificationResult:
@@ -32,7 +32,7 @@ def identify(
     bounds: (low, high) in SI units by parameter, in place of those of the rig. particles,
     iterations, accuracy (objective) and stagnation (iterations without progress) control the
     swarm; seed is that of its random start.
-    log_stiffness and use_delta_y change the paper's method; profiles adds profile likelihoods.
+    log_stiffness and use_delta_y change the paper's method.
     A bag that states another rig than `rig` is refused, unless trust_rig.
     on_progress is called with a `Progress`. If is_cancelled returns True, `Cancelled` is raised
     with the result so far as `partial`. Raises SaddleringError for input that cannot be used.
@@ -48,7 +48,7 @@ def identify(
     if settings is None:
         settings = IdentificationSettings(
             method=method, bounds=dict(bounds or {}), logarithmic_stiffness=log_stiffness,
-            use_delta_y=use_delta_y, seed=seed, profiles=profiles, swarm=SwarmSettings(
+            use_delta_y=use_delta_y, seed=seed, swarm=SwarmSettings(
                 particles=particles, iterations=iterations, accuracy=accuracy,
                 stagnation=stagnation))
     settings.bounds_for(inputs.rig_of((), rig))  # a fault is reported before any bag is read

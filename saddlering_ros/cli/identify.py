@@ -29,8 +29,7 @@ COMMANDS = (Command(
                metavar='N'),
         option('--log-stiffness', "search K on a logarithmic scale in the paper's method too",
                action='store_true'),
-        option('--use-delta-y', "use delta_y in the paper's method too", action='store_true'),
-        option('--profiles', 'also compute profile likelihoods', action='store_true')), (
+        option('--use-delta-y', "use delta_y in the paper's method too", action='store_true')), (
         ('saddlering identify bags/static_50 bags/dynamic_50 --out params.yaml',
          'contact parameters with their uncertainty'),
         ('saddlering identify bags/static_50 bags/dynamic_50 --method paper --seed 3',
@@ -50,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
             bags, rig=args.rig, method=args.method, bounds=bounds, particles=args.particles,
             iterations=args.iterations, accuracy=args.accuracy, stagnation=args.stagnation,
             log_stiffness=args.log_stiffness, use_delta_y=True if args.use_delta_y else None,
-            profiles=args.profiles, seed=args.seed, trust_rig=args.trust_rig,
+            seed=args.seed, trust_rig=args.trust_rig,
             on_progress=bar.tell)
     if args.out is not None:
         found.save_parameters(args.out)

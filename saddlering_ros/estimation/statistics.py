@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import fdtr, fdtrc, fdtri, gammaincinv, ndtri
+from scipy.special import fdtr, fdtrc, fdtri, ndtri
 
 from saddlering_ros.estimation.process import Array, mean_correlation, mean_variance
 
@@ -59,11 +59,6 @@ def fisher_share_below(ratio: Any, between: Any, within: Any) -> Any:
 def fisher_limit(chance: float, between: float, within: float) -> float:
     """Return the ratio that an F-distributed one exceeds with probability `chance`."""
     return float(fdtri(between, within, 1.0 - chance))
-
-
-def chi_squared_quantile(share: float, freedom: float) -> float:
-    """Return the value below which a chi-squared variable lies with probability `share`."""
-    return float(2.0 * gammaincinv(0.5 * freedom, share))
 
 
 def normal_quantile(share: float) -> float:

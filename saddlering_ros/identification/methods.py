@@ -10,7 +10,6 @@ import time
 import numpy as np
 
 from saddlering_ros.errors import Cancelled
-from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.estimation.least_squares import NEAR, SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
@@ -34,7 +33,7 @@ from saddlering_ros.identification.settings import (
     IdentificationError,
     IdentificationSettings,
 )
-from saddlering_ros.identification.uncertainty import assess, profile_likelihood
+from saddlering_ros.identification.uncertainty import assess
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Progress, SearchStep
 from saddlering_ros.record import Record
 from saddlering_ros.rig import (
@@ -304,14 +303,7 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
         best = stay_at(objective, space, outcome.contact)
     advice = MISFIT_ADVICE[search.settings.method]
     trust = assess(objective, space, best, search.bounds, advice)
-    cancelled, drawn = search.cancelled, {}
-    if search.settings.profiles and not cancelled:
-        drawn = {
-            name: profile_likelihood(
-                objective, space, best, name, widening=max(1.0, trust.reduced_chi_square),
-                width=1.5 * WIDTH_95 * trust.noise_std[PARAMETER_NAMES.index(name)])
-            for name in space.names
-        }
+    cancelled = search.cancelled
     made = Provenance(tuple(run.origin for run in search.runs))
     bags = tuple(one.name for one in observations)
     open_names = [name for name in PARAMETER_NAMES if not trust.determined[name]]
@@ -329,7 +321,7 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
             for name in PARAMETER_NAMES
         },
         evaluations=search.evaluations, elapsed=time.monotonic() - search.started, status=status,
-        cancelled=cancelled, notes=tuple(search.notes), profiles=drawn)
+        cancelled=cancelled, notes=tuple(search.notes))
 
 
 def _status(cancelled: bool, reduced: float, open_names: Sequence[str], advice: str) -> str:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation import least_squares
@@ -349,14 +348,10 @@ def _with_means(
 
 
 @dataclass(frozen=True)
-class Refinement:
-    """The optimum: coordinates (F,), contact (6,), chi square, Jacobian (R, F), at bound (F,)."""
+class Refinement(least_squares.Minimum):
+    """The optimum, with its contact parameters (6,)."""
 
-    point: Array
     contact: Array
-    chi_square: float
-    jacobian: Array
-    at_bound: NDArray[np.bool_]
 
     @property
     def law(self) -> ContactParameters:
@@ -384,8 +379,7 @@ def refine(
         return _at(objective, space, point)
 
     lowest = least_squares.minimise(at, start, space.low, space.high, negligible, damping)
-    return Refinement(lowest.point, space.contacts(lowest.point)[0], lowest.chi_square,
-                      lowest.jacobian, lowest.at_bound)
+    return Refinement(**vars(lowest), contact=space.contacts(lowest.point)[0])
 
 
 def stay_at(
@@ -394,8 +388,9 @@ def stay_at(
     """A `Refinement` at given contact parameters, without a step."""
     point = space.coordinates(contact.to_array())
     here = _at(objective, space, point)
-    return Refinement(point, contact.to_array(), float(here.residual @ here.residual),
-                      here.columns, least_squares.on_bound(point, space.low, space.high))
+    return Refinement(
+        point, float(here.residual @ here.residual), here.columns,
+        least_squares.on_bound(point, space.low, space.high), contact.to_array())
 
 
 def _at(objective: WeightedObjective, space: SearchSpace, point: Array) -> LazyAnswer:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -11,8 +11,7 @@ import numpy as np
 
 from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.files import Provenance
-from saddlering_ros.identification.imperfections import IMPERFECTIONS
-from saddlering_ros.identification.uncertainty import Profile, Uncertainty
+from saddlering_ros.identification.uncertainty import IMPERFECTIONS, Uncertainty
 from saddlering_ros.quantities import finite_json, percent, quantity, significant, span
 from saddlering_ros.rig import (
     ContactParameters,
@@ -45,7 +44,6 @@ class Identification(Uncertainty):
     status: str
     cancelled: bool
     notes: tuple[str, ...] = ()
-    profiles: dict[str, Profile] = field(default_factory=dict)
 
     @property
     def noise_factor(self) -> float:
@@ -80,13 +78,6 @@ class Identification(Uncertainty):
                 for key, shift in self.systematic.items()
             },
             'budget': self.budget,
-            'profiles': {
-                name: {
-                    'values': profile.values.tolist(), 'rise': profile.rise.tolist(),
-                    'interval': list(profile.interval),
-                }
-                for name, profile in self.profiles.items()
-            },
             'notes': list(self.notes),
             'provenance': Provenance(self.parameters.source.origins).as_dict(),
         })
@@ -158,13 +149,6 @@ def identification_text(identification: Identification) -> str:
             f'    {row}: {quantity(value, "N/mm^n", digits=5)}, {significant(ratios[row[:2]], 2)} '
             'of one roller in Palmgren line contact (at 0.1 mm)')
     lines += [*_systematic_lines(identification), *_correlation_lines(identification)]
-    if identification.profiles:
-        lines.append('[[Profile likelihood, 95 %]]')
-    for name, profile in identification.profiles.items():
-        low, high = profile.interval
-        ends = ['open' if end is None else quantity(end, digits=4) for end in (low, high)]
-        words = ' to '.join(ends) if low is None or high is None else span(low, high)
-        lines.append(f'    {name}: {words}')
     if identification.notes:
         lines += ['[[Notes]]', *(f'    {note}' for note in identification.notes)]
     return '\n'.join(lines)

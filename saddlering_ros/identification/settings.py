@@ -85,7 +85,7 @@ class IdentificationSettings:
     logarithmic_stiffness: the paper's swarm searches K on a logarithmic scale; the default
     method always does. use_delta_y None: the usual choice of the method (paper: without).
     fit_rate [Hz]: grid of the block means of dynamic records (its bandwidth is 0.44 of it);
-    None keeps every sample. profiles: compute the profile likelihood of every free parameter.
+    None keeps every sample.
     """
 
     method: str = 'default'
@@ -95,7 +95,6 @@ class IdentificationSettings:
     use_delta_y: bool | None = None
     seed: int = 0
     fit_rate: float | None = 50.0
-    profiles: bool = False
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:

@@ -1,4 +1,4 @@
-"""Uncertainty of identified parameters: covariance, determination, profiles.
+"""Uncertainty of identified parameters: covariance, determination, imperfections.
 
 The residuals are whitened by the noise the runs show at rest, autocorrelation included, so that
 covariance = (J^T J)^-1 in the search coordinates (ln K, n, ln D). Where the run that fits worst
@@ -9,8 +9,9 @@ covariance I + S S^T (S: roller_scatter.py) give it the covariance G G^T + G S S
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -26,16 +27,130 @@ from saddlering_ros.estimation.identifiability import (
 )
 from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.process import Array
-from saddlering_ros.estimation.statistics import chi_squared_quantile
-from saddlering_ros.identification.imperfections import (
-    certified_errors,
-    DELAY,
-    Imperfection,
-    IMPERFECTIONS,
-)
-from saddlering_ros.identification.objective import predict, refine, Refinement, WeightedObjective
-from saddlering_ros.rig import PARAMETER_NAMES, probes_to_displacement
+from saddlering_ros.identification.objective import predict, Refinement, WeightedObjective
+from saddlering_ros.identification.observation import Observation
+from saddlering_ros.rig import PARAMETER_NAMES, probes_to_displacement, Rig
 from saddlering_ros.ring.roller_scatter import scatter_columns, SimulatedCourse
+
+
+@dataclass(frozen=True)
+class Imperfection:
+    """A small imperfection of every rig, and its effect on predicted increments."""
+
+    name: str
+    words: str
+    load: Callable[[Array, float], Array] = lambda load, full_scale: load
+    rig: Callable[[Rig], Rig] = lambda rig: rig
+    elevation: float = 0.0
+    delay: float = 0.0
+    reading: Callable[[Array], Array] = lambda increments: increments
+
+    def on_load(self, one: Observation, full_scale: float) -> Array:
+        """The loads [N] of an observation with this imperfection, for its simulation."""
+        load = one.fine_load
+        if one.dynamic and self.delay:
+            load = np.asarray(np.interp(one.fine_time - self.delay, one.fine_time, load))
+        return self.load(load, full_scale)
+
+
+def _parabola(height: float, load: Array, full_scale: float) -> Array:
+    """A load [N] whose error is a parabola over its range; height: share of full scale."""
+    return load + height * 4.0 * load * (full_scale - load) / full_scale
+
+
+def _other_dimension(name: str, change: float, rig: Rig) -> Rig:
+    """The rig with one dimension changed [m], or its weight by a share."""
+    if name == 'weight':
+        carriage = rig.carriage
+        return replace(rig, carriage=replace(carriage, weight=(1.0 + change) * carriage.weight))
+    if name == 'trunnion_x':
+        return replace(rig, trunnion=replace(rig.trunnion, x=rig.trunnion.x + change))
+    if name == 'trunnion_y':
+        return replace(rig, trunnion=replace(rig.trunnion, y=rig.trunnion.y + change))
+    if name == 'clearance_axial':
+        row = rig.axial_rows
+        return replace(rig, axial_rows=replace(row, clearance=row.clearance + change))
+    row = rig.radial_row
+    return replace(rig, radial_row=replace(row, clearance=row.clearance + change))
+
+
+DELAY = 1e-3
+"""Delay [s] of the probes whose effect is reported."""
+
+IMPERFECTIONS = (
+    Imperfection('load_nonlinearity', '0.1 % of full scale load nonlinearity',
+                 load=partial(_parabola, 0.001)),
+    Imperfection('axial_clearance', '5 µm of axial clearance',
+                 rig=partial(_other_dimension, 'clearance_axial', 5e-6)),
+    Imperfection('radial_clearance', '5 µm of radial clearance',
+                 rig=partial(_other_dimension, 'clearance_radial', 5e-6)),
+    Imperfection('elevation', '0.1 deg of elevation', elevation=float(np.radians(0.1))),
+    Imperfection('load_gain', '0.5 % of load gain', load=lambda load, _: 1.005 * load),
+    Imperfection('delay', '1 ms between the clocks of load and probes', delay=DELAY),
+)
+"""Small errors that no fit can detect; the change of the parameters by each is reported."""
+
+def certified_errors(rig: Rig) -> list[Imperfection]:
+    """One standard uncertainty of each instrument and dimension that a certificate states."""
+    stated = rig.instruments
+    made: list[Imperfection] = []
+    gain, offset, bend = stated.load_gain, stated.load_offset, stated.load_nonlinearity
+    if gain is not None:
+        made.append(Imperfection('load_gain', '', load=lambda load, _: (1.0 + gain) * load))
+    if offset is not None:
+        made.append(Imperfection('load_offset', '', load=lambda load, _: load + offset))
+    if bend is not None:
+        made.append(Imperfection('load_nonlinearity', '', load=partial(_parabola, bend)))
+    if stated.elevation is not None:
+        made.append(Imperfection('elevation', '', elevation=stated.elevation))
+    for name, delay in (('probe_lag', stated.probe_lag), ('clock', stated.clock)):
+        if delay is not None:
+            made.append(Imperfection(name, '', delay=delay))
+    made += [Imperfection(name, '', rig=partial(_other_dimension, name, change))
+             for name, change in (
+                 ('clearance_axial', stated.clearance), ('clearance_radial', stated.clearance),
+                 ('weight', stated.weight), ('trunnion_x', stated.trunnion),
+                 ('trunnion_y', stated.trunnion)) if change is not None]
+    if stated.axial_span is not None:
+        share = stated.axial_span / rig.probes.axial_span
+        made.append(Imperfection('axial_span', '', reading=partial(_tilt_gain, share)))
+    if stated.radial_height is not None:
+        made.append(Imperfection(
+            'radial_height', '', reading=partial(_tilt_in_radial, stated.radial_height)))
+    for number in rig.probes.present:
+        if stated.probe_gain is not None:
+            made.append(Imperfection(f'probe_gain_{number}', '', reading=partial(
+                _probe_error, rig, number, 1, stated.probe_gain[number - 1])))
+        if stated.probe_nonlinearity is not None:
+            made.append(Imperfection(f'probe_nonlinearity_{number}', '', reading=partial(
+                _probe_error, rig, number, 2, stated.probe_nonlinearity)))
+    return made
+
+
+def _tilt_gain(share: float, seen: Array) -> Array:
+    """Increments (B, 3, N) with a tilt that is read by another span."""
+    return np.asarray(seen * np.array([1.0, 1.0, 1.0 + share])[:, None])
+
+
+def _tilt_in_radial(height: float, seen: Array) -> Array:
+    """Increments (B, 3, N) with radial probes that stand higher."""
+    read = seen.copy()
+    read[:, 0] += height * seen[:, 2]
+    return read
+
+
+def _probe_error(rig: Rig, number: int, power: int, size: float, seen: Array) -> Array:
+    """Increments (B, 3, N) with an error of one probe: size times its increment to a power."""
+    half, read = 0.5 * rig.probes.axial_span, seen.copy()
+    sign = 1.0 if number in (1, 2) else -1.0
+    if number in (1, 3):
+        own = sign * (seen[:, 0] + rig.probes.radial_height * seen[:, 2])
+        read[:, 0] += (1.0 if rig.probes.absent else 0.5) * sign * size * own**power
+        return read
+    own = seen[:, 1] + sign * half * seen[:, 2]
+    read[:, 1] += 0.5 * size * own**power
+    read[:, 2] += sign * 0.5 * size * own**power / half
+    return read
 
 
 @dataclass(frozen=True)
@@ -191,57 +306,6 @@ def systematic_shifts(
         white = np.concatenate(objective.whiten(parts), axis=1)[0]
         shifts[imperfection.name] = _spread_over_six(inverse @ (white - base), space)
     return shifts
-
-
-@dataclass(frozen=True)
-class Profile:
-    """Profile likelihood of one parameter: values (P,), rise of chi square (P,), 95 % interval.
-
-    An end of the interval is None where the rise stays under its limit up to the last value.
-    """
-
-    name: str
-    values: Array
-    rise: Array
-    interval: tuple[float | None, float | None]
-
-
-def profile_likelihood(
-    objective: WeightedObjective,
-    space: SearchSpace,
-    best: Refinement,
-    name: str,
-    *,
-    width: float,
-    widening: float = 1.0,
-    points: int = 9,
-) -> Profile:
-    """Rise of the best chi square as `name` is held at values within +/- width (coordinates)."""
-    position = space.names.index(name)
-    rest = np.arange(len(space.free)) != position
-    centre = best.point[position]
-    low, high = space.low[position], space.high[position]
-    held_at = np.clip(np.linspace(centre - width, centre + width, points), low, high)
-    rise = np.empty(points)
-    for side in (range(points // 2, points), range(points // 2, -1, -1)):
-        start = best.point[rest]
-        for place in side:
-            point = best.point.copy()
-            point[position] = held_at[place]
-            reduced = SearchSpace(
-                space.free[rest], space.logarithmic, space.low[rest], space.high[rest],
-                space.contacts(point)[0])
-            lowest = refine(objective, reduced, start)
-            start = lowest.point
-            rise[place] = max(0.0, (lowest.chi_square - best.chi_square) / widening)
-    values = np.exp(held_at) if space.logarithmic[space.free[position]] else held_at
-    limit, bottom = np.sqrt(chi_squared_quantile(0.95, 1)), int(np.argmin(rise))
-    root = np.sqrt(rise)
-    ends = []
-    for branch in (slice(bottom, None, -1), slice(bottom, None)):
-        ends.append(float(np.interp(limit, root[branch], values[branch]))
-                    if root[branch][-1] > limit else None)
-    return Profile(name, values, rise, (ends[0], ends[1]))
 
 
 BEFORE = 1.0

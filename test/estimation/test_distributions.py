@@ -8,7 +8,6 @@ import pytest
 from scipy import stats
 
 from saddlering_ros.estimation.statistics import (
-    chi_squared_quantile,
     fisher_chance,
     fisher_limit,
     fisher_share_below,
@@ -29,7 +28,6 @@ def test_the_tails_of_ratios_are_those_of_scipy(between, within):
 
 
 def test_the_quantiles_are_those_of_scipy():
-    assert chi_squared_quantile(0.95, 2) == stats.chi2.ppf(0.95, 2)
     assert normal_quantile(0.975) == stats.norm.ppf(0.975)
 
 

@@ -21,7 +21,6 @@ from saddlering_ros.estimation.identifiability import (
     MAX_HALF_WIDTH,
     reason_misfit,
     reason_one_elevation,
-    WIDTH_95,
 )
 from saddlering_ros.identification import (
     IdentificationError,
@@ -221,15 +220,6 @@ def test_cancelling_returns_what_there_is(four_runs):
     assert result.cancelled
     assert len(seen) == 3
     assert np.all(np.isfinite(result.parameters.contact.to_array()))
-
-
-def test_profiles_agree_with_the_covariance_of_noise_on_a_good_fit():
-    runs = [static_run(50.0, seed=1), static_run(70.0, seed=2)]
-    result = identify(runs, RIG, IdentificationSettings(swarm=SHORT_SWARM, profiles=True))
-    profile = result.profiles['n2']
-    half = WIDTH_95 * np.sqrt(result.parameters.source.covariance[4, 4])
-    assert profile.interval[0] == pytest.approx(result.parameters.contact.n2 - half, rel=2e-3)
-    assert profile.interval[1] == pytest.approx(result.parameters.contact.n2 + half, rel=2e-3)
 
 
 def test_a_bound_in_the_way_is_named(four_runs):
