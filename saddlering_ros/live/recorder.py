@@ -169,7 +169,7 @@ def recording(
         node = Recorder(bag, context, namespace)
         stack.callback(node.destroy_node)
         node.start()
-        thread = threading.Thread(target=raw_topics.spin_streaming, args=(node, node), daemon=True)
+        thread = threading.Thread(target=raw_topics.spin_streaming, args=(node,), daemon=True)
         thread.start()
         try:
             yield node

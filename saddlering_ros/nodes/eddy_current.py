@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from saddlering_ros.ros.bag_replay import ReplayNode
-from saddlering_ros.ros.streaming_node import leave, run_streaming
+from saddlering_ros.ros.streaming_node import executable
 
 
 class ProbeReplay(ReplayNode):
@@ -14,9 +12,7 @@ class ProbeReplay(ReplayNode):
     NAME = 'eddy_current'
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    leave(run_streaming(ProbeReplay, args))
+main = executable(ProbeReplay)
 
 
 if __name__ == '__main__':

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from saddlering_ros.ros.bag_replay import ReplayNode
-from saddlering_ros.ros.streaming_node import leave, run_streaming
+from saddlering_ros.ros.streaming_node import executable
 
 
 class LoadReplay(ReplayNode):
@@ -14,9 +12,7 @@ class LoadReplay(ReplayNode):
     NAME = 'hydraulic_load'
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    leave(run_streaming(LoadReplay, args))
+main = executable(LoadReplay)
 
 
 if __name__ == '__main__':

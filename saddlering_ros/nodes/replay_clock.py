@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 import math
 from pathlib import Path
 import time
@@ -16,7 +16,6 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.bags.wire import encode_clock, SECOND
-from saddlering_ros.record import RawRecord
 from saddlering_ros.record.scratch import blocks
 from saddlering_ros.ros.bag_replay import BagNode
 from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, TaskStatus, WARN
@@ -33,7 +32,7 @@ from saddlering_ros.ros.names import (
 )
 from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import CLOCK_QOS, LATCHED, RawPublisher, RawSubscription
-from saddlering_ros.ros.streaming_node import leave, run_streaming
+from saddlering_ros.ros.streaming_node import executable
 
 PARTICIPANTS = list(names(REPLAY, RING))
 MESSAGES_PER_STEP = 1000
@@ -105,11 +104,11 @@ class ReplayClockNode(BagNode):
 
     def __init__(self) -> None:
         super().__init__('replay_clock')
-        self.create_service(Trigger, '~/play', self._on_play)
-        self.create_service(Trigger, '~/pause', self._on_pause)
-        self.create_service(SetRate, '~/set_rate', self._on_set_rate)
-        self.create_service(Seek, '~/seek', self._on_seek)
-        self.create_service(Step, '~/step', self._on_step)
+        self.offer(Trigger, '~/play', self._on_play)
+        self.offer(Trigger, '~/pause', self._on_pause)
+        self.offer(SetRate, '~/set_rate', self._on_set_rate)
+        self.offer(Seek, '~/seek', self._on_seek)
+        self.offer(Step, '~/step', self._on_step)
         self._state_publisher = self.create_publisher(ReplayState, STATE, LATCHED)
 
     def configure(self) -> None:
@@ -117,7 +116,10 @@ class ReplayClockNode(BagNode):
         record = self.read_record()
         self._start, self._end = record.start - 1, record.stop
         self._limit = shortest_time_of(MESSAGES_PER_STEP, [record[name].stamps for name in record])
-        self._bag, self._elevation = str(record.path), self._elevation_of(record)
+        self._bag = str(record.path)
+        given, stated = self.settings['elevation_deg'], record.facts.elevation_deg
+        self._elevation = math.radians(
+            stated if math.isnan(given) and stated is not None else given)
         self._time = self._start
         self._rate = self.settings['rate']
         self._lockstep = self.settings['lockstep']
@@ -136,13 +138,6 @@ class ReplayClockNode(BagNode):
         self._speed = 0.0
         self._speed_from = (time.monotonic(), self._time)
         self.tasks = [FunctionTask('replay', self._task_status), self._agreement]
-
-    def _elevation_of(self, record: RawRecord) -> float:
-        """The elevation [rad] that is published; NaN if the bag does not state it."""
-        given, stated = self.settings['elevation_deg'], record.facts.elevation_deg
-        if math.isnan(given) and stated is not None:
-            given = stated
-        return math.radians(given)
 
     def connect(self) -> None:
         """Publish the clock; receive how far the others are."""
@@ -164,24 +159,25 @@ class ReplayClockNode(BagNode):
         """Advance the time if all participants are ready."""
         if self._state == ReplayState.WAITING:
             self._wait(now)
-        elif self._state == ReplayState.PLAYING:
-            self._play(now)
+        elif self._state == ReplayState.PLAYING and self._lockstep:
+            self._play_in_step(now)
+        elif self._state == ReplayState.PLAYING \
+                and now - self._advanced >= 0.99 / self.settings['clock_rate']:
+            stride = round((now - self._advanced) * self._rate * SECOND)
+            self._advance(min(stride, LONGEST_STRIDE), now)
         if now - self._said >= REPEAT:
             self._say_time(now)
         if now - self._said_state >= 1.0:
             self._say_state(now)
         if self._state == ReplayState.FINISHED and self.settings['exit_at_end']:
-            self.done = self._may_leave(now - self._advanced)
+            # Leave when all have the last state, after the clock has stood at its end for a while.
+            stood = now - self._advanced
+            if stood >= LONGEST_WATCHED or self._group.spectators_lag(time.monotonic()) <= 0:
+                self.done = stood > LONGEST_LINGER or (stood > LINGER and bool(
+                    self._state_publisher.wait_for_all_acked(Duration(seconds=0))))
         if self._state != ReplayState.PLAYING:
             return REPEAT
         return 0.002 if self._lockstep else 1.0 / self.settings['clock_rate']
-
-    def _may_leave(self, stood: float) -> bool:
-        """Whether all have the last state, after the clock has stood at its end for a while."""
-        if stood < LONGEST_WATCHED and self._group.spectators_lag(time.monotonic()) > 0:
-            return False
-        return stood > LONGEST_LINGER or (stood > LINGER and bool(
-            self._state_publisher.wait_for_all_acked(Duration(seconds=0))))
 
     # --- time ---
 
@@ -214,45 +210,28 @@ class ReplayClockNode(BagNode):
                 self.get_logger().warning(f'starts without {words}')
                 self._enter(self._after_waiting, now)
 
-    def _play(self, now: float) -> None:
-        if self._lockstep:
-            self._play_in_step(now)
-            return
-        stride = round((now - self._advanced) * self._rate * SECOND)
-        if now - self._advanced >= 0.99 / self.settings['clock_rate']:
-            self._advance(min(stride, LONGEST_STRIDE), now)
-
     def _play_in_step(self, now: float) -> None:
         group = self._group
-        behind = group.behind(self._time)
-        self._waiting_for = behind
-        if behind and now - self._advanced > self.settings['timeout']:
-            self._timeouts += 1
-            self.get_logger().error(
-                f'no longer waits for {"; ".join(behind)} (after {self.settings["timeout"]:g} s)')
-            self._group.excused |= {reason.partition(':')[0] for reason in behind}
-            return
+        behind = self._waiting_for = group.behind(self._time)
         if behind:
+            if now - self._advanced > self.settings['timeout']:
+                self._timeouts += 1
+                self.get_logger().error(f'no longer waits for {"; ".join(behind)} '
+                                        f'(after {self.settings["timeout"]:g} s)')
+                group.excused |= {reason.partition(':')[0] for reason in behind}
             return
-        lag = self._group.spectators_lag(now)
+        lag = group.spectators_lag(now)
         if MAX_SPECTATOR_LAG * self._limit < lag < MAX_SPECTATOR_JUMP:
             self._waiting_for = [f'the live page: is {lag / 1e9:.3f} s behind']
             return
-        self._readmit()
+        if group.excused:  # Wait again for nodes that had fallen behind and are in step.
+            excused, group.excused = group.excused, set()
+            late = {reason.partition(':')[0] for reason in group.behind(self._time)}
+            group.excused = {name for name in excused
+                             if name in late or now - group.heard.get(name, 0.0) > 1.0}
         window = self._window()
-        if self._rate and now - self._advanced < window / (self._rate * SECOND):
-            return
-        self._advance(window, now)
-
-    def _readmit(self) -> None:
-        """Wait again for nodes that had fallen behind, once they are in step."""
-        if not self._group.excused:
-            return
-        excused, self._group.excused = self._group.excused, set()
-        behind = {reason.partition(':')[0] for reason in self._group.behind(self._time)}
-        silent = {name for name in excused
-                  if time.monotonic() - self._group.heard.get(name, 0.0) > 1.0}
-        self._group.excused = excused & (behind | silent)
+        if not self._rate or now - self._advanced >= window / (self._rate * SECOND):
+            self._advance(window, now)
 
     def _advance(self, stride: int, now: float) -> None:
         if self._time >= self._end:
@@ -295,60 +274,37 @@ class ReplayClockNode(BagNode):
 
     # --- services ---
 
-    def _on_play(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self.active
-        if self._refuse_inactive(response):
-            return response
+    def _on_play(self, _: Trigger.Request) -> str:
         self._stop_at = None
-        is_new = self._state == ReplayState.PAUSED and self._time == self._start
-        if is_new:  # A live page may have come meanwhile.
-            self._began = time.monotonic() - HEED
+        if self._state == ReplayState.PAUSED and self._time == self._start:
+            self._began = time.monotonic() - HEED  # A live page may have come meanwhile.
             self._enter(ReplayState.WAITING, time.monotonic())
         if self._state == ReplayState.WAITING:
             self._after_waiting = ReplayState.PLAYING
-            response.message = 'plays when everyone is there'
-        elif self._time >= self._end:
-            response.success = False
-            response.message = 'the bag is at its end: seek first'
-        else:
-            self._enter(ReplayState.PLAYING, time.monotonic())
-            response.message = 'plays'
-        return response
+            return 'plays when everyone is there'
+        if self._time >= self._end:
+            raise NodeError('the bag is at its end: seek first')
+        self._enter(ReplayState.PLAYING, time.monotonic())
+        return 'plays'
 
-    def _on_pause(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self.active
-        if self._refuse_inactive(response):
-            return response
+    def _on_pause(self, _: Trigger.Request) -> str:
         if self._state == ReplayState.WAITING:
             self._after_waiting = ReplayState.PAUSED
         elif self._state == ReplayState.PLAYING:
             self._enter(ReplayState.PAUSED, time.monotonic())
-        response.message = f'{WORDS[self._state]}, at {(self._time - self._start) / 1e9:.3f} s'
-        return response
+        return f'{WORDS[self._state]}, at {(self._time - self._start) / 1e9:.3f} s'
 
-    def _on_set_rate(self, request: SetRate.Request, response: SetRate.Response,
-                     ) -> SetRate.Response:
-        response.success = self.active
-        if self._refuse_inactive(response):
-            return response
+    def _on_set_rate(self, request: SetRate.Request) -> str:
         if not 0.0 <= request.rate <= 100.0 or (request.rate == 0.0 and not self._lockstep):
-            response.success = False
-            response.message = (f'rate is {request.rate:g}: give a number above 0 and up to 100'
-                                + (', or 0 for no limit' if self._lockstep else ''))
-            return response
+            raise NodeError(f'rate is {request.rate:g}: give a number above 0 and up to 100'
+                            + (', or 0 for no limit' if self._lockstep else ''))
         self._rate = request.rate
-        response.message = f'rate is {request.rate:g}'
-        return response
+        return f'rate is {request.rate:g}'
 
-    def _on_seek(self, request: Seek.Request, response: Seek.Response) -> Seek.Response:
-        response.success = self.active
-        if self._refuse_inactive(response):
-            return response
+    def _on_seek(self, request: Seek.Request) -> str:
         length = (self._end - self._start) / 1e9
         if not 0.0 <= request.offset <= length:
-            response.success = False
-            response.message = f'offset is {request.offset:g} s: give 0 to {length:.3f}'
-            return response
+            raise NodeError(f'offset is {request.offset:g} s: give 0 to {length:.3f}')
         self._time = self._start + round(request.offset * SECOND)
         now = time.monotonic()
         if self._state == ReplayState.FINISHED:
@@ -356,31 +312,16 @@ class ReplayClockNode(BagNode):
         self._advanced = now
         self._speed_from = (now, self._time)
         self._say_time(now)
-        response.message = f'{WORDS[self._state]}, at {request.offset:.3f} s'
-        return response
+        return f'{WORDS[self._state]}, at {request.offset:.3f} s'
 
-    def _on_step(self, request: Step.Request, response: Step.Response) -> Step.Response:
-        response.success = self.active
-        if self._refuse_inactive(response):
-            return response
+    def _on_step(self, request: Step.Request) -> str:
         if self._state != ReplayState.PAUSED or self._time >= self._end:
-            response.success = False
-            response.message = f'the replay is {WORDS[self._state]}: pause first'
-            return response
+            raise NodeError(f'the replay is {WORDS[self._state]}: pause first')
         if not 0.0 <= request.duration < 1e6:
-            response.success = False
-            response.message = f'duration is {request.duration:g} s: give 0 or more'
-            return response
+            raise NodeError(f'duration is {request.duration:g} s: give 0 or more')
         self._stop_at = self._time + (round(request.duration * SECOND) or self._window())
         self._enter(ReplayState.PLAYING, time.monotonic())
-        response.message = f'goes on to {(self._stop_at - self._start) / 1e9:.3f} s'
-        return response
-
-    def _refuse_inactive(self, response: Trigger.Response | Seek.Response) -> bool:
-        if not self.active:
-            response.message = ('is not active: ros2 lifecycle set '
-                                f'{self.get_fully_qualified_name()} activate')
-        return not self.active
+        return f'goes on to {(self._stop_at - self._start) / 1e9:.3f} s'
 
     def _task_status(self) -> TaskStatus:
         figures = {'time [s]': f'{(self._time - self._start) / 1e9:.3f}',
@@ -408,9 +349,7 @@ def shortest_time_of(count: int, topics: Iterable[np.ndarray]) -> int:
     return max(SECOND // 1000, min(spans, default=3600 * SECOND))
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    leave(run_streaming(ReplayClockNode, args))
+main = executable(ReplayClockNode)
 
 
 if __name__ == '__main__':

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 import time
 
 from geometry_msgs.msg import WrenchStamped
@@ -233,14 +232,11 @@ class RingAlarmNode(StreamingNode):
         return state_words(monitor)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        monitor = self._stream.monitor
-        had = monitor.alarm
-        monitor.reset()
-        response.success = True
-        response.message = ('there was no alarm; the evidence restarts' if had is None else
-                            f'the alarm of {had.channel} is reset; the evidence restarts')
+        had = self._stream.monitor.alarm
+        self._stream.monitor.reset()
         self._tell_state()
-        return response
+        words = 'there was no alarm' if had is None else f'the alarm of {had.channel} is reset'
+        return Trigger.Response(success=True, message=f'{words}; the evidence restarts')
 
     def _on_parameters(self, message: RingParameters) -> None:
         if not message.applied_by:
@@ -275,24 +271,20 @@ class RingAlarmNode(StreamingNode):
         return TaskStatus(level, self._words(), figures)
 
     def _promise_status(self) -> TaskStatus:
-        monitor = self._stream.monitor
+        monitor, hours = self._stream.monitor, f'{self.settings["false_alarm_hours"]:g}'
         lapses = [lapse for lapse in monitor.lapses
                   if lapse.is_lasting or monitor.stamp - lapse.stamp < RECENT_NS]
-        figures = {'lapses': str(len(monitor.lapses)),
-                   'false alarm hours': f'{self.settings["false_alarm_hours"]:g}'}
+        figures = {'lapses': str(len(monitor.lapses)), 'false alarm hours': hours}
         if lapses:
             return TaskStatus(WARN, lapses[-1].reason, figures)
-        return TaskStatus(OK, 'at most one false alarm in '
-                          f'{self.settings["false_alarm_hours"]:g} h of testing', figures)
+        return TaskStatus(OK, f'at most one false alarm in {hours} h of testing', figures)
 
     def _events(self) -> dict[str, int]:
         return {**vars(self._stream.counters),
                 'malformed': sum(flow.malformed for flow in self.inputs)}
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    streaming_node.leave(streaming_node.run_streaming(RingAlarmNode, args))
+main = streaming_node.executable(RingAlarmNode)
 
 
 if __name__ == '__main__':

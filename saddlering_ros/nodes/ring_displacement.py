@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 import math
 import time
 
@@ -93,7 +92,7 @@ class RingDisplacementNode(StreamingNode):
         self._watch = ElevationWatch(self)
         self._arrived = 0.0
         self._awaited = 0
-        self.create_service(Trigger, '~/zero', self._on_zero)
+        self.offer(Trigger, '~/zero', self._on_zero)
         self._zero = self.create_publisher(Header, ZERO, ZERO_QOS)
         self._zero_request = self.create_publisher(ZeroRequest, ZERO_REQUEST, ZERO_QOS)
         name = self.settings.text('displaced_frame_id')
@@ -168,56 +167,43 @@ class RingDisplacementNode(StreamingNode):
             if self._frame is not None:
                 self._frame.tell(found)
 
-    def _on_zero(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if not self.active:
-            response.success = False
-            response.message = ('is not active: ros2 lifecycle set '
-                                f'{self.get_fully_qualified_name()} activate')
-            return response
-        if not self._stream.newest_stamp:
-            response.success = False
-            response.message = 'no aligned samples yet: nothing to zero'
-            return response
+    def _on_zero(self, _: Trigger.Request) -> str:
         stamp = self._stream.newest_stamp
+        if not stamp:
+            raise NodeError('no aligned samples yet: nothing to zero')
         self._stream.zero_after(stamp)
         header = Header(stamp=to_time(stamp), frame_id=self.settings['frame_id'])
         self._zero.publish(header)
         self._zero_request.publish(
             ZeroRequest(header=header, node=self.get_fully_qualified_name()))
-        response.success = True
-        response.message = ('zero is taken from the first steady stretch after '
-                            f'{stamp / 1e9:.3f} s, at '
-                            f'{self._rig.force_words(self._stream.load, 2)}; '
-                            'the simulator follows')
-        return response
+        return (f'zero is taken from the first steady stretch after {stamp / 1e9:.3f} s, at '
+                f'{self._rig.force_words(self._stream.load, 2)}; the simulator follows')
 
     def _probes_status(self) -> TaskStatus:
         absent = self._rig.probes.absent
         missing = [number for number, count in enumerate(self._stream.take_missing(), 1)
                    if count and number != absent]
-        lost = {1: 'delta_x', 2: 'delta_y and gamma', 3: 'delta_x', 4: 'delta_y and gamma'}
         if not missing:
             return TaskStatus(OK, 'all four read' if not absent else
                               f'the other three read; probe {absent} is absent '
                               '(rig.probes.absent), parity unknown')
-        channels = ' and '.join(sorted({lost[number] for number in missing}))
+        channels = ' and '.join(sorted({'delta_x' if number % 2 else 'delta_y and gamma'
+                                        for number in missing}))
         probes = ', '.join(map(str, missing))
         return TaskStatus(ERROR, f'probe {probes} does not read, {channels} unknown: repair the '
                                  'probe, then call ~/zero; the other channels continue')
 
     def _zero_status(self) -> TaskStatus:
-        stream = self._stream
-        zero = stream.zero
-        return zero_status(self._rig, zero.reading if zero else None,
-                           zero.stamp if zero else 0, stream.newest_stamp, stream.load)
+        zero = self._stream.zero
+        return zero_status(
+            self._rig, zero.reading if zero else None, zero.stamp if zero else 0,
+            self._stream.newest_stamp, self._stream.load)
 
     def _events(self) -> dict[str, int]:
         return {**self._stream.events(), 'malformed': sum(flow.malformed for flow in self.inputs)}
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    streaming_node.leave(streaming_node.run_streaming(RingDisplacementNode, args))
+main = streaming_node.executable(RingDisplacementNode)
 
 
 if __name__ == '__main__':

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,12 +41,9 @@ class RingResidualNode(StreamingNode):
         self._streams = [diagnostics.StreamTask(f'/{topic}')
                          for topic in (DISPLACEMENT, SIMULATED)]
         self._awaited = 0
-        self._kept = diagnostics.Kept(self._add)
-        self._sums = np.zeros(4)
-        self._count = np.zeros(4, np.int64)
+        self._sizes = ResidualTask()
         self.tasks = [*self._streams, diagnostics.FunctionTask('zero', self._zero_status),
-                      diagnostics.FunctionTask('residual', self._residual_status),
-                      self._agreement, diagnostics.SourcesTask(self.sources),
+                      self._sizes, self._agreement, diagnostics.SourcesTask(self.sources),
                       diagnostics.Events(lambda: vars(self._stream.counters)), self._readiness]
 
     def connect(self) -> None:
@@ -75,7 +70,7 @@ class RingResidualNode(StreamingNode):
         if not all(missing):
             self._awaited = missing.index(True) if any(missing) else 0
         if len(residual):
-            self._kept.push(residual.channels.T)
+            self._sizes.push(residual.channels.T)
             covariance = sum(covariance_of(flow.newest) for flow in self.inputs)
             self.outputs[0].send(encode_displacements(residual, self.settings['frame_id'],
                                                       np.asarray(covariance)),
@@ -92,25 +87,35 @@ class RingResidualNode(StreamingNode):
                                     'subtracted: call /ring_displacement/zero', figures)
         return TaskStatus(OK, 'measured and simulated have the same zero', figures)
 
-    def _add(self, residuals: NDArray[np.float64]) -> None:
-        self._sums += np.nansum(residuals ** 2, axis=0)
-        self._count += np.isfinite(residuals).sum(axis=0)
 
-    def _residual_status(self) -> TaskStatus:
-        self._kept.judge()
-        if not self._count.any():
+class ResidualTask(diagnostics.Kept):
+    """Root mean squares of residuals, pushed as (N, 4) [m, m, rad, m]."""
+
+    name = 'residual'
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._sums, self._counts = np.zeros(4), np.zeros(4, np.int64)
+
+    def judge(self, numbers: NDArray[np.float64]) -> None:
+        """Add up the squares of the period."""
+        self._sums += np.nansum(numbers ** 2, axis=0)
+        self._counts += np.isfinite(numbers).sum(axis=0)
+
+    def report(self, elapsed: float) -> TaskStatus:
+        """Number and sizes of the residuals of the period."""
+        self.judge_kept()
+        sums, counts = self._sums, self._counts
+        self._sums, self._counts = np.zeros(4), np.zeros(4, np.int64)
+        if not counts.any():
             return TaskStatus(OK, 'no residual yet')
-        rms = np.sqrt(self._sums / np.maximum(self._count, 1))
-        figures = {f'rms {name} [{"urad" if name == "gamma" else "um"}]': f'{value * 1e6:.3f}'
-                   for name, value in zip(CHANNELS, rms.tolist(), strict=True)}
-        self._sums = np.zeros(4)
-        count, self._count = int(self._count.max()), np.zeros(4, np.int64)
-        return TaskStatus(OK, f'{count} residuals', figures)
+        rms = np.sqrt(sums / np.maximum(counts, 1))
+        return TaskStatus(OK, f'{int(counts.max())} residuals', {
+            f'rms {name} [{"urad" if name == "gamma" else "um"}]': f'{value * 1e6:.3f}'
+            for name, value in zip(CHANNELS, rms.tolist(), strict=True)})
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    streaming_node.leave(streaming_node.run_streaming(RingResidualNode, args))
+main = streaming_node.executable(RingResidualNode)
 
 
 if __name__ == '__main__':

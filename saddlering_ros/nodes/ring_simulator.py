@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 import math
 import time
 
@@ -85,8 +84,8 @@ class RingSimulatorNode(StreamingNode):
         self._arrived = 0.0
         self._refused = ''
         self._parameters_stamp = 0
-        self.create_service(Trigger, '~/restart', self._on_restart)
-        self.create_service(Trigger, '~/zero', self._on_zero)
+        self.offer(Trigger, '~/restart', self._on_restart)
+        self.offer(Trigger, '~/zero', self._on_zero)
         if self.settings['follow_zero']:
             self.create_subscription(Header, names.ZERO, self._on_zero_message,
                                      raw_topics.ZERO_QOS)
@@ -108,7 +107,11 @@ class RingSimulatorNode(StreamingNode):
         """Read parameters and elevation; compile and make the simulation."""
         self._in_force = self._read_parameters()
         self._check_rig(self._in_force)
-        self._started_with = self._elevation_of_bag()
+        bag = self.settings.text('bag')
+        self._started_with = math.nan
+        if bag and math.isnan(self.settings['elevation_deg']):
+            from saddlering_ros.ros.bag_replay import bag_elevation
+            self._started_with = bag_elevation(bag)
         self._take_elevation()
         self._make(self._in_force)
         # Load the compiled kernels before the first sample needs them.
@@ -155,13 +158,6 @@ class RingSimulatorNode(StreamingNode):
             with in_parameters():
                 refuse_parameters_of_other_rig(parameters, self._rig)
 
-    def _elevation_of_bag(self) -> float:
-        bag = self.settings.text('bag')
-        if not bag or not math.isnan(self.settings['elevation_deg']):
-            return math.nan
-        from saddlering_ros.ros.bag_replay import bag_elevation
-        return bag_elevation(bag)
-
     def _take_elevation(self) -> bool:
         """Settle the elevation to simulate at; whether it is another than before."""
         found = self._watch.resolve(math.radians(self.settings['elevation_deg']),
@@ -189,15 +185,16 @@ class RingSimulatorNode(StreamingNode):
             if gave > rig_state.MOVED:
                 self.get_logger().warning(f'{words}: it is followed, and the zero stays')
             return
-        self._make(self._in_force)
-        self._stream.hold = stream.hold
+        self._make(self._in_force, stream.hold)
         self._tell_in_force(self._in_force)
         self.get_logger().info(f'{words}: restarts')
 
-    def _make(self, parameters: ParameterSet) -> None:
+    def _make(self, parameters: ParameterSet, hold: int = 0) -> None:
+        """Simulate anew; samples are held back for `hold` [ns]."""
         self._stream = SimulationStream(
             self._rig, parameters, self._elevation, max_step=self.settings['max_step'],
             max_gap=self.settings['max_gap'])
+        self._stream.hold = hold
 
     def _tell_in_force(self, parameters: ParameterSet) -> None:
         """Publish the parameters in use on /ring/parameters, latched for late joiners."""
@@ -221,14 +218,14 @@ class RingSimulatorNode(StreamingNode):
 
     def at_intervals(self, now: float) -> float:
         """Simulate the samples held for late ones, after a time without data."""
-        if not self._stream.held and not self._stream.guard.holds:
+        stream, silent = self._stream, now - self._arrived
+        if not stream.held and not stream.guard.holds:
             return 1.0
-        silent = now - self._arrived
-        if self._stream.guard.holds and silent >= GUARD_FLUSH_AFTER:
-            self._send(self._stream.flush_guard())
+        if stream.guard.holds and silent >= GUARD_FLUSH_AFTER:
+            self._send(stream.flush_guard())
             self._untold = True
-        elif self._stream.held and silent >= FLUSH_AFTER:
-            self._send(self._stream.flush())
+        elif stream.held and silent >= FLUSH_AFTER:
+            self._send(stream.flush())
             self._untold = True
         return FLUSH_AFTER / 2
 
@@ -257,24 +254,16 @@ class RingSimulatorNode(StreamingNode):
             self._expected = ExpectedMotion(self._rig, self._in_force, self._elevation)
         return self._expected.at(self._stream.load, zero_load)
 
-    def _on_restart(self, request: Trigger.Request, response: Trigger.Response,
-                    ) -> Trigger.Response:
-        response.success = self.active
-        response.message = 'restarts at the next preload' if self.active else 'is not active'
-        if self.active:
-            self._stream.restart()
-        return response
+    def _on_restart(self, _: Trigger.Request) -> str:
+        self._stream.restart()
+        return 'restarts at the next preload'
 
-    def _on_zero(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self.active and bool(self._stream.newest_stamp)
-        response.message = ('no load yet: nothing to zero' if self.active else
-                            'is not active: ros2 lifecycle set '
-                            f'{self.get_fully_qualified_name()} activate')
-        if response.success:
-            self._stream.zero_after(self._stream.newest_stamp)
-            response.message = ('restarts, zeroed at the first steady stretch from '
-                                f'{self._rig.force_words(self._stream.load, 2)}')
-        return response
+    def _on_zero(self, _: Trigger.Request) -> str:
+        if not self._stream.newest_stamp:
+            raise NodeError('no load yet: nothing to zero')
+        self._stream.zero_after(self._stream.newest_stamp)
+        return ('restarts, zeroed at the first steady stretch from '
+                f'{self._rig.force_words(self._stream.load, 2)}')
 
     def _on_zero_message(self, message: Header) -> None:
         stamp = messages.to_stamp(message.stamp)
@@ -307,18 +296,18 @@ class RingSimulatorNode(StreamingNode):
         The same numbers from another source change nothing in what is simulated: no restart, which
         would cost samples and the zero.
         """
+        before = self._in_force
         try:
-            parameters = messages.parameters_from_message(message)
-            self._check_rig(parameters)
-            if not same_numbers(parameters, self._in_force):
-                hold = self._stream.hold
-                self._make(parameters)
-                self._stream.hold = hold
+            found = messages.parameters_from_message(message)
+            self._check_rig(found)
+            if before is None or (found.contact, found.effects) != (
+                    before.contact, before.effects):
+                self._make(found, self._stream.hold)
         except SaddleringError as problem:
             self._refuse(str(problem))
             return False
-        self._in_force, self._refused = parameters, ''
-        self._tell_in_force(parameters)
+        self._in_force, self._refused = found, ''
+        self._tell_in_force(found)
         self.get_logger().info(f'parameters from /{PARAMETERS_IN_FORCE}: {message.source}')
         return True
 
@@ -354,15 +343,12 @@ class RingSimulatorNode(StreamingNode):
         figures = {'iterations': str(simulator.iterations), 'not converged': str(failed)}
         if new > 0:
             return TaskStatus(ERROR, f'{new} steps did not converge and are not published: '
-                              'check load and parameters',
-                              figures)
+                              'check load and parameters', figures)
         return TaskStatus(OK, 'converges', figures)
 
     def _parameters_status(self) -> TaskStatus:
-        assert self._in_force is not None
-        message = messages.parameters_to_message(self._in_force, messages.to_time(0))
-        figures = {name: f'{getattr(message, name):.6g}'
-                   for name in ('k1', 'n1', 'd1', 'k2', 'n2', 'd2')}
+        message = self._in_force_message
+        figures = {name: f'{getattr(message, name):.6g}' for name in messages.FIELDS}
         figures.update(zip(message.effect_parameter_names,
                            (f'{value:.6g}' for value in message.effect_parameter_values),
                            strict=True))
@@ -372,14 +358,7 @@ class RingSimulatorNode(StreamingNode):
         return TaskStatus(OK, message.source, figures)
 
 
-def same_numbers(one: ParameterSet, other: ParameterSet | None) -> bool:
-    """Whether a simulation is the same with either."""
-    return other is not None and one.contact == other.contact and one.effects == other.effects
-
-
-def main(args: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    streaming_node.leave(streaming_node.run_streaming(RingSimulatorNode, args))
+main = streaming_node.executable(RingSimulatorNode)
 
 
 if __name__ == '__main__':

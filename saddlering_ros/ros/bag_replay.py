@@ -21,7 +21,7 @@ from saddlering_ros.files import share_directory
 from saddlering_ros.record import RawRecord, RawTopic
 from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.scratch import BLOCK, forget
-from saddlering_ros.record.topics import TOPICS
+from saddlering_ros.record.topics import LOAD_TOPIC, TOPICS
 from saddlering_ros.ros import parameters
 from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, SourcesTask, TaskStatus, WARN
 from saddlering_ros.ros.names import CLOCK, NodeError
@@ -86,12 +86,12 @@ class BagNode(StreamingNode):
         return bag if bag == self._first_bag else str(parameters.bag_below(self._bag_root, bag))
 
     def _judge_bag(self, changes: list[RosParameter]) -> SetParametersResult:
-        for change in changes:
-            if change.name == BAG.name and str(change.value).strip():
-                try:
+        try:
+            for change in changes:
+                if change.name == BAG.name and str(change.value).strip():
                     self._allowed(str(change.value).strip())
-                except NodeError as problem:
-                    return SetParametersResult(successful=False, reason=str(problem))
+        except NodeError as problem:
+            return SetParametersResult(successful=False, reason=str(problem))
         return SetParametersResult(successful=True)
 
 
@@ -101,7 +101,6 @@ JUMP = 2 * SECOND
 
 def bag_elevation(path: str) -> float:
     """The elevation [rad] of a bag's test; BagError if the bag does not state it."""
-    from saddlering_ros.record import LOAD_TOPIC
     record = read_raw(path, [LOAD_TOPIC])
     facts = usable_facts(record.path, record.facts, None, None)
     assert facts.elevation_deg is not None
@@ -124,15 +123,9 @@ class Track:
         """The samples up to `now` [ns] that were not given out yet."""
         start = self.place
         self.move_to(now)
-        rows = slice(start, self.place)
         if start // BLOCK != self.place // BLOCK:
             forget(self.raw.stamps, self.raw.values)
-        return Samples(self.raw.stamps[rows], self.raw.values[rows], self.raw.min_range,
-                       self.raw.max_range)
-
-    def at_end(self) -> bool:
-        """Whether everything has been given out."""
-        return self.place >= len(self.raw.stamps)
+        return self.raw.samples.pick(slice(start, self.place))
 
 
 def topics_of(node: str) -> list[str]:
@@ -213,7 +206,7 @@ class ReplayNode(BagNode):
         if not self._now:
             return TaskStatus(WARN, 'no /clock yet: start replay_clock, or ros2 bag play --clock',
                               figures)
-        if all(track.at_end() for track in self._tracks):
+        if all(track.place >= len(track.raw) for track in self._tracks):
             return TaskStatus(OK, 'all messages are published', figures)
         silent = time.monotonic() - self._heard
         if silent > 2.0:

@@ -46,53 +46,53 @@ class Task(Protocol):
 class Kept:
     """Numbers of many small batches, judged together: one batch alone costs as much to judge."""
 
-    def __init__(self, judge: Callable[[NDArray[Any]], None]) -> None:
-        self._judge = judge
+    def __init__(self) -> None:
         self._batches: list[NDArray[Any]] = []
-        self._count = 0
+        self._kept = 0
 
     def push(self, batch: NDArray[Any]) -> None:
         """Keep a batch; judge the kept samples when they are many."""
         if len(batch):
             self._batches.append(batch)
-            self._count += len(batch)
-            if self._count >= JUDGED_TOGETHER:
-                self.judge()
+            self._kept += len(batch)
+            if self._kept >= JUDGED_TOGETHER:
+                self.judge_kept()
 
-    def judge(self) -> None:
+    def judge_kept(self) -> None:
         """Judge what is kept."""
         if self._batches:
-            batches, self._batches, self._count = self._batches, [], 0
-            self._judge(np.concatenate(batches))
+            batches, self._batches, self._kept = self._batches, [], 0
+            self.judge(np.concatenate(batches))
+
+    def judge(self, numbers: NDArray[Any]) -> None:
+        """Judge numbers (N, ...), in order of arrival."""
+        raise NotImplementedError
 
 
-class StreamTask:
-    """Rate and gaps of one topic, by its stamps; silence is STALE.
+class StreamTask(Kept):
+    """Rate and gaps of one topic, by the stamps [ns] that are pushed; silence is STALE.
 
     A gap is an interval over `floor` seconds and over `gap_periods` times the median interval: of
     those judged together with it if they are enough, else of those before them. A step back over
-    `floor` is a jump, a smaller one a message late.
+    `floor` is a jump, a smaller one a message late. Stamps that are not set are left out.
     """
 
     def __init__(self, topic: str, *, lowest_rate: float = 0.0, gap_periods: float = 5.0,
                  floor: float = 0.005) -> None:
+        super().__init__()
         self.name = f'stream {topic}'
         self.lowest_rate, self.gap_periods, self.floor = lowest_rate, gap_periods, floor
         self.total = self.gaps = self.late = 0
         self._median = math.nan
         self._last: int | None = None
-        self._stamps = Kept(self._judge)
         self._clear()
 
     def _clear(self) -> None:
         self._count = self._new_gaps = self._new_late = 0
         self.longest_gap = 0.0
 
-    def push(self, stamps: NDArray[np.int64]) -> None:
-        """Take the stamps [ns] of a batch, in the order of arrival; those not set are left out."""
-        self._stamps.push(stamps)
-
-    def _judge(self, stamps: NDArray[np.int64]) -> None:
+    def judge(self, stamps: NDArray[np.int64]) -> None:
+        """Count the stamps, gaps and late messages of the period."""
         stamps = stamps[stamps > 0]
         if not len(stamps):
             return
@@ -110,13 +110,12 @@ class StreamTask:
         limit = max(self.gap_periods * (middle if are_enough else self._median), self.floor)
         long = forward[forward > limit]
         self._new_gaps += len(long)
-        if len(long):
-            self.longest_gap = max(self.longest_gap, float(long.max()))
+        self.longest_gap = max(self.longest_gap, float(long.max(initial=0.0)))
         self._median = middle if are_enough else 0.9 * self._median + 0.1 * middle
 
     def report(self, elapsed: float) -> TaskStatus:
         """Rate (by arrival), period (by stamps), gaps and late messages of the period."""
-        self._stamps.judge()
+        self.judge_kept()
         rate = self._count / elapsed if elapsed > 0.0 else 0.0
         self.gaps += self._new_gaps
         self.late += self._new_late
@@ -124,49 +123,43 @@ class StreamTask:
             'rate [1/s]': f'{rate:.1f}', 'period by stamps [ms]': f'{self._median * 1e3:.4g}',
             'messages': str(self.total), 'gaps': str(self.gaps), 'late': str(self.late),
             'longest gap of this period [s]': f'{self.longest_gap:.4g}'}
-        level, words = OK, f'{rate:.0f} messages a second'
+        level, words = WARN, f'{rate:.0f} messages a second'
         if self._count == 0:
             level, words = STALE, 'no messages' if self.total else 'nothing received yet'
         elif self._new_gaps:
-            level = WARN
             words = f'{self._new_gaps} gaps in the stamps, longest {self.longest_gap:.3g} s'
         elif self._new_late:
-            level = WARN
             words = f'{self._new_late} messages out of order or stamps that jumped back'
         elif rate < self.lowest_rate:
-            level = WARN
             words = f'{rate:.1f} messages a second, and at least {self.lowest_rate:g} are required'
+        else:
+            level = OK
         self._clear()
         return TaskStatus(level, words, figures)
 
 
-class SaturationTask:
-    """Probe readings at or beyond the ends of the probe's range."""
+class SaturationTask(Kept):
+    """Gaps [m] of a probe at or beyond the ends of its range; others than numbers do not count."""
 
     def __init__(self, topic: str, low: float, high: float) -> None:
+        super().__init__()
         self.name = f'saturation {topic}'
         self.low, self.high = low, high
         self.total = self._new = 0
         self._margin = math.inf
-        self._values = Kept(self._judge)
 
-    def push(self, values: NDArray[np.float64]) -> None:
-        """Take the gaps [m] of a batch; those that are not finite are counted elsewhere."""
-        self._values.push(values)
-
-    def _judge(self, values: NDArray[np.float64]) -> None:
+    def judge(self, values: NDArray[np.float64]) -> None:
+        """Count the saturated gaps of the period."""
         values = values[np.isfinite(values)]
-        if not len(values):
-            return
         edge = 0.002 * (self.high - self.low)
-        self._margin = min(self._margin, float(np.min(values)) - self.low,
-                           self.high - float(np.max(values)))
+        self._margin = min(self._margin, float(np.min(values, initial=math.inf)) - self.low,
+                           self.high - float(np.max(values, initial=-math.inf)))
         outside = (values <= self.low + edge) | (values >= self.high - edge)
         self._new += int(outside.sum())
 
     def report(self, elapsed: float) -> TaskStatus:
         """How many readings of the period were saturated, and how near the ends they came."""
-        self._values.judge()
+        self.judge_kept()
         self.total += self._new
         figures = {'saturated': str(self.total),
                    'nearest to an end [mm]': f'{self._margin * 1e3:.4g}'}
@@ -177,31 +170,27 @@ class SaturationTask:
         return TaskStatus(OK, 'inside its range', figures)
 
 
-class ParityTask:
-    """Mean parity of the radial probes against its noise."""
+class ParityTask(Kept):
+    """Mean parity [m] of the radial probes against its noise; NaN where a probe is missing."""
 
     name = 'parity'
 
     def __init__(self, noise: Callable[[], float], sigmas: float = 5.0) -> None:
+        super().__init__()
         self._noise, self._sigmas = noise, sigmas
         self._sum = self._peak = 0.0
         self._count = 0
-        self._parities = Kept(self._judge)
 
-    def push(self, parity: NDArray[np.float64]) -> None:
-        """Take the parities [m] of a batch; NaN where a probe is missing."""
-        self._parities.push(parity)
-
-    def _judge(self, parity: NDArray[np.float64]) -> None:
+    def judge(self, parity: NDArray[np.float64]) -> None:
+        """Add up the parities of the period."""
         parity = parity[np.isfinite(parity)]
-        if len(parity):
-            self._sum += float(np.sum(parity))
-            self._count += len(parity)
-            self._peak = max(self._peak, float(np.max(np.abs(parity))))
+        self._sum += float(np.sum(parity))
+        self._count += len(parity)
+        self._peak = max(self._peak, float(np.max(np.abs(parity), initial=0.0)))
 
     def report(self, elapsed: float) -> TaskStatus:
         """Mean and peak of the period."""
-        self._parities.judge()
+        self.judge_kept()
         if not self._count:
             return TaskStatus(OK, 'no displacement yet')
         mean, limit = self._sum / self._count, self._sigmas * self._noise()

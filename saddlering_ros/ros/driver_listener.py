@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 import math
 import time
@@ -14,6 +15,7 @@ from rclpy.serialization import deserialize_message
 
 from saddlering_ros.bags.wire import CdrError, decode_samples
 from saddlering_ros.doubts.driver import HeardTopic
+from saddlering_ros.record.batches import no_samples
 from saddlering_ros.record.topics import LOAD, PROBES, RigTopic
 from saddlering_ros.ros.raw_topics import DataWait, message_class, RawSubscription
 
@@ -39,19 +41,16 @@ class _Flow:
 
     def heard(self, node: Node) -> HeardTopic:
         infos = node.get_publishers_info_by_topic(self.subscription.topic)
-        types = tuple(sorted({info.topic_type for info in infos}))
-        try:
+        samples, frame_id = no_samples(), ''
+        with suppress(CdrError):
             samples = decode_samples(self.messages, self.topic)
-        except CdrError:
-            samples = decode_samples([], self.topic)
-        frame_id = ''
         if len(samples):
             first: Any = deserialize_message(self.messages[0], message_class(self.topic.type))
             frame_id = first.header.frame_id
         return HeardTopic(
             stamps=samples.stamps, arrivals=np.array(self.arrivals[:len(samples)], np.int64),
             values=samples.values, low=samples.low, high=samples.high, frame_id=frame_id,
-            publishers=len(infos), types=types)
+            publishers=len(infos), types=tuple(sorted({info.topic_type for info in infos})))
 
 
 def listen(domain: int | None, namespace: str, seconds: float) -> dict[str, HeardTopic]:

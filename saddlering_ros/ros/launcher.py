@@ -53,7 +53,7 @@ class Domain:
         first = os.getpid() % len(DOMAINS)
         for offset in range(len(DOMAINS)):
             number = DOMAINS[(first + offset) % len(DOMAINS)]
-            if in_use(number):
+            if participants(number):
                 continue
             lock = (folder / str(number)).open('w')
             with contextlib.suppress(OSError):
@@ -66,15 +66,6 @@ class Domain:
     def release(self) -> None:
         """Let others have it."""
         self._lock.close()
-
-
-def in_use(domain: int) -> bool:
-    """Whether some ROS program on this machine listens to the discovery of `domain`."""
-    port = f':{7400 + 250 * domain:04X}'
-    with contextlib.suppress(OSError):
-        lines = Path('/proc/net/udp').read_text().splitlines()[1:]
-        return any(line.split()[1].endswith(port) for line in lines)
-    return False
 
 
 def participants(domain: int, table: str | None = None) -> int:
@@ -101,12 +92,6 @@ def crowded_words(count: int, domain: int) -> str:
             f'ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST only {MAX_LOCAL} find each other: some '
             'nodes are invisible. Give each rig a ROS_DOMAIN_ID of its own, or set the range '
             'to SUBNET')
-
-
-def environment(domain_id: int, extra: Mapping[str, str] | None = None) -> dict[str, str]:
-    """The environment of nodes and clients of one group: own domain, this machine only."""
-    return {**os.environ, **transport_environment(), 'ROS_DOMAIN_ID': str(domain_id),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **(extra or {})}
 
 
 def ros_arguments(parameters: Values | None = None, files: Sequence[Path | str] = (),
@@ -191,9 +176,9 @@ class NodeGroup:
 
     @property
     def environment(self) -> dict[str, str]:
-        """Environment that a client of these nodes needs."""
-        assert self.domain_id is not None
-        return environment(self.domain_id, self.extra_environment)
+        """Environment of the nodes and of their clients: own domain, this machine only."""
+        return {**os.environ, **transport_environment(), 'ROS_DOMAIN_ID': str(self.domain_id),
+                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **(self.extra_environment or {})}
 
     def start(self, name: str, parameters: Values | None = None, *,
               files: Sequence[Path | str] = (), remappings: Mapping[str, str] | None = None,
@@ -240,20 +225,19 @@ class NodeGroup:
             for number, patience in zip((signal.SIGINT, signal.SIGTERM), PATIENCE, strict=True):
                 self._signal(number)
                 deadline = time.monotonic() + patience
-                while self._alive() and time.monotonic() < deadline:
+                while time.monotonic() < deadline and any(
+                        node.running for node in self.processes.values()):
                     time.sleep(0.01)
         finally:
             self._signal(signal.SIGKILL)
             for node in self.processes.values():
                 node.process.wait()
 
-    def _alive(self) -> list[NodeProcess]:
-        return [node for node in self.processes.values() if node.running]
-
     def _signal(self, number: signal.Signals) -> None:
-        for node in self._alive():
+        for node in self.processes.values():
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(node.process.pid, number)
+                if node.running:
+                    os.killpg(node.process.pid, number)
 
 
 def last_line(text: str) -> str:
@@ -426,28 +410,14 @@ def sweep(folder: Path = FOLDER) -> int:
     Ports are left alone: Fast DDS itself makes a dead one anew when it is next used.
     """
     removed = 0
-    with contextlib.suppress(OSError):
-        for lock in sorted(folder.glob(f'{PREFIX}*{LOCK_SUFFIX}')):
-            if not lock.name.startswith(PORT_PREFIX):
-                removed += _remove_if_dead(lock)
+    for lock in sorted(folder.glob(f'{PREFIX}*{LOCK_SUFFIX}')):
+        if lock.name.startswith(PORT_PREFIX):
+            continue
+        with contextlib.suppress(OSError):
+            if time.time() - lock.stat().st_mtime >= YOUNG:
+                with lock.open() as handle:
+                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    lock.with_name(lock.name.removesuffix(LOCK_SUFFIX)).unlink(missing_ok=True)
+                    lock.unlink(missing_ok=True)
+                removed += 1
     return removed
-
-
-def _remove_if_dead(lock: Path) -> int:
-    try:
-        if time.time() - lock.stat().st_mtime < YOUNG:
-            return 0
-        handle = os.open(lock, os.O_RDONLY)
-    except OSError:
-        return 0
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        name = lock.name.removesuffix(LOCK_SUFFIX)
-        for path in (lock.with_name(name), lock):
-            with contextlib.suppress(OSError):
-                path.unlink()
-        return 1
-    except OSError:
-        return 0
-    finally:
-        os.close(handle)

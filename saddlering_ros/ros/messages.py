@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -23,17 +23,17 @@ FIELDS = ('k1', 'n1', 'd1', 'k2', 'n2', 'd2')
 
 def parameters_to_message(parameters: ParameterSet, stamp: Time) -> msg.RingParameters:
     """A RingParameters message of `parameters`."""
-    message = msg.RingParameters(source=words_of(parameters.source),
-                                 rig_hash=parameters.source.rig_hash)
+    source = parameters.source
+    words = f'{source.method} from {", ".join(source.bags)}' if source.bags else source.method
+    message = msg.RingParameters(
+        source=f'{words} ({source.note})' if source.note else words, rig_hash=source.rig_hash)
     message.header.stamp = stamp
     for name, value in zip(FIELDS, parameters.contact.to_array().tolist(), strict=True):
         setattr(message, name, value)
-    if parameters.source.bags or parameters.source.undetermined:
-        message.determined = [name not in parameters.source.undetermined
-                              for name in PARAMETER_NAMES]
-    covariance = parameters.source.covariance
-    if covariance is not None:
-        message.covariance = [float(value) for value in np.ravel(covariance)]
+    if source.bags or source.undetermined:
+        message.determined = [name not in source.undetermined for name in PARAMETER_NAMES]
+    if source.covariance is not None:
+        message.covariance = [float(value) for value in np.ravel(source.covariance)]
     for effect, values in parameters.effects.items():
         for name, value in values.items():
             message.effect_parameter_names.append(f'{effect}.{name}')
@@ -50,11 +50,13 @@ def parameters_from_message(message: msg.RingParameters) -> ParameterSet:
     if covariance.size not in (0, 36):
         raise NodeError(f'/ring/parameters: covariance has {covariance.size} numbers: '
                         'give 36 or none')
-    determined = dict(zip(PARAMETER_NAMES, message.determined, strict=True))
-    undetermined = {name: 'by its identification' for name, is_determined in determined.items()
-                    if any(determined.values()) and not is_determined}
+    undetermined = [name for name, is_determined in zip(
+        PARAMETER_NAMES, message.determined, strict=True) if not is_determined]
+    if len(undetermined) == len(PARAMETER_NAMES):  # The field was not filled.
+        undetermined = []
     source = ParameterSource(
-        method='message', note=str(message.source), undetermined=undetermined,
+        method='message', note=str(message.source),
+        undetermined=dict.fromkeys(undetermined, 'by its identification'),
         covariance=covariance.reshape(6, 6) if covariance.size else None,
         rig_hash=str(message.rig_hash))
     return ParameterSet(ContactParameters(*values), _effects(message), source)
@@ -75,17 +77,25 @@ def _effects(message: msg.RingParameters) -> Effects:
     return effects
 
 
-def words_of(source: ParameterSource) -> str:
-    """Where parameters came from, in words."""
-    words = source.method
-    if source.bags:
-        words += f' from {", ".join(source.bags)}'
-    return f'{words} ({source.note})' if source.note else words
-
-
 def causes_to_messages(document: Mapping[str, Any]) -> list[msg.DiagnosedCause]:
     """The causes of a verdict document (`diagnose --json`) as messages; NaN for null."""
-    return [_cause_to_message(cause) for cause in document['causes'] if 'effect' in cause]
+    found = []
+    for cause in document['causes']:
+        if 'effect' not in cause:
+            continue
+        items = cause['parameters']
+        values = np.array([item['value'] for item in items.values()], np.float64)
+        stds = np.array([_number(item['std']) for item in items.values()])
+        found.append(msg.DiagnosedCause(
+            effect=cause['effect'], group=list(cause['group']), parameter_names=list(items),
+            units=[item['unit'] for item in items.values()], values=values.tolist(),
+            stds=stds.tolist(), lower=(values - 1.96 * stds).tolist(),
+            upper=(values + 1.96 * stds).tolist(),
+            p_value=_number(cause['evidence'].get('p_value')),
+            delta_bic=_number(cause['evidence'].get('delta_bic')),
+            misfit_reduction_fit=_number(cause['gain'].get('fit')),
+            misfit_reduction_held_out=_number(cause['gain'].get('held_out'))))
+    return found
 
 
 def fill_diagnosis(result: Any, document: Mapping[str, Any]) -> None:
@@ -120,21 +130,6 @@ def fill_diagnosis(result: Any, document: Mapping[str, Any]) -> None:
             **{name: _number(model.get(name)) for name in (
                 'p_value', 'delta_bic', 'misfit', 'share_of_range')})
         for model in document.get('candidates') or ()]
-
-
-def _cause_to_message(cause: Mapping[str, Any]) -> msg.DiagnosedCause:
-    items = cause['parameters']
-    values = [float(item['value']) for item in items.values()]
-    stds = [_number(item['std']) for item in items.values()]
-    return msg.DiagnosedCause(
-        effect=cause['effect'], group=list(cause['group']), parameter_names=list(items),
-        units=[item['unit'] for item in items.values()], values=values, stds=stds,
-        lower=[value - 1.96 * std for value, std in zip(values, stds, strict=True)],
-        upper=[value + 1.96 * std for value, std in zip(values, stds, strict=True)],
-        p_value=_number(cause['evidence'].get('p_value')),
-        delta_bic=_number(cause['evidence'].get('delta_bic')),
-        misfit_reduction_fit=_number(cause['gain'].get('fit')),
-        misfit_reduction_held_out=_number(cause['gain'].get('held_out')))
 
 
 def _number(value: float | None) -> float:
@@ -184,16 +179,16 @@ def to_stamp(time: Time) -> int:
 def progress_of(node: str, subscriptions: list[RawSubscription], publishers: list[RawPublisher],
                 replayed_until: int = 0) -> msg.ReplayProgress:
     """Report of a node with these flows."""
-    message = msg.ReplayProgress(node=node, replayed_until=to_time(replayed_until))
-    message.inputs = [flow.topic for flow in subscriptions]
-    message.input_stamps = [to_time(flow.last_stamp) for flow in subscriptions]
-    message.received = [flow.received for flow in subscriptions]
-    message.publishers = [flow.publishers() for flow in subscriptions]
-    message.outputs = [flow.topic for flow in publishers]
-    message.output_stamps = [to_time(flow.last_stamp) for flow in publishers]
-    message.published = [flow.published for flow in publishers]
-    message.subscriptions = [flow.subscriptions() for flow in publishers]
-    return message
+    return msg.ReplayProgress(
+        node=node, replayed_until=to_time(replayed_until),
+        inputs=[flow.topic for flow in subscriptions],
+        input_stamps=[to_time(flow.last_stamp) for flow in subscriptions],
+        received=[flow.received for flow in subscriptions],
+        publishers=[flow.publishers() for flow in subscriptions],
+        outputs=[flow.topic for flow in publishers],
+        output_stamps=[to_time(flow.last_stamp) for flow in publishers],
+        published=[flow.published for flow in publishers],
+        subscriptions=[flow.subscriptions() for flow in publishers])
 
 
 MAX_SPECTATORS = 8
@@ -234,7 +229,11 @@ class LockstepGroup:
             message.node in self._spectators or len(self._spectators) < MAX_SPECTATORS)
         if message.node not in self.names and not is_spectator:
             return
-        if not _is_whole(message):
+        taken = {len(values) for values in (
+            message.inputs, message.input_stamps, message.received, message.publishers)}
+        given = {len(values) for values in (
+            message.outputs, message.output_stamps, message.published, message.subscriptions)}
+        if len(taken) > 1 or len(given) > 1:
             self.malformed += 1
             return
         before = self.said.get(message.node)
@@ -248,7 +247,7 @@ class LockstepGroup:
 
     def spectators_lag(self, now: float) -> int:
         """How far [ns] the spectator that is furthest behind is behind what was published."""
-        last = self._last_stamps(list(self.said.values()))
+        last = self._last_stamps(self.said.values())
         return max((last[topic] - (to_stamp(time) or self._start)
                     for said in self._watching(now)
                     for topic, time, count in zip(said.inputs, said.input_stamps, said.publishers,
@@ -283,13 +282,8 @@ class LockstepGroup:
     def absent(self) -> list[str]:
         """Participants that sent nothing yet, or are not matched with the others, in words."""
         reasons = [f'{name}: nothing received' for name in self.names if name not in self.said]
-        if reasons:
-            return reasons
-        for name in self.names:
-            reason = self._unmatched(self.said[name])
-            if reason:
-                reasons.append(f'{name}: {reason}')
-        return reasons
+        return reasons or [f'{name}: {reason}' for name in self.names
+                           if (reason := self._unmatched(self.said[name]))]
 
     def _unmatched(self, said: msg.ReplayProgress) -> str:
         others = [self.said[name] for name in self.names if name != said.node]
@@ -305,21 +299,17 @@ class LockstepGroup:
 
     def behind(self, until: int) -> list[str]:
         """Who has not caught up with the replay at `until` [ns], in words."""
-        reasons = []
         present = [self.said[name] for name in self.names
                    if name in self.said and name not in self.excused]
         last = self._last_stamps(present)
-        for said in present:
-            reason = self._lag(said, until, last)
-            if reason:
-                reasons.append(f'{said.node}: {reason}')
-        return reasons
+        return [f'{said.node}: {reason}' for said in present
+                if (reason := self._lag(said, until, last))]
 
-    def _last_stamps(self, writers: list[msg.ReplayProgress]) -> dict[str, int]:
+    def _last_stamps(self, writers: Iterable[msg.ReplayProgress]) -> dict[str, int]:
         """By topic the stamp [ns] of the last message that one of them published."""
-        return {topic: to_stamp(time) for said in writers
+        return {topic: stamp for said in writers
                 for topic, time in zip(said.outputs, said.output_stamps, strict=True)
-                if to_stamp(time)}
+                if (stamp := to_stamp(time))}
 
     def _lag(self, said: msg.ReplayProgress, until: int, last: dict[str, int]) -> str:
         replayed = to_stamp(said.replayed_until)
@@ -331,11 +321,3 @@ class LockstepGroup:
             if (stamp or said.node in self._owing) and stamp != last.get(topic, stamp):
                 return f'is {(last[topic] - (stamp or self._start)) / 1e9:.3f} s behind on {topic}'
         return ''
-
-
-def _is_whole(message: msg.ReplayProgress) -> bool:
-    """Whether every topic has its stamp and its counts."""
-    taken, given = len(message.inputs), len(message.outputs)
-    return (len(message.input_stamps) == len(message.received) == len(message.publishers) == taken
-            and len(message.output_stamps) == len(message.published)
-            == len(message.subscriptions) == given)

@@ -9,7 +9,7 @@ from itertools import pairwise
 import math
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from rcl_interfaces import msg
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
@@ -130,39 +130,27 @@ def declare(node: Node, parameters: Sequence[NodeParameter]) -> NodeSettings:
 
 
 def _declare_one(node: Node, parameter: NodeParameter) -> Any:
-    override = _override(node, parameter)
-    if override is not None:
-        reason = parameter.refusal(override)
+    overrides: dict[str, RosParameter] = node._parameter_overrides
+    given, kind = overrides.get(parameter.name), type(parameter.default)
+    if given is not None and kind is float and given.type_ == RosParameter.Type.INTEGER:
+        given = RosParameter(parameter.name, value=float(given.value))
+        overrides[parameter.name] = given
+    if given is not None and isinstance(given.value, kind):
+        reason = parameter.refusal(given.value)
         if reason:
             raise NodeError(f'{node.get_name()}: parameter {reason}')
     try:
         return node.declare_parameter(
             parameter.name, parameter.default, parameter.descriptor()).value
     except InvalidParameterTypeException as problem:
-        raise NodeError(
-            f'{node.get_name()}: parameter {parameter.name} is {override!r}: give a '
-            f'{_kind(parameter.default)}') from problem
+        value = None if given is None else given.value
+        raise NodeError(f'{node.get_name()}: parameter {parameter.name} is {value!r}: give a '
+                        f'{_KINDS[kind]}') from problem
     except InvalidParameterValueException as problem:
         raise NodeError(f'{node.get_name()}: parameter {problem}') from problem
 
 
-def _override(node: Node, parameter: NodeParameter) -> Any:
-    """The value given at the start, if any; a whole number where a float is due is one."""
-    overrides: dict[str, RosParameter] = node._parameter_overrides
-    given = overrides.get(parameter.name)
-    if given is None:
-        return None
-    if isinstance(parameter.default, float) and given.type_ == RosParameter.Type.INTEGER:
-        overrides[parameter.name] = RosParameter(parameter.name, value=float(given.value))
-        return float(given.value)
-    kind = type(parameter.default)
-    return given.value if isinstance(given.value, kind) else None
-
-
-def _kind(default: Value) -> str:
-    names = {bool: 'true or false', int: 'whole number', float: 'number', str: 'text',
-             list: 'list'}
-    return names[type(default)]
+_KINDS = {bool: 'true or false', int: 'whole number', float: 'number', str: 'text', list: 'list'}
 
 
 def _rig_values(rig: Rig) -> dict[str, Any]:
@@ -296,23 +284,11 @@ def _put(nested: dict[str, Any], path: Sequence[str], value: Any) -> None:
     nested[path[-1]] = value
 
 
-def plain(values: Mapping[str, Any]) -> dict[str, str]:
-    """Values as texts, for diagnostics."""
-    return {key: f'{value:.6g}' if isinstance(value, float) else str(value)
-            for key, value in values.items()}
+def root_folder(node: Any, parameter: str, default: Path) -> Path:
+    """The folder that a parameter in the node's `settings` names, or `default`.
 
-
-class WithSettings(Protocol):
-    """A node whose parameters were declared."""
-
-    settings: NodeSettings
-
-    def get_name(self) -> str:
-        """The node's name."""
-
-
-def root_folder(node: WithSettings, parameter: str, default: Path) -> Path:
-    """The folder a parameter names, or `default`; NodeError if it is not there."""
+    NodeError if it is not there.
+    """
     given = node.settings.text(parameter)
     root = Path(given).expanduser() if given else default
     if given and not root.is_dir():

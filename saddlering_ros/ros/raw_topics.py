@@ -6,10 +6,10 @@ A loop waits for data, works a batch off, and serves everything else in between.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 import importlib
 import time
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, TYPE_CHECKING, TypeVar
 
 from rclpy import qos
 from rclpy.callback_groups import CallbackGroup
@@ -23,6 +23,9 @@ from saddlering_ros.bags.wire import CdrError, decode_samples
 from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.topics import RigTopic
 from saddlering_ros.ros.names import NodeError
+
+if TYPE_CHECKING:
+    from saddlering_ros.ros.streaming_node import StreamingNode
 
 DEPTH = 5000
 """Messages that may wait at either end of a stream: five seconds at 1 kHz."""
@@ -168,7 +171,11 @@ class RawSubscription:
         try:
             return decode(messages)
         except CdrError as problem:
-            sound = [message for message in messages if _can_be(decode, message)]
+            sound = []
+            for message in messages:
+                with suppress(CdrError):
+                    decode([message])
+                    sound.append(message)
             self.malformed += len(messages) - len(sound)
             self._node.get_logger().error(
                 f'{self.topic}: malformed messages are dropped: {problem}',
@@ -218,14 +225,6 @@ class RawPublisher:
         self._node.destroy_publisher(self.publisher)
 
 
-def _can_be(decode: Callable[[list[bytes]], Any], message: bytes) -> bool:
-    try:
-        decode([message])
-    except CdrError:
-        return False
-    return True
-
-
 def _never_called(message: bytes) -> None:
     raise AssertionError('drained subscriptions have no callback')
 
@@ -251,35 +250,6 @@ PATIENCE = 0.005
 """Longest wait for the awaited subscriptions alone [s]; then any message begins a batch."""
 
 
-class Streaming(Protocol):
-    """Methods of a node that the loop calls."""
-
-    def raw_subscriptions(self) -> list[RawSubscription]:
-        """The subscriptions to wait for (they may change from call to call)."""
-
-    def awaited(self) -> list[RawSubscription]:
-        """Those of them without whose next message a batch would give no result."""
-
-    def work(self) -> None:
-        """Take and process the messages that have arrived."""
-
-    def tick(self, now: float) -> float:
-        """Do the work due at `now` (monotonic) [s]; returns the next longest wait [s]."""
-
-    def finished(self) -> bool:
-        """Whether the node wants to leave."""
-
-
-class Ready(NamedTuple):
-    """What ended a wait: data of a stream, or a message or call that the executor serves."""
-
-    data: bool
-    call: bool
-
-
-NOTHING = Ready(False, False)
-
-
 class DataWait:
     """Waits for any of some subscriptions, without the cost of an executor."""
 
@@ -288,10 +258,11 @@ class DataWait:
         self._sets: dict[tuple[int, int], Any] = {}
 
     def wait(self, subscriptions: list[RawSubscription], seconds: float,
-             node: Node | None = None) -> Ready:
-        """Wait until one of `subscriptions` has data, at most `seconds`.
+             node: Node | None = None) -> tuple[bool, bool]:
+        """Wait until one of `subscriptions` has data, at most `seconds`: whether one has.
 
-        With `node`, a message or a call that its executor is to serve ends the wait too.
+        With `node`, a message or a call that its executor is to serve ends the wait too: the
+        second answer.
         """
         streams = [flow.handle for flow in subscriptions]
         services = [] if node is None else [service.handle for service in node.services]
@@ -299,9 +270,15 @@ class DataWait:
             flow.handle for flow in node.subscriptions if flow.callback_group.can_execute(flow)]
         if not streams and not services and not others:
             time.sleep(seconds)
-            return NOTHING
+            return False, False
+        sizes = len(streams) + len(others), len(services)
+        if sizes not in self._sets:
+            with self._context.handle:
+                self._sets[sizes] = rclpy_implementation.WaitSet(
+                    sizes[0], 0, 0, 0, sizes[1], 0, self._context.handle)
+        ready = self._sets[sizes]
+        ready.clear_entities()
         with ExitStack() as held:
-            ready = self._wait_set(len(streams) + len(others), len(services))
             for handle in (*streams, *others):
                 held.enter_context(handle)
                 ready.add_subscription(handle)
@@ -310,25 +287,13 @@ class DataWait:
                 ready.add_service(handle)
             ready.wait(max(0, int(seconds * 1e9)))
             come = ready.get_ready_entities('subscription')
-            return Ready(
-                any(handle.pointer in come for handle in streams),
-                any(handle.pointer in come for handle in others)
-                or bool(services and ready.get_ready_entities('service')))
-
-    def _wait_set(self, subscriptions: int, services: int) -> Any:
-        """An empty set with these sizes, made once."""
-        sizes = subscriptions, services
-        if sizes not in self._sets:
-            with self._context.handle:
-                self._sets[sizes] = rclpy_implementation.WaitSet(
-                    subscriptions, 0, 0, 0, services, 0, self._context.handle)
-        found = self._sets[sizes]
-        found.clear_entities()
-        return found
+            return (any(handle.pointer in come for handle in streams),
+                    any(handle.pointer in come for handle in others)
+                    or bool(services and ready.get_ready_entities('service')))
 
 
-def spin_streaming(node: Node, streaming: Streaming) -> None:
-    """Run `streaming` until it is finished or its context is shut down.
+def spin_streaming(node: StreamingNode) -> None:
+    """Run a node until it is finished or its context is shut down.
 
     Everything but the drained subscriptions (services, parameters, lifecycle) is served by an
     ordinary executor: within IDLE_WAIT while data flow, as soon as it comes while none do.
@@ -339,26 +304,25 @@ def spin_streaming(node: Node, streaming: Streaming) -> None:
     looked = served = due = limit = 0.0
     heard = time.monotonic()
     try:
-        while node.context.ok() and not streaming.finished():
+        while node.context.ok() and not node.done:
             silent = time.monotonic() - heard
             asleep = silent >= ASLEEP_AFTER
             if silent < PATIENCE:
-                ready = data.wait(streaming.awaited(), min(limit, PATIENCE))
+                has_data, called = data.wait(node.awaited(), min(limit, PATIENCE))
             else:
-                ready = data.wait(streaming.raw_subscriptions(), limit, node if asleep else None)
+                has_data, called = data.wait(node.inputs, limit, node if asleep else None)
             woke = time.monotonic()
-            if ready.data:
+            if has_data:
                 due = max(due + PERIOD, woke - PERIOD)  # after a late one, the next may be early
                 time.sleep(max(0.0, due - woke))
                 heard = time.monotonic()
-                streaming.work()
-            called = ready.call
+                node.work()
             if not asleep and woke - looked >= IDLE_WAIT:
-                looked, called = woke, calls.wait([], 0.0, node).call
+                looked, (_, called) = woke, calls.wait([], 0.0, node)
             if called or woke - served >= SERVE_ALL:
                 _serve(executor)
                 served = time.monotonic()
-            limit = min(ASLEEP_WAIT if asleep else IDLE_WAIT, streaming.tick(time.monotonic()))
+            limit = min(ASLEEP_WAIT if asleep else IDLE_WAIT, node.tick(time.monotonic()))
     finally:
         executor.remove_node(node)
         executor.shutdown(timeout_sec=0.0)

@@ -174,14 +174,6 @@ SHOWN = 3
 """Reasons in the words of the status; the figures hold all."""
 
 
-@dataclass(frozen=True)
-class _Status:
-    level: int
-    words: str
-    at: float
-    is_active: bool
-
-
 class Readiness:
     """Receives the statuses of nodes; names the reasons that prevent a test.
 
@@ -191,8 +183,8 @@ class Readiness:
     """
 
     def __init__(self, needed: Sequence[str]) -> None:
-        self._needed = tuple(needed)
-        self._heard: dict[str, dict[str, _Status]] = {name: {} for name in needed}
+        self._heard: dict[str, dict[str, tuple[TaskStatus, float]]] = {
+            name: {} for name in needed}
         self._events: dict[str, tuple[float, str]] = {}
 
     def hear(self, name: str, level: int, words: str, now: float) -> None:
@@ -200,27 +192,26 @@ class Readiness:
         node, _, task = name.partition(': ')
         if node not in self._heard:
             return
-        self._heard[node][task] = _Status(level, words, now, words == ACTIVE)
+        self._heard[node][task] = TaskStatus(level, words), now
         if task == EVENTS_TASK and level > OK:
             self._events[node] = now, words
 
     def reasons(self, now: float) -> list[str]:
         """Reasons that prevent a test at `now` [s, monotonic], one line each; none: ready."""
-        return [reason for node in self._needed for reason in self._reasons_of(node, now)]
-
-    def _reasons_of(self, node: str, now: float) -> list[str]:
-        current = {task: status for task, status in self._heard[node].items()
-                   if now - status.at <= SILENT}
-        state = current.get(STATE_TASK)
-        if state is None:
-            return [f'{node} does not report']
-        if not state.is_active:
-            return [f'{node} is {state.words}']
-        reasons = [f'{node}: {task}: {status.words}' for task, status in current.items()
-                   if status.level > OK and task != EVENTS_TASK]
-        at, words = self._events.get(node, (-EVENTS_COUNT, ''))
-        if now - at < EVENTS_COUNT:
-            reasons.append(f'{node}: {words} in the last {EVENTS_COUNT:g} s')
+        reasons = []
+        for node, heard in self._heard.items():
+            current = {task: status for task, (status, at) in heard.items() if now - at <= SILENT}
+            state = current.get(STATE_TASK)
+            if state is None:
+                reasons.append(f'{node} does not report')
+            elif state.words != ACTIVE:
+                reasons.append(f'{node} is {state.words}')
+            else:
+                reasons += [f'{node}: {task}: {status.words}' for task, status in current.items()
+                            if status.level > OK and task != EVENTS_TASK]
+                at, words = self._events.get(node, (-EVENTS_COUNT, ''))
+                if now - at < EVENTS_COUNT:
+                    reasons.append(f'{node}: {words} in the last {EVENTS_COUNT:g} s')
         return reasons
 
 

@@ -29,7 +29,7 @@ from saddlering_ros.errors import SaddleringError
 from saddlering_ros.ros import diagnostics, launcher, parameters, raw_topics
 from saddlering_ros.ros.diagnostics import OK, Task, TaskStatus
 from saddlering_ros.ros.messages import progress_of
-from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, PROGRESS, rig_name
+from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, NodeError, PROGRESS, rig_name
 from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 
@@ -120,12 +120,10 @@ class StreamingNode(LifecycleNode):
         """Configure and activate, if `autostart` is set; raises the error that prevents it."""
         if not self.settings['autostart'] or not self.startable():
             return
-        self.trigger_configure()
-        if self.problem is not None:
-            raise self.problem
-        self.trigger_activate()
-        if self.problem is not None:
-            raise self.problem
+        for step in (self.trigger_configure, self.trigger_activate):
+            step()
+            if self.problem is not None:
+                raise self.problem
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Make the core from the parameters."""
@@ -169,6 +167,20 @@ class StreamingNode(LifecycleNode):
         """How many publishers each input topic has."""
         return {flow.topic: flow.publishers() for flow in self.inputs}
 
+    def offer(self, kind: Any, name: str, act: Callable[[Any], str]) -> None:
+        """Serve `name` while the node is active; `act` gives the words, NodeError refuses."""
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                if not self.active:
+                    raise NodeError('is not active: ros2 lifecycle set '
+                                    f'{self.get_fully_qualified_name()} activate')
+                response.success, response.message = True, act(request)
+            except NodeError as refusal:
+                response.success, response.message = False, str(refusal)
+            return response
+
+        self.create_service(kind, name, answer)
+
     def hand_over(self) -> None:
         """Stay until each reliable reader has every message, at most LONGEST_HAND_OVER.
 
@@ -190,17 +202,9 @@ class StreamingNode(LifecycleNode):
 
     # --- the loop ---
 
-    def raw_subscriptions(self) -> list[RawSubscription]:
-        """The subscriptions to wait for."""
-        return self.inputs
-
     def awaited(self) -> list[RawSubscription]:
         """Those of them without whose next message a batch would give no result."""
         return self.inputs
-
-    def finished(self) -> bool:
-        """Whether the node wants to leave."""
-        return self.done
 
     def work(self) -> None:
         """Process the messages that have arrived."""
@@ -235,25 +239,27 @@ class StreamingNode(LifecycleNode):
 
     def _diagnose(self, now: float) -> None:
         elapsed, self._diagnosed = now - self._diagnosed, now
+        if self.active:
+            state = TaskStatus(OK, diagnostics.ACTIVE)
+        elif self.problem is not None:
+            state = TaskStatus(diagnostics.ERROR, f'not active: {self.problem}')
+        else:
+            steps = 'activate' if self.tasks else 'configure, then activate'
+            state = TaskStatus(
+                OK, f'not active: ros2 lifecycle set {self.get_fully_qualified_name()} {steps}')
         message = diagnostics.to_message(
             diagnostic_name(self),
-            [(diagnostics.STATE_TASK, self._state_status()),
+            [(diagnostics.STATE_TASK, state),
              *((task.name, task.report(elapsed)) for task in self.tasks)],
             rig_name(self, self.settings.text('hardware_id')))
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
-    def _state_status(self) -> TaskStatus:
-        if self.active:
-            return TaskStatus(OK, diagnostics.ACTIVE)
-        if self.problem is not None:
-            return TaskStatus(diagnostics.ERROR, f'not active: {self.problem}')
-        steps = 'activate' if self.tasks else 'configure, then activate'
-        return TaskStatus(
-            OK, f'not active: ros2 lifecycle set {self.get_fully_qualified_name()} {steps}')
-
 
 UNUSABLE = 2
+REFUSALS = ('RCLError', 'UnknownROSArgsError', 'InvalidNodeNameException',
+            'RCLInvalidROSArgsError', 'InvalidNamespaceException')
+"""Errors by which rclpy refuses a command line (--ros-args, a parameter file it cannot read)."""
 LONGEST_END = 3.0
 """Longest time [s] for the middleware to leave the network; a launch grants five in all."""
 
@@ -267,10 +273,21 @@ def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None 
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, finish)
         node.start()
-        keep_out_of_collections()
-        raw_topics.spin_streaming(node, node)
+        # A full collection of garbage looks at every object of every imported library, which
+        # takes tens of milliseconds in the middle of a stream. These objects are exempt from it.
+        gc.collect()
+        gc.freeze()
+        raw_topics.spin_streaming(node)
         node.hand_over()
     return run(make, spin, args)
+
+
+def executable(make: Callable[[], StreamingNode]) -> Callable[..., None]:
+    """The function `main` of a streaming node's module."""
+    def main(args: Sequence[str] | None = None) -> None:
+        leave(run_streaming(make, args))
+
+    return main
 
 
 def run(make: Callable[[], Any], spin: Callable[[Any], None],
@@ -297,17 +314,15 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
             node.get_logger().error(crowded)
         spin(node)
         return 0
-    except SaddleringError as problem:
-        print(_one_line(str(problem)), file=sys.stderr)
-        return UNUSABLE
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except Exception as problem:
-        if node is not None and not node.context.ok():
-            return 0  # a signal came in the middle of work
-        if node is not None or not _is_usage(problem):
-            raise
-        print(_one_line(str(problem)), file=sys.stderr)
+        if not isinstance(problem, SaddleringError):
+            if node is not None and not node.context.ok():
+                return 0  # a signal came in the middle of work
+            if node is not None or type(problem).__name__ not in REFUSALS:
+                raise
+        print(' '.join(str(problem).split()), file=sys.stderr)
         return UNUSABLE
     finally:
         # Destroy the node and the context; a second Ctrl-C must not interrupt this.
@@ -319,16 +334,6 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
                 node.destroy_node()
         with contextlib.suppress(Exception):
             rclpy.try_shutdown()
-
-
-def keep_out_of_collections() -> None:
-    """Exempt all objects there are from the collection of garbage.
-
-    A full collection looks at every object of every imported library, which takes tens of
-    milliseconds in the middle of a stream.
-    """
-    gc.collect()
-    gc.freeze()
 
 
 def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
@@ -364,14 +369,3 @@ def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
             stream.flush()
     del handler
     os._exit(status)
-
-
-def _is_usage(problem: Exception) -> bool:
-    """Whether rclpy refused the command line (--ros-args, a parameter file it cannot read)."""
-    return type(problem).__name__ in (
-        'RCLError', 'UnknownROSArgsError', 'InvalidNodeNameException', 'RCLInvalidROSArgsError',
-        'InvalidNamespaceException')
-
-
-def _one_line(text: str) -> str:
-    return ' '.join(text.split())

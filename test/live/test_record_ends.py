@@ -11,7 +11,7 @@ import time
 import pytest
 from rosnet import wait_until
 
-from saddlering_ros.ros.launcher import environment
+from saddlering_ros.ros.launcher import NodeGroup
 
 pytestmark = pytest.mark.ros
 
@@ -22,7 +22,8 @@ def test_a_signal_ends_a_recording_with_status_0(
     log = tmp_path / 'log'
     with log.open('w') as stream, subprocess.Popen(
             [sys.executable, '-m', 'saddlering_ros.cli.main', 'record', str(tmp_path / 'bag')],
-            env=environment(ros_domain), stdout=stream, stderr=subprocess.STDOUT) as process:
+            env=NodeGroup(ros_domain).environment, stdout=stream,
+            stderr=subprocess.STDOUT) as process:
         wait_until(lambda: 'recording' in log.read_text() or process.poll() is not None)
         deadline = time.monotonic() + 30.0
         while process.poll() is None and time.monotonic() < deadline:

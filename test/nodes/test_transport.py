@@ -14,7 +14,6 @@ from rosnet import Client, Driver, wait_until
 
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import (
-    environment,
     NodeGroup,
     packed_publication,
     PROFILE_VARIABLES,
@@ -149,4 +148,4 @@ def test_the_profile_is_one_fast_dds_can_read_and_gives_way_to_the_users(
     assert number('leaseAnnouncement/sec') == 0
     monkeypatch.setenv(PROFILE_VARIABLES[1], '/the/users.xml')
     assert transport_environment() == packed_publication() == {}
-    assert PROFILE_VARIABLES[0] not in environment(1)
+    assert PROFILE_VARIABLES[0] not in NodeGroup(1).environment
