@@ -18,14 +18,7 @@ from saddlering_ros.bags.wire import CdrError, McapChannel, Messages
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.metadata import KEYS, METADATA_RECORD, same_text, TestMetadata
 from saddlering_ros.record.scratch import extremes, GrowingArray
-from saddlering_ros.record.topics import (
-    optional_topics,
-    RIG_TOPICS,
-    RigTopic,
-    TOPICS,
-    VECTOR_TYPE,
-    WRENCH_TYPE,
-)
+from saddlering_ros.record.topics import RIG_TOPICS, RigTopic, TOPICS, VECTOR_TYPE, WRENCH_TYPE
 
 MAX_MESSAGE = 1 << 16
 """Largest stated size [bytes] of a single compressed message of the rig; a larger one is
@@ -152,7 +145,7 @@ def scan(
     `on_progress` gets the share of its bytes that was read, after each block. Raises BagError
     only where there is no bag to read at all.
     """
-    wanted = (*RIG_TOPICS, *optional_topics()) if topics is None else topics
+    wanted = TOPICS if topics is None else topics
     directory = folder.open_directory(path)
     result = Scan(directory)
     whole = max(1, directory.size)

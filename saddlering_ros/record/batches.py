@@ -129,8 +129,6 @@ class AlignedRows:
     @staticmethod
     def join(batches: Sequence[AlignedRows]) -> AlignedRows:
         """Several batches of one test as one."""
-        if len(batches) == 1:
-            return batches[0]
         return AlignedRows(**_joined(batches), restart=batches[-1].restart)
 
 
@@ -173,17 +171,15 @@ class Displacements:
 
 def no_displacements() -> Displacements:
     """An empty batch of displacements."""
-    return Displacements(np.empty(0, np.int64), np.empty((4, 0)), np.empty(0, np.int64),
-                         np.empty(0))
+    none = np.empty(0, np.int64)
+    return Displacements(none, np.empty((4, 0)), none, np.empty(0))
 
 
 def join(batches: Sequence[Displacements]) -> Displacements:
     """Several batches as one."""
     if len(batches) == 1:
         return batches[0]
-    if not batches:
-        return no_displacements()
-    return Displacements(**_joined(batches))
+    return Displacements(**_joined(batches)) if batches else no_displacements()
 
 
 def _joined(batches: Sequence[AlignedRows] | Sequence[Displacements]) -> dict[str, Any]:
@@ -250,6 +246,7 @@ def gap_mask(stamps: Stamps) -> Mask:
     """Mask (N - 1,) of the intervals between consecutive `stamps` (N,) that are gaps."""
     mask = np.zeros(max(len(stamps) - 1, 0), dtype=bool)
     for part in blocks(len(mask), stamps, size=65536):
+
         long = part.start + np.flatnonzero(np.diff(stamps[part.start:part.stop + 1])
                                            > GAP_FLOOR_NS)
         mask[long] = _are_gaps(stamps, long)

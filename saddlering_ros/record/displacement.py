@@ -16,16 +16,7 @@ import numpy as np
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import batches
 from saddlering_ros.record.aligner import Aligner
-from saddlering_ros.record.batches import (
-    AlignedRows,
-    Bits,
-    Displacements,
-    Floats,
-    Mask,
-    Samples,
-    Stamps,
-    ZERO_ELSEWHERE,
-)
+from saddlering_ros.record.batches import AlignedRows, Bits, Displacements, Floats, Mask, Samples
 from saddlering_ros.record.guard import GuardCounters, load_limits, probe_limits, SampleGuard
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import blocks
@@ -72,7 +63,7 @@ def a_pair_reads(gaps: Floats) -> Mask:
 
 
 def displacements(
-    rig: Rig, zero: Zero, stamps: Stamps, gaps: Floats, marks: Bits | None = None,
+    rig: Rig, zero: Zero, stamps: batches.Stamps, gaps: Floats, marks: Bits | None = None,
     elevation: float = float('nan'),
 ) -> Displacements:
     """The displacement at stamps (N,) from gaps (4, N); rows without any motion are left out.
@@ -106,7 +97,7 @@ class MeasuredRun:
     """
 
     time: Floats
-    stamps: Stamps
+    stamps: batches.Stamps
     load: Floats
     d: Floats
     displacement: Displacement
@@ -178,7 +169,7 @@ def measured_stretches(
     """
     zero = zero_of_run(rig, run)
     if not zero.reading.near_preload:
-        notes.append(ZERO_ELSEWHERE)
+        notes.append(batches.ZERO_ELSEWHERE)
 
     def stretches() -> Iterator[Displacements]:
         for part in blocks(len(run.time), run.stamps, run.time, run.load, run.gaps):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 import math
+from typing import Any
 
 from saddlering_ros.errors import BagError, plain_number, printable
 
@@ -60,34 +61,27 @@ class TestMetadata:
     @property
     def problems(self) -> tuple[str, ...]:
         """Reasons that prevent the use of the metadata, one line each, without the bag's name."""
-        missing = []
         said = ' '.join(self.conflicts + self.faults)
-        if self.test is None and 'test is' not in said:
-            missing.append(
-                "does not state the kind of test: give test='static' or test='dynamic', or "
-                f'add "test" to custom_data of metadata.yaml or to the record {METADATA_RECORD}')
-        if self.elevation_deg is None and 'elevation_deg is' not in said:
-            missing.append(
-                'does not state the elevation: give elevation_deg=DEG, or add "elevation_deg" to '
-                f'custom_data of metadata.yaml or to the record {METADATA_RECORD}')
+        missing = [
+            f'does not state the {what}: give {option}, or add "{key}" to custom_data of '
+            f'metadata.yaml or to the record {METADATA_RECORD}'
+            for key, value, what, option in (
+                ('test', self.test, 'kind of test', "test='static' or test='dynamic'"),
+                ('elevation_deg', self.elevation_deg, 'elevation', 'elevation_deg=DEG'))
+            if value is None and f'{key} is' not in said]
         return (*self.conflicts, *self.faults, *missing)
 
     def overruled(self, test: str | None, elevation_deg: float | None) -> TestMetadata:
         """The same with values of options in place of those of the bag."""
-        metadata = self
+        given: dict[str, Any] = {}
         if test is not None:
-            metadata = metadata._settled('test', test=check_kind(test, 'option'))
+            given['test'] = check_kind(test, 'option')
         if elevation_deg is not None:
-            value = check_elevation(elevation_deg, 'option')
-            metadata = metadata._settled('elevation_deg', elevation_deg=value)
-        return metadata
-
-    def _settled(self, key: str, **values: object) -> TestMetadata:
-        return replace(
-            self,
-            conflicts=tuple(line for line in self.conflicts if not line.startswith(f'{key} is')),
-            faults=tuple(line for line in self.faults if not line.startswith(f'{key} is')),
-            **values)  # type: ignore[arg-type]
+            given['elevation_deg'] = check_elevation(elevation_deg, 'option')
+        conflicts, faults = (
+            tuple(line for line in lines if line.partition(' is ')[0] not in given)
+            for lines in (self.conflicts, self.faults))
+        return replace(self, conflicts=conflicts, faults=faults, **given)
 
 
 def check_kind(test: str, where: str) -> str:

@@ -59,7 +59,7 @@ SAME_LEVEL_SHARE = 0.35
 class Plateaus:
     """The M plateaus of a static run in order of time; indices count the run's load samples.
 
-    load, load_std_error (M,) [N]; gaps, gaps_std_error (4, M) [m], NaN for a probe that was not
+    load (M,) [N]; gaps, gaps_std_error (4, M) [m], NaN for a probe that was not
     reading; time (M,) [s], mean over the part averaged; start, stop (M,): the part averaged
     is [start, stop); hold_start, hold_stop (M,): the whole hold; branch (M,): +1 reached from
     below and left upwards (or the end), -1 the other way, 0 at the first plateau and
@@ -68,7 +68,6 @@ class Plateaus:
     """
 
     load: NDArray[np.float64]
-    load_std_error: NDArray[np.float64]
     gaps: NDArray[np.float64]
     gaps_std_error: NDArray[np.float64]
     time: NDArray[np.float64]
@@ -108,24 +107,24 @@ def plateaus(run: Record, *, errors: bool = True) -> Plateaus:
     begins = run.time[hold_start] + SETTLING_SHARE * (
         run.time[hold_stop - 1] - run.time[hold_start])
     start = np.minimum(np.searchsorted(run.time, begins), hold_stop - MIN_SAMPLES)
-    load = plateau_means(start, hold_stop, run.load, errors=errors)
+    load = plateau_means(start, hold_stop, run.load, errors=False).mean
     gaps = plateau_means(start, hold_stop, run.gaps, errors=errors)
     # Number of each plateau's load level, 0 the lowest; the step is found from the loads.
-    step = float(np.median(np.abs(np.diff(load.mean))))
-    order = np.argsort(load.mean, kind='stable')
-    level = np.zeros(len(load.mean), dtype=np.int64)
-    number, members = 0, [float(load.mean[order[0]])]
+    step = float(np.median(np.abs(np.diff(load))))
+    order = np.argsort(load, kind='stable')
+    level = np.zeros(len(load), dtype=np.int64)
+    number, members = 0, [float(load[order[0]])]
     for place in order[1:].tolist():
-        if load.mean[place] - np.mean(members) > SAME_LEVEL_SHARE * step:
+        if load[place] - np.mean(members) > SAME_LEVEL_SHARE * step:
             number, members = number + 1, []
-        members.append(float(load.mean[place]))
+        members.append(float(load[place]))
         level[place] = number
     branch, cycle = _branches(level)
-    time = plateau_means(start, hold_stop, run.time, errors=False).mean
     return Plateaus(
-        load=load.mean, load_std_error=load.std_error, gaps=gaps.mean,
-        gaps_std_error=gaps.std_error, time=time, start=start, stop=hold_stop,
-        hold_start=hold_start, hold_stop=hold_stop, branch=branch, level=level, cycle=cycle)
+        load=load, gaps=gaps.mean, gaps_std_error=gaps.std_error,
+        time=plateau_means(start, hold_stop, run.time, errors=False).mean, start=start,
+        stop=hold_stop, hold_start=hold_start, hold_stop=hold_stop, branch=branch, level=level,
+        cycle=cycle)
 
 
 def plateau_means(
@@ -208,49 +207,31 @@ def _extended(
     """
     total = _running_sum(load)
     limit = max(tolerance, NOISE_FACTOR * noise / np.sqrt(edge))
-    limits = [0, *(start for start, _ in holds[1:]), len(load)]
+
+    def is_away(first: int, last: int) -> NDArray[np.bool_]:
+        means = (total[first + edge:last + edge] - total[first:last]) / edge
+        return np.asarray(np.abs(means - level) > limit)
+
     extended: list[tuple[int, int]] = []
     for number, (start, stop) in enumerate(holds):
         level = np.median(load[start:stop])
-        low = extended[-1][1] if extended else 0
-        before = _last_away(total, edge, (low, start - edge + 1), level, limit)
-        first = low if before is None else before + edge
-        after = _first_away(total, edge, (stop, limits[number + 1]), level, limit)
-        last = limits[number + 1] if after is None else after - edge
+        first = low = extended[-1][1] if extended else 0
+        high = holds[number + 1][0] if number + 1 < len(holds) else len(load)
+        # From the hold backwards to the last mean at another level, then forwards to the first.
+        end = min(start - edge + 1, len(total) - edge)
+        for part in blocks(end - low, total):
+            away = is_away(end - part.stop, end - part.start)
+            if away.any():
+                first = end - part.stop + int(np.flatnonzero(away)[-1]) + edge
+                break
+        last, end = high, min(high, len(total) - edge)
+        for part in blocks(end - stop, total):
+            away = is_away(stop + part.start, stop + part.stop)
+            if away.any():
+                last = stop + part.start + int(np.argmax(away)) - edge
+                break
         extended.append((min(first, start), max(last, stop)))
     return extended
-
-
-def _first_away(
-    total: NDArray[np.float64], edge: int, rows: tuple[int, int], level: float, limit: float,
-) -> int | None:
-    """The first of the samples [start, stop) after which `edge` samples have another level."""
-    start, stop = rows[0], min(rows[1], len(total) - edge)
-    for part in blocks(stop - start, total):
-        away = _away(total, edge, start + part.start, start + part.stop, level) > limit
-        if away.any():
-            return start + part.start + int(np.argmax(away))
-    return None
-
-
-def _last_away(
-    total: NDArray[np.float64], edge: int, rows: tuple[int, int], level: float, limit: float,
-) -> int | None:
-    """The last of the samples [start, stop) from which on `edge` samples have another level."""
-    start, stop = rows[0], min(rows[1], len(total) - edge)
-    for part in blocks(stop - start, total):
-        away = _away(total, edge, stop - part.stop, stop - part.start, level)[::-1] > limit
-        if away.any():
-            return stop - part.start - 1 - int(np.argmax(away))
-    return None
-
-
-def _away(
-    total: NDArray[np.float64], edge: int, start: int, stop: int, level: float,
-) -> NDArray[np.float64]:
-    """Distance from the level of the means of `edge` samples from each of [start, stop)."""
-    means = (total[start + edge:stop + edge] - total[start:stop]) / edge
-    return np.asarray(np.abs(means - level))
 
 
 def _steady(

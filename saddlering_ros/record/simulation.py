@@ -11,13 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.record import batches
-from saddlering_ros.record.batches import (
-    Displacements,
-    JITTER_NS,
-    longer_hold,
-    Samples,
-    ZERO_ELSEWHERE,
-)
+from saddlering_ros.record.batches import Displacements, Samples
 from saddlering_ros.record.guard import load_limits, SampleGuard
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import BLOCK, forget
@@ -115,12 +109,12 @@ class SimulationStream:
             newest = self._newest
             is_ahead = stamp - newest > self._max_gap and not batches.is_pause(
                 self.recording, newest, stamp)
-            if newest and (is_ahead or newest - stamp > JITTER_NS):
+            if newest and (is_ahead or newest - stamp > batches.JITTER_NS):
                 self.counters.jumps += 1
                 self.restart()
             if stamp < self.newest_stamp:
                 self.counters.late += 1
-                self.hold = longer_hold(self.hold, self._newest - stamp)
+                self.hold = batches.longer_hold(self.hold, self._newest - stamp)
                 continue
             self._newest = max(self._newest, stamp)
             held = self.held
@@ -211,7 +205,7 @@ def simulated_stretches(
             notes.append(
                 f'the solver did not converge in {failed} steps: their samples are left out')
         if zero is not None and not zero.near_preload:
-            notes.append(ZERO_ELSEWHERE)
+            notes.append(batches.ZERO_ELSEWHERE)
 
     of_run = stretches()
     zero, first = next(of_run)

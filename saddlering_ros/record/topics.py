@@ -69,11 +69,6 @@ RIG_TOPICS = (LOAD_TOPIC, *PROBE_TOPICS)
 """The topics that every test has."""
 
 
-def optional_topics() -> tuple[str, ...]:
-    """The topics that a test may have besides."""
-    return tuple(name for name, topic in TOPICS.items() if not topic.required)
-
-
 def relative(name: str) -> str:
     """A topic's name without the leading slash, so that a node's namespace goes before it."""
     return name.removeprefix('/')
