@@ -52,21 +52,14 @@ def test_a_probe_that_dies_leaves_the_channels_that_do_not_need_it(
     assert stream.take_missing() == [0, 0, 0, 0]
 
 
-def test_a_probe_that_comes_back_is_measured_with_again(record) -> None:
-    _, found = measured(record, dead=0, since=600, until=1500)
-    assert found.validity[-1] == 0
-    assert np.isfinite(found.channels[:, -1]).all()
-
-
-def test_a_probe_that_never_reads_is_missing_from_the_start(record) -> None:
-    _, found = measured(record, dead=1)
-    assert set(found.validity.tolist()) == {NO_DELTA_Y | NO_GAMMA}
-    assert np.isfinite(found.channels[0]).all()
-
-
-def test_a_short_gap_is_no_dead_probe(record) -> None:
-    _, found = measured(record, dead=0, since=600, until=650)  # 0.2 s
-    assert set(found.validity.tolist()) == {0}
+@pytest.mark.parametrize(('probe', 'rows', 'validity'), [
+    (1, (0, 10**9), {NO_DELTA_Y | NO_GAMMA}), (0, (600, 650), {0}),  # 0.2 s
+    (0, (600, 1500), {0, NO_DELTA_X | NO_PARITY})], ids=['never reads', 'short gap', 'comes back'])
+def test_a_probe_is_missing_as_long_as_it_does_not_read(record, probe, rows, validity) -> None:
+    _, found = measured(record, probe, *rows)
+    assert set(found.validity.tolist()) == validity
+    assert np.isfinite(found.channels[0 if probe else 1]).all()
+    assert found.validity[-1] == min(validity)
 
 
 @pytest.mark.parametrize(('probe', 'missing'), [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.record.batches import BRIDGED, DOUBTFUL_LOAD, join, Samples
+from saddlering_ros.record.batches import BRIDGED, Displacements, DOUBTFUL_LOAD, join, Samples
 from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.guard import load_limits, probe_limits, SampleGuard
 from saddlering_ros.record.residual import ResidualStream
@@ -30,6 +30,18 @@ def steady(count: int = 100) -> tuple[list[int], list[float]]:
     return [START + MS * index for index in range(count)], [1e5] * count
 
 
+def ramp() -> tuple[np.ndarray, np.ndarray]:
+    """Stamps [ns] and loads [N] of half a wave of 3 s."""
+    rows = np.arange(3000)
+    return START + MS * rows, 0.9 * RIG.full_scale_load * np.sin(np.pi * rows / 3000.0)
+
+
+def simulated(load: Samples) -> tuple[SimulationStream, Displacements]:
+    stream = SimulationStream(RIG, ParameterSet(TRUE_TO_SCALE), np.radians(50.0))
+    parts = [stream.push(load.pick(slice(start, start + 40))) for start in range(0, len(load), 40)]
+    return stream, join([batch for batch in parts if len(batch)])
+
+
 @pytest.mark.parametrize('pace', [1, 7, 100])
 @pytest.mark.parametrize(('name', 'stamp', 'value'), [
     ('without_stamp', 0, 1e5), ('without_stamp', -5, 1e5), ('not_finite', None, np.nan),
@@ -47,20 +59,19 @@ def test_one_outlier_is_refused_and_every_other_sample_passes(
     assert {key: count for key, count in vars(guard.counters).items() if count} == {name: 1}
 
 
-@pytest.mark.parametrize('shift', [-100.0, 0.2, 3600.0])
-def test_a_clock_that_was_set_passes_whole(shift: float) -> None:
+@pytest.mark.parametrize('change', ['step', 'stall', -100.0, 0.2, 3600.0])
+def test_a_step_a_stall_and_a_clock_that_was_set_pass_whole(change: str | float) -> None:
     stamps, values = steady()
-    stamps[50:] = [stamp + round(shift * 1e9) for stamp in stamps[50:]]
+    if change == 'step':
+        values[50:] = [2.2e5] * 50
+    elif change == 'stall':
+        stamps, values = ramp()
+        values[300:900] = values[300]
+    else:
+        stamps[50:] = [stamp + round(change * 1e9) for stamp in stamps[50:]]
     guard = SampleGuard(load_limits(RIG))
     assert through(guard, stamps, values) == list(zip(stamps, values, strict=True))
     assert not any(vars(guard.counters).values())
-
-
-def test_a_step_of_the_load_passes_whole() -> None:
-    stamps, values = steady()
-    values[50:] = [2.2e5] * 50
-    guard = SampleGuard(load_limits(RIG))
-    assert through(guard, stamps, values) == list(zip(stamps, values, strict=True))
 
 
 def test_the_last_sample_behind_a_gap_passes_when_nothing_more_comes() -> None:
@@ -88,23 +99,10 @@ def load_of(record, **changes: tuple[int, float]) -> Samples:
     {'load': (900, 50 * 9806.65)}, {'load': (900, -2e5)}, {'stamp': (900, 0)},
     {'stamp': (900, 4 * 10**18)}])
 def test_one_bad_load_leaves_the_simulation_within_a_micrometre(record, changes) -> None:
-    def simulate(load: Samples):
-        stream = SimulationStream(RIG, ParameterSet(TRUE_TO_SCALE), np.radians(50.0))
-        parts = [stream.push(Samples(load.stamps[start:start + 40], load.values[start:start + 40]))
-                 for start in range(0, len(load), 40)]
-        return join([batch for batch in parts if len(batch)])
-
-    whole, other = simulate(load_of(record)), simulate(load_of(record, **changes))
+    (_, whole), (_, other) = simulated(load_of(record)), simulated(load_of(record, **changes))
     assert len(other) == len(whole) - 1
     _, ours, theirs = np.intersect1d(whole.stamps, other.stamps, return_indices=True)
     assert np.abs(whole.channels[:, ours] - other.channels[:, theirs]).max() < 1e-6
-
-
-def rolled_over(load: np.ndarray, rows: slice, width: float) -> np.ndarray:
-    """Readings of a counter that is `width` [N] too narrow in some rows."""
-    found = load.copy()
-    found[rows] -= width
-    return found
 
 
 @pytest.mark.parametrize('pace', [1, 40, 3000])
@@ -112,11 +110,12 @@ def rolled_over(load: np.ndarray, rows: slice, width: float) -> np.ndarray:
     (2.2 * RIG.full_scale_load, 'impossible'), (0.5 * RIG.full_scale_load, 'doubtful_load')])
 def test_a_load_that_rolls_over_is_refused_or_doubtful_until_it_comes_back(
         width: float, name: str, pace: int) -> None:
-    stamps = START + MS * np.arange(3000)
-    load = 0.9 * RIG.full_scale_load * np.sin(np.pi * np.arange(3000) / 3000.0)
-    rows = slice(1200, 1800)
+    """A counter is `width` [N] too narrow for 600 rows."""
+    stamps, load = ramp()
+    rows, read = slice(1200, 1800), load.copy()
+    read[rows] -= width
     guard = SampleGuard(load_limits(RIG))
-    found = dict(through(guard, stamps, rolled_over(load, rows, width), pace))
+    found = dict(through(guard, stamps, read, pace))
     marked = stamps[guard.marks(stamps) == DOUBTFUL_LOAD]
     assert {key: count for key, count in vars(guard.counters).items() if count} == {name: 600}
     outside = np.delete(np.arange(3000), rows)
@@ -138,18 +137,8 @@ def test_a_load_that_stays_away_is_doubtful_up_to_the_next_test() -> None:
     assert np.flatnonzero(marked).tolist() == list(range(50, 150))
 
 
-def test_the_load_behind_a_stall_is_not_doubtful() -> None:
-    stamps = START + MS * np.arange(3000)
-    load = 0.9 * RIG.full_scale_load * np.sin(np.pi * np.arange(3000) / 3000.0)
-    load[300:900] = load[300]
-    guard = SampleGuard(load_limits(RIG))
-    assert len(through(guard, stamps, load)) == 3000
-    assert not any(vars(guard.counters).values())
-
-
 def test_a_contact_that_opens_is_doubtful_until_it_closes() -> None:
-    stamps = START + MS * np.arange(3000)
-    load = 0.9 * RIG.full_scale_load * np.sin(np.pi * np.arange(3000) / 3000.0)
+    stamps, load = ramp()
     load[900:1200] = 0.0
     guard = SampleGuard(load_limits(RIG))
     through(guard, stamps, load)
@@ -157,12 +146,10 @@ def test_a_contact_that_opens_is_doubtful_until_it_closes() -> None:
 
 
 def test_a_simulation_by_a_doubtful_load_is_marked(record) -> None:
-    load = rolled_over(record.load, slice(900, 1000), 0.4 * RIG.full_scale_load)
-    stream = SimulationStream(RIG, ParameterSet(TRUE_TO_SCALE), np.radians(50.0))
-    found = join([stream.push(Samples(record.stamps[start:start + 40], load[start:start + 40]))
-                  for start in range(0, len(load), 40)])
-    marked = found.stamps[found.validity == DOUBTFUL_LOAD]
-    assert np.array_equal(marked, record.stamps[900:1000])
+    load = record.load.copy()
+    load[900:1000] -= 0.4 * RIG.full_scale_load
+    stream, found = simulated(Samples(record.stamps, load))
+    assert np.array_equal(found.stamps[found.validity == DOUBTFUL_LOAD], record.stamps[900:1000])
     assert stream.guard.counters.doubtful_load == 100
 
 
