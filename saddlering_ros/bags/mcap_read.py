@@ -50,7 +50,7 @@ GIVEN_BACK = 1 << 24
 _record_head = struct.Struct('<BQ')
 _message_head = struct.Struct('<BQHIQ')
 _chunk_head = struct.Struct('<QQQI')
-_INDEX_ENTRY = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
+INDEX_ENTRY = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
 
 
 class DamageError(BagError):
@@ -254,7 +254,7 @@ class McapFile:
     def _indexed(self, data: bytes, index: dict[int, NDArray[np.void]]) -> McapBlock | None:
         """Find the messages of a chunk by its message index; None unless it accounts for all."""
         array = np.frombuffer(data, dtype=np.uint8)
-        entries = np.concatenate([np.empty(0, _INDEX_ENTRY), *index.values()])
+        entries = np.concatenate([np.empty(0, INDEX_ENTRY), *index.values()])
         offsets = entries['offset'].astype(np.int64)
         if not len(offsets) or offsets.min() < 0 or (
                 offsets.max() + RECORD_HEAD + MESSAGE_HEAD > len(array)):
@@ -298,9 +298,9 @@ class McapFile:
             if opcode != MESSAGE_INDEX or length < 6 or start + length > size:
                 break
             channel, of_entries = struct.unpack_from('<HI', buffer, start)
-            if of_entries != length - 6 or of_entries % _INDEX_ENTRY.itemsize or channel in index:
+            if of_entries != length - 6 or of_entries % INDEX_ENTRY.itemsize or channel in index:
                 return {}
-            index[channel] = np.frombuffer(buffer[start + 6:start + length], dtype=_INDEX_ENTRY)
+            index[channel] = np.frombuffer(buffer[start + 6:start + length], dtype=INDEX_ENTRY)
             position = start + length
         return index
 

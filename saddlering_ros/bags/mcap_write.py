@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 import zstandard
 
-from saddlering_ros.bags.mcap_read import MAGIC, MESSAGE, MESSAGE_HEAD, RECORD_HEAD
+from saddlering_ros.bags.mcap_read import INDEX_ENTRY, MAGIC, MESSAGE, MESSAGE_HEAD, RECORD_HEAD
 
-_INDEX_ENTRY = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
 _MESSAGE_HEAD = struct.Struct('<BQHIQQ')
 _MESSAGE_RECORD = np.dtype([
     ('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'),
@@ -95,7 +94,7 @@ class McapWriter:
     def _write_gathered(self) -> None:
         if self._gathered:
             self._write_chunk(bytes(self._gathered), {
-                channel: np.array(entries, dtype=_INDEX_ENTRY)
+                channel: np.array(entries, dtype=INDEX_ENTRY)
                 for channel, entries in self._gathered_index.items()})
             self._file.flush()
         self._gathered.clear()
@@ -118,13 +117,13 @@ class McapWriter:
                 for place, record in zip(places.tolist(), _records(block, mine, channel),
                                          strict=True):
                     written[place] = record
-                index[channel] = np.empty(len(mine), dtype=_INDEX_ENTRY)
+                index[channel] = np.empty(len(mine), dtype=INDEX_ENTRY)
                 index[channel]['log_time'] = block.log_times[mine]
                 index[channel]['offset'] = starts[places]
             self._write_chunk(b''.join(written), index)
 
     def _write_chunk(self, data: bytes, index: Mapping[int, NDArray[np.void]]) -> None:
-        """Write message records and their places: entries (N,) of _INDEX_ENTRY by channel."""
+        """Write message records and their places: entries (N,) of INDEX_ENTRY by channel."""
         first = min(int(entries['log_time'].min()) for entries in index.values())
         last = max(int(entries['log_time'].max()) for entries in index.values())
         packed = self._compressor.compress(data)

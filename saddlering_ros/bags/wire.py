@@ -20,7 +20,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saddlering_ros.record.batches import Displacements, no_displacements, no_samples, Samples
+from saddlering_ros.record.batches import (
+    Displacements,
+    no_displacements,
+    no_samples,
+    Samples,
+    SECOND,
+)
 from saddlering_ros.record.topics import RANGE_TYPE, RigTopic, VECTOR_TYPE, WRENCH_TYPE
 from saddlering_ros.rig import CHANNELS
 
@@ -57,7 +63,6 @@ DEFAULTS: dict[str, dict[str, float]] = {RANGE_TYPE: {'radiation_type': INFRARED
 ENCAPSULATION = 4
 """Bytes before the first field; alignment counts from their end."""
 
-SECOND = 1_000_000_000
 
 _TEXT = 12
 """Offset of the characters of the frame id, after seconds, nanoseconds and its length."""
@@ -315,7 +320,7 @@ def _encode_few(message_type: str, frame_id: str, stamps: Sequence[int],
             for stamp, *values in zip(stamps, *columns, strict=True)]
 
 
-COVARIANCE_BYTES = 128
+COVARIANCE_BYTES = 128  # 16 doubles, the last field
 
 _OTHER_FIELDS = ('zero_stamp.sec', 'zero_stamp.nanosec', 'zero_load', 'elevation', 'validity',
                  'zero_duration')

@@ -26,9 +26,10 @@ import yaml
 
 from saddlering_ros.bags.folder import INFORMATION, METADATA
 from saddlering_ros.bags.mcap_write import McapWriter, MessageBlock
-from saddlering_ros.bags.wire import encode, SECOND
+from saddlering_ros.bags.wire import encode
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import exchange, rename_without_replacing, settle, temporary_folder
+from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.metadata import METADATA_RECORD, TestMetadata
 from saddlering_ros.record.topics import LOAD, PROBES, RigTopic, TOPICS
 from saddlering_ros.rig import Probes

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from saddlering_ros.bags.scan import OnShare
     from saddlering_ros.progress import Progress
 
-PIPED_WIDTH = 160
+PIPED_WIDTH = 160  # so that no row of a table is broken in a file
 
 
 def stdout_console() -> Console:

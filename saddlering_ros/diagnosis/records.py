@@ -25,11 +25,11 @@ STATIC_GRID = 0.2
 """Spacing of the simulated load between the holds of static runs [s]."""
 HELD_GRID = 1.3
 """The same while the load is held. Longer steps would let noise move friction loops."""
-BLOCKS_PER_PLATEAU = 4
-LONGEST_BLOCK = 2.5
+BLOCKS_PER_PLATEAU = 4  # settling within a hold shows
+LONGEST_BLOCK = 2.5  # [s]; creep within a long hold shows
 DYNAMIC_BLOCKS = 600
 """Largest number of block means of a dynamic run."""
-SHORTEST_BLOCK = 0.02
+SHORTEST_BLOCK = 0.02  # [s], that of an identification
 MOVING_PARTS = (4, 8)
 """Simulated load samples per block of a dynamic run while the load moves (one at rest)."""
 PART_CHANGE = 0.003

@@ -29,9 +29,9 @@ MIN_SESSIONS = 4
 COARSE_REACH, FINE_REACH, GRID = 12.0, 0.5, 4
 """Logarithms of both noises are searched on grids of 2 GRID + 1 points a side, each finer."""
 
-COVERAGE = 0.95
+COVERAGE = 0.95  # of the intervals predicted
 MIN_PREDICTIONS = 3
-MIN_COVERAGE_P = 0.05
+MIN_COVERAGE_P = 0.05  # a drift that predicts worse gives no life
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ PATHS, STEPS = 4000, 400
 HORIZON = 20.0
 """Longest time looked ahead, in times that the mean trend takes to the limit."""
 
-INTERVAL = (0.05, 0.95)
+INTERVAL = (0.05, 0.95)  # quantiles: 90 %
 
 
 @dataclass(frozen=True)

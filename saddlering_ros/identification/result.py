@@ -109,7 +109,7 @@ def line_contact_ratios(contact: ContactParameters) -> dict[str, float]:
     }
 
 
-CORRELATION_THRESHOLD = 0.5
+CORRELATION_THRESHOLD = 0.5  # a smaller one widens an interval by under 16 %
 
 
 INTERVALS = (

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from saddlering_ros.errors import plain_number
 from saddlering_ros.importing.calibration import ImportingError, Unit
+from saddlering_ros.record.batches import SECOND
 
 Stamps = NDArray[np.int64]
 
-SECOND = 1_000_000_000
 ISO = 'iso'
 """The format of times like 2026-11-20T08:00:00.123Z; a blank may stand for the T."""
 

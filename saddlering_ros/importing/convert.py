@@ -14,11 +14,12 @@ import numpy as np
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.errors import BagError, did_you_mean, plain_number
 from saddlering_ros.importing.calibration import Floats, ImportingError
-from saddlering_ros.importing.clock import SECOND, Stamps
+from saddlering_ros.importing.clock import Stamps
 from saddlering_ros.importing.feed import Feed, feeds_of, Part
 from saddlering_ros.importing.mapping import ChannelMap, ImportMap, instruments_text
 from saddlering_ros.importing.preview import Course
 from saddlering_ros.importing.source import open_sources
+from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.topics import RANGE_TYPE
 from saddlering_ros.rig import Rig

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from saddlering_ros.importing import clock
 from saddlering_ros.importing.calibration import Floats, ImportingError, unit_of
-from saddlering_ros.importing.clock import CountedTime, DatedTime, FileTime, SECOND, Stamps
+from saddlering_ros.importing.clock import CountedTime, DatedTime, FileTime, Stamps
 from saddlering_ros.importing.mapping import ChannelMap, ImportMap, Split
 from saddlering_ros.importing.source import Block, find_column, MOMENT, Source
+from saddlering_ros.record.batches import SECOND
 
 MAX_LEFT_OUT = 0.01
 """Largest share of a file's rows that may be left out because their time does not rise."""

@@ -15,6 +15,7 @@ from saddlering_ros.importing import calibration, clock
 from saddlering_ros.importing.calibration import Calibration, ImportingError, Unit, unit_of
 from saddlering_ros.importing.clock import CountedTime, DatedTime, FileTime, start_of, TimeSource
 from saddlering_ros.plain_yaml import read_strict_yaml
+from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.metadata import DETAILS
 from saddlering_ros.record.topics import RANGE_TYPE, RigTopic, TOPICS
 from saddlering_ros.rig import OPPOSITE
@@ -180,7 +181,7 @@ def _time(given: Any, file: str, name: str) -> TimeSource:
             raise ImportingError(f'{where}: a rate needs a start, like "2026-11-20T08:00:00Z"')
         if rate <= 0:
             raise ImportingError(f'{where}.rate is {rate:g}: give samples per second')
-        return clock.RegularTime(clock.SECOND / rate, start)
+        return clock.RegularTime(SECOND / rate, start)
     columns = section.get('column')
     if columns is None:
         raise ImportingError(f'{where}: give column: (with unit: or format:), rate: and start:, '

@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 
 from saddlering_ros.files import whole_file
 from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.clock import SECOND, words_of
+from saddlering_ros.importing.clock import words_of
+from saddlering_ros.record.batches import SECOND
 from saddlering_ros.rig import FORCE_UNITS, Rig
 
 if TYPE_CHECKING:
     from saddlering_ros.importing.convert import ImportedRun
 
 MAX_RUNS = 6
-MAX_POINTS = 4096
-POINTS_PER_BLOCK = 256
+MAX_POINTS = 4096  # more than a picture has pixels
+POINTS_PER_BLOCK = 256  # each with its extremes
 _COLOURS = {'hydraulic_load': '#333333', 'eddy_current_1': '#0072B2', 'eddy_current_2': '#D55E00',
             'eddy_current_3': '#009E73', 'eddy_current_4': '#CC79A7'}
 

@@ -18,9 +18,9 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool, Header
 
 from saddlering_interfaces import msg
-from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
 from saddlering_ros.errors import LiveError
+from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.topics import relative, TOPICS
 from saddlering_ros.rig import short_digest
 from saddlering_ros.ros import names, raw_topics

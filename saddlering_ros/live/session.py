@@ -11,12 +11,12 @@ import tempfile
 from typing import Any
 
 from saddlering_interfaces.msg import RingAlarm
-from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.bags.write import BagWriter
 from saddlering_ros.errors import LiveError
 from saddlering_ros.live.traces import TestCurves
 from saddlering_ros.monitoring.monitor import FOLLOWS
 from saddlering_ros.quantities import signed
+from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.ros.messages import to_stamp

@@ -43,7 +43,7 @@ SIZES = np.geomspace(0.06, 4.0, 10)
 MAX_BEYOND = 6.0
 """A block counts for no more than this beyond materiality: one wild block is not a change."""
 
-MAX_LOG = 600.0
+MAX_LOG = 600.0  # e^709 is the largest float
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ SINCE_ZERO = math.sqrt(2.0)
 NOISE_BLOCKS = 500
 """Blocks over which the noise of the moment is compared with that of the rest."""
 
-MIN_NOISE_BLOCKS = 200
+MIN_NOISE_BLOCKS = 200  # variance to 10 %
 MAX_NOISE_RATIO = 2.0
 """A variance of the noise that has grown by more no longer supports the promise."""
 

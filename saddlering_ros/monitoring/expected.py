@@ -23,7 +23,7 @@ LOADS = 41
 STEP = 1e-3
 """Relative step of a parameter in the derivatives by it."""
 
-MIN_ROWS = 32
+MIN_ROWS = 32  # variance to 25 %
 MAX_ROWS = 256
 """Rows after a zero from which its noise is read."""
 

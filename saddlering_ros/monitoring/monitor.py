@@ -16,6 +16,7 @@ from saddlering_ros.monitoring import noise
 from saddlering_ros.monitoring.detector import BlockWatch
 from saddlering_ros.monitoring.noise import MonitoringError, RestLearner, RestNoise, UNKNOWN
 from saddlering_ros.quantities import quantity, signed
+from saddlering_ros.record.batches import SECOND
 
 Array = NDArray[np.float64]
 
@@ -228,7 +229,7 @@ class Monitor:
                 math.isnan(sample.elevation) and math.isnan(last.elevation)):
             self._take_materiality(sample.elevation)
             reasons.append(f'the elevation changed to {math.degrees(sample.elevation):.3f} deg')
-        pause = (sample.stamp - last.stamp) / noise.SECOND
+        pause = (sample.stamp - last.stamp) / SECOND
         if self.rest is not None and pause > MAX_GAP * self.rest.block + self.rest.interval:
             reasons.append(f'no samples for {pause:.3g} s')
         for reason in reasons:
@@ -318,7 +319,7 @@ class Monitor:
         stamps, rows = stamps[known], rows[known]
         return replace(
             alarm, since=int(stamps[0]), size=float(rows[:, channel].mean()),
-            follows=first_guess(rows[:, channel], rows[:, -1], (stamps - stamps[0]) / noise.SECOND,
+            follows=first_guess(rows[:, channel], rows[:, -1], (stamps - stamps[0]) / SECOND,
                                 self._rest_band))
 
 
@@ -373,7 +374,7 @@ STEADY_SHARE = 0.35
 ONE_WAY = 0.9
 """Mean direction (-1 to 1) of a load from which on it moves in one direction only."""
 
-MIN_CORRELATION = 0.5
+MIN_CORRELATION = 0.5  # a quarter of the power
 SPAN = 2
 """Blocks to either side over which the rate of the load is taken."""
 

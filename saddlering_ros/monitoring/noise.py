@@ -17,12 +17,12 @@ from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.noise import noise_alone
 from saddlering_ros.estimation.rest import BLOCK_SECONDS, MIN_SAMPLES, MIN_SECONDS, Rest
 from saddlering_ros.monitoring.detector import block_noise, BlockNoise
+from saddlering_ros.record.batches import SECOND
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring.simulator import static_response
 
 Array = NDArray[np.float64]
 
-SECOND = 1_000_000_000
 MAX_REST = 20.0
 """A rest is read no longer than this [s]; then watching begins, whether the load moves or not."""
 

@@ -15,7 +15,8 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
-from saddlering_ros.bags.wire import encode_clock, SECOND
+from saddlering_ros.bags.wire import encode_clock
+from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.scratch import blocks
 from saddlering_ros.ros.bag_replay import BagNode
 from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, TaskStatus, WARN

@@ -41,7 +41,7 @@ from saddlering_ros.ros.raw_topics import LATCHED, promised_qos, RawPublisher, R
 from saddlering_ros.ros.rig_state import Elevation, ElevationWatch, RigAgreement
 from saddlering_ros.ros.streaming_node import StreamingNode
 
-ASSUMED_ELEVATION_DEG = 50.0
+ASSUMED_ELEVATION_DEG = 50.0  # of most shipped bags; a warning states it
 FUTURE_NS = 60_000_000_000
 """Parameters stamped later than this from now [ns] are refused."""
 

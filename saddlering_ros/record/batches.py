@@ -34,7 +34,7 @@ Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 """Rows of a batch: indices, a mask, or a slice."""
 
-SECOND = 1_000_000_000
+SECOND = 1_000_000_000  # of a stamp [ns]
 
 NOT_KNOWN = dict(zip(CHANNELS, (1, 2, 4, 8), strict=True))
 """Bits of unknown channels in `validity`, as in RingDisplacement.msg."""

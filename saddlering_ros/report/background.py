@@ -12,6 +12,7 @@ from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, number
 from saddlering_ros.quantities import allowed_misfit, percent, quantity
 from saddlering_ros.record import displacement_of_run, Record
+from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.report.figures import name_of, SYMBOLS
 from saddlering_ros.rig import CHANNELS, Rig, short_digest, units
@@ -19,8 +20,6 @@ from saddlering_ros.rig.drawing import drawing_svg
 
 EARLIEST = 946_684_800_000_000_000
 """Stamps [ns] before the year 2000 count from some other zero and give no date."""
-
-GAP_PERIODS = 5.0
 
 
 def date_of(stamp: int) -> str:
@@ -89,7 +88,7 @@ def data_quality(runs: Sequence[Record], rig: Rig) -> str:
         measured = displacement_of_run(rig, run)
         steps = np.diff(run.stamps) / 1e9
         period = float(np.median(steps))
-        long = steps[steps > max(GAP_PERIODS * period, 0.005)]
+        long = steps[steps > max(GAP_PERIODS * period, GAP_FLOOR_NS / SECOND)]
         incomplete, zero = int((~measured.complete).sum()), measured.zero
         low, high = float(run.load.min()), float(run.load.max())
         decimals = units.force_decimals(high, rig.force_unit)

@@ -24,8 +24,8 @@ from saddlering_ros.report.curves import RunCurves
 from saddlering_ros.report.figures import name_of, SYMBOLS
 from saddlering_ros.rig import CHANNELS
 
-CANDIDATES_SHOWN = 12
-TESTS_SHOWN = 6
+CANDIDATES_SHOWN = 12  # a page; the JSON has all
+TESTS_SHOWN = 6  # a page; the JSON has all
 
 
 def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) -> str:

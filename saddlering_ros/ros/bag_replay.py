@@ -14,12 +14,12 @@ from rosgraph_msgs.msg import Clock
 
 from saddlering_ros.bags import read_raw
 from saddlering_ros.bags.reader import usable_facts
-from saddlering_ros.bags.wire import decode_clock, encode_samples, SECOND
+from saddlering_ros.bags.wire import decode_clock, encode_samples
 from saddlering_ros.doubts.comparison import refuse_other_hash
 from saddlering_ros.doubts.readings import absent_topic, check_values
 from saddlering_ros.files import share_directory
 from saddlering_ros.record import RawRecord, RawTopic
-from saddlering_ros.record.batches import Samples
+from saddlering_ros.record.batches import Samples, SECOND
 from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.record.topics import LOAD_TOPIC, TOPICS
 from saddlering_ros.ros import parameters

@@ -9,9 +9,9 @@ from builtin_interfaces.msg import Time
 import numpy as np
 
 from saddlering_interfaces import msg
-from saddlering_ros.bags.wire import SECOND
 from saddlering_ros.monitoring.expected import Expected
 from saddlering_ros.monitoring.monitor import Monitor
+from saddlering_ros.record.batches import SECOND
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, ParameterSet, ParameterSource
 from saddlering_ros.rig.parameter_file import Effects
 from saddlering_ros.ros.names import LIVE_PAGE, NodeError

@@ -19,6 +19,7 @@ from rclpy.node import Node
 from saddlering_interfaces.msg import Elevation as ElevationMessage
 from saddlering_interfaces.msg import ReplayState, RigIdentity
 from saddlering_ros.record.batches import ANY_TIME
+from saddlering_ros.record.metadata import HIGHEST_ELEVATION, LOWEST_ELEVATION
 from saddlering_ros.record.topics import ELEVATION
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.description import short_digest
@@ -39,8 +40,6 @@ FOLLOWED = math.radians(0.02)
 
 MOVED = math.radians(0.1)
 """An elevation that has moved by more since the zero is told: 1.7 mrad of give in the gear."""
-
-LOWEST, HIGHEST = math.radians(-10.0), math.radians(90.0)
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,7 @@ class ElevationWatch:
 
     def _on_measured(self, message: Vector3Stamped) -> None:
         value = float(message.vector.x)
-        if not LOWEST <= value <= HIGHEST:
+        if not LOWEST_ELEVATION <= math.degrees(value) <= HIGHEST_ELEVATION:
             self.impossible += 1
             return
         if math.isnan(self.measured) or abs(value - self.measured) > FOLLOWED:

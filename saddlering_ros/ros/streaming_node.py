@@ -36,8 +36,8 @@ from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 HEARTBEAT = 0.2
 """An idle node repeats its progress, and looks at its publishers, this often [s]."""
 
-PROGRESS_PERIOD = 0.001
-DIAGNOSTICS_PERIOD = 1.0
+PROGRESS_PERIOD = 0.001  # [s]; lockstep waits for it
+DIAGNOSTICS_PERIOD = 1.0  # [s], as diagnostic_updater
 FIRST_DIAGNOSIS = 0.4
 """Time [s] within which a started node reports its missing inputs."""
 

@@ -15,13 +15,9 @@ from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual, ShapeTest, SlowResidual
 from saddlering_ros.discrepancy.search.limits import Observability
-from saddlering_ros.estimation.statistics import normal_quantile
+from saddlering_ros.estimation.identifiability import WIDTH_95
 
 Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
-
-
-WIDTH_95 = normal_quantile(0.975)
-"""Half width of a 95 % interval, in standard deviations."""
 
 
 class SizeEntry(TypedDict):
