@@ -284,8 +284,13 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         if raw.topic != absent:
             findings += [*raw.notes, *_probe_findings(raw, aligned)]
     for raw, guard in zip(topics, guards, strict=True):
-        if raw.topic != absent:
-            findings += _refusal_findings(raw.topic, guard)
+        counts, doubtful = guard.counters.refused, guard.counters.doubtful_load
+        if counts and raw.topic != absent:
+            words = ', '.join(f'{number} {reason.replace("_", " ")}'
+                              for reason, number in counts.items())
+            findings.append(REFUSED.at(raw.topic, count=sum(counts.values()), words=words))
+        if doubtful and raw.topic != absent:
+            findings.append(DOUBTFUL_LOAD.at(raw.topic, count=doubtful))
     for name, quality in found.items():
         if name != absent:
             findings += quality_findings(name, quality, 'N' if name == LOAD_TOPIC else 'm')
@@ -341,17 +346,6 @@ def _guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, Sa
 
 def _limits_of(name: str, rig: Rig) -> ReadingLimits:
     return load_limits(rig) if name == LOAD_TOPIC else probe_limits(rig)
-
-
-def _refusal_findings(topic: str, guard: SampleGuard) -> list[Finding]:
-    """The refused and the doubtful samples of a topic."""
-    findings, counts = [], guard.counters.refused
-    if counts:
-        words = ', '.join(f'{count} {name.replace("_", " ")}' for name, count in counts.items())
-        findings.append(REFUSED.at(topic, count=sum(counts.values()), words=words))
-    if guard.counters.doubtful_load:
-        findings.append(DOUBTFUL_LOAD.at(topic, count=guard.counters.doubtful_load))
-    return findings
 
 
 def _marks_of(

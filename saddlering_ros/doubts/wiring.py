@@ -172,32 +172,24 @@ MATCH = 0.1
 def exchange_findings(rig: Rig, time: Floats, load: Floats, gaps: Floats) -> list[Finding]:
     """A finding for each pair of probes (of gaps (4, N)) that exchange their readings at rest."""
     exchanges: dict[tuple[int, int], float] = {}
-    usual = [_usual_change(row) for row in gaps]
+    usual = []
+    for row in gaps:
+        sample = spread(row)
+        changes = np.abs(sample[ROWS:] - sample[:-ROWS])
+        known = changes[np.isfinite(changes)]
+        usual.append(float(np.quantile(known, USUAL_SHARE)) if len(known) else np.inf)
     for part in blocks(len(load) - ROWS, time, load, gaps):
         rows = slice(part.start, part.stop + ROWS)
         still = np.abs(load[rows][ROWS:] - load[rows][:-ROWS]) < rig.limits.level_step
         for pair in combinations(range(len(gaps)), 2):
-            first, second = (gaps[probe, rows] for probe in pair)
-            size = EXCHANGED.limit * max(usual[pair[0]], usual[pair[1]])
-            places = np.flatnonzero(still & _exchanged(first, second, size))
+            both = gaps[list(pair), rows]
+            before, after = both[:, :-ROWS], both[:, ROWS:]
+            with np.errstate(invalid='ignore'):
+                change = np.abs(after - before).min(axis=0)
+                away = np.abs(after - before[::-1]).max(axis=0)
+                is_large = change > EXCHANGED.limit * max(usual[one] for one in pair)
+                places = np.flatnonzero(still & is_large & (away < MATCH * change))
             if len(places):
                 exchanges.setdefault(pair, float(time[part.start + int(places[0]) + 1]))
     return [EXCHANGED.at(first=pair[0] + 1, second=pair[1] + 1, seconds=seconds)
             for pair, seconds in exchanges.items()]
-
-
-def _usual_change(values: Floats) -> float:
-    sample = spread(values)
-    changes = np.abs(sample[ROWS:] - sample[:-ROWS])
-    known = changes[np.isfinite(changes)]
-    return float(np.quantile(known, USUAL_SHARE)) if len(known) else np.inf
-
-
-def _exchanged(first: Floats, second: Floats, size: float) -> NDArray[np.bool_]:
-    """Places where each of two probes reads, ROWS later, the earlier value of the other."""
-    with np.errstate(invalid='ignore'):
-        change = np.minimum(np.abs(first[ROWS:] - first[:-ROWS]),
-                            np.abs(second[ROWS:] - second[:-ROWS]))
-        away = np.maximum(np.abs(first[ROWS:] - second[:-ROWS]),
-                          np.abs(second[ROWS:] - first[:-ROWS]))
-        return np.asarray((change > size) & (away < MATCH * change))

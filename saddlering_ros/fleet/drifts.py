@@ -129,7 +129,18 @@ def significant_drifts(
 
     A ring whose drift is no larger than that of its rig is not listed.
     """
-    rigs = _rig_drifts(histories, level)
+    benches: dict[str, list[RingHistory]] = {}
+    for ring in histories:
+        benches.setdefault(ring.bench, []).append(ring)
+    candidates = []
+    for bench, own in sorted(benches.items()):
+        if bench and len(own) >= MIN_RINGS_OF_RIG:
+            slopes, p_value = _common_slopes(own)
+            group = ('load_gain',) if scales_alike(slopes) else tuple(slopes)
+            candidates.append(
+                Drift(bench, 'rig', own[0].clock, slopes, p_value, group, RIG_CHECK))
+    real = benjamini_hochberg([drift.p_value for drift in candidates], level)
+    rigs = [drift for drift, stands in zip(candidates, real, strict=True) if stands]
     common = {drift.owner: drift.slopes for drift in rigs}
     tests = [_joint_test(ring, common.get(ring.bench, {})) for ring in histories]
     stands = benjamini_hochberg([p_value for _, p_value in tests], level)
@@ -178,22 +189,6 @@ def scales_alike(slopes: Mapping[str, tuple[float, float]]) -> bool:
     apart = float((weight * (values - mean) ** 2).sum())
     alike = chi2.sf(apart, len(measured) - 1) > EQUAL_LEVEL
     return bool(alike and abs(mean) * math.sqrt(weight.sum()) > MIN_COMMON)
-
-
-def _rig_drifts(histories: Sequence[RingHistory], level: float) -> list[Drift]:
-    """Rigs most of whose rings drift the same way by a like amount."""
-    benches: dict[str, list[RingHistory]] = {}
-    for ring in histories:
-        benches.setdefault(ring.bench, []).append(ring)
-    candidates = []
-    for bench, rings in sorted(benches.items()):
-        if bench and len(rings) >= MIN_RINGS_OF_RIG:
-            slopes, p_value = _common_slopes(rings)
-            group = ('load_gain',) if scales_alike(slopes) else tuple(slopes)
-            candidates.append(
-                Drift(bench, 'rig', rings[0].clock, slopes, p_value, group, RIG_CHECK))
-    stands = benjamini_hochberg([drift.p_value for drift in candidates], level)
-    return [drift for drift, real in zip(candidates, stands, strict=True) if real]
 
 
 def _common_slopes(rings: Sequence[RingHistory]) -> tuple[dict[str, tuple[float, float]], float]:

@@ -189,20 +189,16 @@ class CsvSource(Source):
             unique = name if seen[name] == 1 else f'{name}#{seen[name]}'
             plain = _BRACKETED.match(unique)
             cells = [row[index] for row in data if len(row) == width]
+            numeric = [is_number(cell.replace(shape.thousands, ''), shape.decimal)
+                       for cell in cells if cell.strip()]
             self.columns += (Column(
                 unique, unit or (bracketed[2] if bracketed else ''), None,
-                NUMBER if self._is_numeric(cells) else TEXT, tuple(cells[:3]),
+                NUMBER if 2 * sum(numeric) > len(numeric) else TEXT, tuple(cells[:3]),
                 others=(*((plain[1],) if plain and plain[1] else ()), f'#{index + 1}')),)
         for name, count in seen.items():
             if count > 1:
                 self.warn(f'{count} columns are named {name!r}: the later ones are {name}#2 and '
                           'so on')
-
-    def _is_numeric(self, cells: Sequence[str]) -> bool:
-        filled = [cell for cell in cells if cell.strip()]
-        good = sum(is_number(cell.replace(self._shape.thousands, ''), self._shape.decimal)
-                   for cell in filled)
-        return 2 * good > len(filled)
 
     def blocks(self, names: Sequence[str], as_text: Collection[str] = ()) -> Iterator[Block]:
         """Columns as float64 (NaN for a missing cell), or as the texts that the file holds."""

@@ -145,9 +145,19 @@ class Feed:
             rows = left_out = 0
             for block, stamps, first in piece.blocks():
                 rows += len(stamps)
-                missing = stamps == clock.MISSING
-                left_out += self._note_unreadable(piece, block, missing, first)
-                for run_rows in self._runs(piece, block, stamps, np.flatnonzero(~missing)):
+                bad = np.flatnonzero(stamps == clock.MISSING)
+                if len(bad):  # a table pads its shorter columns with rows of empty cells
+                    empty = np.logical_and.reduce([_is_empty(cells) for cells in block.values()])
+                    bad = bad[~empty[bad]]
+                if len(bad):
+                    left_out += len(bad)
+                    shown = ' '.join(str(block[name][bad[0]]) for name in piece.time.columns)
+                    words = f'does not fit {piece.time.format}' \
+                        if isinstance(piece.time, DatedTime) else 'is no number'
+                    piece.source.warn('rows with an unreadable time are left out', len(bad),
+                                      f'row {first + bad[0] + 1}, {shown!r} {words}')
+                good = np.flatnonzero(stamps != clock.MISSING)
+                for run_rows in self._runs(piece, block, stamps, good):
                     kept = self._later(piece.source, stamps, run_rows, first)
                     left_out += len(run_rows) - len(kept)
                     if len(kept):
@@ -160,23 +170,6 @@ class Feed:
                     f'rise ({reasons}): several runs in one file need split: {{by: gap}}, a time '
                     'with too few digits rate: and start:, local time at the end of daylight '
                     'saving the times of the logger in UTC')
-
-    def _note_unreadable(
-        self, piece: Piece, block: Block, missing: NDArray[np.bool_], first: int,
-    ) -> int:
-        """How many rows (N,) have cells, but no time that can be read."""
-        if not missing.any():
-            return 0
-        # A table pads its shorter columns with rows of empty cells.
-        empty = np.logical_and.reduce([_is_empty(cells) for cells in block.values()])
-        bad = np.flatnonzero(missing & ~empty)
-        if len(bad):
-            shown = ' '.join(str(block[name][bad[0]]) for name in piece.time.columns)
-            words = f'does not fit {piece.time.format}' if isinstance(piece.time, DatedTime) \
-                else 'is no number'
-            piece.source.warn('rows with an unreadable time are left out', len(bad),
-                              f'row {first + bad[0] + 1}, {shown!r} {words}')
-        return len(bad)
 
     def _runs(
         self, piece: Piece, block: Block, stamps: Stamps, rows: NDArray[np.int64],

@@ -47,6 +47,7 @@ TEST_KEYS = ('test', 'elevation_deg', 'rig', 'run',
              *(key for key in DETAILS
                if not key.startswith(('import', 'rig_hash', 'instruments'))))
 AREA_KEYS = ('piston_area', 'rod_area')
+NUMBERS = {'piston_area': 0.0, 'rod_area': 0.0, 'polarity': 1.0, 'delay': 0.0}
 
 
 @dataclass(frozen=True)
@@ -213,13 +214,14 @@ def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
         raise ImportingError(f'{where}: the unit of column {section["column"]!r} is not stated: '
                              'give unit:')
     found = _calibration(section, unit_of(section['unit'], f'{where}.unit'), where, folder)
+    numbers = {key: _number(section.get(key, usual), f'{where}.{key}')
+               for key, usual in NUMBERS.items()}
     if ('rod_area' in section) != ('rod_pressure' in section):
         raise ImportingError(f'{where}: rod_pressure and rod_area belong together: give both')
-    areas = [_number(section.get(key, 0.0), f'{where}.{key}') for key in AREA_KEYS]
-    for key, area in zip(AREA_KEYS, areas, strict=True):
-        if key in section and not 0.0 < area < 10.0:
-            raise ImportingError(f'{where}.{key} is {area:g}: give an area in m2')
-    piston, rod = areas
+    piston, rod = (numbers[key] for key in AREA_KEYS)
+    for key in AREA_KEYS:
+        if key in section and not 0.0 < numbers[key] < 10.0:
+            raise ImportingError(f'{where}.{key} is {numbers[key]:g}: give an area in m2')
     if rod and not piston:
         raise ImportingError(f'{where}: rod_area needs piston_area: give both, in m2')
     if piston and found.unit.quantity != calibration.PRESSURE:
@@ -234,9 +236,8 @@ def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
             remedy = 'give piston_area: in m2 (and rod_pressure:, rod_area:)'
         raise ImportingError(f'{where}: is a {found.unit.quantity} ({found.unit.name}) where a '
                              f'{wanted} is needed: {remedy}')
-    polarity = _number(section.get('polarity', 1), f'{where}.polarity')
-    if polarity not in (-1.0, 1.0):
-        raise ImportingError(f'{where}.polarity is {polarity:g}: give 1 or -1')
+    if numbers['polarity'] not in (-1.0, 1.0):
+        raise ImportingError(f'{where}.polarity is {numbers["polarity"]:g}: give 1 or -1')
     kind = 'probe' if topic.type == RANGE_TYPE else 'load'
     uncertainty = _section(section.get('uncertainty', {}), file, f'channels.{name}.uncertainty',
                            (*UNCERTAINTIES[kind], 'certificate'))
@@ -248,8 +249,7 @@ def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
         name=name, topic=topic, column=str(section['column']), calibration=found,
         time=(_time(section['time'], file, f'channels.{name}.time') if 'time' in section
               else None),
-        file=str(section.get('file', '*')),
-        delay=_number(section.get('delay', 0.0), f'{where}.delay'), polarity=polarity,
+        file=str(section.get('file', '*')), delay=numbers['delay'], polarity=numbers['polarity'],
         range=_range(section.get('range'), topic, f'{where}.range'),
         rod_pressure=str(section.get('rod_pressure', '')), areas=(piston, rod),
         uncertainty=uncertainty)

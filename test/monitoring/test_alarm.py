@@ -62,19 +62,15 @@ def test_false_alarms_are_no_more_frequent_than_allowed():
     assert alarms <= blocks / allowed
 
 
-@pytest.mark.parametrize(('size', 'seconds'), [(0.5, 8.0), (1.0, 2.0), (3.0, 0.3)])
-def test_a_step_is_found_within_seconds_at_one_false_alarm_in_1000_hours(size, seconds):
-    found = blocks_until_alarm(lambda block: size, blocks=2000, seed=1)
-    assert found is not None
+@pytest.mark.parametrize(('size', 'seconds', 'bound'), [
+    (0.5, 8.0, 0.0), (1.0, 2.0, 0.0), (3.0, 0.3, 0.0), (1.5, 40.0, 0.5)])
+def test_a_step_is_found_within_seconds_at_one_false_alarm_in_1000_hours(size, seconds, bound):
+    found = blocks_until_alarm(lambda block: size, blocks=2000, seed=1, bound=bound)
     assert 0.02 * found < seconds
 
 
-def test_a_mean_within_its_bound_never_alarms():
+def test_neither_a_mean_within_its_bound_nor_one_wild_block_is_a_change():
     assert blocks_until_alarm(lambda block: 0.5, blocks=10_000, seed=2, bound=0.5) is None
-    assert blocks_until_alarm(lambda block: 1.5, blocks=2000, seed=2, bound=0.5) is not None
-
-
-def test_one_wild_block_is_no_change():
     assert blocks_until_alarm(lambda block: 1e3 * (block == 50), blocks=200, seed=3) is None
 
 
@@ -193,8 +189,7 @@ def test_an_alarm_stays_until_it_is_reset_and_comes_again_if_its_cause_is_there(
 def test_a_lapse_of_the_assumptions_is_reported_and_the_evidence_begins_anew(change, words):
     samples = record(size=0.35)
     middle = len(samples) - 1800
-    after = [Sample(one.stamp + change.get('stamp', 0), one.residual, one.load,
-                    change.get('zero', one.zero), change.get('elevation', one.elevation))
+    after = [replace(one, **{**change, 'stamp': one.stamp + change.get('stamp', 0)})
              for one in samples[middle:]]
     watched = watch(monitor(), samples[:middle])
     before = watched.log_evidence
@@ -219,19 +214,18 @@ def test_a_short_rest_and_a_rest_after_a_movement_are_reported():
 
 
 def test_a_channel_that_is_not_known_is_reported_and_the_others_are_watched():
-    nan = math.nan
-    samples = [Sample(one.stamp, (nan, *one.residual[1:]) if index > 2000 else one.residual,
-                      one.load, one.zero, one.elevation) for index, one in enumerate(record())]
-    watched = watch(monitor(), samples)
+    samples = record()
+    watched = watch(monitor(), [*samples[:2001], *(
+        replace(one, residual=(math.nan, *one.residual[1:])) for one in samples[2001:])])
     assert [lapse.reason for lapse in watched.lapses] == ['delta_x not known, and not watched']
     assert watched.alarm.channel == 'delta_y'
 
 
 def test_noise_that_grows_far_beyond_that_of_the_rest_is_reported():
-    samples = [Sample(one.stamp, tuple(2.0 * value for value in one.residual)
-                      if index > 2000 else one.residual, one.load, one.zero, one.elevation)
-               for index, one in enumerate(record(size=0.0))]
-    watched = watch(monitor(materiality=3.0), samples)
+    samples = record(size=0.0)
+    watched = watch(monitor(materiality=3.0), [*samples[:2001], *(
+        replace(one, residual=tuple(2.0 * value for value in one.residual))
+        for one in samples[2001:])])
     assert watched.alarm is None
     assert ['larger than it was at rest' in lapse.reason for lapse in watched.lapses] == [True]
 
@@ -335,8 +329,6 @@ def test_noise_between_white_and_slow_is_counted_to_both():
 
 
 def test_the_wander_assumed_follows_the_range_of_the_probes():
-    rig = default_rig()
-    probes = rig.probes
-    found = least_wander(rig)
+    probes, found = default_rig().probes, least_wander(default_rig())
     assert found[0] == pytest.approx(5e-5 * (probes.max_range - probes.min_range) / math.sqrt(2.0))
     assert found[2] == pytest.approx(2.0 * found[1] / probes.axial_span)
