@@ -68,9 +68,8 @@ class Candidate:
 
     def point(self, base: Sequence[Parameter], theta_unit: Array) -> Point:
         """Point at bound-scaled coordinates `theta_unit`."""
-        values = np.array(
-            [one.from_unit(float(u)) for one, u in zip(base, theta_unit[: len(base)], strict=True)]
-        )
+        values = np.array([
+            one.from_unit(float(u)) for one, u in zip(base, theta_unit[: len(base)], strict=True)])
         effects: dict[str, Mapping[str, float]] = {}
         for effect, variant, part in self.slices(len(base)):
             own = {
@@ -141,7 +140,7 @@ class Told:
     prediction: Array
 
 
-Asking = Generator[Asked, Told, Fit]
+Asking = Generator[Asked, Told | None, Fit]
 
 
 def refit(
@@ -233,28 +232,24 @@ def tangent(metric: Whitening, fit: Fit) -> Tangent:
 def run_refits(metric: Whitening, refits: Sequence[Asking]) -> list[Fit]:
     """Run refits together, with all their points in one batch per round."""
     done: dict[int, Fit] = {}
-    waiting: dict[int, Asked] = {}
-    for number, request in enumerate(refits):
-        try:
-            waiting[number] = next(request)
-        except StopIteration as stop:
-            done[number] = stop.value
-    while waiting:
-        metric.problem.watch.check()
-        order = list(waiting)
-        answers = _told(metric, [waiting[key] for key in order])
-        for number, told in zip(order, answers, strict=True):
+    told: dict[int, Told | None] = dict.fromkeys(range(len(refits)))  # None begins a refit.
+    while told:
+        waiting: dict[int, Asked] = {}
+        for number, answer in told.items():
             try:
-                waiting[number] = refits[number].send(told)
+                waiting[number] = refits[number].send(answer)
             except StopIteration as stop:
                 done[number] = stop.value
-                del waiting[number]
+        metric.problem.watch.check()
+        told = dict(zip(waiting, _told(metric, list(waiting.values())), strict=True))
     return [done[number] for number in range(len(refits))]
 
 
 def _told(metric: Whitening, asked: Sequence[Asked]) -> list[Told]:
     """Residual and sensitivities of each refit, simulated and whitened together."""
     problem = metric.problem
+    if not asked:
+        return []
     answers = problem.predict_neighbours([request.points for request in asked])
     raw = []
     for request, answer in zip(asked, answers, strict=True):
@@ -301,27 +296,17 @@ def fit_base(metric: Whitening) -> Fit:
     else:
         asked = spread_starts(base, metric.problem.settings.seed)
         metric.problem.watch.check()
-        whitened = metric.whiten(
-            metric.problem.predict([empty.point(base, theta_unit) for theta_unit in asked])
-            - metric.problem.measured[:, None]
-        )
+        predicted = metric.problem.predict([empty.point(base, one) for one in asked])
+        whitened = metric.whiten(predicted - metric.problem.measured[:, None])
         order = np.argsort(np.nan_to_num((whitened**2).sum(axis=0), nan=np.inf))
-        coarse = run_refits(
-            metric,
-            [
-                refit(metric, empty, asked[int(number)], rounds=COARSE_BASE)
-                for number in order[:MAX_BASE_STARTS]
-            ],
-        )
+        coarse = run_refits(metric, [
+            refit(metric, empty, asked[int(number)], rounds=COARSE_BASE)
+            for number in order[:MAX_BASE_STARTS]])
         starts = [*sorted(coarse, key=lambda fit: fit.misfit)[:2]]
         thetas = [fit.theta_unit for fit in starts if fit is not None]
-    fits = run_refits(
-        metric,
-        [
-            refit(metric, empty, theta_start, rounds=25, known_start=fit)
-            for theta_start, fit in zip(thetas, starts, strict=True)
-        ],
-    )
+    fits = run_refits(metric, [
+        refit(metric, empty, theta_start, rounds=25, known_start=fit)
+        for theta_start, fit in zip(thetas, starts, strict=True)])
     best = min(fits, key=lambda fit: fit.misfit)
     if not np.isfinite(best.misfit):
         raise DiscrepancyError(

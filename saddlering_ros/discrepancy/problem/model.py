@@ -343,37 +343,30 @@ class ModelSystem:
         return noise
 
     def _simulated(self, asked: list[dict[str, float]], run: Run) -> list[Outputs | None]:
-        """Results of the simulator; None where it raises an error."""
-        if self.model.simulate_many is not None:
-            try:
-                batch: list[Outputs | None] = list(
-                    self.model.simulate_many([dict(one) for one in asked], run))
-                if len(batch) == len(asked):
-                    for values, outputs in zip(asked, batch, strict=True):
-                        if outputs is None:
-                            self._lost(run, values, 'it returned None')
-                        else:
-                            self._refuse_other_results(outputs, run)
-                    return batch
-                raise ValueError(f'{len(batch)} answers to {len(asked)} points')
-            except DiscrepancyError:
-                raise
-            except Exception as error:
-                if len(asked) == 1:
-                    self._lost(run, asked[0], _words(error))
-                    return [None]
+        """Results of the simulator; None where it raises an error.
+
+        If a batch fails, each of its points is asked alone.
+        """
+        together = self.model.simulate_many
+        if together is None and len(asked) > 1:
+            return [self._simulated([one], run)[0] for one in asked]
+        try:
+            with np.errstate(all='ignore'):
+                answers: list[Outputs | None] = (
+                    [self.model.simulate(dict(asked[0]), run)] if together is None
+                    else list(together([dict(one) for one in asked], run)))
+            if len(answers) != len(asked):
+                raise ValueError(f'{len(answers)} answers to {len(asked)} points')
+        except Exception as error:
+            if len(asked) > 1:
                 return [self._simulated([one], run)[0] for one in asked]
-        answers: list[Outputs | None] = []
-        for one in asked:
-            try:
-                with np.errstate(all='ignore'):
-                    outputs = self.model.simulate(dict(one), run)
-            except Exception as error:
-                self._lost(run, one, _words(error))
-                answers.append(None)
-                continue
-            self._refuse_other_results(outputs, run)
-            answers.append(outputs)
+            self._lost(run, asked[0], _words(error))
+            return [None]
+        for values, outputs in zip(asked, answers, strict=True):
+            if outputs is None and together is not None:
+                self._lost(run, values, 'it returned None')
+            else:
+                self._refuse_other_results(outputs, run)
         return answers
 
     def _refuse_other_results(self, outputs: object, run: Run) -> None:

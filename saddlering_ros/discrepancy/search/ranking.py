@@ -141,17 +141,15 @@ def shortlist(scores: Sequence[Score], least: float, count: int) -> list[Score]:
     last: dict[str, float] = {}
     for score in scores:
         name = score.effect.id
-        if score.gain < least or (len(used) >= count and name not in used):
-            continue
-        if used[name] >= MAX_VARIANTS:
-            continue
-        if used[name] and score.gain < VARIANT_SHARE * scores[0].gain:
-            continue
-        if used[name] and score.gain > (1.0 - ALIKE) * last[name]:
-            continue
-        last[name] = score.gain
-        used[name] += 1
-        chosen.append(score)
+        if name in used:
+            is_wanted = used[name] < MAX_VARIANTS and (
+                VARIANT_SHARE * scores[0].gain <= score.gain <= (1.0 - ALIKE) * last[name])
+        else:
+            is_wanted = len(used) < count
+        if is_wanted and score.gain >= least:
+            last[name] = score.gain
+            used[name] += 1
+            chosen.append(score)
     return chosen
 
 
