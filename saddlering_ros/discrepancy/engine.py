@@ -238,9 +238,11 @@ def _answer_beside(
         *established.own_kind_left(noise_alone, seen, left)]
     if noise_alone.problem.assumptions.exact_laws:
         doubts += unsteady_sizes(search.space, fit, published.causes)
-    if most_dropped**2 > established.MAINLY * max(one.visible for one in published.causes) ** 2:
-        doubts.append(wording.AS_LARGE)
     is_open = any(search.alternatives.get(name) for name in fit.candidate.ids)
+    # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
+    most = 1.0 - established.MIN_TAKEN if is_open else established.MAINLY
+    if most_dropped**2 > most * max(one.visible for one in published.causes) ** 2:
+        doubts.append(wording.AS_LARGE)
     verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'
     judgement = Judgement(verdict, explained_share_of(strict.before, left),
                           tuple(doubts or [wording.REST_IS_ERROR]))

@@ -189,6 +189,12 @@ def test_a_secondary_cause_with_alternatives_takes_no_name_from_the_main_one() -
     assert named_beside_friction(0.06, cubic=0.8, channel='seen') == ['cubic']
 
 
+def test_a_main_cause_with_alternatives_has_no_other_beside_it_but_a_small_one() -> None:
+    """Of several laws beside another cause, some pair fits a cause that is in no catalogue."""
+    assert named_beside_friction(0.3, cubic=0.1, channel='other') == ['friction']
+    assert named_beside_friction(0.3, cubic=0.3, channel='other') == []
+
+
 def test_a_cause_is_not_the_main_one_if_one_without_a_name_moves_about_as_much() -> None:
     assert named_beside_friction(0.3, cubic=0.5, channel='other') == []
 
