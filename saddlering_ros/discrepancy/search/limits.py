@@ -103,18 +103,16 @@ def detection_limits(
         configurations = [_limits_at(shape, needed, materiality, reach)
                           for shape in shapes.values()]
         limit = _nine_in_ten([configuration.limit for configuration in configurations])
-        answers.append(
-            DetectionLimit(
-                effect=name, share=share, limit=_value(effect, limit),
-                best_limit=_value(effect, min(one.limit for one in configurations)),
-                material_limit=_value(
-                    effect, _nine_in_ten([one.material_limit for one in configurations])),
-                unit=effect.size.unit, testable=share >= MIN_SHARE and bool(np.isfinite(limit)),
-                configurations=tuple(
-                    replace(one, limit=_value(effect, one.limit),
-                            material_limit=_value(effect, one.material_limit))
-                    for one in configurations))
-        )
+        material = _nine_in_ten([one.material_limit for one in configurations])
+        answers.append(DetectionLimit(
+            effect=name, share=share, limit=_value(effect, limit),
+            best_limit=_value(effect, min(one.limit for one in configurations)),
+            material_limit=_value(effect, material), unit=effect.size.unit,
+            testable=share >= MIN_SHARE and bool(np.isfinite(limit)),
+            configurations=tuple(
+                replace(one, limit=_value(effect, one.limit),
+                        material_limit=_value(effect, one.material_limit))
+                for one in configurations)))
     return answers
 
 
@@ -139,10 +137,8 @@ def _limits_at(
 ) -> Configuration:
     """Limits in one variant and shape, for sizes up to `reach` and the sign that shows less."""
     effect, shape = members[0].effect, members[0].theta_unit[1:]
-    values = {
-        parameter.name: parameter.from_unit(float(u))
-        for parameter, u in zip(effect.ordered[1:], shape, strict=True)
-    }
+    values = {parameter.name: parameter.from_unit(float(u))
+              for parameter, u in zip(effect.ordered[1:], shape, strict=True)}
     values.update(effect.variants[members[0].variant])
     signs = {np.sign(member.size) for member in members} - {0.0}
     limit = material = 0.0 if signs else np.inf
@@ -280,10 +276,8 @@ def _shown(
     metric, base = space.metric, space.base
     problem = metric.problem
     variant = next(
-        number
-        for number, fixed in enumerate(effect.variants)
-        if all(configuration.values.get(name) == value for name, value in fixed.items())
-    )
+        number for number, fixed in enumerate(effect.variants)
+        if all(configuration.values.get(name) == value for name, value in fixed.items()))
     effect_unit = [effect.size.to_unit(size)]
     effect_unit += [shape.to_unit(configuration.values[shape.name])
                     for shape in effect.ordered[1:]]
@@ -293,10 +287,8 @@ def _shown(
     if not np.all(np.isfinite(target)):
         return None
     # The same problem with other readings (n,), without held-out runs.
-    runs = [
-        replace(run, channels=channels)
-        for run, channels in zip(problem.runs, problem.by_run(target), strict=True)
-    ]
+    runs = [replace(run, channels=channels)
+            for run, channels in zip(problem.runs, problem.by_run(target), strict=True)]
     other = problem.with_runs(runs)
     moved = replace(metric, problem=other)
     start = refit(moved, Candidate(), base.theta_unit, rounds=ROUNDS)

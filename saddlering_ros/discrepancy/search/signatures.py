@@ -161,11 +161,8 @@ def _other_shapes(shapes: Sequence[Parameter]) -> list[list[float]]:
     if np.prod([len(choice) for choice in choices]) <= MAX_SHAPES:
         combinations = [list(choice) for choice in product(*choices)]
     else:
-        combinations = [
-            [*usual[:number], value, *usual[number + 1 :]]
-            for number, values in enumerate(choices)
-            for value in values
-        ]
+        combinations = [[*usual[:number], value, *usual[number + 1 :]]
+                        for number, values in enumerate(choices) for value in values]
     return [choice for choice in combinations if choice != usual]
 
 
@@ -194,10 +191,7 @@ def measure_signatures(
 
 
 def _measured(
-    metric: Metric,
-    fit: Fit,
-    orthogonal: Array,
-    scale: ChangeScale,
+    metric: Metric, fit: Fit, orthogonal: Array, scale: ChangeScale,
     starts: Sequence[tuple[Effect, int, Array]],
 ) -> list[Signature]:
     """Signatures of effects in one variant at one start each."""
@@ -258,11 +252,9 @@ def whitened_by(metric: Metric, signatures: Sequence[Signature], base: Tangent) 
         part = np.column_stack([signature.plain for signature in batch])
         left, lengths, shares = _beyond(metric, part, orthogonal)
         answers += [
-            replace(
-                signature, white=left[:, column], share=float(shares[column]),
-                length=float(lengths[column]))
-            for column, signature in enumerate(batch)
-        ]
+            replace(signature, white=left[:, column], share=float(shares[column]),
+                    length=float(lengths[column]))
+            for column, signature in enumerate(batch)]
     return answers
 
 
@@ -321,12 +313,8 @@ def testable(signatures: Sequence[Signature]) -> list[Signature]:
     effects: dict[str, list[Signature]] = {}
     for signature in signatures:
         effects.setdefault(signature.effect.id, []).append(signature)
-    return [
-        member
-        for members in effects.values()
-        if testable_share(members) >= MIN_SHARE
-        for member in members
-    ]
+    return [member for members in effects.values()
+            if testable_share(members) >= MIN_SHARE for member in members]
 
 
 def angle_matrix(signatures: Sequence[Signature]) -> tuple[list[str], Array]:
@@ -339,8 +327,6 @@ def angle_matrix(signatures: Sequence[Signature]) -> tuple[list[str], Array]:
     if not kept:
         return [], np.zeros((0, 0))
     stack = np.column_stack([signature.white / signature.length for signature in kept])
-    labels = [
-        one.effect.id if len(one.effect.variants) == 1 else f'{one.effect.id}:{one.variant}'
-        for one in kept
-    ]
+    labels = [one.effect.id if len(one.effect.variants) == 1 else f'{one.effect.id}:{one.variant}'
+              for one in kept]
     return labels, np.abs(stack.T @ stack)

@@ -286,11 +286,8 @@ def fit_each(
     A candidate far behind the best one, or far behind the fits `beside`, stops after a few rounds.
     """
     candidates = [fit.candidate.plus(score.effect, score.variant) for score in scores]
-    wanted = [
-        score
-        for candidate, score in zip(candidates, scores, strict=True)
-        if candidate.key not in space.fits
-    ]
+    wanted = [score for candidate, score in zip(candidates, scores, strict=True)
+              if candidate.key not in space.fits]
     raced = _raced(space, fit, starts_of_each(wanted), beside)
     going, behind = _split(space, fit, raced, beside, CLOSE_SHARE)
     going = best_fit_of_each(space.continued(going, COARSE_ROUNDS - RACE_ROUNDS))
@@ -313,11 +310,8 @@ def fit_race(
     candidate is refined if the slopes of its residual promise a good share of the gain
     of the best one.
     """
-    others = [
-        score
-        for score in others
-        if fit.candidate.plus(score.effect, score.variant).key not in space.fits
-    ]
+    others = [score for score in others
+              if fit.candidate.plus(score.effect, score.variant).key not in space.fits]
     if not others:
         return list(first)
     trials = [(score, [score.start]) for score in others]

@@ -123,11 +123,9 @@ def _limit(segments: Sequence[RestSegment], moving: NDArray[np.bool_], threshold
     Under a Hann window a line of amplitude a over n samples of noise s has a^2 n / (6 s^2)
     times the power of the noise at its frequency.
     """
-    unit = np.mean(
-        [segment.values.shape[1] / (6.0 * _detrended(segment.values[moving]).var(axis=1))
-         for segment in segments],
-        axis=0,
-    ).max()
+    unit = np.mean([
+        segment.values.shape[1] / (6.0 * _detrended(segment.values[moving]).var(axis=1))
+        for segment in segments], axis=0).max()
     beyond = max(threshold - 1.0, 0.0)
     beyond += POWER_QUANTILE * np.sqrt((1.0 + 2.0 * beyond) / len(segments))
     return float(np.sqrt(beyond / unit))

@@ -241,10 +241,8 @@ def _cleaned(
         left[stretch.run][:, part] -= swing
     cleaned = []
     for run, own in zip(runs, channels, strict=True):
-        rest = tuple(
-            replace(segment, values=segment.values - _line_in(segment, slow_line.line))
-            for segment in run.rest
-        )
+        rest = tuple(replace(segment, values=segment.values - _line_in(segment, slow_line.line))
+                     for segment in run.rest)
         cleaned.append(replace(run, channels=own, rest=rest))
     return tuple(cleaned), left
 
@@ -312,11 +310,8 @@ def find_swings(metric: Metric, base: Fit, trials: int) -> Swings | None:
     left = metric.without_nuisances(base.prediction - problem.measured)
     fitted = dict(zip([run.name for run in problem.runs], problem.by_run(left), strict=True))
     residuals = [
-        fitted[run.name]
-        if run.name in fitted
-        else problem.system.predict_many(run, [base.point])[0] - run.channels
-        for run in runs
-    ]
+        fitted[run.name] if run.name in fitted
+        else problem.system.predict_many(run, [base.point])[0] - run.channels for run in runs]
     slow_lines, cleaned = find_slow_lines(runs, residuals, settings.error_rate / trials)
     causes = [_cause(problem, effect, own.line, own.segments, ()) for own in slow_lines]
     causes = [replace(cause, gain=replace(cause.gain, how='in the residual, its phase free'))
@@ -326,10 +321,7 @@ def find_swings(metric: Metric, base: Fit, trials: int) -> Swings | None:
 
 
 def _cause(
-    problem: Problem,
-    effect: Effect,
-    line: Line,
-    rest: Sequence[RestSegment],
+    problem: Problem, effect: Effect, line: Line, rest: Sequence[RestSegment],
     held_out: Sequence[RestSegment],
 ) -> Cause:
     """The line as a cause, in the variant whose channels are closest to those with the line."""
@@ -337,26 +329,14 @@ def _cause(
     variant = min(range(len(effect.line)),
                   key=lambda number: len({*effect.line[number]} ^ hit))
     own = line.amplitude * line.own
-    visible = max(
-        float(np.abs(weights) @ own) / problem.view_ranges[view]
-        for view, weights in problem.system.views.items()
-    ) / np.sqrt(2.0)
-    gain = Gain(
-        line_gain(rest, line.frequency, own),
-        line_gain(held_out, line.frequency, own) if held_out else None,
-        'at rest, its phase free',
-    )
+    largest = max(float(np.abs(weights) @ own) / problem.view_ranges[view]
+                  for view, weights in problem.system.views.items())
+    left = line_gain(held_out, line.frequency, own) if held_out else None
+    gain = Gain(line_gain(rest, line.frequency, own), left, 'at rest, its phase free')
     return Cause(
-        effect=effect.id,
-        definition=effect,
-        variant=variant,
-        group=(effect.id,),
-        parameters=_parameters(effect, variant, line),
-        p_value=line.p_value,
-        delta_bic=line.delta_bic,
-        visible=float(visible),
-        gain=gain,
-    )
+        effect=effect.id, definition=effect, variant=variant, group=(effect.id,),
+        parameters=_parameters(effect, variant, line), p_value=line.p_value,
+        delta_bic=line.delta_bic, visible=float(largest / np.sqrt(2.0)), gain=gain)
 
 
 def _parameters(effect: Effect, variant: int, line: Line) -> dict[str, Estimate]:
@@ -372,20 +352,14 @@ def _parameters(effect: Effect, variant: int, line: Line) -> dict[str, Estimate]
         cosine.name: Estimate(amplitude, deviation, cosine.unit),
         sine.name: Estimate(0.0, deviation, sine.unit),
         frequency.name: Estimate(line.frequency, 0.0, frequency.unit),
-        **{
-            key: Estimate(float(value), 0.0, '') for key, value in effect.variants[variant].items()
-        },
+        **{key: Estimate(float(value), 0.0, '')
+           for key, value in effect.variants[variant].items()},
     }
 
 
 def _evidence(cause: Cause) -> Evidence:
+    values = {key: number.value for key, number in cause.parameters.items()}
     return Evidence(
-        step=0,
-        effects=(cause.effect,),
-        variants=(cause.variant,),
-        misfit=0.0,
-        delta_bic=cause.delta_bic,
-        p_value=cause.p_value,
-        visible=cause.visible,
-        values={cause.effect: {key: number.value for key, number in cause.parameters.items()}},
-    )
+        step=0, effects=(cause.effect,), variants=(cause.variant,), misfit=0.0,
+        delta_bic=cause.delta_bic, p_value=cause.p_value, visible=cause.visible,
+        values={cause.effect: values})
