@@ -59,6 +59,13 @@ def test_what_is_hidden_is_named_and_its_size_is_right(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', NAMES)
+def test_a_name_takes_about_as_many_simulations_as_are_usual(name: str) -> None:
+    found = found_in(name)
+    usual = found.fits.metric.problem.usual_simulations
+    assert 0.4 * usual < found.simulations < 2.0 * usual
+
+
+@pytest.mark.parametrize('name', NAMES)
 def test_where_nothing_is_hidden_nothing_is_found(name: str) -> None:
     module = example(name)
     assert diagnose(module.model, records(module, {})).verdict == 'none'

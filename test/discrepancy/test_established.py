@@ -24,6 +24,7 @@ from saddlering_ros.discrepancy import (
 from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem.fits import Gain
+from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.verdict import established, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 
@@ -246,6 +247,22 @@ def test_the_check_does_not_hide_a_slow_misfit_among_fast_samples() -> None:
              if 'the residual of the base fit' in line]
     assert len(lines) == 2
     assert all(float(line.split(' times ')[0].rsplit(' ', 1)[1]) > 10.0 for line in lines)
+
+
+def test_the_time_that_the_check_states_counts_what_is_done_beside_a_simulation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    passed, whiten = [0.0], Metric.whiten
+
+    def whiten_slowly(metric: Metric, columns: np.ndarray) -> np.ndarray:
+        passed[0] += columns[0].size
+        return whiten(metric, columns)
+
+    monkeypatch.setattr(Metric, 'whiten', whiten_slowly)
+    monkeypatch.setattr(sys.modules['saddlering_ros.discrepancy.diagnosis'], 'clock',
+                        SimpleNamespace(monotonic=lambda: passed[0]))
+    line = next(line for line in check(MODEL, [record(0, 0.0, 0.2)]) if 's in all' in line)
+    assert float(line.split('about ')[1].split(' s')[0]) > 0.0
 
 
 def test_a_cause_that_predicts_other_runs_worse_has_no_name() -> None:
