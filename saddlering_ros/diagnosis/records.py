@@ -82,27 +82,6 @@ class Span(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Readings:
-    """Complete samples of a run: time [s], load [N] (N,), probes (C, N) [m] that the rig has.
-
-    quiet: the probes with noise in place of the rounding of a coarse logger.
-    """
-
-    rig: Rig
-    test_run: Record
-    zero_load: float
-    time: Array
-    load: Array
-    probes: Array
-    quiet: Array
-
-    @property
-    def step(self) -> float:
-        """Median time between samples [s]."""
-        return float(np.median(np.diff(self.time)))
-
-
-@dataclass(frozen=True)
 class _Blocks:
     """Division of a run: blocks, stretches at rest, hold and branch of each block.
 
@@ -122,35 +101,56 @@ def build_record(rig: Rig, test_run: Record, *, held_out: bool) -> PreparedRecor
     measured = displacement_of_run(rig, test_run)
     good = measured.complete & np.isfinite(measured.load)
     good[: measured.zero.start] = False
+    # Complete samples of the probes that the rig has; quiet: with noise in place of the rounding
+    # of a coarse logger.
+    time, load = measured.time[good], measured.load[good]
     probes, rounding = measured.d[:, good], probe_rounding(test_run)
     quiet = probes if rounding is None else probes + rounding[:, good]
     if rig.probes.absent:
         there = [number - 1 for number in rig.probes.present]
         probes, quiet = probes[there], quiet[there]
-    readings = _Readings(rig, test_run, measured.zero.load, measured.time[good],
-                         measured.load[good], probes, quiet)
-    if readings.time.size < MIN_SAMPLES:
+    if time.size < MIN_SAMPLES:
         raise DiagnosisError(
-            f'{test_run.path}: {readings.time.size} complete samples are too few for a diagnosis: '
+            f'{test_run.path}: {time.size} complete samples are too few for a diagnosis: '
             'record longer'
         )
-    blocks = _static(readings) if test_run.test == 'static' else _dynamic(readings)
-    return PreparedRecord(test_run, measured, _run(readings, blocks, held_out))
+    divided = _static if test_run.test == 'static' else _dynamic
+    blocks = divided(rig, test_run, time, load, quiet)
+    grid = _load_grid(test_run.elevation, time, load, measured.zero.load, blocks)
+    spans = [slice(block.first, block.last) for block in blocks.spans]
+    centre = np.array([time[span].mean() for span in spans])
+    drive, branch = grid.block_means(grid.load), blocks.branch
+    if branch is None:
+        direction = direction_of(drive, rig.limits.reversal_band)
+    else:
+        # Turning points belong to the branch before them.
+        direction = branch.copy()
+        for index in np.flatnonzero(direction == 0.0):
+            direction[index] = direction[index - 1] if index else 1.0
+    step = float(np.median(np.diff(time)))
+    means = np.array([probes[:, span].mean(axis=1) for span in spans])
+    return PreparedRecord(test_run, measured, RunBlocks(
+        name=test_run.path.name or test_run.name,
+        group=f'{np.degrees(test_run.elevation):.1f} deg', time=centre,
+        width=np.array([(span.stop - span.start) * step for span in spans]),
+        channels=means.reshape(-1, len(probes)).T, inputs={'load': drive},
+        rest=tuple(blocks.rest), held_out=held_out, payload=grid, direction=direction,
+        rate=np.zeros(drive.size) if branch is not None else smooth_rate(drive, centre),
+        hold=blocks.hold))
 
 
-def _static(readings: _Readings) -> _Blocks:
+def _static(rig: Rig, test_run: Record, time: Array, load: Array, quiet: Array) -> _Blocks:
     """Blocks within the plateaus of a static run."""
-    test_run, time, load = readings.test_run, readings.time, readings.load
     levels = plateaus(test_run, errors=False)
     hold, branch = [], []
     blocks: list[Span] = []
     rest: list[RestSegment] = []
-    step = readings.step
+    step = float(np.median(np.diff(time)))
     for number in range(len(levels)):
         begin = float(test_run.time[levels.hold_start[number]])
         end = float(test_run.time[levels.hold_stop[number] - 1])
         inside = np.flatnonzero((time >= begin + min(0.3, 0.1 * (end - begin))) & (time <= end))
-        if inside.size < 4 or load[inside].mean() < readings.rig.limits.hold_min:
+        if inside.size < 4 or load[inside].mean() < rig.limits.hold_min:
             continue
         length = float(time[inside[-1]] - time[inside[0]]) + step
         parts = max(min(BLOCKS_PER_PLATEAU, inside.size // 2), int(length / LONGEST_BLOCK))
@@ -161,23 +161,20 @@ def _static(readings: _Readings) -> _Blocks:
             branch.append(float(levels.branch[number]))
         settled = inside[time[inside] >= test_run.time[levels.start[number]]]
         if settled.size >= 8:
-            rest.append(RestSegment(
-                readings.quiet[:, settled], step, f'{int(levels.branch[number])}'))
+            rest.append(RestSegment(quiet[:, settled], step, f'{int(levels.branch[number])}'))
     between = max(1, round(STATIC_GRID / step))
     return _Blocks(blocks, rest, np.array(hold), np.array(branch), between)
 
 
-def _dynamic(readings: _Readings) -> _Blocks:
+def _dynamic(rig: Rig, _: Record, time: Array, load: Array, quiet: Array) -> _Blocks:
     """Even blocks of a dynamic run."""
-    rig, time, load, step = readings.rig, readings.time, readings.load, readings.step
-    duration = float(time[-1] - time[0])
-    length = max(SHORTEST_BLOCK, duration / DYNAMIC_BLOCKS, step)
+    step = float(np.median(np.diff(time)))
+    length = max(SHORTEST_BLOCK, float(time[-1] - time[0]) / DYNAMIC_BLOCKS, step)
     number = np.floor((time - time[0]) / length + 1e-9).astype(np.int64)
     starts = np.flatnonzero(np.diff(number, prepend=-1))
     stops = np.append(starts[1:], time.size)
     rests = stretches_at_rest(time, load, rig.limits.rest_band)
-    rest = [RestSegment(readings.quiet[:, begin:end], step)
-            for begin, end in quiet_stretches(rests)]
+    rest = [RestSegment(quiet[:, begin:end], step) for begin, end in quiet_stretches(rests)]
     hold = np.arange(starts.size, dtype=float)
     change = np.abs(load[stops - 1] - load[starts]) / rig.full_scale_load
     parts = np.clip(np.ceil(change / PART_CHANGE), *MOVING_PARTS)
@@ -191,7 +188,9 @@ def _dynamic(readings: _Readings) -> _Blocks:
     return _Blocks(blocks, rest, hold, None, 1)
 
 
-def _load_grid(readings: _Readings, blocks: _Blocks) -> LoadGrid:
+def _load_grid(
+    elevation: float, time: Array, load: Array, zero_load: float, blocks: _Blocks
+) -> LoadGrid:
     """Mean time and load of the parts of every block, and of the samples between blocks.
 
     The parts of a block end at its edges, because a part beyond an edge would shift the mean.
@@ -205,15 +204,14 @@ def _load_grid(readings: _Readings, blocks: _Blocks) -> LoadGrid:
         cuts += [round(float(cut)) for cut in inner]
         last.append(len(cuts))
         reached = block.last
-    cuts += range(reached, readings.time.size, blocks.between)
+    cuts += range(reached, time.size, blocks.between)
     starts = np.array(cuts, dtype=np.int64)
-    count = np.diff(np.append(starts, readings.time.size))
+    count = np.diff(np.append(starts, time.size))
     return LoadGrid(
-        elevation=readings.test_run.elevation,
-        time=np.add.reduceat(readings.time, starts) / count,
-        load=np.add.reduceat(readings.load, starts) / count, zero_load=readings.zero_load,
+        elevation=elevation, time=np.add.reduceat(time, starts) / count,
+        load=np.add.reduceat(load, starts) / count, zero_load=zero_load,
         first=np.array(first), last=np.array(last), max_step=LONGEST_STEP,
-        load_noise=white_noise(readings.load)
+        load_noise=white_noise(load)
         / np.sqrt([block.last - block.first for block in blocks.spans]))
 
 
@@ -221,30 +219,6 @@ def smooth_rate(load: Array, time: Array) -> Array:
     """Change of a load (N,) per second, as a running mean over 0.1 s."""
     size = max(1, round(0.1 / float(np.median(np.diff(time)))))
     return np.convolve(np.gradient(load, time), np.ones(size) / size, mode='same')
-
-
-def _run(readings: _Readings, blocks: _Blocks, held_out: bool) -> RunBlocks:
-    rig, test_run, branch = readings.rig, readings.test_run, blocks.branch
-    grid = _load_grid(readings, blocks)
-    spans = [slice(block.first, block.last) for block in blocks.spans]
-    probes = np.array([readings.probes[:, span].mean(axis=1) for span in spans])
-    time = np.array([readings.time[span].mean() for span in spans])
-    load = grid.block_means(grid.load)
-    if branch is None:
-        direction = direction_of(load, rig.limits.reversal_band)
-    else:
-        # Turning points belong to the branch before them.
-        direction = branch.copy()
-        for index in np.flatnonzero(direction == 0.0):
-            direction[index] = direction[index - 1] if index else 1.0
-    return RunBlocks(
-        name=test_run.path.name or test_run.name,
-        group=f'{np.degrees(test_run.elevation):.1f} deg', time=time,
-        width=np.array([(span.stop - span.start) * readings.step for span in spans]),
-        channels=probes.reshape(-1, readings.probes.shape[0]).T, inputs={'load': load},
-        rest=tuple(blocks.rest), held_out=held_out, payload=grid, direction=direction,
-        rate=np.zeros(load.size) if test_run.test == 'static' else smooth_rate(load, time),
-        hold=blocks.hold)
 
 
 def rigs_of(records: Sequence[PreparedRecord]) -> list[str]:

@@ -27,7 +27,7 @@ IN_CATALOGUE = {
 
 @dataclass(frozen=True)
 class Dimension:
-    """An entry of the rig file, and the rig with another value of it.
+    """An entry of the rig file, and the part of a `Rig` and its field that have it.
 
     usual: an error [unit] that a wrong drawing would give; reach: the largest that is searched;
     least: the smallest possible value.
@@ -38,39 +38,37 @@ class Dimension:
     unit: str
     usual: float
     reach: float
-    read: Callable[[Rig], float]
-    changed: Callable[[Rig, float], Rig]
+    part: str
+    field: str
     least: float = -np.inf
 
+    def read(self, rig: Rig) -> float:
+        return float(getattr(getattr(rig, self.part), self.field))
 
-def _carriage(name: str) -> Callable[[Rig, float], Rig]:
-    return lambda rig, value: replace(rig, carriage=replace(rig.carriage, **{name: value}))
+    def changed(self, rig: Rig, change: float) -> Rig:
+        """The rig with another value of the entry."""
+        part = replace(getattr(rig, self.part), **{self.field: self.read(rig) + change})
+        return replace(rig, **{self.part: part})
 
 
 DIMENSIONS: Mapping[str, Dimension] = {
     'rig_weight': Dimension(
-        'rig.carriage.weight', 'Wrong weight in the rig file', 'N', 8e3, 1e5,
-        lambda rig: rig.carriage.weight, _carriage('weight'), 0.0),
+        'rig.carriage.weight', 'Wrong weight in the rig file', 'N', 8e3, 1e5, 'carriage',
+        'weight', 0.0),
     'rig_weight_x': Dimension(
         'rig.carriage.weight_x', 'Wrong place of the weight in the rig file', 'm', 0.05, 1.0,
-        lambda rig: rig.carriage.weight_x, _carriage('weight_x')),
+        'carriage', 'weight_x'),
     'rig_trunnion_x': Dimension(
-        'rig.trunnion.x', 'Wrong trunnion.x in the rig file', 'm', 0.05, 0.5,
-        lambda rig: rig.trunnion.x,
-        lambda rig, value: replace(rig, trunnion=replace(rig.trunnion, x=value))),
+        'rig.trunnion.x', 'Wrong trunnion.x in the rig file', 'm', 0.05, 0.5, 'trunnion', 'x'),
     'rig_axial_span': Dimension(
         'rig.probes.axial_span', 'Wrong span of the axial probes in the rig file', 'm', 0.03, 0.6,
-        lambda rig: rig.probes.axial_span,
-        lambda rig, value: replace(rig, probes=replace(rig.probes, axial_span=value)), 0.1),
+        'probes', 'axial_span', 0.1),
     'rig_axial_radius': Dimension(
         'rig.axial_rows.pitch_radius', 'Wrong pitch radius of the axial rows in the rig file',
-        'm', 0.02, 0.3, lambda rig: rig.axial_rows.pitch_radius,
-        lambda rig, value: replace(rig, axial_rows=replace(rig.axial_rows, pitch_radius=value)),
-        0.1),
+        'm', 0.02, 0.3, 'axial_rows', 'pitch_radius', 0.1),
     'rig_radial_row_height': Dimension(
         'rig.middle_row.height', 'Wrong height of the radial row in the rig file', 'm', 0.02, 0.3,
-        lambda rig: rig.radial_row.height,
-        lambda rig, value: replace(rig, radial_row=replace(rig.radial_row, height=value))),
+        'radial_row', 'height'),
 }
 """By the id of the effect."""
 
@@ -165,8 +163,7 @@ class NeighbourhoodsByRig:
         for key, places in rigs.items():
             changed = rig
             for name, change in key:
-                one = DIMENSIONS[name]
-                changed = one.changed(changed, one.read(changed) + change)
+                changed = DIMENSIONS[name].changed(changed, change)
             own = [[without_dimensions(groups[number][row]) for row in rows]
                    for number, rows in places.items()]
             parts.append((prepare(changed, own), list(places.items())))

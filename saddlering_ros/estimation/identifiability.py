@@ -24,18 +24,6 @@ factor 2.
 """
 
 
-def reason_held(name: str) -> str:
-    """Why a parameter that was not searched is not determined."""
-    if name[0] == 'D':
-        return f'{name} needs a dynamic run: a static reading does not depend on it'
-    return f'{name} was held'
-
-
-def reason_bound(name: str) -> str:
-    """Why a parameter on its bound is not determined."""
-    return f'{name} is at its bound: the best value may lie outside'
-
-
 def reason_wide(name: str, std: float, elevations: int) -> str | None:
     """Why a parameter of standard deviation `std` (in coordinates) is open; None if it is not."""
     half = WIDTH_95 * std

@@ -113,10 +113,6 @@ class ChannelNoise:
         return self if self.white >= least else replace(self, white=least)
 
 
-QUIET = ChannelNoise(0.0, np.zeros(TIME_CONSTANTS.size), 0.0, 1)
-"""No noise at all."""
-
-
 def _twice_integrated(separation: Array, tau: float) -> Array:
     """Second antiderivative of exp(-|separation| / tau), of separations [s] of either sign."""
     apart = np.abs(separation)

@@ -33,12 +33,6 @@ def hidden_rounding(resolution: float, noise: float) -> float:
     return resolution / math.sqrt(12.0) * left
 
 
-def crossing_seconds(resolution: float, values: Array, seconds: float) -> float:
-    """Time [s] in which moving readings (N,) over `seconds` pass one step."""
-    travel = 2.0 * float(np.nanmax(values) - np.nanmin(values))
-    return resolution / max(travel / max(seconds, 1e-9), 1e-300)
-
-
 def rounding_record(rms: float, lasting: float, step: float, count: int, seed: int) -> Array:
     """An error (count,) of this rms at every `step` [s], new after each `lasting` [s]."""
     random = np.random.default_rng(seed)
@@ -63,8 +57,10 @@ def probe_rounding(run: Record) -> Array | None:
         if run.test == 'static':
             rms, lasting = HELD_FACTOR * rms, HELD_SECONDS
         else:
-            lasting = crossing_seconds(
-                quality.resolution, run.gaps[probe], float(run.time[-1] - run.time[0]))
+            # The time in which moving readings pass one step.
+            travel = 2.0 * float(np.nanmax(run.gaps[probe]) - np.nanmin(run.gaps[probe]))
+            seconds = max(float(run.time[-1] - run.time[0]), 1e-9)
+            lasting = quality.resolution / max(travel / seconds, 1e-300)
         rows[probe] = rounding_record(rms, lasting, step, run.time.size, probe)
     if run.absent:
         rows[run.absent - 1] = -rows[OPPOSITE[run.absent] - 1]

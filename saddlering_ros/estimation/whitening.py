@@ -35,7 +35,9 @@ class Whitener:
 
     def whiten(self, columns: Array) -> Array:
         """L^-1 times columns (N, B) or (N,); 0 where a sample is missing."""
-        return self._applied(whiten_kernel, columns)
+        matrix = np.array(columns.reshape(len(columns), -1), dtype=np.float64, order='C')
+        self.whiten_in_place(matrix)
+        return matrix.reshape(columns.shape)
 
     def whiten_in_place(self, columns: Array) -> None:
         """`whiten` of a contiguous array (N, B), which is overwritten."""
@@ -43,14 +45,9 @@ class Whitener:
 
     def colour(self, columns: Array) -> Array:
         """L times columns (N, B) or (N,); 0 where a sample is missing."""
-        return self._applied(colour_kernel, columns)
-
-    def _applied(self, kernel, columns: Array) -> Array:  # type: ignore[no-untyped-def]
-        matrix = np.array(columns, dtype=np.float64, order='C', ndmin=2)
-        if columns.ndim == 1:
-            matrix = np.ascontiguousarray(matrix.T)
-        kernel(self.ahead, self.gaps, self.inside, self.pivots, self.gains, matrix)
-        return matrix if columns.ndim == 2 else matrix[:, 0]
+        matrix = np.array(columns.reshape(len(columns), -1), dtype=np.float64, order='C')
+        colour_kernel(self.ahead, self.gaps, self.inside, self.pivots, self.gains, matrix)
+        return matrix.reshape(columns.shape)
 
 
 def build_whitener(

@@ -16,7 +16,6 @@ from saddlering_ros.files import Provenance
 from saddlering_ros.identification import observation, swarm
 from saddlering_ros.identification.objective import (
     average_branches,
-    Objective,
     PaperObjective,
     refine,
     Refinement,
@@ -118,7 +117,7 @@ class _Search:
                 'identify', stage, step / max(steps, 1), f'best {best:.4g}', found))
 
     def run_swarm(
-        self, stage: str, objective: Objective, space: SearchSpace
+        self, stage: str, objective: WeightedObjective | PaperObjective, space: SearchSpace
     ) -> tuple[ContactParameters, float]:
         """Let the swarm search `space`; the best contact parameters and their objective.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -41,14 +40,6 @@ SEARCH_STEP = 2e-2
 
 SEARCH_READINGS = 64
 """Smallest number of readings of a dynamic run during the swarm."""
-
-
-class Objective(Protocol):
-    """An objective of contact parameters (B, 6): the smaller (B,), the better."""
-
-    evaluations: int
-
-    def __call__(self, contacts: Array) -> Array: ...
 
 
 def predict(rig: Rig, contacts: Array, observation: Observation) -> Array:

@@ -18,8 +18,6 @@ import numpy as np
 from saddlering_ros.estimation.identifiability import (
     collinearity,
     distinct_elevations,
-    reason_bound,
-    reason_held,
     reason_misfit,
     reason_one_elevation,
     reason_unequal,
@@ -58,20 +56,10 @@ def _parabola(height: float, load: Array, full_scale: float) -> Array:
     return load + height * 4.0 * load * (full_scale - load) / full_scale
 
 
-def _other_dimension(name: str, change: float, rig: Rig) -> Rig:
-    """The rig with one dimension changed [m], or its weight by a share."""
-    if name == 'weight':
-        carriage = rig.carriage
-        return replace(rig, carriage=replace(carriage, weight=(1.0 + change) * carriage.weight))
-    if name == 'trunnion_x':
-        return replace(rig, trunnion=replace(rig.trunnion, x=rig.trunnion.x + change))
-    if name == 'trunnion_y':
-        return replace(rig, trunnion=replace(rig.trunnion, y=rig.trunnion.y + change))
-    if name == 'clearance_axial':
-        row = rig.axial_rows
-        return replace(rig, axial_rows=replace(row, clearance=row.clearance + change))
-    row = rig.radial_row
-    return replace(rig, radial_row=replace(row, clearance=row.clearance + change))
+def _other_dimension(part: str, field: str, change: float, rig: Rig) -> Rig:
+    """The rig with one dimension of a part changed [m or N]."""
+    old = getattr(rig, part)
+    return replace(rig, **{part: replace(old, **{field: getattr(old, field) + change})})
 
 
 DELAY = 1e-3
@@ -81,9 +69,9 @@ IMPERFECTIONS = (
     Imperfection('load_nonlinearity', '0.1 % of full scale load nonlinearity',
                  load=partial(_parabola, 0.001)),
     Imperfection('axial_clearance', '5 µm of axial clearance',
-                 rig=partial(_other_dimension, 'clearance_axial', 5e-6)),
+                 rig=partial(_other_dimension, 'axial_rows', 'clearance', 5e-6)),
     Imperfection('radial_clearance', '5 µm of radial clearance',
-                 rig=partial(_other_dimension, 'clearance_radial', 5e-6)),
+                 rig=partial(_other_dimension, 'radial_row', 'clearance', 5e-6)),
     Imperfection('elevation', '0.1 deg of elevation', elevation=float(np.radians(0.1))),
     Imperfection('load_gain', '0.5 % of load gain', load=lambda load, _: 1.005 * load),
     Imperfection('delay', '1 ms between the clocks of load and probes', delay=DELAY),
@@ -92,8 +80,7 @@ IMPERFECTIONS = (
 
 def certified_errors(rig: Rig) -> list[Imperfection]:
     """One standard uncertainty of each instrument and dimension that a certificate states."""
-    stated = rig.instruments
-    made: list[Imperfection] = []
+    stated, made = rig.instruments, []
     gain, offset, bend = stated.load_gain, stated.load_offset, stated.load_nonlinearity
     if gain is not None:
         made.append(Imperfection('load_gain', '', load=lambda load, _: (1.0 + gain) * load))
@@ -103,17 +90,21 @@ def certified_errors(rig: Rig) -> list[Imperfection]:
         made.append(Imperfection('load_nonlinearity', '', load=partial(_parabola, bend)))
     if stated.elevation is not None:
         made.append(Imperfection('elevation', '', elevation=stated.elevation))
-    for name, delay in (('probe_lag', stated.probe_lag), ('clock', stated.clock)):
-        if delay is not None:
-            made.append(Imperfection(name, '', delay=delay))
-    made += [Imperfection(name, '', rig=partial(_other_dimension, name, change))
-             for name, change in (
-                 ('clearance_axial', stated.clearance), ('clearance_radial', stated.clearance),
-                 ('weight', stated.weight), ('trunnion_x', stated.trunnion),
-                 ('trunnion_y', stated.trunnion)) if change is not None]
+    made += [Imperfection(name, '', delay=delay) for name, delay in (
+        ('probe_lag', stated.probe_lag), ('clock', stated.clock)) if delay is not None]
+    weight = None if stated.weight is None else stated.weight * rig.carriage.weight
+    made += [
+        Imperfection(name, '', rig=partial(_other_dimension, part, field, change))
+        for name, part, field, change in (
+            ('clearance_axial', 'axial_rows', 'clearance', stated.clearance),
+            ('clearance_radial', 'radial_row', 'clearance', stated.clearance),
+            ('weight', 'carriage', 'weight', weight),
+            ('trunnion_x', 'trunnion', 'x', stated.trunnion),
+            ('trunnion_y', 'trunnion', 'y', stated.trunnion)) if change is not None]
     if stated.axial_span is not None:
         share = stated.axial_span / rig.probes.axial_span
-        made.append(Imperfection('axial_span', '', reading=partial(_tilt_gain, share)))
+        made.append(Imperfection('axial_span', '', reading=lambda seen: np.asarray(
+            seen * np.array([1.0, 1.0, 1.0 + share])[:, None])))
     if stated.radial_height is not None:
         made.append(Imperfection(
             'radial_height', '', reading=partial(_tilt_in_radial, stated.radial_height)))
@@ -125,11 +116,6 @@ def certified_errors(rig: Rig) -> list[Imperfection]:
             made.append(Imperfection(f'probe_nonlinearity_{number}', '', reading=partial(
                 _probe_error, rig, number, 2, stated.probe_nonlinearity)))
     return made
-
-
-def _tilt_gain(share: float, seen: Array) -> Array:
-    """Increments (B, 3, N) with a tilt that is read by another span."""
-    return np.asarray(seen * np.array([1.0, 1.0, 1.0 + share])[:, None])
 
 
 def _tilt_in_radial(height: float, seen: Array) -> Array:
@@ -258,12 +244,16 @@ def _reasons(
     reasons: dict[str, str | None] = {}
     for index, name in enumerate(PARAMETER_NAMES):
         if name not in space.names:
-            reasons[name] = reason_held(name)
+            reasons[name] = (f'{name} needs a dynamic run: a static reading does not depend on it'
+                             if name[0] == 'D' else f'{name} was held')
+            continue
+        if best.at_bound[space.names.index(name)]:
+            reasons[name] = f'{name} is at its bound: the best value may lie outside'
             continue
         worst = max(IMPERFECTIONS, key=lambda one: abs(systematic[one.name][index]))
         shift = abs(float(systematic[worst.name][index]))
         std, of_noise, without_misfit = (own[index] for own in deviations)
-        reasons[name] = reason_bound(name) if best.at_bound[space.names.index(name)] else (
+        reasons[name] = (
             reason_misfit(name, std, without_misfit, misfit_advice)
             or reason_unequal(name, std, of_noise, elevations)
             or reason_one_elevation(name, std, shift, worst.words, elevations))

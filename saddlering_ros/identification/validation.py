@@ -16,7 +16,7 @@ import numpy as np
 from saddlering_ros.errors import BagError
 from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.estimation.noise import LEVEL_REACH, noise_alone, noise_by_class, RestSource
-from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, QUIET
+from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, TIME_CONSTANTS
 from saddlering_ros.estimation.rest import RestSegment, stretches_at_rest
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification.figures import (
@@ -156,7 +156,8 @@ def _noise_of(compared: Sequence[_Comparison]) -> list[list[ChannelNoise]]:
                 noise_alone([segment.values[row] for segment in source.segments], step)
                 for row in rows])
         except EstimationError:
-            answers.append([QUIET] * len(rows))
+            quiet = ChannelNoise(0.0, np.zeros(TIME_CONSTANTS.size), 0.0, 1)
+            answers.append([quiet] * len(rows))
     return answers
 
 

@@ -18,6 +18,12 @@ from saddlering_ros.effects import catalogue, EffectError, extension_of
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
 
 
+@pytest.fixture(scope='module')
+def run(campaign):
+    bag = next(bag for bag in campaign() if bag.name == 'static_50')
+    return build_record(default_rig(), read_run(bag), held_out=False).run
+
+
 @pytest.mark.parametrize('name', ['carriage_resonance', 'probe_saturation'])
 def test_every_start_an_effect_holds_worth_trying_is_tried(name):
     effect = catalogue()[name]
@@ -47,10 +53,8 @@ def test_a_parameter_file_of_a_large_rig_may_hold_large_forces():
         extension_of(effects, rig)
 
 
-def test_stiffness_and_exponent_are_told_apart_by_their_slopes_not_by_the_bend_of_a_step(campaign):
+def test_stiffness_and_exponent_are_told_apart_by_their_slopes_not_by_the_bend_of_a_step(run):
     rig = default_rig()
-    bag = next(bag for bag in campaign() if bag.name == 'static_50')
-    run = build_record(rig, read_run(bag), held_out=False).run
     system = RingSystem(rig)
     values = TRUE_TO_SCALE.to_array()
 
@@ -72,10 +76,8 @@ def test_stiffness_and_exponent_are_told_apart_by_their_slopes_not_by_the_bend_o
     assert np.linalg.norm(fine @ vectors[1] - weak) < 0.1 * np.linalg.norm(weak)
 
 
-def test_the_change_by_a_newton_is_a_slope_on_a_small_rig_too(campaign):
+def test_the_change_by_a_newton_is_a_slope_on_a_small_rig_too(run):
     small = replace(default_rig(), full_scale_load=0.01 * default_rig().full_scale_load)
-    bag = next(bag for bag in campaign() if bag.name == 'static_50')
-    run = build_record(default_rig(), read_run(bag), held_out=False).run
     grid = run.payload
     weak = replace(grid, load=0.01 * grid.load, zero_load=0.01 * grid.zero_load)
     system, point = RingSystem(small), Point(TRUE_TO_SCALE.to_array())
@@ -87,10 +89,8 @@ def test_the_change_by_a_newton_is_a_slope_on_a_small_rig_too(campaign):
     assert np.abs(found - (more - less) / 0.2).max() < 0.02 * np.abs(found).max()
 
 
-def test_neighbours_of_a_point_are_what_simulations_of_them_give(campaign):
+def test_neighbours_of_a_point_are_what_simulations_of_them_give(run):
     rig = default_rig()
-    bag = next(bag for bag in campaign() if bag.name == 'static_50')
-    run = build_record(rig, read_run(bag), held_out=False).run
     system, values = RingSystem(rig), TRUE_TO_SCALE.to_array()
     law = values * (1.0 + 1e-5 * np.eye(6)[0])
     friction = {'radial_friction': {'force': 2000.0, 'presliding': 3e-6}}
@@ -137,11 +137,9 @@ def test_bags_of_different_rigs_get_no_confident_name(
     assert not apart.extended_parameters().effects
 
 
-def test_a_newton_more_at_the_ring_moves_it_from_the_zero_that_was_taken(campaign) -> None:
+def test_a_newton_more_at_the_ring_moves_it_from_the_zero_that_was_taken(run) -> None:
     """As the file of a law on the load does: its addition is none at the zero of a run."""
-    bag = next(bag for bag in campaign() if bag.name == 'static_50')
     system = RingSystem(default_rig())
-    run = build_record(default_rig(), read_run(bag), held_out=False).run
     point = Point(TRUE_TO_SCALE.to_array())
     drive, grid = run.inputs['load'], run.payload
     swell = 400.0 * np.sin(np.pi * drive / default_rig().full_scale_load)
@@ -163,10 +161,8 @@ def test_every_declared_start_lies_within_the_bounds_of_a_small_ring():
                            for name, value in start.items() if name in form.parameters), start
 
 
-def test_a_dimension_of_the_rig_file_is_a_cause_like_any_other(campaign):
+def test_a_dimension_of_the_rig_file_is_a_cause_like_any_other(run):
     rig = default_rig()
-    bag = next(bag for bag in campaign() if bag.name == 'static_50')
-    run = build_record(rig, read_run(bag), held_out=False).run
     system, base = RingSystem(rig), TRUE_TO_SCALE.to_array()
     wider = replace(rig, probes=replace(rig.probes, axial_span=rig.probes.axial_span + 0.05))
     plain, stiffer = Point(base), Point(1.0001 * base)
@@ -184,10 +180,8 @@ def test_a_dimension_of_the_rig_file_is_a_cause_like_any_other(campaign):
     np.testing.assert_allclose(near[2:], system.predict_many(run, [stiffer]), atol=1e-12)
 
 
-def test_a_dimension_does_not_move_the_bounds_of_an_effect(campaign):
+def test_a_dimension_does_not_move_the_bounds_of_an_effect(run):
     rig = default_rig()
-    bag = next(bag for bag in campaign() if bag.name == 'static_50')
-    run = build_record(rig, read_run(bag), held_out=False).run
     effect = catalogue()['bolt_opening']
     highest = {item.name: item.high for item in effect.parameters_on(rig)}
     smaller = Point(TRUE_TO_SCALE.to_array(), {

@@ -5,7 +5,6 @@ import json
 import pickle
 
 from identification_records import (
-    DEGREES,
     drawn_contact,
     dynamic_run,
     observe,
@@ -241,49 +240,33 @@ def test_a_rig_unlike_the_model_widens_the_intervals(four_runs, found):
     assert wider[3, 3] > usual[3, 3]
 
 
-def one_line(caught):
-    assert '\n' not in str(caught.value)
+def half_of(run):
+    """A run that ends at its highest load."""
+    top = int(np.argmax(run.load)) + (300 if run.test == 'static' else 0)
+    return replace(run, time=run.time[:top], load=run.load[:top], stamps=run.stamps[:top],
+                   gaps=run.gaps[:, :top])
 
 
-def test_a_load_never_above_five_tonnes_is_refused():
-    with pytest.raises(IdentificationError, match=r'never exceeds 5\.0 t') as caught:
-        identify([static_run(50.0, top=4)], RIG)
-    one_line(caught)
-
-
-def test_one_plateau_only_is_refused():
+def still():
+    """A static run of one plateau."""
     time = np.arange(0.0, 20.0, 0.01)
-    profile = (time, np.full(time.size, 10.0 * TONNE))
-    with pytest.raises(IdentificationError, match=r'too few|one plateau') as caught:
-        identify([record('static', profile)], RIG)
-    one_line(caught)
+    return record('static', (time, np.full(time.size, 10.0 * TONNE)))
 
 
-@pytest.mark.parametrize('test', ['static', 'dynamic'])
-def test_a_run_without_unloading_branch_is_refused(test):
-    whole = static_run(50.0) if test == 'static' else dynamic_run(50.0)
-    top = int(np.argmax(whole.load))
-    if test == 'static':
-        top += 300
-    half = replace(
-        whole, time=whole.time[:top], load=whole.load[:top], stamps=whole.stamps[:top],
-        gaps=whole.gaps[:, :top],
-    )
-    with pytest.raises(IdentificationError, match='no unloading branch') as caught:
-        identify([half], RIG)
-    one_line(caught)
-
-
-def test_reversed_bounds_are_refused(four_runs):
-    with pytest.raises(IdentificationError) as caught:
-        identify(four_runs, RIG, IdentificationSettings(bounds={'K1': (1e9, 2e7)}))
-    assert 'K1' in str(caught.value)
-    one_line(caught)
-
-
-def test_the_papers_method_without_a_static_run_is_refused(four_runs):
-    with pytest.raises(IdentificationError, match='static'):
-        identify(four_runs[1:2], RIG, IdentificationSettings(method='paper'))
+@pytest.mark.parametrize(('runs', 'settings', 'said'), [
+    (list, {}, 'no runs'),
+    (lambda: [static_run(50.0, top=4)], {}, r'never exceeds 5\.0 t'),
+    (lambda: [still()], {}, 'too few|one plateau'),
+    (lambda: [half_of(static_run(50.0))], {}, 'no unloading branch'),
+    (lambda: [half_of(dynamic_run(50.0))], {}, 'no unloading branch'),
+    (lambda: [replace(static_run(50.0), elevation=np.nan)], {}, 'elevation'),
+    (lambda: [dynamic_run(50.0)], {'method': 'paper'}, 'needs a static run'),
+    (lambda: [static_run(50.0)], {'bounds': {'K1': (1e9, 2e7)}}, 'K1'),
+])
+def test_runs_and_bounds_that_give_no_law_are_refused_in_one_line(runs, settings, said):
+    with pytest.raises(IdentificationError, match=said) as caught:
+        identify(runs(), RIG, IdentificationSettings(**settings))
+    assert '\n' not in str(caught.value)
 
 
 @pytest.mark.parametrize('method', ['default', 'paper'])
@@ -294,13 +277,7 @@ def test_an_objective_that_is_not_a_number_is_refused(four_runs, method, monkeyp
     monkeypatch.setattr('saddlering_ros.identification.objective.predict', broken)
     with pytest.raises(IdentificationError, match='not a number') as caught:
         identify(four_runs, RIG, IdentificationSettings(method=method))
-    one_line(caught)
-
-
-def test_an_elevation_that_is_not_a_number_is_refused(four_runs):
-    with pytest.raises(IdentificationError, match='elevation') as caught:
-        identify([replace(four_runs[0], elevation=np.nan)], RIG)
-    one_line(caught)
+    assert '\n' not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -333,17 +310,7 @@ def test_a_run_with_probes_at_their_limit_throughout_is_refused(four_runs, numbe
     run, rig = clipped(four_runs[number], 1.0005e-3)
     with pytest.raises(IdentificationError, match='limit of their span') as caught:
         identify([run], rig)
-    one_line(caught)
-
-
-def test_no_runs_are_refused():
-    with pytest.raises(IdentificationError, match='no runs'):
-        identify([], RIG)
-
-
-def test_elevations_reach_the_observations(four_runs):
-    observations = observe(four_runs, RIG, fit_rate=50.0)
-    assert [one.elevation / DEGREES for one in observations] == pytest.approx([50, 50, 70, 70])
+    assert '\n' not in str(caught.value)
 
 
 @pytest.mark.parametrize(('logarithmic', 'low'), [(False, 2e7), (True, np.log(2e7))])

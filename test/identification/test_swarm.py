@@ -1,10 +1,12 @@
 """Claims about the particle swarm."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from saddlering_ros.identification.settings import IdentificationError
-from saddlering_ros.identification.swarm import minimise, StopReason, Swarm, SwarmSettings
+from saddlering_ros.identification.swarm import minimise, StopReason, SwarmSettings
 
 LOW = np.array([-4.0, -4.0])
 HIGH = np.array([4.0, 6.0])
@@ -36,14 +38,12 @@ def test_the_defaults_are_the_papers():
 
 def test_no_particle_leaves_the_box_nor_moves_faster_than_v_max():
     settings = SwarmSettings(velocity_limit=0.1)
-    swarm = Swarm(LOW, HIGH, settings, seed=1)
-    before = swarm.ask()
-    for _ in range(30):
-        swarm.tell(-before.sum(axis=1))  # best outside the box
-        after = swarm.ask()
+    seen = []
+    minimise(lambda points: (seen.append(points), -points.sum(axis=1))[1],  # best outside the box
+             LOW, HIGH, settings, seed=1)
+    for before, after in pairwise(seen):
         assert np.all((after >= LOW) & (after <= HIGH))
         assert np.all(np.abs(after - before) <= 0.1 * (HIGH - LOW) + 1e-12)
-        before = after
 
 
 def test_the_minimum_may_lie_on_a_bound():
@@ -87,25 +87,11 @@ def test_progress_tells_iteration_best_spread_and_time():
     assert seen[-1].spread < seen[0].spread
 
 
-def test_an_objective_that_is_not_a_number_is_refused_in_one_line():
-    def broken(points):
-        return np.where(points[:, 0] > 0.0, np.nan, 1.0)
-
-    with pytest.raises(IdentificationError, match='not a number') as caught:
-        minimise(broken, LOW, HIGH, seed=1)
-    assert '\n' not in str(caught.value)
-
-
 def test_infinite_objectives_are_only_bad_places():
     def walled(points):
         return np.where(points[:, 0] < 0.0, np.inf, bowl(points))
 
     assert minimise(walled, LOW, HIGH, seed=1).objective < 1e-4
-
-
-def test_reversed_bounds_are_refused():
-    with pytest.raises(IdentificationError, match='lower bound'):
-        minimise(bowl, HIGH, LOW)
 
 
 @pytest.mark.parametrize(
