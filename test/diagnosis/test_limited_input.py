@@ -47,15 +47,11 @@ def test_one_clean_run_gives_no_cause_and_says_what_is_missing(campaign, run):
     assert 'one elevation only' in ' '.join(verdict.notes)
 
 
-def test_static_runs_only_are_said_to_be_so(campaign):
-    bags = [bag for bag in campaign() if bag.name.startswith('static')]
-    assert 'static runs only' in notes_of(bags)
-    assert 'one elevation only' not in notes_of(bags)
-
-
-def test_dynamic_runs_only_are_said_to_be_so(campaign):
-    bags = [bag for bag in campaign() if bag.name.startswith('dynamic')]
-    assert 'dynamic runs only' in notes_of(bags)
+@pytest.mark.parametrize('kind', ['static', 'dynamic'])
+def test_runs_of_one_kind_only_are_said_to_be_so(campaign, kind):
+    notes = notes_of([bag for bag in campaign() if bag.name.startswith(kind)])
+    assert f'{kind} runs only' in notes
+    assert ('one elevation only' in notes) == (kind == 'dynamic')
 
 
 def test_a_short_run_is_said_to_be_short(campaign):

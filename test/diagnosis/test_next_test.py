@@ -12,6 +12,7 @@ from saddlering_ros.diagnosis import next_test
 from saddlering_ros.diagnosis.next_test import on_slewed_ring, propose, with_swapped_probes
 from saddlering_ros.diagnosis.ring_wording import lowered, size_of, title_of
 from saddlering_ros.discrepancy import Point, Separation
+from saddlering_ros.discrepancy.next_test import HeldOutEvidence
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import Outcomes, RIG_TESTS
 from saddlering_ros.rig import default_rig
@@ -147,3 +148,43 @@ def test_a_size_is_said_with_its_place_its_sign_and_its_unit():
         'probe': {'value': 2.0, 'std': 0.0, 'unit': ''},
         'gain': {'value': 0.03, 'std': 0.002, 'unit': '1'}}}
     assert size_of(cause) == 'probe 2 gain +3.00 ± 0.20 %'
+
+
+SWAP = 'Swap probes 2 and 4'
+STILL = SimpleNamespace(visible=0.0)
+AFTER = SimpleNamespace(fast=STILL, shapes=[
+    SimpleNamespace(view='delta_y', coordinate='load', p_value=0.0, visible=0.01)])
+
+
+@pytest.mark.parametrize(('verdict', 'rig_hash', 'is_first'), [
+    ('unknown', '', True), ('unknown', 'f' * 64, True), ('unknown', default_rig().digest, False),
+    ('named', '', False), ('none', '', False),
+])
+def test_the_rig_file_comes_before_the_probes_unless_a_hash_vouches_for_it(
+        verdict, rig_hash, is_first):
+    unseen = SimpleNamespace(limits=[SimpleNamespace(effect='film_creep', testable=False)],
+                             labels=(), cosines=())
+    cause = SimpleNamespace(effect='radial_friction', group=('radial_friction',))
+    found = SimpleNamespace(
+        verdict=verdict, causes=[cause], residual_after=AFTER, observability=unseen,
+        held_out_evidence=())
+    run = SimpleNamespace(rig_hash=rig_hash)
+    sentence = next_test.next_test(found, [run], default_rig())
+    assert (SWAP in sentence) == (verdict == 'unknown')
+    assert sentence.startswith('First compare the rig file') == is_first
+
+
+def test_a_moment_arm_with_five_alternatives_is_told_the_tests_that_need_no_record_first():
+    group = ('moment_arm', 'elevation_error', 'load_gain', 'load_offset', 'rig_trunnion_x',
+             'rig_weight_x')
+    cause = SimpleNamespace(effect='moment_arm', group=group)
+    evidence = [HeldOutEvidence(name, name, ('static_70',), 0.0, float(name == 'moment_arm'),
+                                name == 'moment_arm') for name in group]
+    found = SimpleNamespace(
+        verdict='ambiguous', causes=[cause], held_out_evidence=evidence, separations=())
+    sentence = next_test.next_test(found, [], default_rig())
+    free, drawing, record = (sentence.index(words) for words in (
+        'Fit static_70 too: of the alternatives, moment_arm predicts static_70 best',
+        'First compare the rig file with the drawing and the ring: ', ' means '))
+    assert free < drawing < record
+    assert 'rig.trunnion.x, rig.carriage.weight_x' in sentence

@@ -132,3 +132,16 @@ def test_friction_against_radial_motion_alone_has_no_alternative_that_contains_i
     found = diagnose_system(Problem(RingSystem(default_rig()), changed))
     assert [cause.effect for cause in found.causes] == ['radial_friction']
     assert 'tilt_friction' not in found.causes[0].group
+
+
+TILT_LIMIT = 2.8e-11
+"""Its detection limit [rad/(N m)] in five clean runs of this kind."""
+
+
+def test_a_tilt_compliance_of_several_times_its_limit_is_the_first_of_its_group(campaign) -> None:
+    runs = ('static_50', 'dynamic_50_fast', 'static_70')
+    bags = campaign('tilt_compliance', 3.6 * TILT_LIMIT, 'compliance', runs, seed=5)
+    blocks = [build_record(default_rig(), read_run(bag), held_out=False).run for bag in bags]
+    (cause,) = diagnose_system(Problem(RingSystem(default_rig()), blocks)).causes
+    assert cause.effect == 'tilt_compliance'
+    assert 'probe_bracket' not in cause.group

@@ -6,13 +6,15 @@ from scipy.signal import lfilter
 
 from saddlering_ros.estimation.noise import (
     channel_correlation,
+    measure_noise,
     noise_alone,
     noise_by_class,
     parity_ratios,
     RestSource,
 )
-from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.process import ChannelNoise, EstimationError
 from saddlering_ros.estimation.rest import RestSegment
+from saddlering_ros.estimation.statistics import allan_variances_of, RowTotals, running_total
 
 STEP = 0.02
 
@@ -159,3 +161,57 @@ def test_stamps_between_those_of_the_load_make_no_correlation():
     front, rear = between, loud[:, 1:]
     parts = [np.stack([0.5 * (a + b), a - b]) for a, b in zip(front, rear, strict=True)]
     assert channel_correlation(rests(parts)) == pytest.approx(np.eye(2), abs=1e-12)
+
+
+FINE = 0.01
+
+
+def relaxing(
+    random: np.random.Generator, count: int, white: float, slow: float, tau: float
+) -> list[RestSegment]:
+    keep = np.exp(-FINE / tau)
+    drive = random.normal(size=count * 400) * slow * np.sqrt(1.0 - keep**2)
+    noise = lfilter([1.0], [1.0, -keep], drive) + random.normal(size=count * 400) * white
+    return [RestSegment(part[None, :], FINE) for part in np.array_split(noise, count)]
+
+
+def test_white_noise_averages_as_white_noise():
+    random = np.random.default_rng(1)
+    noise = measure_noise(relaxing(random, 30, 2.0, 0.0, 1.0), 1)[0]
+    assert noise.deviation(1.0) == pytest.approx(2.0 * np.sqrt(FINE), rel=0.1)
+
+
+def test_slow_noise_is_not_taken_for_white():
+    random = np.random.default_rng(2)
+    noise = measure_noise(relaxing(random, 60, 1.0, 1.0, 1.0), 1)[0]
+    assert noise.deviation(2.0) > 0.5
+
+
+def test_the_covariance_is_one_of_noise():
+    random = np.random.default_rng(3)
+    noise = measure_noise(relaxing(random, 30, 1.0, 1.0, 0.5), 1)[0]
+    time = np.arange(50) * 0.5
+    covariance = noise.covariance(time, np.full(50, 0.5))
+    assert np.linalg.eigvalsh(covariance).min() > 0.0
+
+
+def test_no_rest_is_said_in_one_line():
+    with pytest.raises(EstimationError, match='no stretch at rest'):
+        measure_noise([], 1)
+
+
+@pytest.mark.parametrize('count', [1, 3, 8])
+def test_rows_together_have_the_allan_variances_of_each_row_by_itself(count):
+    random = np.random.default_rng(0)
+    rows = [5.0 + random.standard_normal(size) for size in (40, 2, 17, 16, 300)]
+    numbers = [row.size // count - 1 for row in rows]
+    alone = [float(allan_variances_of(running_total(row)[None], count)[0])
+             for row, number in zip(rows, numbers, strict=True) if number > 0]
+    kept = [number for number in numbers if number > 0]
+    weighted, differences = RowTotals(rows).weighted_variance(count)
+    assert differences == sum(kept)
+    assert weighted == pytest.approx(np.dot(kept, alone))
+
+
+def test_rows_that_are_too_short_have_no_differences():
+    assert RowTotals([np.ones(3), np.ones(2)]).weighted_variance(2) == (0.0, 0)
