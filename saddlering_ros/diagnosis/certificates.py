@@ -12,8 +12,7 @@ CERTIFIED = {
     'load_nonlinearity': ('load_nonlinearity', 'curvature'),
     'elevation': ('elevation_error', 'angle'), 'probe_lag': ('probe_lag', 'time'),
     'clock': ('clock_offset', 'offset'), 'trunnion': ('moment_arm', 'offset'),
-    'radial_height': ('probe_height', 'height'),
-}
+    'radial_height': ('probe_height', 'height')}
 """Effect and parameter of an instrument's error, by the name in the rig file."""
 
 

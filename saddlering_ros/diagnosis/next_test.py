@@ -141,8 +141,7 @@ def for_residual(after: Residual) -> str:
         'friction is the cause.',
         'time': f'Record ten minutes at constant preload. If {channel} moves without any load, '
         'drift or pickup of a probe is the cause. If it does not move, creep of the ring is the '
-        'cause.',
-    }
+        'cause.'}
     return sentences.get(largest.coordinate, sentences['load'])
 
 
@@ -300,13 +299,11 @@ def propose(rig: Rig, runs: Sequence[RunBlocks]) -> list[Proposal]:
         'slewed_ring': Proposal('', static, as_made=on_slewed_ring, is_other_place=True),
         'reference_load': Proposal('', static, readings=cell),
         'inclinometer': Proposal('', static, readings=angles),
-        'heights': Proposal('', static, readings=heights), 'zero_load': Proposal('', rest),
-    }
+        'heights': Proposal('', static, readings=heights), 'zero_load': Proposal('', rest)}
     proposals += [replace(one, sentence=words[kind], kind=kind) for kind, one in repeats.items()]
     return [
         replace(proposal, run=replace(proposal.run, name=f'proposed {number}'))
-        for number, proposal in enumerate(proposals)
-    ]
+        for number, proposal in enumerate(proposals)]
 
 
 def with_swapped_probes(point: Point) -> Point:

@@ -94,8 +94,7 @@ COURSES: dict[str, tuple[list[float], list[float], float]] = {
     'dynamic': ([0, 2, 6, 10, 12], [0, 0, 1, 0, 0], 1e-2),
     'fast': ([0, 2, 3, 4, 6], [0, 0, 1, 0, 0], 5e-3),
     'slow': ([0, 2, 32, 62, 64], [0, 0, 1, 0, 0], 1.0),
-    'cycles': ([0, 1, 6, 36, 41, 71, 76, 106, 111, 141], [0, 0, 1, 1, 0, 0, 1, 1, 0, 0], 1.0),
-}
+    'cycles': ([0, 1, 6, 36, 41, 71, 76, 106, 111, 141], [0, 0, 1, 1, 0, 0, 1, 1, 0, 0], 1.0)}
 """Times [s], shares of full scale over the preload, and longest step [s] of each kind of ramp."""
 
 KINDS = ('static', *COURSES)
@@ -172,8 +171,7 @@ class Plan:
             'further_test': None if self.further is None else {
                 'test': self.further.name, 'factor': 10.0 ** self.further_gain},
             'assumed': {'probe_noise': self.noise, 'static_rate': STATIC_RATE,
-                        'dynamic_rate': DYNAMIC_RATE},
-        }
+                        'dynamic_rate': DYNAMIC_RATE}}
 
 
 @dataclass

@@ -44,18 +44,14 @@ def proposal_document(law: LawProposal | None, files: tuple[str, ...]) -> dict[s
                 name: {
                     'value': size.value, 'std': size.std, 'unit': units.get(size.unit, size.unit),
                     'interval_95': [size.value - 1.96 * size.std, size.value + 1.96 * size.std]}
-                for name, size in term.parameters.items()
-            },
+                for name, size in term.parameters.items()},
             'curve': {
                 'at': term.at.tolist(), 'at_unit': along, 'values': term.values.tolist(),
-                'std': term.band.tolist(), 'unit': unit,
-            },
-        })
+                'std': term.band.tolist(), 'unit': unit}})
     return {
         **terms[0], 'gain': {'fit': law.fit, 'held_out': law.held_out}, 'share': law.share,
         'p_value': law.p_value, 'doubts': list(law.doubts),
-        'effect_file': files[0] if files else None, 'effect_files': list(files), 'terms': terms,
-    }
+        'effect_file': files[0] if files else None, 'effect_files': list(files), 'terms': terms}
 
 
 def effect_paths(law: LawProposal, folder: Path) -> dict[Path, Term]:
@@ -87,9 +83,7 @@ def write_effect_files(law: LawProposal, folder: Path, full_scale_load: float) -
             'size': {'low': -REACH * size, 'high': REACH * size, 'scale': size, 'start': size},
             'table': {
                 'at': [float(f'{value:.9g}') for value in at],
-                'values': [float(f'{value / size:.6g}') for value in values],
-            },
-        }
+                'values': [float(f'{value / size:.6g}') for value in values]}}
         folder.mkdir(parents=True, exist_ok=True)
         write_text(path, yaml.safe_dump(
             document, sort_keys=False, default_flow_style=None, width=98))

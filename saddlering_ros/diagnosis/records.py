@@ -112,8 +112,7 @@ def build_record(rig: Rig, test_run: Record, *, held_out: bool) -> PreparedRecor
     if time.size < MIN_SAMPLES:
         raise DiagnosisError(
             f'{test_run.path}: {time.size} complete samples are too few for a diagnosis: '
-            'record longer'
-        )
+            'record longer')
     divided = _static if test_run.test == 'static' else _dynamic
     blocks = divided(rig, test_run, time, load, quiet)
     grid = _load_grid(test_run.elevation, time, load, measured.zero.load, blocks)
@@ -183,8 +182,7 @@ def _dynamic(rig: Rig, _: Record, time: Array, load: Array, quiet: Array) -> _Bl
         hold[held], parts[held] = -float(begin) - 1.0, 1
     blocks = [
         Span(int(a), int(b), min(int(count), int(b - a)))
-        for a, b, count in zip(starts, stops, parts, strict=True)
-    ]
+        for a, b, count in zip(starts, stops, parts, strict=True)]
     return _Blocks(blocks, rest, hold, None, 1)
 
 
@@ -242,25 +240,21 @@ def check_set(records: Sequence[PreparedRecord], rig: Rig) -> list[str]:
     if len(elevations) == 1:
         notes.append(
             f'one elevation only ({elevations[0]:g} deg): load gain, elevation error, '
-            'moment arm and compliances are hard to tell apart'
-        )
+            'moment arm and compliances are hard to tell apart')
     if len(rigs) > 1:
         notes.append(
             f'bags from different rigs ({", ".join(rigs)}), simulated as one: a difference '
             'between the rigs is a misfit too, so that no cause is certain; diagnose each rig '
-            'separately'
-        )
+            'separately')
     for record in fitted:
         peak = float(np.max(record.measured.load))
         if peak < rig.limits.threshold_min:
             notes.append(
                 f'{record.run.name}: peak load {rig.force_words(peak)} is under half of full '
                 f'scale ({rig.force_words(rig.full_scale_load)}): effects that begin above this '
-                'load cannot show'
-            )
+                'load cannot show')
         if float(np.ptp(record.run.time)) < 5.0:
             notes.append(
                 f'{record.run.name}: {np.ptp(record.run.time):.1f} s long: slower effects cannot '
-                'show'
-            )
+                'show')
     return notes

@@ -20,8 +20,7 @@ REVERSED = 'rig_polarity'
 
 IN_CATALOGUE = {
     'moment_arm': 'rig.trunnion.y', 'axial_clearance': 'rig.axial_rows.clearance',
-    'radial_clearance': 'rig.middle_row.clearance', 'probe_height': 'rig.probes.radial_height',
-}
+    'radial_clearance': 'rig.middle_row.clearance', 'probe_height': 'rig.probes.radial_height'}
 """Entry of the rig file by effect of the catalogue that its error would look like."""
 
 
@@ -68,8 +67,7 @@ DIMENSIONS: Mapping[str, Dimension] = {
         'm', 0.02, 0.3, 'axial_rows', 'pitch_radius', 0.1),
     'rig_radial_row_height': Dimension(
         'rig.middle_row.height', 'Wrong height of the radial row in the rig file', 'm', 0.02, 0.3,
-        'radial_row', 'height'),
-}
+        'radial_row', 'height')}
 """By the id of the effect."""
 
 

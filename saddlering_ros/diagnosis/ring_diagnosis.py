@@ -28,15 +28,9 @@ from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig
 
 
 def diagnose_ring(
-    runs: Sequence[Record],
-    hold_out: Sequence[Record] = (),
-    *,
-    rig: Rig,
-    parameters: ParameterSet | None = None,
-    seed: int = 0,
-    settings: Settings | None = None,
-    on_progress: OnProgress | None = None,
-    is_cancelled: IsCancelled | None = None,
+    runs: Sequence[Record], hold_out: Sequence[Record] = (), *, rig: Rig,
+    parameters: ParameterSet | None = None, seed: int = 0, settings: Settings | None = None,
+    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
 ) -> Verdict:
     """Diagnosis of the simulation of `rig` on runs, judged on `hold_out` if given.
 
@@ -47,8 +41,7 @@ def diagnose_ring(
         raise DiagnosisError('no runs to diagnose: give at least one')
     records = _with_different_names([
         *(build_record(rig, run, held_out=False) for run in runs),
-        *(build_record(rig, run, held_out=True) for run in hold_out),
-    ])
+        *(build_record(rig, run, held_out=True) for run in hold_out)])
     fitted = [record.run for record in records if not record.run.held_out]
     if on_progress is not None:
         on_progress(Progress('diagnose', 'contact parameters', 0.0))
@@ -72,8 +65,7 @@ def diagnose_ring(
         on_progress=on_progress, is_cancelled=is_cancelled)
     figures = tuple(
         verdict.run_figures(rig, diagnosis, record, prediction.before, prediction.after)
-        for record, prediction in zip(records, diagnosis.runs, strict=True)
-    )
+        for record, prediction in zip(records, diagnosis.runs, strict=True))
     law = verdict.contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
     named = {name for cause in diagnosis.causes for name in cause.group}
     laws_of_user = sorted(

@@ -97,6 +97,7 @@ class RingNeighbourhood:
                 answer[index] = values
         return [np.clip(answer, -10.0 * FAILED, 10.0 * FAILED) for answer in answers]
 
+
 @dataclass(frozen=True)
 class RingSystem:
     """The engine's `System` for one rig.
@@ -130,16 +131,14 @@ class RingSystem:
                 start=float(np.clip(starts[name], *self.rig.bounds[name])),
                 scale='linear' if name.startswith('n') else 'log', unit=PARAMETER_UNITS[name],
                 step=FINE_STEP)
-            for name in PARAMETER_NAMES
-        )
+            for name in PARAMETER_NAMES)
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
         return tuple(
             one
             for effect in catalogue_of_effects.catalogue().values()
-            for one in engine_effects(effect, self.rig)
-        )
+            for one in engine_effects(effect, self.rig))
 
     @cached_property
     def inputs(self) -> tuple[Effect, ...]:
@@ -152,8 +151,7 @@ class RingSystem:
         views = {
             'delta_x': np.array([0.5, 0.0, -0.5, 0.0]), 'delta_y': np.array([0.0, 0.5, 0.0, 0.5]),
             'gamma': np.array([0.0, 1.0, 0.0, -1.0]) / probes.axial_span,
-            'parity': np.array([0.5, 0.0, 0.5, 0.0]),
-        }
+            'parity': np.array([0.5, 0.0, 0.5, 0.0])}
         if not probes.absent:
             return views
         del views['parity']
@@ -237,8 +235,7 @@ class RingSystem:
             parts.append(roller_scatter.scatter_columns(self.rig, point.base, course)[self.seen])
             sides = [
                 [replace(self, rig=rig).predict_many(run, [point])[0] for rig in pair]
-                for pair in roller_scatter.known_rigs(self.rig)
-            ]
+                for pair in roller_scatter.known_rigs(self.rig)]
             known.append(np.stack([
                 *(0.5 * (above - below) for above, below in sides),
                 *(CURVATURE * (0.5 * (above + below) - usual) for above, below in sides),
@@ -310,8 +307,7 @@ class RingSystem:
             self.simulated(
                 replace(run, payload=replace(grid, load=grid.load + change)),
                 [(point.base, self.extension(point))])[0]
-            for change in (-step, step)
-        )
+            for change in (-step, step))
         return {'hydraulic_load': (more - less) / (2.0 * step)}
 
     def start_of(self, run: RunBlocks) -> float:
@@ -375,8 +371,7 @@ def engine_effects(
                 neutral=item.neutral if item.amplitude or item is ordered[0] else None,
                 step=FINE_STEP if item.logarithmic else float(
                     np.clip(0.003 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)))
-            for item in ordered
-        }
+            for item in ordered}
         effects.append(Effect(
             effect.title, parameters,
             variants=tuple(dict(item.values) for item in effect.variants[:stop]),
@@ -388,8 +383,7 @@ def engine_effects(
 
 def _starts(
     effect: catalogue_of_effects.RingEffect,
-    ordered: Sequence[catalogue_of_effects.EffectParameter],
-    rig: Rig,
+    ordered: Sequence[catalogue_of_effects.EffectParameter], rig: Rig,
 ) -> tuple[dict[str, float], ...]:
     """Three sizes at the usual shape, and the starts that the effect declares."""
     size, *shapes = ordered

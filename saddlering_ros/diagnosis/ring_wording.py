@@ -162,8 +162,7 @@ def shapes_of(document: VerdictDocument) -> list[ShapeEntry]:
 
 COORDINATES = {
     'load': 'follows the load', 'direction': 'changes sign with the direction of the load',
-    'rate': 'follows the rate of the load', 'time': 'follows time',
-}
+    'rate': 'follows the rate of the load', 'time': 'follows time'}
 
 
 def title_of(effect_id: str) -> str:

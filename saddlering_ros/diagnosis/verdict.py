@@ -87,8 +87,7 @@ def contact_law(
     estimates = {
         name: Estimate(float(getattr(alone.parameters.contact, name)), float(deviation),
                        PARAMETER_UNITS[name])
-        for name, deviation in zip(PARAMETER_NAMES, deviations, strict=True)
-    }
+        for name, deviation in zip(PARAMETER_NAMES, deviations, strict=True)}
     if not diagnosis.causes:
         of_noise = alone.parameters.source.covariance
         assert of_noise is not None
@@ -170,8 +169,7 @@ class Verdict:
             effects = {
                 cause.effect: {name: size.value for name, size in cause.parameters.items()}
                 for cause in self.diagnosis.causes
-                if not cause.definition.line and not title_of_dimension(cause.effect)
-            }
+                if not cause.definition.line and not title_of_dimension(cause.effect)}
         made = self.provenance(held_out=False)
         source = ParameterSource(
             method='diagnose', bags=tuple(origin.path for origin in made.bags),
@@ -283,16 +281,14 @@ def verdict_document(verdict: Verdict) -> VerdictDocument:
             for one in diagnosis.search.candidates],
         'shapes': {
             'before': [_shape_entry(shape) for shape in diagnosis.residual_before.shapes],
-            'after': shapes_after,
-        },
+            'after': shapes_after},
         'signature_cosines': signature_cosines(diagnosis),
         'gain': {'fit': gain.fit, 'held_out': gain.held_out, 'how': gain.how},
         'proposal': proposal_document(diagnosis.law, verdict.effect_files),
         'notes': list(verdict.notes),
         'provenance': verdict.provenance().as_dict(),
         'seed': verdict.seed,
-        'seconds': diagnosis.seconds,
-    })
+        'seconds': diagnosis.seconds})
     document['headline'] = ring_wording.headline(document)
     return document
 
@@ -325,8 +321,7 @@ def _cause_entries(diagnosis: Diagnosis) -> list[CauseEntry | ShapeEntry]:
             'shape': f'{fast.view} oscillates at about {frequency} in {fast.run}, '
                      f'{percent(fast.visible)} of range rms',
             'channel': fast.view, 'coordinate': 'time', 'p_value': fast.p_value,
-            'share_of_range': fast.visible,
-        })
+            'share_of_range': fast.visible})
     for cause in causes:
         cause['partial'] = True
     return [*entries, *causes]
@@ -343,10 +338,8 @@ def _parameters_entry(law: ContactLaw) -> dict[str, Any]:
         'after': after,
         'before_std': {
             name: None if name in law.reasons_before else estimate.std
-            for name, estimate in law.before.items()
-        },
-        'undetermined': {'before': dict(law.reasons_before), 'after': dict(law.reasons_after)},
-    }
+            for name, estimate in law.before.items()},
+        'undetermined': {'before': dict(law.reasons_before), 'after': dict(law.reasons_after)}}
 
 
 def _evidence_entry(one: Evidence) -> dict[str, Any]:
@@ -356,8 +349,7 @@ def _evidence_entry(one: Evidence) -> dict[str, Any]:
 def _shape_entry(shape: ShapeTest) -> ShapeEntry:
     return {
         'channel': shape.view, 'coordinate': shape.coordinate, 'p_value': shape.p_value,
-        'share_of_range': shape.visible,
-    }
+        'share_of_range': shape.visible}
 
 
 def signature_cosines(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
@@ -367,7 +359,5 @@ def signature_cosines(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
         label: {
             other: round(float(value), 3)
             for other, value in zip(labels, row, strict=True)
-            if other != label and value >= MIN_COSINE
-        }
-        for label, row in zip(labels, diagnosis.observability.cosines, strict=True)
-    }
+            if other != label and value >= MIN_COSINE}
+        for label, row in zip(labels, diagnosis.observability.cosines, strict=True)}

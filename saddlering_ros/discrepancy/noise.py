@@ -65,8 +65,7 @@ class Noise:
             if not start < end:
                 raise DiscrepancyError(
                     f'noise: the interval at rest from {start:g} to {end:g} is empty: give the '
-                    'start first'
-                )
+                    'start first')
         return Noise(partial(_of_rest, tuple(tuple(interval) for interval in intervals)))
 
     @staticmethod
@@ -124,8 +123,7 @@ def _of_repeats(
         if repeat not in by_run:
             raise DiscrepancyError(
                 f'noise: from_repeats names the run {repeat!r}, which is not among '
-                f'{", ".join(by_run)}'
-            )
+                f'{", ".join(by_run)}')
         values, time = by_run[repeat].values, by_run[repeat].time
         time = time - time[0]
         if wanted is None:
@@ -152,8 +150,7 @@ def _of_spectrum(frequency: Array, density: Array) -> ChannelNoise:
     if not (good and np.all(frequency > 0.0) and np.all(density > 0.0)):
         raise DiscrepancyError(
             'noise: a spectrum needs two frequencies or more, all above zero, and a density '
-            'above zero at each'
-        )
+            'above zero at each')
     low, high = float(frequency.min()), float(frequency.max())
     constants = record_noise.relaxation_grid(0.5 / (np.pi * high), 0.5 / (np.pi * low))
     angular = 2.0 * np.pi * frequency[:, None]
@@ -166,8 +163,7 @@ def _of_spectrum(frequency: Array, density: Array) -> ChannelNoise:
     if float(np.sqrt(np.mean(error**2))) > MAX_SPECTRUM_ERROR:
         raise DiscrepancyError(
             'noise: the spectrum rises with frequency or has lines, which white noise and '
-            'relaxations cannot represent: give from_rest, or smooth the spectrum'
-        )
+            'relaxations cannot represent: give from_rest, or smooth the spectrum')
     white = max(float(solved[0]), 1e-9 * float(density.min()))
     return ChannelNoise(white, solved[1:], 0.0, KNOWN_EXACTLY, constants)
 
@@ -235,16 +231,14 @@ def learn_noise(
             series.setdefault(key, []).append(held)
     if not segments:
         raise DiscrepancyError(
-            'noise: no stretch at rest in any run: record one in which the input is held'
-        )
+            'noise: no stretch at rest in any run: record one in which the input is held')
     classes = {key: RestSource(rest, series.get(key, ())) for key, rest in segments.items()}
     count = runs[0].channels.shape[0]
     learnt = noise_by_class(classes, count)
     first = next(iter(learnt.values()))
     return {
         (run.name, channel): learnt.get(key, first)[channel]
-        for key, run in zip(keys, runs, strict=True) for channel in range(count)
-    }
+        for key, run in zip(keys, runs, strict=True) for channel in range(count)}
 
 
 def _held_series(run: RunBlocks, residual: Array) -> HeldSeries | None:

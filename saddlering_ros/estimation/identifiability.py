@@ -96,7 +96,5 @@ def collinearity(jacobian: Array, names: Sequence[str]) -> dict[str, float]:
     subsets = [*combinations(range(len(names)), 2), tuple(range(len(names)))]
     return {
         ','.join(names[i] for i in subset): float(
-            1.0 / max(np.linalg.svd(unit[:, list(subset)], compute_uv=False)[-1], 1e-12)
-        )
-        for subset in dict.fromkeys(subsets)
-    }
+            1.0 / max(np.linalg.svd(unit[:, list(subset)], compute_uv=False)[-1], 1e-12))
+        for subset in dict.fromkeys(subsets)}

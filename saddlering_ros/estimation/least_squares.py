@@ -103,12 +103,8 @@ class Descent(Generic[Answers]):
 
 
 def descend(
-    start: Array,
-    rule: Rule,
-    fresh: Sequence[int],
-    known: Array | None = None,
-    first_fresh: Sequence[int] | None = None,
-    first_answer: Answers | None = None,
+    start: Array, rule: Rule, fresh: Sequence[int], known: Array | None = None,
+    first_fresh: Sequence[int] | None = None, first_answer: Answers | None = None,
 ) -> Generator[Array, Answers, Descent[Answers]]:
     """Levenberg-Marquardt from `start` (F,): yields points and receives answers.
 
@@ -279,11 +275,8 @@ class SearchSpace:
 
     @classmethod
     def of(
-        cls,
-        bounds: Mapping[str, tuple[float, float]],
-        free: Iterable[str],
-        held: ContactParameters,
-        logarithmic: Iterable[str] = (),
+        cls, bounds: Mapping[str, tuple[float, float]], free: Iterable[str],
+        held: ContactParameters, logarithmic: Iterable[str] = (),
     ) -> SearchSpace:
         """Space of the names in `free`, inside bounds (values); the others are held."""
         logarithmic = set(logarithmic)
@@ -304,8 +297,7 @@ class SearchSpace:
         points = np.atleast_2d(points)
         contacts = np.tile(self.held, (len(points), 1))
         contacts[:, self.free] = np.where(
-            self.logarithmic[self.free], np.exp(np.minimum(points, 700.0)), points
-        )
+            self.logarithmic[self.free], np.exp(np.minimum(points, 700.0)), points)
         return contacts
 
     def coordinates(self, contact: Array) -> Array:

@@ -182,8 +182,7 @@ def noise_by_class(
     learnt = {
         key: source.noise(
             count, (slowest if key == richest else SEEN_SHARE) * _longest(source.segments))
-        for key, source in usable.items()
-    }
+        for key, source in usable.items()}
     if best.ratios is None and not best.series and len(best.segments) < FEW_STRETCHES:
         # Noise beyond the longest stretch at rest is assumed to be as large as at that stretch.
         span = _longest(best.segments)
@@ -196,8 +195,7 @@ def noise_by_class(
     return {
         key: [replace(noise, slow=np.maximum(noise.slow, slow))
               for noise, slow in zip(channels, lent, strict=True)]
-        for key, channels in learnt.items()
-    }
+        for key, channels in learnt.items()}
 
 
 def _longest(segments: Sequence[RestSegment]) -> float:
@@ -206,9 +204,7 @@ def _longest(segments: Sequence[RestSegment]) -> float:
 
 
 def measure_noise(
-    segments: Sequence[RestSegment],
-    count: int,
-    series: Sequence[HeldSeries] = (),
+    segments: Sequence[RestSegment], count: int, series: Sequence[HeldSeries] = (),
     longest: float = np.inf,
 ) -> list[ChannelNoise]:
     """Noise of each of `count` channels, pooled over all stretches at rest.
@@ -225,8 +221,7 @@ def measure_noise(
     """
     if not segments:
         raise EstimationError(
-            'noise: no stretch at rest in any run: record one in which the input is held'
-        )
+            'noise: no stretch at rest in any run: record one in which the input is held')
     labelled = [segment for segment in segments if segment.label]
     if len(labelled) >= MIN_LABELLED:
         segments = labelled
@@ -317,8 +312,7 @@ def _without_common_course(
             rows = list((stack - stack.mean(axis=0)) * shrink)
         cleaned += [
             (np.asarray(row - row.mean()), member.step)
-            for row, member in zip(rows, members, strict=True)
-        ]
+            for row, member in zip(rows, members, strict=True)]
     return cleaned
 
 

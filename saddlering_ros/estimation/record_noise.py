@@ -110,16 +110,14 @@ def noise_of_stretches(
     if sum(sizes) < MIN_SAMPLES:
         raise EstimationError(
             f'noise: {where} has only {sum(sizes)} samples: give at least '
-            f'{MIN_SAMPLES}, or Noise.white(std)'
-        )
+            f'{MIN_SAMPLES}, or Noise.white(std)')
     scales, observed, pairs = statistics.allan_variances(rows)
     used = scales <= max(longest, step) * (1.0 + 1e-9)
     observed = observed[used]
     if not observed.max(initial=0.0) > 0.0:
         raise EstimationError(
             f'noise: {where} does not vary: give Noise.white(std) with the resolution of '
-            'the instrument'
-        )
+            'the instrument')
     constants = relaxation_grid(step, longest)
     parts = Statistics(observed, allan_columns(scales[used], constants), pairs[used]).mixture()
     white = max(float(parts[0]), MIN_WHITE * float(observed.max()) * step)
@@ -233,15 +231,13 @@ def _noise_of_fast_values(
     if sum(sizes) < MIN_SAMPLES:
         raise EstimationError(
             f'noise: run {record.run} holds {sum(sizes)} samples, too few to learn from: give at '
-            f'least {MIN_SAMPLES}, or Noise.white(std)'
-        )
+            f'least {MIN_SAMPLES}, or Noise.white(std)')
     step = record.step
     spectrum = _spectrum_above(values, waves, MAX_BINS)
     if not spectrum.power.max(initial=0.0) > 0.0:
         raise EstimationError(
             f'noise: run {record.run} does not vary at all: give Noise.white(std) with the '
-            'resolution of the instrument'
-        )
+            'resolution of the instrument')
     constants = relaxation_grid(step, 0.5 * record.duration / max(waves, 1))
     expected = np.zeros(spectrum.power.size)
     if present is not None:

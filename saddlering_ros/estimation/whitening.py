@@ -51,12 +51,8 @@ class Whitener:
 
 
 def build_whitener(
-    noise: ChannelNoise,
-    time: Array,
-    width: Array,
-    hold: Array | None = None,
-    present: Array | None = None,
-    jitter: float = 0.0,
+    noise: ChannelNoise, time: Array, width: Array, hold: Array | None = None,
+    present: Array | None = None, jitter: float = 0.0,
 ) -> Whitener:
     """Whitener of means over `width` (N,) about `time` (N,) [s], in order of time.
 
@@ -90,13 +86,11 @@ def build_whitener(
     pivots, gains = np.empty(time.size), np.empty_like(ahead)
     ahead, gaps, inside = (np.ascontiguousarray(values) for values in (ahead, gaps, inside))
     bad = factorise_kernel(
-        variances, ahead, np.ascontiguousarray(behind), gaps, inside, there, pivots, gains
-    )
+        variances, ahead, np.ascontiguousarray(behind), gaps, inside, there, pivots, gains)
     if bad:
         raise EstimationError(
             f'noise: the covariance is singular at sample {bad - 1}: give the channel some white '
-            'noise'
-        )
+            'noise')
     return Whitener(ahead, gaps, inside, pivots, gains)
 
 

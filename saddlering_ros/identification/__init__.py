@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     'Identification', 'IdentificationError', 'IdentificationSettings', 'StopReason',
-    'SwarmSettings', 'Validation', 'identify', 'validate',
-]
+    'SwarmSettings', 'Validation', 'identify', 'validate']
 
 _PLACES = {'identify': 'methods', 'Identification': 'result',
            'validate': 'validation', 'Validation': 'validation'}

@@ -116,8 +116,7 @@ class RunValidation:
             'elevation_deg': float(np.degrees(self.elevation)),
             'test': self.test,
             'channels': {name: asdict(figures) for name, figures in self.channels.items()},
-            'notes': list(self.notes),
-        })
+            'notes': list(self.notes)})
         return document
 
 

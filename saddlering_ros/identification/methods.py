@@ -49,8 +49,7 @@ DAMPING_NAMES = ('D1', 'D2')
 
 MISFIT_ADVICE = {
     'default': 'diagnose finds the cause',
-    'paper': 'use the default method, which fits closer, or find the cause with diagnose',
-}
+    'paper': 'use the default method, which fits closer, or find the cause with diagnose'}
 """Remedy for a misfit, by method."""
 
 STALLED_AFTER, STALLED_GAIN = 4, 0.05
@@ -143,12 +142,8 @@ class _Search:
 
 @one_blas_thread()
 def identify(
-    runs: Sequence[Record],
-    rig: Rig,
-    settings: IdentificationSettings | None = None,
-    *,
-    on_progress: OnProgress | None = None,
-    is_cancelled: IsCancelled | None = None,
+    runs: Sequence[Record], rig: Rig, settings: IdentificationSettings | None = None, *,
+    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
 ) -> Identification:
     """Identify K1, n1, D1, K2, n2, D2 from static and dynamic runs of any elevations.
 
@@ -228,8 +223,7 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Outcom
             'dynamic swarm',
             WeightedObjective(
                 search.rig, [thinned(one) for one in (shown if static else dynamic)], channels),
-            search.space(DAMPING_NAMES if static else PARAMETER_NAMES, contact, log=True),
-        )
+            search.space(DAMPING_NAMES if static else PARAMETER_NAMES, contact, log=True))
     searched = PARAMETER_NAMES if dynamic else STATIC_NAMES
     if search.cancelled:
         return _Outcome(contact, best, searched, observations)
@@ -237,11 +231,8 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Outcom
 
 
 def _refined(
-    search: _Search,
-    observations: Sequence[Observation],
-    contact: ContactParameters,
-    searched: tuple[str, ...],
-    best: float,
+    search: _Search, observations: Sequence[Observation], contact: ContactParameters,
+    searched: tuple[str, ...], best: float,
 ) -> _Outcome:
     """Joint least squares from two starts in long steps, then from the better one in short steps.
 
@@ -317,8 +308,7 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
         chi_square=best.chi_square, degrees_of_freedom=objective.size - len(space.free),
         at_bound={
             name: name in space.names and bool(best.at_bound[space.names.index(name)])
-            for name in PARAMETER_NAMES
-        },
+            for name in PARAMETER_NAMES},
         evaluations=search.evaluations, elapsed=time.monotonic() - search.started, status=status,
         cancelled=cancelled, notes=tuple(search.notes))
 
@@ -330,8 +320,7 @@ def _status(cancelled: bool, reduced: float, open_names: Sequence[str], advice: 
     if reduced > 2.0:
         parts.append(
             f'the misfit is {np.sqrt(reduced):.1f} times the noise: intervals are widened and '
-            f'may be biased ({advice})'
-        )
+            f'may be biased ({advice})')
     if open_names:
         parts.append(f'not determined by these data: {", ".join(open_names)}')
     return '; '.join(parts) or 'identified'

@@ -151,8 +151,7 @@ class WeightedObjective:
     def _of_each_run(self, contacts: Array) -> list[Array]:
         return self.whiten([
             increments - one.displacement
-            for increments, one in zip(self.increments(contacts), self.observations, strict=True)
-        ])
+            for increments, one in zip(self.increments(contacts), self.observations, strict=True)])
 
     def increments(self, contacts: Array) -> list[Array]:
         """Simulated increments (B, 3, N) of each run; those of the lowest fit so far are known."""
@@ -175,8 +174,7 @@ class WeightedObjective:
                 self.increments(contact[None, :]), self.observations, strict=True)])
         corrected = [
             one.with_load_less(shared.likely(residual[0]))
-            for one, shared, residual in zip(self.observations, self.shared, white, strict=True)
-        ]
+            for one, shared, residual in zip(self.observations, self.shared, white, strict=True)]
         return replace(self, observations=corrected)
 
     def with_settled_plateaus(self, contact: Array) -> WeightedObjective:
@@ -189,20 +187,17 @@ class WeightedObjective:
         settling = [
             increments if one.dynamic
             else increments - predict(self.rig, contact[None, :], one.coarse())
-            for one, increments in zip(self.observations, moving, strict=True)
-        ]
+            for one, increments in zip(self.observations, moving, strict=True)]
         lengths = [float(np.linalg.norm(white)) for white in self.whiten(settling)]
         return replace(self, observations=[
             one if one.dynamic or not length < SETTLED else one.at_rest(increments[0])
-            for one, increments, length in zip(self.observations, settling, lengths, strict=True)
-        ])
+            for one, increments, length in zip(self.observations, settling, lengths, strict=True)])
 
     def whiten(self, raw: Sequence[Array]) -> list[Array]:
         """Residuals (B, R) of unit covariance, of each run, from raw ones (B, 3, N)."""
         return [
             shared.apply(residuals.T).T
-            for residuals, shared in zip(self._plainly_white(raw), self.shared, strict=True)
-        ]
+            for residuals, shared in zip(self._plainly_white(raw), self.shared, strict=True)]
 
     def combined(self, weights: Array, raw: Sequence[Array]) -> Array:
         """Products (F, B) of weights (F, R) with whitened residuals of raw ones (B, 3, N).
@@ -221,8 +216,7 @@ class WeightedObjective:
         channels = list(self.channels)
         return [
             one.whiten(residuals[:, channels], self.channels)
-            for one, residuals in zip(self.observations, raw, strict=True)
-        ]
+            for one, residuals in zip(self.observations, raw, strict=True)]
 
     def __call__(self, contacts: Array) -> Array:
         """Chi square (B,)."""
@@ -351,11 +345,8 @@ class Refinement(least_squares.Minimum):
 
 
 def refine(
-    objective: WeightedObjective,
-    space: SearchSpace,
-    start: Array,
-    is_cancelled: IsCancelled | None = None,
-    negligible: float = least_squares.NEGLIGIBLE,
+    objective: WeightedObjective, space: SearchSpace, start: Array,
+    is_cancelled: IsCancelled | None = None, negligible: float = least_squares.NEGLIGIBLE,
     damping: float = least_squares.USUAL_DAMPING,
 ) -> Refinement:
     """Least squares from coordinates `start` (F,); Cancelled on request.

@@ -176,8 +176,7 @@ def observe_prepared(prepared: Sequence[PreparedRun], fit_rate: float | None) ->
         _observe_dynamic(one, noise[number], fit_rate)
         if one.branch is None
         else _observe_static(one, noise[number])
-        for number, one in enumerate(prepared)
-    ]
+        for number, one in enumerate(prepared)]
 
 
 def observe_with_cell(
@@ -189,8 +188,7 @@ def observe_with_cell(
     slow = slow_cell_noise(rig, contact, explained)
     return [
         replace(seen, load_errors=load_errors_of(rig, contact, one, seen, cell_noise(one, slow)))
-        for one, seen in zip(explained, observed, strict=True)
-    ]
+        for one, seen in zip(explained, observed, strict=True)]
 
 
 def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:

@@ -244,8 +244,7 @@ def warnings_of(run: Record, rig: Rig) -> list[str]:
         if share > 0.001:
             warnings.append(
                 f'{name}: probe {probe} is at a limit of its span in {100.0 * share:.1f} % of '
-                'the record, which is left out'
-            )
+                'the record, which is left out')
     noted = any('not near the preload' in note for note in run.notes)
     if not noted and not zero_of_run(rig, run).reading.near_preload:
         warnings.append(f'{name}: the record does not start near the preload; its zero is at a '
@@ -278,8 +277,7 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
             f'{name}: the load never exceeds {rig.force_words(least)} (highest '
             f'{rig.force_words(top)}), a fifth of full scale '
             f'({rig.force_words(rig.full_scale_load)}'
-            "): load the ring further, or correct the rig file's full_scale_load"
-        )
+            "): load the ring further, or correct the rig file's full_scale_load")
     if run.test == 'static':
         try:
             readings = plateaus(run, errors=False)
@@ -289,19 +287,16 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
         if len(levels) < 2:
             raise IdentificationError(
                 f'{name}: a static run with one plateau only: '
-                'identification needs readings at several loads'
-            )
+                'identification needs readings at several loads')
         if not np.any(np.asarray(readings.branch) < 0):
             raise IdentificationError(
                 f'{name}: there is no unloading branch in this static run: '
-                'record the steps down to zero as well'
-            )
+                'record the steps down to zero as well')
         return readings
     if float(np.nanmedian(run.load[-max(1, len(run.load) // 100) :])) > 0.5 * top:
         raise IdentificationError(
             f'{name}: there is no unloading branch (the record ends at '
-            f'{rig.force_words(float(run.load[-1]))}): record the test until the load is removed'
-        )
+            f'{rig.force_words(float(run.load[-1]))}): record the test until the load is removed')
     return None
 
 

@@ -66,8 +66,7 @@ class Identification(Uncertainty):
             'elapsed': self.elapsed,
             'parameters': {
                 name: self.parameter_entry(index, name)
-                for index, name in enumerate(PARAMETER_NAMES)
-            },
+                for index, name in enumerate(PARAMETER_NAMES)},
             'line_contact_ratio': line_contact_ratios(self.parameters.contact),
             'order': list(PARAMETER_NAMES),
             'covariance': self.covariance.tolist(),
@@ -75,12 +74,10 @@ class Identification(Uncertainty):
             'collinearity': self.collinearity,
             'systematic': {
                 key: dict(zip(PARAMETER_NAMES, shift, strict=True))
-                for key, shift in self.systematic.items()
-            },
+                for key, shift in self.systematic.items()},
             'budget': self.budget,
             'notes': list(self.notes),
-            'provenance': Provenance(self.parameters.source.origins).as_dict(),
-        })
+            'provenance': Provenance(self.parameters.source.origins).as_dict()})
         return document
 
     def parameter_entry(self, index: int, name: str) -> dict[str, Any]:
@@ -91,8 +88,7 @@ class Identification(Uncertainty):
             'std': float(self.std[index]) if self.determined[name] else None,
             'interval': None if interval is None else list(interval),
             'unit': PARAMETER_UNITS[name], 'pinned': self.determined[name],
-            'reason': self.reasons.get(name), 'at_bound': self.at_bound[name],
-        }
+            'reason': self.reasons.get(name), 'at_bound': self.at_bound[name]}
 
 
 def line_contact_ratios(contact: ContactParameters) -> dict[str, float]:
@@ -105,8 +101,7 @@ def line_contact_ratios(contact: ContactParameters) -> dict[str, float]:
     line = line_contact_stiffness() * penetration ** (10.0 / 9.0)
     return {
         f'K{row}': stiffness_per_millimetre(stiffness, exponent) * penetration**exponent / line
-        for row, stiffness, exponent in ((1, contact.K1, contact.n1), (2, contact.K2, contact.n2))
-    }
+        for row, stiffness, exponent in ((1, contact.K1, contact.n1), (2, contact.K2, contact.n2))}
 
 
 CORRELATION_THRESHOLD = 0.5  # a smaller one widens an interval by under 16 %
@@ -138,8 +133,7 @@ def identification_text(identification: Identification) -> str:
         *(f'    {parameter_words(name, identification.parameter_entry(index, name))}'
           for index, name in enumerate(PARAMETER_NAMES)),
         f'    {INTERVALS}',
-        '[[Stiffness in N/mm^n, as in ADAMS]]',
-    ]
+        '[[Stiffness in N/mm^n, as in ADAMS]]']
     ratios = line_contact_ratios(contact)
     for row, stiffness, exponent in (
             ('K1 (axial rows)', contact.K1, contact.n1),
@@ -174,8 +168,7 @@ def _systematic_lines(identification: Identification) -> list[str]:
             f'{parameter} {value:+.3f}' if parameter[0] == 'n'
             else f'{parameter} {100.0 * np.expm1(np.clip(value, -9, 9)):+.1f} %'
             for parameter, value in zip(PARAMETER_NAMES, shift, strict=True)
-            if np.isfinite(value) and abs(value) >= 5e-4
-        ]
+            if np.isfinite(value) and abs(value) >= 5e-4]
         lines.append(f'    {words_of.get(name, name)}: {", ".join(words) or "no change"}')
     return lines
 
@@ -185,8 +178,7 @@ def _correlation_lines(identification: Identification) -> list[str]:
         (first, second, float(identification.correlation[i, j]))
         for i, first in enumerate(PARAMETER_NAMES)
         for j, second in enumerate(PARAMETER_NAMES)
-        if i < j and abs(identification.correlation[i, j]) >= CORRELATION_THRESHOLD
-    ]
+        if i < j and abs(identification.correlation[i, j]) >= CORRELATION_THRESHOLD]
     return [f'[[Correlations]] (below {CORRELATION_THRESHOLD} not shown)', *(
         f'    C({first}, {second}) = {value:+.4f}, '
         f'collinearity {identification.collinearity.get(f"{first},{second}", np.nan):.1f}'

@@ -53,8 +53,7 @@ class SwarmSettings:
         if self.particles < 2 or self.iterations < 1:
             raise IdentificationError(
                 f'swarm of {self.particles} particles and {self.iterations} iterations: '
-                'at least 2 particles and 1 iteration are needed'
-            )
+                'at least 2 particles and 1 iteration are needed')
         if self.stagnation is not None and self.stagnation < 1:
             raise IdentificationError(
                 f'stagnation is {self.stagnation}: give a number of iterations from 1 up')
@@ -63,8 +62,7 @@ class SwarmSettings:
         numbers = (self.cognitive, self.social, self.inertia_start, self.inertia_end)
         if not all(np.isfinite(number) and number >= 0.0 for number in numbers):
             raise IdentificationError(
-                f'swarm coefficients c1, c2, w = {numbers}: give finite numbers, none negative'
-            )
+                f'swarm coefficients c1, c2, w = {numbers}: give finite numbers, none negative')
         if not 0.0 < self.velocity_limit <= 1.0:
             raise IdentificationError(
                 f'swarm velocity limit {self.velocity_limit}: give a fraction of the range, 0 to 1'
@@ -99,18 +97,15 @@ class IdentificationSettings:
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise IdentificationError(
-                f'method {self.method!r} is unknown: give one of {", ".join(METHODS)}'
-            )
+                f'method {self.method!r} is unknown: give one of {", ".join(METHODS)}')
         unknown = sorted(set(self.bounds) - set(PARAMETER_NAMES))
         if unknown:
             raise IdentificationError(
                 f'bounds for {unknown[0]!r}: there is no such parameter: give '
-                f'{", ".join(PARAMETER_NAMES)}'
-            )
+                f'{", ".join(PARAMETER_NAMES)}')
         if self.fit_rate is not None and not self.fit_rate > 0.0:
             raise IdentificationError(
-                f'fit rate {self.fit_rate} Hz: give a rate above zero, or none for every sample'
-            )
+                f'fit rate {self.fit_rate} Hz: give a rate above zero, or none for every sample')
 
     def bounds_for(self, rig: Rig) -> Bounds:
         """Bounds of all six parameters; IdentificationError if one pair is reversed."""

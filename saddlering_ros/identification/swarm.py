@@ -46,13 +46,8 @@ class SwarmResult:
 
 
 def minimise(
-    objective: BatchObjective,
-    low: Array,
-    high: Array,
-    settings: SwarmSettings | None = None,
-    *,
-    seed: int = 0,
-    on_iteration: Callable[[SwarmProgress], None] | None = None,
+    objective: BatchObjective, low: Array, high: Array, settings: SwarmSettings | None = None, *,
+    seed: int = 0, on_iteration: Callable[[SwarmProgress], None] | None = None,
     is_cancelled: IsCancelled | None = None,
 ) -> SwarmResult:
     """Minimise objective((particles, D)) -> (particles,) in the box, repeatably by its seed."""
@@ -78,8 +73,7 @@ def minimise(
         velocity = (
             settings.inertia(len(history)) * velocity
             + settings.cognitive * pull_own * (own_best - position)
-            + settings.social * pull_all * (best - position)
-        )
+            + settings.social * pull_all * (best - position))
         velocity = np.clip(velocity, -fastest, fastest)
         moved = position + velocity
         position = np.clip(moved, low, high)

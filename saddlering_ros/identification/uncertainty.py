@@ -74,9 +74,9 @@ IMPERFECTIONS = (
                  rig=partial(_other_dimension, 'radial_row', 'clearance', 5e-6)),
     Imperfection('elevation', '0.1 deg of elevation', elevation=float(np.radians(0.1))),
     Imperfection('load_gain', '0.5 % of load gain', load=lambda load, _: 1.005 * load),
-    Imperfection('delay', '1 ms between the clocks of load and probes', delay=DELAY),
-)
+    Imperfection('delay', '1 ms between the clocks of load and probes', delay=DELAY))
 """Small errors that no fit can detect; the change of the parameters by each is reported."""
+
 
 def certified_errors(rig: Rig) -> list[Imperfection]:
     """One standard uncertainty of each instrument and dimension that a certificate states."""
@@ -172,11 +172,8 @@ class Uncertainty:
 
 
 def assess(
-    objective: WeightedObjective,
-    space: SearchSpace,
-    best: Refinement,
-    bounds: dict[str, tuple[float, float]],
-    misfit_advice: str,
+    objective: WeightedObjective, space: SearchSpace, best: Refinement,
+    bounds: dict[str, tuple[float, float]], misfit_advice: str,
 ) -> Uncertainty:
     """Judge a refined fit; `space` has the free parameters.
 

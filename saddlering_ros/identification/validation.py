@@ -60,8 +60,7 @@ class Validation:
             'runs': [run.to_json() for run in self.runs],
             'parameters': {name: float(getattr(contact, name)) for name in PARAMETER_NAMES},
             'undetermined': dict(self.parameters.source.undetermined),
-            'provenance': Provenance(tuple(run.origin for run in self.runs)).as_dict(),
-        }
+            'provenance': Provenance(tuple(run.origin for run in self.runs)).as_dict()}
 
 
 def validate(
@@ -190,8 +189,7 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
         compared &= inside
     if np.count_nonzero(compared) < 5:
         raise IdentificationError(
-            f'{name}: fewer than 5 samples can be compared: check that load and probes overlap'
-        )
+            f'{name}: fewer than 5 samples can be compared: check that load and probes overlap')
     notes = () if measured.zero.near_preload else ('the record does not start near preload',)
     result = RunValidation(
         name=name, test=run.test, elevation=float(run.elevation), channels={}, time=measured.time,
@@ -296,8 +294,7 @@ def judge(runs: Sequence[RunValidation]) -> tuple[Criterion, ...]:
         _worst(runs, ('parity',), 'parity', f'parity at most {GOOD:g} x noise (rigid ring, sound '
                'probes)', 'um', lambda figures: (
                    1e6 * figures.rmse,
-                   1e6 * GOOD * (figures.noise_floor or 0.0) * figures.range)),
-    ]
+                   1e6 * GOOD * (figures.noise_floor or 0.0) * figures.range))]
     return tuple(criterion for criterion in criteria if criterion is not None)
 
 
@@ -358,8 +355,7 @@ COLUMNS = (
            'delay of the measurement after the simulation; dynamic tests only'),
     Column('iso18571', 'ISO', 1.0, 'overall rating of the curve after ISO 18571, 0 to 1'),
     Column('e_over_uval', 'E/u_val', 1.0,
-           'comparison error over validation uncertainty after ASME V&V 20'),
-)
+           'comparison error over validation uncertainty after ASME V&V 20'))
 """The table of a validation."""
 
 

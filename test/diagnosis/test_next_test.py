@@ -158,8 +158,7 @@ AFTER = SimpleNamespace(fast=STILL, shapes=[
 
 @pytest.mark.parametrize(('verdict', 'rig_hash', 'is_first'), [
     ('unknown', '', True), ('unknown', 'f' * 64, True), ('unknown', default_rig().digest, False),
-    ('named', '', False), ('none', '', False),
-])
+    ('named', '', False), ('none', '', False)])
 def test_the_rig_file_comes_before_the_probes_unless_a_hash_vouches_for_it(
         verdict, rig_hash, is_first):
     unseen = SimpleNamespace(limits=[SimpleNamespace(effect='film_creep', testable=False)],

@@ -52,9 +52,7 @@ def test_unequal_rollers_show_at_the_load_that_the_ring_feels(campaign):
         np.linalg.norm(columns[0][3, rising, :-KNOWN], axis=1)
         for columns in (
             RingSystem(rig).nuisances([run], point)
-            for point in (Point(BASE), Point(BASE, gain))
-        )
-    )
+            for point in (Point(BASE), Point(BASE, gain))))
     moved = np.interp(load[rising] / 1.2, load[rising], usual)
     assert np.abs(with_gain - moved).mean() < 0.3 * np.abs(with_gain - usual).mean()
 
@@ -92,8 +90,7 @@ def test_a_law_of_the_users_own_is_no_nuisance_of_itself(fast, tmp_path, monkeyp
     system = RingSystem(default_rig())
     plain, with_law = (
         system.nuisances([fast], point)[0][:, :, -KNOWN:]
-        for point in (Point(BASE), Point(BASE, {'own_step': {'size': 5e-6}}))
-    )
+        for point in (Point(BASE), Point(BASE, {'own_step': {'size': 5e-6}})))
     assert np.abs(with_law - plain).max() < 1e-9
 
 

@@ -136,9 +136,7 @@ def test_misfit_far_under_the_noise_is_noticed_and_usual_misfit_is_not() -> None
         (lambda: Noise.from_rest([]), 'at least one interval'),
         (lambda: Noise.from_rest([(2.0, 1.0)]), 'start first'),
         (lambda: Noise.from_repeats(['a']), 'two repeats'),
-        (lambda: Noise.spectrum(np.array([1.0]), np.array([1.0])), 'two frequencies'),
-    ],
-)
+        (lambda: Noise.spectrum(np.array([1.0]), np.array([1.0])), 'two frequencies')])
 def test_noise_that_cannot_be_is_refused_in_one_line(make, words: str) -> None:
     with pytest.raises(DiscrepancyError, match=words):
         make()

@@ -37,8 +37,7 @@ def runs(size: float, seed: int = 3) -> list[RunBlocks]:
     law = size * (0.5 + 0.5 * np.tanh((LOAD - 0.6) / 0.02))
     seen = [
         (1.2 * LOAD + law + random.normal(size=TIME.size) * NOISE)[None, :]
-        for _ in range(3)
-    ]
+        for _ in range(3)]
     made = [recorded(f'run {k}', item) for k, item in enumerate(seen)]
     held = made[2]
     return [*made[:2], RunBlocks(held.name, held.group, held.time, held.width, held.channels,

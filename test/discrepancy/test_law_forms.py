@@ -34,10 +34,8 @@ class Film(System):
     effects = (
         Effect('creep', {
             'size': Parameter(0.0, 1.0),
-            'time': Parameter(0.05, 50.0, scale='log', start=1.0),
-        }),
-        Effect('bend', {'size': Parameter(-0.5, 0.5)}),
-    )
+            'time': Parameter(0.05, 50.0, scale='log', start=1.0)}),
+        Effect('bend', {'size': Parameter(-0.5, 0.5)}))
 
     def predict(self, name: str, point: Point) -> np.ndarray:
         seen = point.base[0] * LOAD

@@ -26,8 +26,7 @@ class Spring(System):
 
     effects = (
         Effect('a parabola', {'size': Parameter(-1.0, 1.0, start=0.1)}, id='parabola'),
-        Effect('the same with the rate', {'size': Parameter(-1.0, 1.0, start=0.1)}, id='rate'),
-    )
+        Effect('the same with the rate', {'size': Parameter(-1.0, 1.0, start=0.1)}, id='rate'))
 
     def predict(self, name, point):
         return one_run(name, point)

@@ -29,16 +29,14 @@ def run(name: str, added, seed: int, peak: float = 1.0, speed: float = 1.0) -> O
         'load': load,
         'time': time,
         'direction': direction_of(load, 0.01),
-        'rate': np.gradient(load, time),
-    }
+        'rate': np.gradient(load, time)}
     noise = np.random.default_rng(seed).normal(size=(2, time.size)) * NOISE
     residual = noise + 0.3 * load
     residual[0] += added(coordinates)
     slopes = np.repeat(load[None, :, None], 2, axis=0)
     targets = {
         'one': np.repeat([[1.0], [0.0]], time.size, axis=1),
-        'two': np.repeat([[0.0], [1.0]], time.size, axis=1),
-    }
+        'two': np.repeat([[0.0], [1.0]], time.size, axis=1)}
     return ObservedRun(name, coordinates, targets, residual, slopes)
 
 
@@ -63,9 +61,7 @@ LAWS = {
     'constant': (lambda c: 0.1 * c['direction'], 'direction'),
     'play': (lambda c: stop_operators(c['load'], np.array([0.12]))[:, 0], 'hysteresis'),
     'exponential memory': (
-        lambda c: relaxations(c['time'], c['load'], np.array([1.0]))[:, 0], 'rate',
-    ),
-}
+        lambda c: relaxations(c['time'], c['load'], np.array([1.0]))[:, 0], 'rate')}
 
 
 @pytest.mark.parametrize('law', LAWS)

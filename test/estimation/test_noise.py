@@ -75,8 +75,7 @@ def test_the_means_of_the_stretches_do_not_count():
     parts = segments(0.3)
     moved = [part + 1e-4 * number for number, part in enumerate(parts)]
     assert of_channel(moved).deviation(STEP) == pytest.approx(
-        of_channel(parts).deviation(STEP), rel=1e-6
-    )
+        of_channel(parts).deviation(STEP), rel=1e-6)
 
 
 def test_a_record_without_noise_is_given_the_smallest():
@@ -96,8 +95,7 @@ def wandering(count, length, seed=0):
     return np.stack([
         fast + slow for fast, slow in zip(
             segments(0.0, count, length, seed),
-            segments(np.exp(-STEP / 4.0), count, length, seed + 1, scale=1e-7), strict=True)
-    ])
+            segments(np.exp(-STEP / 4.0), count, length, seed + 1, scale=1e-7), strict=True)])
 
 
 def cut(rows, stretch=137, every=300):

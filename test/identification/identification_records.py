@@ -81,8 +81,7 @@ def record(
         name=name, path=Path(name), test=test, elevation=elevation * DEGREES, rig='test', run='1',
         stamps=(time * 1e9).astype(np.int64), time=time,
         load=load + random.normal(0.0, load_noise, len(time)) if load_noise else load.copy(),
-        gaps=gaps, notes=[],
-    )
+        gaps=gaps, notes=[])
 
 
 def static_run(elevation=50.0, *, top=25, **options):

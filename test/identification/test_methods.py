@@ -47,8 +47,7 @@ def four_runs():
     """Static and dynamic runs at 50 and 70 degrees of the true-to-scale ring."""
     return [
         static_run(50.0, memory=0.5, seed=1), dynamic_run(50.0, seconds=4.0, memory=0.5, seed=2),
-        static_run(70.0, memory=0.5, seed=3), dynamic_run(70.0, seconds=4.0, memory=0.5, seed=4),
-    ]
+        static_run(70.0, memory=0.5, seed=3), dynamic_run(70.0, seconds=4.0, memory=0.5, seed=4)]
 
 
 @pytest.fixture(scope='module')
@@ -118,8 +117,7 @@ def test_any_corner_of_the_box_is_recovered():
     contact = drawn_contact(random)
     runs = [
         record('static', staircase(hold=5.0), elevation=50.0, contact=contact, seed=1),
-        dynamic_run(70.0, seconds=4.0, contact=contact, seed=2),
-    ]
+        dynamic_run(70.0, seconds=4.0, contact=contact, seed=2)]
     result = identify(runs, RIG, IdentificationSettings(seed=1))
     simulated = predict(RIG, result.parameters.contact.to_array()[None], observe(
         runs, RIG, fit_rate=50.0)[0])[0]
@@ -131,8 +129,7 @@ def test_the_papers_method_takes_two_steps_of_its_own_size(four_runs):
     stages = []
     result = identify(
         four_runs[:2], RIG, IdentificationSettings(method='paper'),
-        on_progress=lambda progress: stages.append((progress.stage, progress.search.iteration)),
-    )
+        on_progress=lambda progress: stages.append((progress.stage, progress.search.iteration)))
     assert result.evaluations == 2 * 20 * 50
     assert stages[0] == ('static step', 1)
     assert stages[-1] == ('dynamic step', 50)
@@ -161,8 +158,7 @@ def test_the_papers_objective_is_the_normalised_mean_square(four_runs):
     simulated = predict(RIG, contact, one)[0]
     by_hand = sum(
         np.mean((simulated[c] - one.displacement[c]) ** 2) / np.mean(one.displacement[c] ** 2)
-        for c in (0, 2)
-    )
+        for c in (0, 2))
     assert PaperObjective(RIG, [one], (0, 2))(contact)[0] == pytest.approx(by_hand)
 
 
@@ -214,8 +210,7 @@ def test_plateaus_that_come_to_rest_count_as_equilibria_with_the_same_residuals(
 def test_cancelling_returns_what_there_is(four_runs):
     seen = []
     result = identify(
-        four_runs, RIG, on_progress=seen.append, is_cancelled=lambda: len(seen) >= 3
-    )
+        four_runs, RIG, on_progress=seen.append, is_cancelled=lambda: len(seen) >= 3)
     assert result.cancelled
     assert len(seen) == 3
     assert np.all(np.isfinite(result.parameters.contact.to_array()))
@@ -232,8 +227,7 @@ def test_a_bound_in_the_way_is_named(four_runs):
 def test_a_rig_unlike_the_model_widens_the_intervals(four_runs, found):
     middle = replace(RIG.radial_row, clearance=200e-6)
     wrong = identify(
-        four_runs, replace(RIG, radial_row=middle), IdentificationSettings(swarm=SHORT_SWARM)
-    )
+        four_runs, replace(RIG, radial_row=middle), IdentificationSettings(swarm=SHORT_SWARM))
     assert wrong.reduced_chi_square > 2.0
     assert 'widened' in wrong.status
     wider, usual = (item.parameters.source.covariance for item in (wrong, found))
@@ -261,8 +255,7 @@ def still():
     (lambda: [half_of(dynamic_run(50.0))], {}, 'no unloading branch'),
     (lambda: [replace(static_run(50.0), elevation=np.nan)], {}, 'elevation'),
     (lambda: [dynamic_run(50.0)], {'method': 'paper'}, 'needs a static run'),
-    (lambda: [static_run(50.0)], {'bounds': {'K1': (1e9, 2e7)}}, 'K1'),
-])
+    (lambda: [static_run(50.0)], {'bounds': {'K1': (1e9, 2e7)}}, 'K1')])
 def test_runs_and_bounds_that_give_no_law_are_refused_in_one_line(runs, settings, said):
     with pytest.raises(IdentificationError, match=said) as caught:
         identify(runs(), RIG, IdentificationSettings(**settings))
@@ -281,8 +274,7 @@ def test_an_objective_that_is_not_a_number_is_refused(four_runs, method, monkeyp
 
 
 @pytest.mark.parametrize(
-    'wrong', [{'method': 'best'}, {'bounds': {'K3': (1.0, 2.0)}}, {'fit_rate': 0.0}]
-)
+    'wrong', [{'method': 'best'}, {'bounds': {'K3': (1.0, 2.0)}}, {'fit_rate': 0.0}])
 def test_settings_that_mean_nothing_are_refused(wrong):
     with pytest.raises(IdentificationError):
         IdentificationSettings(**wrong)

@@ -61,9 +61,7 @@ def test_best_objective_never_rises():
     [
         (SwarmSettings(accuracy=0.05), StopReason.ACCURACY),
         (SwarmSettings(stagnation=3, stagnation_tolerance=0.9), StopReason.STAGNATION),
-        (SwarmSettings(), StopReason.ITERATIONS),
-    ],
-)
+        (SwarmSettings(), StopReason.ITERATIONS)])
 def test_it_says_why_it_stopped(settings, reason):
     result = minimise(bowl, LOW, HIGH, settings, seed=5)
     assert result.stopped is reason
@@ -73,8 +71,7 @@ def test_it_says_why_it_stopped(settings, reason):
 def test_cancelling_stops_before_the_next_iteration():
     seen = []
     result = minimise(
-        bowl, LOW, HIGH, seed=6, on_iteration=seen.append, is_cancelled=lambda: len(seen) >= 4
-    )
+        bowl, LOW, HIGH, seed=6, on_iteration=seen.append, is_cancelled=lambda: len(seen) >= 4)
     assert result.stopped is StopReason.CANCELLED
     assert result.iterations == 4
     assert result.objective == seen[-1].best_objective
@@ -97,8 +94,7 @@ def test_infinite_objectives_are_only_bad_places():
 @pytest.mark.parametrize(
     'wrong',
     [{'particles': 1}, {'iterations': 0}, {'cognitive': -1.0}, {'social': np.nan},
-     {'velocity_limit': 0.0}],
-)
+     {'velocity_limit': 0.0}])
 def test_settings_that_make_no_swarm_are_refused(wrong):
     with pytest.raises(IdentificationError):
         SwarmSettings(**wrong)

@@ -126,8 +126,7 @@ CURVES = (
              (float((high - low) / waves),) for waves in np.geomspace(0.6, 12.0, 28)]),
     Form('dead zone', ('slope',), ('at*',), 'slope max(0, u - at)',
          lambda u, shape: [np.maximum(u - shape[0], 0.0)],
-         lambda low, high: product(_places(low, high))),
-)
+         lambda low, high: product(_places(low, high))))
 """Laws over any coordinate."""
 
 CONSTANT = Form('constant', ('size',), (), 'size', lambda u, _: [np.ones(u.size)],

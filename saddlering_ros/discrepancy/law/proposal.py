@@ -119,9 +119,7 @@ class LawProposal:
 
 
 def propose_law(
-    misfit: Misfit,
-    mean_square: MeanSquare,
-    held_out: Sequence[ObservedRun] = (),
+    misfit: Misfit, mean_square: MeanSquare, held_out: Sequence[ObservedRun] = (),
     error_rate: float = 0.01,
 ) -> LawProposal | None:
     """The best law of at most two families, or None if none passes the test."""
@@ -193,9 +191,7 @@ def _base_move(misfit: Misfit, unexplained: list[Array]) -> tuple[Array, Array]:
 
 
 def _reasons(
-    misfit: Misfit,
-    ranked: list[BlockFit],
-    terms: tuple[Term, ...],
+    misfit: Misfit, ranked: list[BlockFit], terms: tuple[Term, ...],
     held_out: Sequence[ObservedRun],
 ) -> list[str]:
     best = ranked[0]
@@ -235,8 +231,7 @@ def describe(term: Term) -> str:
     """One sentence on a term."""
     words = {
         LOAD: 'the load', DIRECTION: 'the direction of the load times a curve over the load',
-        RATE: 'the rate of the load', TIME: 'time', HYSTERESIS: 'the history of the load',
-    }
+        RATE: 'the rate of the load', TIME: 'time', HYSTERESIS: 'the history of the load'}
     along = words.get(term.coordinate, term.coordinate)
     return f'{term.target} has an addition that follows {along}: {term.law} ({term.words})'
 
