@@ -6,10 +6,10 @@ A declaration (`Noise.white`, `from_rest`, `unknown` ...) resolves to a process 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Literal
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
 
 import numpy as np
 from scipy.optimize import nnls
@@ -29,28 +29,15 @@ MAX_SPECTRUM_ERROR = 0.5
 """Largest rms error of the logarithm of a spectrum in the fit by relaxations."""
 
 
-def white_noise(std: float, pairs: int) -> ChannelNoise:
-    """Independent noise of every sample; pairs: degrees of freedom of its level."""
-    return ChannelNoise(0.0, np.zeros(0), 0.0, pairs, np.zeros(0), floor=std**2)
+class Noise(ABC):
+    """Declared noise of one channel. Use the constructors; the engine calls `resolve`."""
 
-
-@dataclass(frozen=True)
-class Noise:
-    """Declared noise of one channel. Use the constructors; the engine calls `resolve`.
-
-    resolve: the process by run from records of readings, or of residuals once there is a
-    prediction.
-    """
-
-    resolve: Callable[[Sequence[ChannelRecord]], Mapping[str, ChannelNoise]] = field(repr=False)
-    learns_from_residuals: bool = False
+    learns_from_residuals: ClassVar[bool] = False
 
     @staticmethod
     def white(std: float) -> Noise:
         """Independent noise of standard deviation `std` [the channel's unit] in every sample."""
-        if not (np.isfinite(std) and std > 0.0):
-            raise DiscrepancyError(f'noise: std is {std:g}: give a number above zero')
-        return Noise(partial(_known, white_noise(float(std), KNOWN_EXACTLY)))
+        return _White(float(std))
 
     @staticmethod
     def from_rest(intervals: Sequence[tuple[float, float] | tuple[str, float, float]]) -> Noise:
@@ -58,15 +45,7 @@ class Noise:
 
         Each interval is (start, end) [unit of time] in every run, or (run, start, end) in one.
         """
-        if not intervals:
-            raise DiscrepancyError('noise: from_rest needs at least one interval (start, end)')
-        for interval in intervals:
-            start, end = map(float, interval[-2:])
-            if not start < end:
-                raise DiscrepancyError(
-                    f'noise: the interval at rest from {start:g} to {end:g} is empty: give the '
-                    'start first')
-        return Noise(partial(_of_rest, tuple(tuple(interval) for interval in intervals)))
+        return _FromRest(tuple(tuple(interval) for interval in intervals))
 
     @staticmethod
     def from_repeats(repeats: Sequence[str | Array]) -> Noise:
@@ -74,102 +53,149 @@ class Noise:
 
         `repeats` are names of runs, or records (N,) of the channel sampled like the runs.
         """
-        if len(repeats) < 2:
-            raise DiscrepancyError('noise: from_repeats needs two repeats or more')
-        return Noise(partial(_of_repeats, tuple(repeats)))
+        return _FromRepeats(tuple(repeats))
 
     @staticmethod
     def spectrum(frequency: Array, density: Array) -> Noise:
         """Noise of a one-sided power spectral density [unit^2 / Hz] at `frequency` [1 / time]."""
-        return Noise(partial(_known, _of_spectrum(
-            np.asarray(frequency, dtype=np.float64), np.asarray(density, dtype=np.float64))))
+        return _Spectrum(np.asarray(frequency, dtype=np.float64),
+                         np.asarray(density, dtype=np.float64))
 
     @staticmethod
     def unknown() -> Noise:
         """Noise learnt from the remainder of a flexible fit of the residuals (the default)."""
-        return Noise(_of_residuals, learns_from_residuals=True)
+        return _Unknown()
+
+    @abstractmethod
+    def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
+        """The process by run. The records hold readings first and residuals later."""
 
 
-def _known(noise: ChannelNoise, records: Sequence[ChannelRecord]) -> dict[str, ChannelNoise]:
-    return {record.run: noise for record in records}
+def white_noise(std: float, pairs: int) -> ChannelNoise:
+    """Independent noise of every sample; pairs: degrees of freedom of its level."""
+    return ChannelNoise(0.0, np.zeros(0), 0.0, pairs, np.zeros(0), floor=std**2)
 
 
-def _of_rest(
-    intervals: Sequence[tuple[str | float, ...]], records: Sequence[ChannelRecord]
-) -> dict[str, ChannelNoise]:
-    stretches: list[Array] = []
-    longest = 0.0
-    step = min(record.step for record in records)
-    for record in records:
-        for interval in intervals:
-            if len(interval) == 3 and interval[0] != record.run:
+@dataclass(frozen=True)
+class _White(Noise):
+    std: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.std) and self.std > 0.0):
+            raise DiscrepancyError(f'noise: std is {self.std:g}: give a number above zero')
+
+    def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
+        noise = white_noise(self.std, KNOWN_EXACTLY)
+        return {record.run: noise for record in records}
+
+
+@dataclass(frozen=True)
+class _FromRest(Noise):
+    intervals: tuple[tuple[str | float, ...], ...]
+
+    def __post_init__(self) -> None:
+        if not self.intervals:
+            raise DiscrepancyError('noise: from_rest needs at least one interval (start, end)')
+        for interval in self.intervals:
+            start, end = map(float, interval[-2:])
+            if not start < end:
+                raise DiscrepancyError(
+                    f'noise: the interval at rest from {start:g} to {end:g} is empty: give the '
+                    'start first')
+
+    def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
+        stretches: list[Array] = []
+        longest = 0.0
+        step = min(record.step for record in records)
+        for record in records:
+            for interval in self.intervals:
+                if len(interval) == 3 and interval[0] != record.run:
+                    continue
+                inside = list(record.stretches(*map(float, interval[-2:])))
+                stretches += inside
+                longest = max([longest, *(row.size * record.step for row in inside)])
+        noise = noise_of_stretches(stretches, step, 0.25 * longest, 'the declared rest')
+        return {
+            record.run: continued(noise, 0.25 * longest, record.duration) for record in records}
+
+
+@dataclass(frozen=True)
+class _FromRepeats(Noise):
+    repeats: tuple[str | Array, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.repeats) < 2:
+            raise DiscrepancyError('noise: from_repeats needs two repeats or more')
+
+    def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
+        by_run = {record.run: record for record in records}
+        rows, wanted = [], None
+        for repeat in self.repeats:
+            if not isinstance(repeat, str):
+                rows.append(np.asarray(repeat, dtype=np.float64))
                 continue
-            inside = list(record.stretches(*map(float, interval[-2:])))
-            stretches += inside
-            longest = max([longest, *(row.size * record.step for row in inside)])
-    noise = noise_of_stretches(stretches, step, 0.25 * longest, 'the declared rest')
-    return {record.run: continued(noise, 0.25 * longest, record.duration) for record in records}
+            if repeat not in by_run:
+                raise DiscrepancyError(
+                    f'noise: from_repeats names the run {repeat!r}, which is not among '
+                    f'{", ".join(by_run)}')
+            values, time = by_run[repeat].values, by_run[repeat].time
+            time = time - time[0]
+            if wanted is None:
+                wanted = time
+            if time.size != wanted.size or not np.allclose(time, wanted):
+                values = np.interp(wanted, time, values, right=np.nan)
+            rows.append(values)
+        # Repeats (K, N) on the time of the first.
+        stack = np.array([row[:min(row.size for row in rows)] for row in rows])
+        step, count = min(record.step for record in records), len(stack)
+        grown = np.sqrt(count / (count - 1.0))
+        time = np.linspace(0.0, step * (stack.shape[1] - 1), stack.shape[1])
+        stretches = [
+            stretch for row in stack - stack.mean(axis=0)
+            for stretch in ChannelRecord('', time, np.asarray(row * grown)).stretches()]
+        longest = 0.25 * max((stretch.size for stretch in stretches), default=0) * step
+        noise = noise_of_stretches(stretches, step, longest, 'the difference of the repeats')
+        degrees = max(1, noise.pairs * (count - 1) // count)
+        return dict.fromkeys(by_run, replace(noise, pairs=degrees))
 
 
-def _of_repeats(
-    repeats: Sequence[str | Array], records: Sequence[ChannelRecord]
-) -> dict[str, ChannelNoise]:
-    by_run = {record.run: record for record in records}
-    rows, wanted = [], None
-    for repeat in repeats:
-        if not isinstance(repeat, str):
-            rows.append(np.asarray(repeat, dtype=np.float64))
-            continue
-        if repeat not in by_run:
+@dataclass(frozen=True)
+class _Spectrum(Noise):
+    frequency: Array
+    density: Array
+
+    def __post_init__(self) -> None:
+        good = self.frequency.size == self.density.size >= 2
+        if not (good and np.all(self.frequency > 0.0) and np.all(self.density > 0.0)):
             raise DiscrepancyError(
-                f'noise: from_repeats names the run {repeat!r}, which is not among '
-                f'{", ".join(by_run)}')
-        values, time = by_run[repeat].values, by_run[repeat].time
-        time = time - time[0]
-        if wanted is None:
-            wanted = time
-        if time.size != wanted.size or not np.allclose(time, wanted):
-            values = np.interp(wanted, time, values, right=np.nan)
-        rows.append(values)
-    # Repeats (K, N) on the time of the first.
-    stack = np.array([row[:min(row.size for row in rows)] for row in rows])
-    step, count = min(record.step for record in records), len(stack)
-    grown = np.sqrt(count / (count - 1.0))
-    time = np.linspace(0.0, step * (stack.shape[1] - 1), stack.shape[1])
-    stretches = [
-        stretch for row in stack - stack.mean(axis=0)
-        for stretch in ChannelRecord('', time, np.asarray(row * grown)).stretches()]
-    longest = 0.25 * max((stretch.size for stretch in stretches), default=0) * step
-    noise = noise_of_stretches(stretches, step, longest, 'the difference of the repeats')
-    degrees = max(1, noise.pairs * (count - 1) // count)
-    return dict.fromkeys(by_run, replace(noise, pairs=degrees))
+                'noise: a spectrum needs two frequencies or more, all above zero, and a density '
+                'above zero at each')
+
+    def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
+        low, high = float(self.frequency.min()), float(self.frequency.max())
+        constants = record_noise.relaxation_grid(0.5 / (np.pi * high), 0.5 / (np.pi * low))
+        angular = 2.0 * np.pi * self.frequency[:, None]
+        slow = 4.0 * constants / (1.0 + (angular * constants) ** 2)
+        columns = np.column_stack([np.full(self.frequency.size, 2.0), slow])
+        unit = columns.max(axis=0)
+        solved, _ = nnls(columns / unit / self.density[:, None], np.ones(self.density.size))
+        solved = solved / unit
+        error = np.log(np.maximum(columns @ solved, 1e-300) / self.density)
+        if float(np.sqrt(np.mean(error**2))) > MAX_SPECTRUM_ERROR:
+            raise DiscrepancyError(
+                'noise: the spectrum rises with frequency or has lines, which white noise and '
+                'relaxations cannot represent: give from_rest, or smooth the spectrum')
+        white = max(float(solved[0]), 1e-9 * float(self.density.min()))
+        noise = ChannelNoise(white, solved[1:], 0.0, KNOWN_EXACTLY, constants)
+        return {record.run: noise for record in records}
 
 
-def _of_spectrum(frequency: Array, density: Array) -> ChannelNoise:
-    good = frequency.size == density.size >= 2
-    if not (good and np.all(frequency > 0.0) and np.all(density > 0.0)):
-        raise DiscrepancyError(
-            'noise: a spectrum needs two frequencies or more, all above zero, and a density '
-            'above zero at each')
-    low, high = float(frequency.min()), float(frequency.max())
-    constants = record_noise.relaxation_grid(0.5 / (np.pi * high), 0.5 / (np.pi * low))
-    angular = 2.0 * np.pi * frequency[:, None]
-    slow = 4.0 * constants / (1.0 + (angular * constants) ** 2)
-    columns = np.column_stack([np.full(frequency.size, 2.0), slow])
-    unit = columns.max(axis=0)
-    solved, _ = nnls(columns / unit / density[:, None], np.ones(density.size))
-    solved = solved / unit
-    error = np.log(np.maximum(columns @ solved, 1e-300) / density)
-    if float(np.sqrt(np.mean(error**2))) > MAX_SPECTRUM_ERROR:
-        raise DiscrepancyError(
-            'noise: the spectrum rises with frequency or has lines, which white noise and '
-            'relaxations cannot represent: give from_rest, or smooth the spectrum')
-    white = max(float(solved[0]), 1e-9 * float(density.min()))
-    return ChannelNoise(white, solved[1:], 0.0, KNOWN_EXACTLY, constants)
+@dataclass(frozen=True)
+class _Unknown(Noise):
+    learns_from_residuals: ClassVar[bool] = True
 
-
-def _of_residuals(records: Sequence[ChannelRecord]) -> dict[str, ChannelNoise]:
-    return {record.run: record_noise.noise_of_residuals(record) for record in records}
+    def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
+        return {record.run: record_noise.noise_of_residuals(record) for record in records}
 
 
 MAX_CHANCE = 1e-3
