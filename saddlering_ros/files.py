@@ -136,7 +136,9 @@ def whole_file(path: Path | str, error: type[SaddleringError] = SaddleringError)
     temporary = Path(name)
     try:
         yield temporary
-        os.chmod(temporary, 0o666 & ~_umask())
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
         settle(temporary)
         os.replace(temporary, place)
         settle(place.parent)
@@ -229,41 +231,34 @@ def settle(path: Path) -> None:
         os.close(handle)
 
 
-def rename_without_replacing(new: Path, place: Path) -> None:
-    """Move a path to `place` on the same disk; FileExistsError if something is there by now.
-
-    At one go where the kernel can (Linux 3.15).
-    """
+def _renamed(new: Path, place: Path, flag: int) -> bool:
+    """Rename by a flag of renameat2 (Linux 3.15); whether kernel and file system can do it."""
     with suppress(AttributeError):
         library = ctypes.CDLL(None, use_errno=True)
-        if not library.renameat2(_AT_FDCWD, os.fsencode(new), _AT_FDCWD, os.fsencode(place),
-                                 _NO_REPLACE):
-            return
+        if not library.renameat2(_AT_FDCWD, os.fsencode(new), _AT_FDCWD, os.fsencode(place), flag):
+            return True
         code = ctypes.get_errno()
-        if code not in (errno.EINVAL, errno.ENOSYS):  # of file systems that cannot
+        if flag == _NO_REPLACE and code not in (errno.EINVAL, errno.ENOSYS):
             raise OSError(code, os.strerror(code), str(place))
+    return False
+
+
+def rename_without_replacing(new: Path, place: Path) -> None:
+    """Move a path to `place` on the same disk; FileExistsError if something is there by now."""
+    if _renamed(new, place, _NO_REPLACE):
+        return
     if os.path.lexists(place):
         raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(place))
     new.rename(place)
 
 
 def exchange(new: Path, old: Path) -> None:
-    """Let two paths on one disk change places, at one go where the kernel can (Linux 3.15)."""
-    with suppress(AttributeError):
-        library = ctypes.CDLL(None, use_errno=True)
-        if not library.renameat2(_AT_FDCWD, os.fsencode(new), _AT_FDCWD, os.fsencode(old),
-                                 _EXCHANGE):
-            return
-    aside = new.with_name(f'{new.name}.replaced')
-    old.rename(aside)
-    new.rename(old)
-    aside.rename(new)
-
-
-def _umask() -> int:
-    umask = os.umask(0)
-    os.umask(umask)
-    return umask
+    """Let two paths on one disk change places, at one go where the kernel can."""
+    if not _renamed(new, old, _EXCHANGE):
+        aside = new.with_name(f'{new.name}.replaced')
+        old.rename(aside)
+        new.rename(old)
+        aside.rename(new)
 
 
 def _unwritable(path: Path, problem: OSError, error: type[SaddleringError]) -> SaddleringError:
@@ -317,6 +312,10 @@ class Origin:
     path: str
     sha256: str = ''
 
+    def as_dict(self) -> dict[str, str | None]:
+        """Plain data for JSON; a hash that is not known is None."""
+        return {'path': self.path, 'sha256': self.sha256 or None}
+
 
 @dataclass(frozen=True)
 class Provenance:
@@ -332,12 +331,10 @@ class Provenance:
         return ', '.join(f'{name} {version}' for name, version in self.versions.items())
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for JSON; a hash that is not known is None."""
-        return {
-            'bags': [_plain(origin) for origin in self.bags],
-            'files': [_plain(origin) for origin in self.files],
-            'versions': dict(self.versions),
-        }
+        """Plain data for JSON."""
+        return {'bags': [origin.as_dict() for origin in self.bags],
+                'files': [origin.as_dict() for origin in self.files],
+                'versions': dict(self.versions)}
 
 
 def sha256_of_files(paths: Iterable[Path]) -> str:
@@ -354,9 +351,5 @@ def origins_of(*paths: Path | str | None) -> tuple[Origin, ...]:
 
 def add_origins(document: dict[str, Any], origins: Iterable[Origin]) -> dict[str, Any]:
     """`document`, a result's JSON, with these files added to its provenance."""
-    document['provenance']['files'] += [_plain(origin) for origin in origins]
+    document['provenance']['files'] += [origin.as_dict() for origin in origins]
     return document
-
-
-def _plain(origin: Origin) -> dict[str, str | None]:
-    return {'path': origin.path, 'sha256': origin.sha256 or None}

@@ -130,19 +130,16 @@ def _scale(value: float, std: float | None, unit: str) -> tuple[float, str]:
 
 def _with_error(value: float, std: float | None, digits: int) -> str:
     size = max(abs(value), abs(std or 0.0))
-    exponent = 0
-    if size >= 1e4 or 0.0 < size < 1e-2:
-        exponent = math.floor(math.log10(size))
-    value, std = value / 10.0**exponent, None if std is None else std / 10.0**exponent
+    exponent = math.floor(math.log10(size)) if size >= 1e4 or 0.0 < size < 1e-2 else 0
+    value /= 10.0**exponent
     if std is None:
         text = significant(value, digits)
     else:
+        std /= 10.0**exponent
         places = min(6, max(0, 1 - math.floor(math.log10(std))))
         text = f'{value:.{places}f} ± {std:.{places}f}'
-    if exponent == 0:
-        return text
-    power = superscript(exponent)
-    return f'{text} × 10{power}' if std is None else f'({text}) × 10{power}'
+        text = f'({text})' if exponent else text
+    return f'{text} × 10{superscript(exponent)}' if exponent else text
 
 
 def finite_json(value: Any) -> Any:

@@ -131,15 +131,14 @@ def _curves(
 ) -> Curves:
     given = inputs.inputs_of([bag], rig=rig, trust_rig=trust_rig, parameters=parameters,
                              on_progress=on_progress, is_cancelled=is_cancelled)
-    of = given.bags[0]
-    task, notes = 'displacement' if given.parameters is None else 'simulate', list[str]()
+    of, model = given.bags[0], [] if given.parameters is None else [given.parameters]
+    task, notes = 'simulate' if model else 'displacement', list[str]()
 
     def share_is_done(share: float) -> None:
         check(is_cancelled, task)
         if on_progress is not None:
             on_progress(Progress(task, of.name, share))
 
-    model = () if given.parameters is None else (given.parameters,)
     stretches, _ = stretches_of(given.rig, of.run, *model, notes, share_is_done)
     columns = displacement_columns(of.run, join(list(stretches)))
     return Curves(of, kind, **columns, notes=(*of.run.notes, *notes),

@@ -22,7 +22,7 @@ from saddlering_ros.doubts.comparison import (
     refuse_repeats,
 )
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.files import Origin
+from saddlering_ros.files import Origin, origins_of
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
 from saddlering_ros.record import condensed, displacement_of_run, fit_limit, MeasuredRun, Record
 from saddlering_ros.record.displacement import measured_rows, zero_of_run
@@ -297,7 +297,6 @@ def as_parameters(given: ParametersLike) -> ParameterSet:
 def origins(*given: object) -> tuple[Origin, ...]:
     """The files among the arguments and the user's effect files, with their hashes."""
     from saddlering_ros.effects import own_files
-    from saddlering_ros.files import origins_of
 
     return origins_of(*(item for item in given if isinstance(item, (Path, str))), *own_files())
 
@@ -327,8 +326,7 @@ def check_bounds(bounds: object) -> None:
     if not isinstance(bounds, Mapping):
         raise ApiError(f'bounds is {_kind(bounds)}: give {{name: (low, high)}}')
     for name, pair in bounds.items():
-        is_pair = isinstance(pair, (tuple, list)) and len(pair) == 2
-        if not is_pair or not all(map(_is_number, pair)):
+        if not (isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(_is_number, pair))):
             raise ApiError(f'bounds of {name} are {pair!r}: give (low, high) in SI units')
 
 

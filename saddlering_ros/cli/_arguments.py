@@ -54,8 +54,9 @@ class OneLineParser(argparse.ArgumentParser):
             commands = [action.choices for action in self._actions
                         if isinstance(action, argparse._SubParsersAction)]
             parser = commands[0][parsed.command] if commands else self
+            options = [text for action in parser._actions for text in action.option_strings]
             parser.error(f'unknown: {" ".join(unknown)}'
-                         + did_you_mean(unknown[0].partition('=')[0], parser.options()))
+                         + did_you_mean(unknown[0].partition('=')[0], options))
         return parsed
 
     def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
@@ -63,11 +64,6 @@ class OneLineParser(argparse.ArgumentParser):
         if arg_strings == ['--'] and action.option_strings:
             raise argparse.ArgumentError(action, "invalid value: '--'")
         return super()._get_values(action, arg_strings)
-
-    def options(self) -> list[str]:
-        """The long options of this parser."""
-        return [text for action in self._actions for text in action.option_strings
-                if text.startswith('--')]
 
     def error(self, message: str) -> NoReturn:
         """Print the error and how to get help; exit with status 2."""
@@ -201,6 +197,14 @@ class _Named:
     words: str
     role: Role
 
+    def bags(self) -> Iterator[_Named]:
+        """The bags of a path: the folder that it is, or those below it, or the file."""
+        if self.role is not bags_below:
+            yield _Named(bag_folder(self.path), self.words, self.role)
+            return
+        for file in sorted(self.path.rglob(BAG_FILES[0])):
+            yield _Named(file.parent, str(file.parent), self.role)
+
 
 def check_files(args: argparse.Namespace) -> None:
     """FileConflict if an output is an input, lies in a bag that is read, or is given twice."""
@@ -208,7 +212,7 @@ def check_files(args: argparse.Namespace) -> None:
              for path in _named(args, action)]
     outputs = [path for path in named if path.role.is_written]
     files = [path for path in named if not (path.role.is_written or path.role.is_bag)]
-    bags = [bag for path in named if path.role.is_bag for bag in _bags(path)]
+    bags = [bag for path in named if path.role.is_bag for bag in path.bags()]
     files_and_words = [(file.path, file.words) for file in files]
     if os.environ.get('SADDLERING_EFFECTS'):
         from saddlering_ros.effects import own_files
@@ -247,15 +251,6 @@ def _named(args: argparse.Namespace, action: argparse.Action) -> Iterator[_Named
         if role is effects_read and path.is_dir():
             yield from (_Named(file, f'{option}{file}', role) for file in path.glob('*.yaml'))
         yield _Named(path, f'{option}{text}', role)
-
-
-def _bags(named: _Named) -> Iterator[_Named]:
-    """The bags of a path: the folder that it is, or those below it, or the file."""
-    if named.role is bags_below:
-        yield from (_Named(file.parent, str(file.parent), named.role)
-                    for file in sorted(named.path.rglob(BAG_FILES[0])))
-    else:
-        yield _Named(bag_folder(named.path), named.words, named.role)
 
 
 # -- options that several commands share ---------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import AddOption, Command, option
@@ -98,10 +98,13 @@ def _deliver(
 ) -> None:
     """Write the requested files; without --out or --json on stdout, print a summary."""
     from collections import deque
+    import math
     import sys
 
     from saddlering_ros.bags.samples import csv_lines, SamplesSummary, write_samples
     from saddlering_ros.files import origins_of, Provenance
+    from saddlering_ros.record.scratch import extremes
+    from saddlering_ros.rig import CHANNELS
 
     made = Provenance((run.origin,), origins_of(args.rig, getattr(args, 'params', None)))
     seen = SamplesSummary()
@@ -111,33 +114,24 @@ def _deliver(
     elif args.out is not None:
         write_samples(Path(args.out), parts, made)
     deque(parts, maxlen=0)
-    if tell_json(args, {**_summary(run, seen, zero, notes), 'provenance': made.as_dict()}):
+    shown = {'min': seen.lowest, 'max': seen.highest, 'last': seen.last}
+    if tell_json(args, {
+            'bag': str(run.path), 'test': run.test,
+            'elevation_deg': math.degrees(run.elevation), 'samples': seen.count,
+            'load_samples': len(run.stamps), 'duration': float(run.time[-1]),
+            'load_max': float(extremes(run.load)[1]),
+            'zero': {'load': zero.load, 'near_preload': zero.near_preload},
+            'validity': seen.validity, 'channels': {
+                name: {words: None if math.isnan(of[name]) else of[name]
+                       for words, of in shown.items()}
+                for name in CHANNELS} if seen.count else {},
+            'notes': notes, 'provenance': made.as_dict()}):
         return
     if args.out == '-':
         for note in notes:
             print(f'saddlering {args.command}: note: {note}', file=sys.stderr)
     else:
         _print_summary(args, run, seen, zero, notes)
-
-
-def _summary(
-    run: Record, seen: SamplesSummary, zero: ZeroReading, notes: list[str],
-) -> dict[str, Any]:
-    import math
-
-    from saddlering_ros.record.scratch import extremes
-    from saddlering_ros.rig import CHANNELS
-
-    shown = {'min': seen.lowest, 'max': seen.highest, 'last': seen.last}
-    channels = {
-        name: {words: None if math.isnan(of[name]) else of[name] for words, of in shown.items()}
-        for name in CHANNELS} if seen.count else {}
-    return {
-        'bag': str(run.path), 'test': run.test, 'elevation_deg': math.degrees(run.elevation),
-        'samples': seen.count, 'load_samples': len(run.stamps),
-        'duration': float(run.time[-1]), 'load_max': float(extremes(run.load)[1]),
-        'zero': {'load': zero.load, 'near_preload': zero.near_preload},
-        'validity': seen.validity, 'channels': channels, 'notes': notes}
 
 
 def _print_summary(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Command, option, Within
@@ -13,7 +13,6 @@ from saddlering_ros.errors import plain_number, VirtualRigError
 if TYPE_CHECKING:
     from saddlering_ros.rig import ContactParameters, Rig
     from saddlering_ros.virtual_rig.recording import TestPlan
-    from saddlering_ros.virtual_rig.schedule import Schedule
 
 def _effect_option(parser: argparse.ArgumentParser) -> argparse.Action:
     """The option of an effect, with the completions that the shell offers after it."""
@@ -103,23 +102,24 @@ def run(args: argparse.Namespace) -> int:
     told = {'bag': str(args.out), 'test': args.test, 'elevation_deg': args.elevation,
             'duration': float(plan.schedule.duration), 'load_samples': len(record.load),
             'effects': args.effect, 'seed': args.seed, 'rig_seed': args.rig_seed}
-    if tell_json(args, told):
-        return 0
-    print(f'{args.out}: {args.test}, {args.elevation:g} deg, {plan.schedule.duration:.1f} s, '
-          f'{len(record.load)} load samples')
+    if not tell_json(args, told):
+        print(f'{args.out}: {args.test}, {args.elevation:g} deg, {plan.schedule.duration:.1f} s, '
+              f'{len(record.load)} load samples')
     return 0
 
 
 def _plan(args: argparse.Namespace) -> TestPlan:
+    """The test that the options describe."""
     import math
 
-    from saddlering_ros.rig import FULL_SCALE_LOAD, load_rig
+    from saddlering_ros.rig import FORCE_UNITS, FULL_SCALE_LOAD, load_rig
     from saddlering_ros.virtual_rig.effects import parse_requests
     from saddlering_ros.virtual_rig.integrator import Scatter
     from saddlering_ros.virtual_rig.physics import PhysicalRig
     from saddlering_ros.virtual_rig.recording import Instruments, TestPlan
+    from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
-    rig = load_rig(args.rig)
+    rig, static = load_rig(args.rig), args.test == 'static'
     load_noise = args.load_noise
     if load_noise is None:
         load_noise = Instruments.load_noise * rig.full_scale_load / FULL_SCALE_LOAD
@@ -127,43 +127,30 @@ def _plan(args: argparse.Namespace) -> TestPlan:
         rig, _contact(args), math.radians(args.elevation),
         parse_requests(args.effect, args.form, rig),
         Scatter(args.gap_scatter * 1e-6, args.stiffness_scatter / 100.0), args.rig_seed)
-    instruments = Instruments(noise=args.noise * 1e-6, load_noise=load_noise)
-    return TestPlan(
-        physical, _schedule(args, rig), args.seed, instruments, args.rate, args.probe_rate,
-        rig_name=str(args.rig) if args.rig else 'virtual rig', run_name=args.run_name)
-
-
-def _schedule(args: argparse.Namespace, rig: Rig) -> Schedule:
-    from saddlering_ros.rig import FORCE_UNITS
-    from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
-
-    static = args.test == 'static'
     for name in ('duration', 'speed') if static else ('load_step',):
         if getattr(args, name) is not None:
             raise VirtualRigError(f'--{name.replace("_", "-")} is for '
                                   f'{"dynamic" if static else "static"} tests: leave it out')
-    given: dict[str, Any] = {'cycles': args.cycles}
-    for name, key in (('peak', 'peak'), ('lowest', 'lowest'), ('load_step', 'step')):
-        if getattr(args, name) is not None:
-            given[key] = getattr(args, name) * FORCE_UNITS[rig.force_unit]
-    for name in ('hold', 'duration', 'speed'):
-        if getattr(args, name) is not None:
-            given[name] = getattr(args, name)
-    return static_schedule(rig, **given) if static else dynamic_schedule(rig, **given)
+    newtons = FORCE_UNITS[rig.force_unit]
+    units = {'peak': newtons, 'lowest': newtons, 'load_step': newtons, 'hold': 1.0,
+             'duration': 1.0, 'speed': 1.0}
+    given = {name.removeprefix('load_'): getattr(args, name) * unit
+             for name, unit in units.items() if getattr(args, name) is not None}
+    schedule = (static_schedule if static else dynamic_schedule)(
+        rig, cycles=args.cycles, **given)
+    return TestPlan(
+        physical, schedule, args.seed, Instruments(noise=args.noise * 1e-6, load_noise=load_noise),
+        args.rate, args.probe_rate, rig_name=str(args.rig) if args.rig else 'virtual rig',
+        run_name=args.run_name)
 
 
 def _contact(args: argparse.Namespace) -> ContactParameters:
-    from dataclasses import asdict
+    """The contact law of the rig: of a file, with the values of --set."""
+    from dataclasses import replace
 
-    from saddlering_ros.rig import (
-        ContactParameters,
-        PARAMETER_NAMES,
-        read_parameters,
-        TRUE_TO_SCALE,
-    )
+    from saddlering_ros.rig import PARAMETER_NAMES, read_parameters, TRUE_TO_SCALE
 
-    contact = TRUE_TO_SCALE if args.params is None else read_parameters(args.params).contact
-    values = asdict(contact)
+    values = {}
     for text in args.set:
         name, _, number = text.partition('=')
         if name not in PARAMETER_NAMES:
@@ -173,7 +160,8 @@ def _contact(args: argparse.Namespace) -> ContactParameters:
             values[name] = plain_number(number)
         except ValueError as problem:
             raise VirtualRigError(f'--set {text!r} cannot be read: write NAME=NUMBER') from problem
-    return ContactParameters(**values)
+    return replace(TRUE_TO_SCALE if args.params is None else read_parameters(args.params).contact,
+                   **values)
 
 
 def effects_text(rig: Rig) -> str:
@@ -182,12 +170,9 @@ def effects_text(rig: Rig) -> str:
 
     lines = []
     for name, effect in sorted(EFFECTS.items()):
-        words = (effect.act.__doc__ or '').strip()
-        lines.append(f'{name}: {words}')
-        for parameter in effect.parameters_on(rig):
-            sign = '+-' if parameter.signed else ''
-            lines.append(f'    {parameter.name} [{parameter.unit}] {sign}{parameter.low:g} to '
-                         f'{parameter.high:g}, typical {parameter.typical:g}')
+        lines.append(f'{name}: {(effect.act.__doc__ or "").strip()}')
+        lines += [f'    {item.name} [{item.unit}] {"+-" if item.signed else ""}{item.low:g} to '
+                  f'{item.high:g}, typical {item.typical:g}' for item in effect.parameters_on(rig)]
         if len(effect.forms) > 1:
             lines.append(f'    forms: {", ".join(effect.forms)}')
     return '\n'.join(lines)

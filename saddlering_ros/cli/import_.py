@@ -12,7 +12,7 @@ from saddlering_ros.cli._terminal import Bar, tell_json
 from saddlering_ros.errors import printable
 
 if TYPE_CHECKING:
-    from saddlering_ros.importing.convert import ImportedRun, ImportResult
+    from saddlering_ros.importing.convert import ImportResult
     from saddlering_ros.rig import Rig
 
 
@@ -45,22 +45,20 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Draft a map, or write the bag and print its content."""
-    return _draft(args) if args.draft else _import(args)
+    import sys
 
-
-def _draft(args: argparse.Namespace) -> int:
     from saddlering_ros.files import write_text
     from saddlering_ros.importing.calibration import ImportingError
     from saddlering_ros.importing.draft import draft_map
     from saddlering_ros.importing.source import open_sources
 
+    if not args.draft:
+        return _import(args)
     if args.map is not None and args.map.exists():
         raise ImportingError(f'{args.map}: exists already, and a draft does not replace it: '
                              'choose another name')
     draft = draft_map(open_sources(args.files))
     if args.map is None:
-        import sys
-
         print(*draft.seen, sep='\n', file=sys.stderr)
         print(draft.text, end='')
         return 0
@@ -74,7 +72,9 @@ def _draft(args: argparse.Namespace) -> int:
 def _import(args: argparse.Namespace) -> int:
     import sys
 
+    from saddlering_ros.files import spare_files
     from saddlering_ros.importing.calibration import ImportingError
+    from saddlering_ros.importing.clock import words_of
     from saddlering_ros.importing.convert import import_files
     from saddlering_ros.importing.mapping import read_map
     from saddlering_ros.importing.preview import save_preview
@@ -84,10 +84,7 @@ def _import(args: argparse.Namespace) -> int:
         raise ImportingError('--map and --out are both needed: give --map MAP.yaml --out BAG, or '
                              'start with --draft --map MAP.yaml')
     mapping = read_map(args.map)
-    # Refuse an output that is a calibration table of the map.
-    from saddlering_ros.files import spare_files
-
-    named = [(table, f'table {table}') for table in mapping.tables]
+    named = [(table, f'table {table}') for table in mapping.tables]  # which no output replaces
     for name, given in (('out', args.out), ('json', args.json), ('preview', args.preview)):
         if given is not None and str(given) != '-':
             spare_files(Path(given), f'--{name} {given}', named)
@@ -104,7 +101,13 @@ def _import(args: argparse.Namespace) -> int:
         print(f'saddlering import: warning: {printable(line)}', file=sys.stderr)
     if tell_json(args, {**result.as_dict(), 'warnings': warnings}):
         return 0
-    _print_runs(result, shown)
+    for run in result.runs:
+        stop = max(course.last for course in run.courses.values())
+        print(f'{run.path}: {run.metadata.test} test at {run.metadata.elevation_deg:g} deg, '
+              f'{(stop - run.start) / 1e9:.3f} s from {words_of(run.start)}')
+        for name, course in run.courses.items():
+            print(f'  {name}: {course.count} samples, {_reading(name, min(course.lowest), shown)} '
+                  f'to {_reading(name, max(course.highest), shown)}')
     if args.preview is not None:
         print(f'written: {args.preview}')
     print(f'next: saddlering info {result.runs[0].path}'
@@ -123,33 +126,16 @@ def _doubts(args: argparse.Namespace, result: ImportResult, rig: Rig) -> list[st
         found = [arguments.in_options(line) for line in (*info.problems, *info.notes)]
         if args.rig is not None and not info.problems:
             found += contradictions(run.path, rig)
-        found += _still_probes(run, rig)
+        spans = {name: max(course.highest) - min(course.lowest)
+                 for name, course in run.courses.items()}
+        gaps = max(span for name, span in spans.items() if name.startswith('eddy'))
+        if spans['hydraulic_load'] >= rig.limits.identification_min and gaps < MIN_MOTION:
+            found.append(f'no gap changes by more than {gaps * 1e6:.2g} µm under a load of '
+                         f'{rig.force_words(spans["hydraulic_load"])}: check unit and scale of '
+                         'the probes')
         lines += [line if line.startswith(str(run.path)) else f'{run.path}: {line}'
                   for line in dict.fromkeys(found)]
     return lines
-
-
-def _still_probes(run: ImportedRun, rig: Rig) -> list[str]:
-    """A doubt about gaps that move less than the noise of any probe while the load does."""
-    spans = {name: max(course.highest) - min(course.lowest)
-             for name, course in run.courses.items()}
-    gaps = max(span for name, span in spans.items() if name.startswith('eddy'))
-    if spans['hydraulic_load'] < rig.limits.identification_min or gaps >= MIN_MOTION:
-        return []
-    return [f'no gap changes by more than {gaps * 1e6:.2g} µm under a load of '
-            f'{rig.force_words(spans["hydraulic_load"])}: check unit and scale of the probes']
-
-
-def _print_runs(result: ImportResult, rig: Rig) -> None:
-    from saddlering_ros.importing.clock import words_of
-
-    for run in result.runs:
-        stop = max(course.last for course in run.courses.values())
-        print(f'{run.path}: {run.metadata.test} test at {run.metadata.elevation_deg:g} deg, '
-              f'{(stop - run.start) / 1e9:.3f} s from {words_of(run.start)}')
-        for name, course in run.courses.items():
-            print(f'  {name}: {course.count} samples, {_reading(name, min(course.lowest), rig)} '
-                  f'to {_reading(name, max(course.highest), rig)}')
 
 
 def _reading(name: str, value: float, rig: Rig) -> str:

@@ -59,14 +59,36 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print_info(bag: str, info: BagInfo, rig: Rig) -> None:
+    import math
+
     from rich.table import Table
     from rich.text import Text
+
+    from saddlering_ros.rig import FORCE_UNITS
 
     console = stdout_console()
     console.print(Text(bag, style='bold'))
     facts = Table(box=None, show_header=False, padding=(0, 2))
-    for name, value in _facts(info, rig):
-        facts.add_row(name, value)
+    found, (low, high) = info.facts, info.load_range
+    loads: list[str] = []
+    for unit, newtons in FORCE_UNITS.items():
+        digits = 3 if unit == 't' else 2
+        words = f'{low / newtons:.{digits}f} to {high / newtons:.{digits}f} {unit}'
+        loads.insert(0 if unit == rig.force_unit else 1, words)
+    for name, value in (
+            ('test', found.test or 'not stated'),
+            ('elevation', 'not stated' if found.elevation_deg is None else
+             f'{found.elevation_deg:g} deg'),
+            ('rig', found.rig), ('rig hash', found.details.get('rig_hash', '')[:12]),
+            ('run', found.run),
+            ('storage', f'{info.files} file{"s" * (info.files != 1)}, {info.size / 1e6:.2f} MB, '
+             f'{info.message_count} messages, compression '
+             f'{printable(", ".join(info.compressions)) or "unknown"}'),
+            ('duration', '' if math.isnan(info.duration) else f'{info.duration:.3f} s'),
+            ('load', '' if math.isnan(high) else f'{loads[0]} ({loads[1]})'),
+            ('plateaus', '' if info.plateaus is None else str(info.plateaus))):
+        if value:
+            facts.add_row(name, value)
     console.print(facts)
     show_table(('topic', 'type', 'messages', 'rate', 'from', 'to', 'gaps', 'lowest', 'highest'),
                [_topic_row(topic, rig) for topic in info.topics], texts=2)
@@ -78,40 +100,6 @@ def _print_info(bag: str, info: BagInfo, rig: Rig) -> None:
         console.print(Text('  usable; read the notes' if info.notes else '  usable',
                            style='yellow' if info.notes else 'green'))
     console.print()
-
-
-def _facts(info: BagInfo, rig: Rig) -> list[tuple[str, str]]:
-    import math
-
-    found = info.facts
-    elevation = 'not stated' if found.elevation_deg is None else f'{found.elevation_deg:g} deg'
-    low, high = info.load_range
-    rows = [('test', found.test or 'not stated'), ('elevation', elevation)]
-    rows += [(name, value) for name, value in (
-        ('rig', found.rig), ('rig hash', found.details.get('rig_hash', '')[:12]),
-        ('run', found.run)) if value]
-    files = '1 file' if info.files == 1 else f'{info.files} files'
-    rows.append(('storage', f'{files}, {info.size / 1e6:.2f} MB, {info.message_count} '
-                 f'messages, compression {printable(", ".join(info.compressions)) or "unknown"}'))
-    if not math.isnan(info.duration):
-        rows.append(('duration', f'{info.duration:.3f} s'))
-    if not math.isnan(high):
-        rows.append(('load', _load_range(low, high, rig)))
-    if info.plateaus is not None:
-        rows.append(('plateaus', str(info.plateaus)))
-    return rows
-
-
-def _load_range(low: float, high: float, rig: Rig) -> str:
-    """Lowest and highest load in the rig file's unit, and in the other one."""
-    from saddlering_ros.rig import FORCE_UNITS
-
-    other = next(unit for unit in FORCE_UNITS if unit != rig.force_unit)
-    words = []
-    for unit in (rig.force_unit, other):
-        digits, size = (3 if unit == 't' else 2), FORCE_UNITS[unit]
-        words.append(f'{low / size:.{digits}f} to {high / size:.{digits}f} {unit}')
-    return f'{words[0]} ({words[1]})'
 
 
 def _topic_row(topic: TopicInfo, rig: Rig) -> tuple[str, ...]:

@@ -103,12 +103,12 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
         return _complain(
             f'Python package {error.name} is not installed here; docs/install.md lists the '
             'requirements', OUR_FAILURE, args)
-    except OSError as error:
-        if error.filename is not None and error.errno in UNUSABLE_FILE:
-            return _complain(f'{error.filename}: {error.strerror}', arguments.UNUSABLE, args)
-        return _complain_of_ourselves(error, args)
     except Exception as error:
-        return _complain_of_ourselves(error, args)
+        if (isinstance(error, OSError) and error.filename is not None
+                and error.errno in UNUSABLE_FILE):
+            return _complain(f'{error.filename}: {error.strerror}', arguments.UNUSABLE, args)
+        hint = '' if args.traceback else ' (--traceback shows the place)'
+        return _complain(f'failed: {type(error).__name__}: {error}{hint}', OUR_FAILURE, args)
 
 
 def _take_rig_of_project(args: argparse.Namespace) -> None:
@@ -178,23 +178,16 @@ def leave_by_exception() -> None:
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
-    if _is_called_back(frame):
-        signal.signal(signal.SIGALRM, lambda _, later: _leave(number, later))
-        signal.setitimer(signal.ITIMER_REAL, RETRY)
-        return
+    inner = frame
+    while inner is not None:  # whether compiled code waits for one of the frames to return
+        if inner.f_code.co_name in CALLED_BACK and _COMPILER in inner.f_code.co_filename:
+            signal.signal(signal.SIGALRM, lambda _, later: _leave(number, later))
+            signal.setitimer(signal.ITIMER_REAL, RETRY)
+            return
+        inner = inner.f_back
     if number == signal.SIGINT:
         raise KeyboardInterrupt
     raise SystemExit(128 + number)
-
-
-def _is_called_back(frame: FrameType | None) -> bool:
-    """Whether compiled code waits for one of the frames to return."""
-    while frame is not None:
-        code = frame.f_code
-        if code.co_name in CALLED_BACK and _COMPILER in code.co_filename:
-            return True
-        frame = frame.f_back
-    return False
 
 
 class _Version(argparse.Action):
@@ -217,11 +210,6 @@ def _complain(message: str, status: int, args: argparse.Namespace) -> int:
     line = ' '.join(arguments.in_options(message).split())
     print(f'saddlering {args.command}: {printable(line)}', file=sys.stderr)
     return status
-
-
-def _complain_of_ourselves(error: Exception, args: argparse.Namespace) -> int:
-    hint = '' if args.traceback else ' (--traceback shows the place)'
-    return _complain(f'failed: {type(error).__name__}: {error}{hint}', OUR_FAILURE, args)
 
 
 if __name__ == '__main__':

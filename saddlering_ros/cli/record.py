@@ -39,10 +39,16 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from saddlering_ros.live.recorder import recording
+    from saddlering_ros.record import TestMetadata
+    from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.launcher import prepare_transport
     from saddlering_ros.ros.names import namespace_of
 
-    facts = facts_of(args)
+    if (args.test is None) != (args.elevation is None):
+        raise BagError('--test and --elevation belong together: give both, or neither')
+    facts = {} if args.rig is None else {'rig_hash': load_rig(args.rig).digest}
+    if args.test is not None:
+        facts = TestMetadata(args.test, args.elevation, details=facts).as_text()
     domain = arguments.domain_of(args)
     prepare_transport()
     told_to_end = threading.Event()
@@ -68,16 +74,3 @@ def run(args: argparse.Namespace) -> int:
     if not any(counts.values()):
         print(f'note: no message was received in ROS domain {domain}', file=sys.stderr)
     return 0
-
-
-def facts_of(args: argparse.Namespace) -> dict[str, str]:
-    """The facts of the test given; BagError if only half of them are."""
-    from saddlering_ros.record import TestMetadata
-    from saddlering_ros.rig import load_rig
-
-    if (args.test is None) != (args.elevation is None):
-        raise BagError('--test and --elevation belong together: give both, or neither')
-    details = {} if args.rig is None else {'rig_hash': load_rig(args.rig).digest}
-    if args.test is None:
-        return details
-    return TestMetadata(args.test, args.elevation, details=details).as_text()

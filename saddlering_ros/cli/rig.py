@@ -39,17 +39,24 @@ def run(args: argparse.Namespace) -> int:
     """Draft, draw, check; status 2 if a bag speaks against the rig."""
     import sys
 
+    from saddlering_ros.doubts.comparison import rig_in_words
+    from saddlering_ros.files import write_text
     from saddlering_ros.rig import load_rig, RigError
+    from saddlering_ros.rig.drawing import draft_rig_file, save_drawing
 
     rig = load_rig(args.rig)
     if args.set and args.draft is None:
         raise RigError('--set is an entry of a draft: give --draft too')
     written: list[Path] = []
     if args.draft is not None:
-        rig, written = _draft(args, rig)
+        if args.draft.exists():
+            raise RigError(f'{args.draft}: exists already, and a draft does not replace it: '
+                           'choose another name')
+        text, rig = draft_rig_file(rig, args.set)
+        write_text(args.draft, text, RigError)
+        written = [args.draft, args.draft.with_suffix('.svg')]
+        save_drawing(written[1], rig)
     if args.drawing is not None:
-        from saddlering_ros.rig.drawing import save_drawing
-
         save_drawing(args.drawing, rig, 50.0 if args.elevation is None else args.elevation)
         written.append(args.drawing)
     found = {bag: contradictions(bag, rig, args.test, arguments.elevation_of(args))
@@ -57,28 +64,19 @@ def run(args: argparse.Namespace) -> int:
     doubts = sum(len(lines) for lines in found.values())
     if not tell_json(args, {'rig_hash': rig.digest, 'written': [str(path) for path in written],
                             'checked': found}):
-        _print(rig, written, found)
+        print(f'rig: {rig_in_words(rig)}')
+        for path in written:
+            print(f'written: {path}')
+        for bag, lines in found.items():
+            print(f'{bag}: {"no contradiction to the rig file" if not lines else ""}'.rstrip())
+            for line in lines:
+                print(f'  {line}')
     if doubts:
         sys.stdout.flush()
         print(f'saddlering rig: {doubts} {"contradiction" if doubts == 1 else "contradictions"} '
               'between the bags and the rig file: correct the rig file, or the map of the import',
               file=sys.stderr)
     return 2 if doubts else 0
-
-
-def _draft(args: argparse.Namespace, rig: Rig) -> tuple[Rig, list[Path]]:
-    from saddlering_ros.files import write_text
-    from saddlering_ros.rig import RigError
-    from saddlering_ros.rig.drawing import draft_rig_file, save_drawing
-
-    if args.draft.exists():
-        raise RigError(f'{args.draft}: exists already, and a draft does not replace it: choose '
-                       'another name')
-    text, drafted = draft_rig_file(rig, args.set)
-    write_text(args.draft, text, RigError)
-    picture = args.draft.with_suffix('.svg')
-    save_drawing(picture, drafted)
-    return drafted, [args.draft, picture]
 
 
 def contradictions(
@@ -92,15 +90,3 @@ def contradictions(
     test_run = read_run(bag, test=test, elevation=elevation, rig=rig)
     found = check_rig(rig, read_raw(bag, rig=rig), condensed(test_run, rig))
     return [*map(str, found)]
-
-
-def _print(rig: Rig, written: list[Path], found: dict[str, list[str]]) -> None:
-    from saddlering_ros.doubts.comparison import rig_in_words
-
-    print(f'rig: {rig_in_words(rig)}')
-    for path in written:
-        print(f'written: {path}')
-    for bag, lines in found.items():
-        print(f'{bag}: {"no contradiction to the rig file" if not lines else ""}'.rstrip())
-        for line in lines:
-            print(f'  {line}')

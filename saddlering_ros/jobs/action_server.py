@@ -108,7 +108,7 @@ class ActionNode(Node):
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._server = PacedActionServer(
             self, self.ACTION, self.NAME, pace=self._pace, execute_callback=self._execute,
-            goal_callback=self._on_goal, cancel_callback=self._on_cancel,
+            goal_callback=self._on_goal, cancel_callback=lambda _: CancelResponse.ACCEPT,
             goal_service_qos_profile=MANY_REQUESTS, cancel_service_qos_profile=MANY_REQUESTS,
             result_service_qos_profile=MANY_REQUESTS)
         served = self.resolve_service_name(self.NAME)
@@ -153,7 +153,7 @@ class ActionNode(Node):
 
     def _on_goal(self, goal: Any) -> GoalResponse:
         self._pace()
-        if self._busy.locked() or self.stopping:
+        if self.is_busy() or self.stopping:
             self.get_logger().warning(
                 f'goal rejected: another goal is running ({self._stage}); cancel that goal or '
                 'wait')
@@ -161,13 +161,19 @@ class ActionNode(Node):
         self._busy.acquire()
         return GoalResponse.ACCEPT
 
-    def _on_cancel(self, goal_handle: ServerGoalHandle) -> CancelResponse:
-        return CancelResponse.ACCEPT
-
     async def _execute(self, goal_handle: ServerGoalHandle) -> Any:
         result = self.ACTION.Result()
         try:
-            outcome = await self._outcome(goal_handle)
+            try:
+                request = self.request(goal_handle.request)
+            except SaddleringError as problem:
+                outcome = Outcome(REFUSED, None, str(problem))
+            else:
+                future: Future = Future()
+                self._stage = 'starting'
+                threading.Thread(target=self._work, args=(goal_handle, request, future),
+                                 daemon=True).start()
+                outcome = await future
             self._end(goal_handle, outcome, result)
         except Exception as problem:
             self.get_logger().error(f'failed: {problem}')
@@ -177,18 +183,6 @@ class ActionNode(Node):
             self._stage = 'idle'
             self._busy.release()
         return result
-
-    async def _outcome(self, goal_handle: ServerGoalHandle) -> Outcome:
-        try:
-            request = self.request(goal_handle.request)
-        except SaddleringError as problem:
-            return Outcome(REFUSED, None, str(problem))
-        future: Future = Future()
-        self._stage = 'starting'
-        threading.Thread(target=self._work, args=(goal_handle, request, future),
-                         daemon=True).start()
-        outcome: Outcome = await future
-        return outcome
 
     def _work(self, goal_handle: ServerGoalHandle, request: Any, future: Future) -> None:
         """In a thread: drive the worker process, pass its progress on, watch for a cancel."""
@@ -259,9 +253,9 @@ class ActionNode(Node):
         self._server.destroy()
         super().destroy_node()
 
-    def idle(self) -> bool:
-        """Whether no goal is running."""
-        return not self._busy.locked()
+    def is_busy(self) -> bool:
+        """Whether a goal is running."""
+        return self._busy.locked()
 
 
 def serve(make: Any, args: Sequence[str] | None = None) -> int:
@@ -276,8 +270,8 @@ def serve(make: Any, args: Sequence[str] | None = None) -> int:
         while not told.is_set() and node.context.ok():
             executor.spin_once(timeout_sec=0.1)
         node.stopping = True
-        if not node.idle():
-            for wanted, seconds in ((lambda: not node.idle(), 1.0), (lambda: True, FAREWELL)):
+        if node.is_busy():
+            for wanted, seconds in ((node.is_busy, 1.0), (lambda: True, FAREWELL)):
                 deadline = time.monotonic() + seconds
                 while wanted() and time.monotonic() < deadline:
                     executor.spin_once(timeout_sec=0.02)

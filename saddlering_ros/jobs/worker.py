@@ -9,7 +9,7 @@ could carry code, come from our own code alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 import contextlib
 from dataclasses import dataclass
 import importlib
@@ -121,21 +121,17 @@ def main() -> None:
     job = importlib.import_module(module)
     for needed in job.PRELOADED:
         importlib.import_module(needed)
-    while True:
-        try:
+    with contextlib.suppress(EOFError):  # the other end is gone
+        while True:
             request = pipe.recv()
-        except EOFError:
-            return
-        pipe.send(_attempt(job.run, request, pipe))
-
-
-def _attempt(run: Callable[..., Any], request: Any, pipe: Connection) -> tuple[str, Any]:
-    try:
-        return DONE, run(request, lambda progress: pipe.send(('progress', progress)))
-    except SaddleringError as problem:
-        return REFUSED, ' '.join(str(problem).split())
-    except Exception as problem:
-        return FAILED, f'{type(problem).__name__}: {" ".join(str(problem).split())}'
+            try:
+                answer = DONE, job.run(
+                    request, lambda progress: pipe.send(('progress', progress)))
+            except SaddleringError as problem:
+                answer = REFUSED, ' '.join(str(problem).split())
+            except Exception as problem:
+                answer = FAILED, f'{type(problem).__name__}: {" ".join(str(problem).split())}'
+            pipe.send(answer)
 
 
 if __name__ == '__main__':

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 import json
 from typing import Any, TYPE_CHECKING
 
@@ -83,7 +84,7 @@ class Action:
     """One action as a bystander sees it: goals, feedback, results, and the way to cancel."""
 
     def __init__(self, node: Node, name: str, change: Callable[[str, Change], None]) -> None:
-        self._node, self._name, self._change_of = node, name, change
+        self._node, self._name, self._change = node, name, partial(change, name)
         path, kind = ACTIONS[name]
         self._path, self._kind = path, kind
         node.create_subscription(GoalStatusArray, f'{path}/_action/status', self._on_status,
@@ -109,9 +110,6 @@ class Action:
             return
         self._change(lambda job: replace(job, state='lost', words='its server is gone')
                      if job is not None and job.state == 'running' else None)
-
-    def _change(self, change: Change) -> None:
-        self._change_of(self._name, change)
 
     def _on_status(self, message: GoalStatusArray) -> None:
         for status in message.status_list:

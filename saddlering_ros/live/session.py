@@ -67,10 +67,8 @@ def with_link(
     shown: dict[str, Any] | None, health: Sequence[dict[str, Any]]
 ) -> dict[str, Any] | None:
     """The same, with `offline`: whether the node of the alarm has reported, and no longer does."""
-    if shown is None:
-        return None
-    levels = [item['level'] for item in health if 'ring_alarm: ' in item['name']]
-    return {**shown, 'offline': bool(levels) and all(level == 'silent' for level in levels)}
+    levels = {item['level'] for item in health if 'ring_alarm: ' in item['name']}
+    return None if shown is None else {**shown, 'offline': levels == {'silent'}}
 
 
 @dataclass
@@ -192,16 +190,21 @@ class Session:
         if self._tests[number].is_cut:
             raise LiveError('the messages of this test were too many to keep: record the next '
                             'one with ros2 bag record, or saddlering replay --record')
+        tests = [self._tests[one] for one in (number, number - 1, number + 1)
+                 if one in self._tests]
         found: dict[str, list[Stamped]] = {}
         for topic in TOPICS:
-            mine: list[Stamped] = []
-            for one in (number, number - 1, number + 1):
-                taken = {stamp for stamp, _ in mine}  # by another replay of the same bag
-                kept = self._tests[one].messages.get(topic, ()) if one in self._tests else ()
-                mine += [(stamp, message) for stamp, message in zip(
-                    map(_stamp_of, kept), kept, strict=True)
-                    if first <= stamp <= last and stamp not in taken]
-            found[topic] = sorted(mine)
+            mine: dict[int, bytes] = {}
+            for test in tests:  # the other ones may hold another replay of the same bag
+                here: list[Stamped] = []
+                for message in test.messages.get(topic, ()):
+                    seconds, rest = _stamp.unpack_from(message, 4)
+                    stamp = int(seconds * SECOND + rest)
+                    if first <= stamp <= last and stamp not in mine:
+                        here.append((stamp, message))
+                found.setdefault(topic, []).extend(here)
+                mine.update(here)
+            found[topic].sort()
         return self._tests[number].name, found
 
 
@@ -216,9 +219,3 @@ def mcap_of(flows: Mapping[str, list[Stamped]], facts: TestMetadata) -> bytes:
                     for topic, flow in flows.items())):
                 bag.write_message(topic, stamp, message)
         return next(path.glob('*.mcap')).read_bytes()
-
-
-def _stamp_of(message: bytes) -> int:
-    """The stamp [ns] of a message that begins with a header."""
-    seconds, rest = _stamp.unpack_from(message, 4)
-    return int(seconds * SECOND + rest)

@@ -229,20 +229,19 @@ class Watcher:
     def test(self, number: int) -> dict[str, Any] | None:
         """All curves of an earlier test, as `rows` gives them; None if it is not kept."""
         with self.lock:
-            for curves in self.traces.past:
-                if curves.number == number:
-                    return {'width': curves.width / 1e9, 'origin': curves.origin / 1e6,
-                            'streams': curves.since(-1, self._scales)}
-        return None
+            found = next((curves for curves in self.traces.past if curves.number == number), None)
+            return None if found is None else {
+                'width': found.width / 1e9, 'origin': found.origin / 1e6,
+                'streams': found.since(-1, self._scales)}
 
     def bag(self, number: int) -> bytes | None:
         """The rig's messages of a test as an MCAP file; None if the test is not kept."""
         with self.lock:
-            found = [curves for curves in (*self.traces.past, self.traces.current)
-                     if curves is not None and curves.number == number]
-            if not found:
+            found = next((curves for curves in (*self.traces.past, self.traces.current)
+                          if curves is not None and curves.number == number), None)
+            if found is None:
                 return None
-            name, flows = self.session.messages(found[0])
+            name, flows = self.session.messages(found)
             elevation = self._elevation
         facts = TestMetadata(
             elevation_deg=None if math.isnan(elevation) else math.degrees(elevation), run=name,
@@ -319,10 +318,10 @@ class Watcher:
     def _band_of_residual(self) -> list[float | None]:
         """Noise of the drawn means of the residual [um, urad]; None while they are too few."""
         means = self.traces.means('residual')
-        if means.shape[1] < MIN_MEANS:
-            return [None] * len(CHANNELS)
-        lag = min(BAND_LAG, means.shape[1] // 6)
-        return [_finite(1e6 * white_noise(channel, lag)) for channel in means]
+        count = means.shape[1]
+        return [None if count < MIN_MEANS else
+                _finite(1e6 * white_noise(channel, min(BAND_LAG, count // 6)))
+                for channel in means]
 
     def _look_at_sound_ring(self) -> None:
         """What a sound ring may do, anew if parameters or elevation are others."""

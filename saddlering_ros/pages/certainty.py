@@ -10,7 +10,17 @@ from textwrap import fill
 from typing import Any
 
 from saddlering_ros.pages import html
-from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, markers, NOISE, Panel, Ticks
+from saddlering_ros.pages.charts import (
+    AFTER,
+    BEFORE,
+    Chart,
+    line,
+    markers,
+    NOISE,
+    Panel,
+    Series,
+    Ticks,
+)
 from saddlering_ros.quantities import compact, percent, shares_in_words
 
 OUTCOMES = {'none': 'no cause', 'unknown': 'an unknown cause'}
@@ -42,31 +52,30 @@ def bars(rows: Sequence[Row], label: str, top: float | None = None) -> Chart:
     """One bar for each row, from the top down; top: end of the axis."""
     rows = rows[:MAX_ROWS]
     words = tuple(fill(row[0], MAX_WORDS) for row in rows)
-    places = tuple(float(place) for place in range(len(rows)))
+    places = tuple(map(float, range(len(rows))))
     series = [line([0.0, size], [place, place], colour, width=9.0)
               for place, (_, size, colour) in zip(places, rows, strict=True)]
-    end = [markers([top], [places[-1] + 5.0], '.', NOISE, size=0.1)] if top else []
-    return _chart(Panel(
-        0, 0, label, '', (*series, *end), y_ticks=Ticks(places, words),
-        y_range=(places[-1] + 0.7, -0.7), shows_y_label=False, has_y_grid=False),
-        len(rows) * max(1 + word.count('\n') for word in words))
+    if top:
+        series.append(markers([top], [places[-1] + 5.0], '.', NOISE, size=0.1))
+    return _chart(words, series, label, len(rows) * max(1 + word.count('\n') for word in words))
 
 
-def _chart(panel: Panel, rows: int) -> Chart:
-    return Chart((panel,), WIDTH, 0.9 + 0.27 * rows)
+def _chart(words: Sequence[str], series: Sequence[Series], label: str, lines: int,
+           x_ticks: Ticks | None = None) -> Chart:
+    """Rows with their words, from the top down; lines: that the words take."""
+    places = tuple(map(float, range(len(words))))
+    panel = Panel(0, 0, label, '', tuple(series), x_ticks=x_ticks,
+                  y_ticks=Ticks(places, tuple(words)), y_range=(places[-1] + 0.7, -0.7),
+                  shows_y_label=False, has_y_grid=x_ticks is not None)
+    return Chart((panel,), WIDTH, 0.9 + 0.27 * lines)
 
 
 def _probabilities(probabilities: Mapping[str, float], title_of: Callable[[str], str]) -> str:
-    words = shares_in_words(probabilities)
-    rows = []
-    for outcome, told in words.items():
-        title = OUTCOMES.get(outcome) or ' or '.join(map(title_of, outcome.split(' or ')))
-        colour = NOISE if outcome in OUTCOMES else AFTER
-        rows.append((f'{title}: {told}', 100.0 * probabilities[outcome], colour))
-    if not rows:
-        return ''
-    return html.picture(bars(rows, 'probability / %', 100.0), 'probabilities',
-                        'Probability of each cause, of no cause, and of an unknown one.')
+    rows = [(f'{OUTCOMES.get(outcome) or " or ".join(map(title_of, outcome.split(" or ")))}: '
+             f'{told}', 100.0 * probabilities[outcome], NOISE if outcome in OUTCOMES else AFTER)
+            for outcome, told in shares_in_words(probabilities).items()]
+    return html.picture(bars(rows, 'probability / %', 100.0), 'probabilities', 'Probability of '
+                        'each cause, of no cause, and of an unknown one.') if rows else ''
 
 
 def _refits(document: Mapping[str, Any], title_of: Callable[[str], str]) -> str:
@@ -77,15 +86,12 @@ def _refits(document: Mapping[str, Any], title_of: Callable[[str], str]) -> str:
         return ''
     rows = [(f'{item["change"]}: ' + (title_of(item['first']) if item['first'] else 'no cause'),
              float(item['first'] == causes[0])) for item in refits[:MAX_ROWS]]
-    places = tuple(float(place) for place in range(len(rows)))
     series = [markers([is_same], [place], 'o' if is_same else 'D', AFTER if is_same else BEFORE,
-                      size=7.0) for place, (_, is_same) in zip(places, rows, strict=True)]
-    panel = Panel(0, 0, 'first cause', '', tuple(series), x_ticks=Ticks(
-        (-0.5, 0.0, 1.0, 1.5), ('', 'another', 'the same', '')), y_ticks=Ticks(
-        places, tuple(row[0] for row in rows)), y_range=(places[-1] + 0.7, -0.7),
-        shows_y_label=False)
-    return html.picture(_chart(panel, len(rows)), 'refits', 'Refits of the data under other '
-                        f'conditions: {percent(document["stability"])} have the same first cause.')
+                      size=7.0) for place, (_, is_same) in enumerate(rows)]
+    chart = _chart([row[0] for row in rows], series, 'first cause', len(rows), Ticks(
+        (-0.5, 0.0, 1.0, 1.5), ('', 'another', 'the same', '')))
+    return html.picture(chart, 'refits', 'Refits of the data under other conditions: '
+                        f'{percent(document["stability"])} have the same first cause.')
 
 
 def _influence(stretches: Sequence[Mapping[str, Any]]) -> str:

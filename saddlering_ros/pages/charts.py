@@ -147,7 +147,7 @@ class Panel:
 class Chart:
     """Panels on a grid; width and height in inches, heights: ratios of its rows.
 
-    shares_x: panels of one column share their x axis.
+    shares_x: panels of one column share their x axis; only those of the last row show it.
     """
 
     panels: tuple[Panel, ...]
@@ -157,6 +157,13 @@ class Chart:
     columns: int = 1
     shares_x: bool = False
     legend_columns: int = 5
+
+    def __post_init__(self) -> None:
+        if self.shares_x:
+            last = len(self.heights) - 1
+            object.__setattr__(self, 'panels', tuple(
+                replace(panel, shows_x=panel.row == last, shows_x_label=panel.row == last)
+                for panel in self.panels))
 
     @property
     def named(self) -> list[Series | ShadedBand]:
@@ -211,13 +218,6 @@ def compared(
                   bands=bands, levels=(0.0,)))
 
 
-def without_inner_labels(panels: Sequence[Panel], rows: int) -> Iterator[Panel]:
-    """Panels of a grid that share x by column: only those of the last row show it."""
-    for panel in panels:
-        is_last = panel.row == rows - 1
-        yield replace(panel, shows_x=is_last, shows_x_label=is_last)
-
-
 def draw(chart: Chart) -> Figure:
     """The chart as a figure."""
     with drawing():
@@ -229,8 +229,19 @@ def draw(chart: Chart) -> Figure:
         for panel in chart.panels:
             _draw_panel(grid[panel.row][panel.column], panel,
                         is_small=chart.columns > MANY_COLUMNS)
-        _colour_bar(figure, grid, chart)
-        _legend(figure, chart)
+        heat = next((panel.heat for panel in chart.panels if panel.heat and panel.heat.label),
+                    None)
+        if heat is not None:
+            image = next(axes.images[0] for axes in np.ravel(grid) if axes.images)
+            bar = figure.colorbar(image, ax=grid, shrink=0.7, pad=0.02,
+                                  extend='both' if heat.low < 0.0 else 'neither')
+            bar.set_label(heat.label)
+        handles = [
+            Patch(color=item.colour, alpha=item.opacity, lw=0.0, label=item.name)
+            if isinstance(item, ShadedBand) else Line2D([], [], label=item.name, **_look(item))
+            for item in chart.named]
+        if handles:
+            figure.legend(handles=handles, loc='outside lower center', ncols=chart.legend_columns)
         return figure
 
 
@@ -241,8 +252,12 @@ def _draw_panel(axes: Any, panel: Panel, *, is_small: bool) -> None:
         axes.axhline(level, color=NOISE, lw=0.8)
     for series in panel.series:
         axes.plot(series.x, series.y, **_look(series))
-    if panel.heat is not None:
-        _heat_map(axes, panel.heat)
+    if (heat := panel.heat) is not None:
+        axes.imshow(heat.values, cmap=LinearSegmentedColormap.from_list('', list(heat.colours)),
+                    vmin=heat.low, vmax=heat.high, aspect='auto')
+        axes.set_facecolor(heat.background)
+        axes.grid(visible=False)
+        axes.tick_params(length=0)
     if panel.x_is_log:
         axes.set_xscale('log')
         low, high = axes.get_xlim()
@@ -278,34 +293,3 @@ def _look(series: Series) -> dict[str, Any]:
         'marker': series.marker or 'none', 'ms': series.size, 'alpha': series.opacity,
         'mfc': 'none' if series.is_open else series.colour,
         'mew': 2.0 if series.marker == '|' else 0.6 if series.size < 3.0 else 1.0}
-
-
-def _heat_map(axes: Any, heat: HeatMap) -> None:
-    colours = LinearSegmentedColormap.from_list('', list(heat.colours))
-    axes.imshow(heat.values, cmap=colours, vmin=heat.low, vmax=heat.high, aspect='auto')
-    axes.set_facecolor(heat.background)
-    axes.grid(visible=False)
-    axes.tick_params(length=0)
-
-
-def _colour_bar(figure: Figure, grid: Any, chart: Chart) -> None:
-    heats = [panel.heat for panel in chart.panels if panel.heat is not None and panel.heat.label]
-    if not heats:
-        return
-    image = next(axes.images[0] for axes in np.ravel(grid) if axes.images)
-    is_open = heats[0].low < 0.0
-    bar = figure.colorbar(image, ax=grid, shrink=0.7, pad=0.02,
-                          extend='both' if is_open else 'neither')
-    bar.set_label(heats[0].label)
-
-
-def _legend(figure: Figure, chart: Chart) -> None:
-    handles = [_handle(item) for item in chart.named]
-    if handles:
-        figure.legend(handles=handles, loc='outside lower center', ncols=chart.legend_columns)
-
-
-def _handle(item: Series | ShadedBand) -> Any:
-    if isinstance(item, ShadedBand):
-        return Patch(color=item.colour, alpha=item.opacity, lw=0.0, label=item.name)
-    return Line2D([], [], label=item.name, **_look(item))

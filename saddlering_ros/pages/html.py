@@ -149,7 +149,8 @@ def table(
     shown = [column for column in range(len(head))
              if any(_text(row[column]) not in NOTHING for row in rows)]
     head = [head[column] for column in shown]
-    rows = [[_below(title, row[column]) for title, column in zip(head, shown, strict=True)]
+    rows = [[number(item) if isinstance(title, Cell) and isinstance(item, str) else item
+             for title, item in zip(head, (row[column] for column in shown), strict=True)]
             for row in rows]
     title = f'<caption>{escape(caption)}</caption>' if caption else ''
     top = ''.join(_cell(item, 'th') for item in head)
@@ -162,11 +163,6 @@ def table(
     kind = ' class="wide"' if is_wide else ''
     return (f'<div class="scroll"><table{kind}>{title}<thead><tr>{top}</tr></thead>'
             f'<tbody>{body}</tbody></table></div>')
-
-
-def _below(title: str | Cell, item: str | Cell) -> str | Cell:
-    """A cell as the title of its column declares it."""
-    return number(item) if isinstance(title, Cell) and isinstance(item, str) else item
 
 
 def picture(chart: Chart, name: str, caption: str) -> str:

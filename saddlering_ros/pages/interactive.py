@@ -49,7 +49,8 @@ def chart_of(chart: Chart) -> Plotly:
     height = chart.height * PIXELS_PER_INCH
     layout: Plotly = {
         'margin': {'l': 6, 'r': 6, 't': 48, 'b': 6}, 'paper_bgcolor': '#fff', 'shapes': [],
-        'plot_bgcolor': _background(chart), 'hovermode': 'closest', 'annotations': [],
+        'plot_bgcolor': next((panel.heat.background for panel in chart.panels if panel.heat),
+                             '#fff'), 'hovermode': 'closest', 'annotations': [],
         'font': {'size': 12, 'color': INK}, 'hoverlabel': {'align': 'left'},
         'legend': {'orientation': 'h', 'x': 0.5, 'xanchor': 'center', 'y': 0.0,
                    'yanchor': 'bottom', 'yref': 'container'},
@@ -67,13 +68,21 @@ def chart_of(chart: Chart) -> Plotly:
         if chart.shares_x and first != suffix:
             layout[f'xaxis{suffix}']['matches'] = f'x{first}'
         layout['shapes'] += _shapes(panel, suffix)
-        layout['annotations'] += _title(panel, across, up)
+        if panel.title:
+            layout['annotations'].append({
+                'text': panel.title, 'xref': 'paper', 'yref': 'paper', 'showarrow': False,
+                'x': 0.5 * (across[0] + across[1]), 'y': up[1], 'yanchor': 'bottom',
+                'xanchor': 'center'})
         if panel.heat is not None:
             traces.append(_heat_map(panel.heat, suffix))
         for series in panel.series:
             traces.append(_trace(series, panel, suffix, is_first=series.name not in shown))
             shown.add(series.name)
-    traces += [_patch(item) for item in chart.named if isinstance(item, ShadedBand)]
+    # A trace without points puts the name of a band into the legend.
+    traces += [{'type': 'scatter', 'x': [None], 'y': [None], 'mode': 'markers', 'name': band.name,
+                'marker': {'symbol': 'square', 'size': 11, 'color': band.colour},
+                'opacity': band.opacity, 'hoverinfo': 'skip'}
+               for band in chart.named if isinstance(band, ShadedBand)]
     return {'data': traces, 'layout': layout, 'height': round(height)}
 
 
@@ -93,10 +102,6 @@ def library() -> str:
 
 def _zipped(text: str) -> str:
     return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()
-
-
-def _background(chart: Chart) -> str:
-    return next((panel.heat.background for panel in chart.panels if panel.heat), '#fff')
 
 
 Span = tuple[float, float]
@@ -178,20 +183,15 @@ def _trace(series: Series, panel: Panel, suffix: str, *, is_first: bool) -> Plot
         trace['line'] = {'color': series.colour, 'dash': DASHES[series.dash],
                          'width': round(1.25 * series.width, 2)}
     if series.marker:
-        trace['marker'] = _marker(series)
+        is_line = series.marker == '|'
+        trace['marker'] = {
+            'symbol': MARKERS[series.marker] + ('-open' if series.is_open or is_line else ''),
+            'color': series.colour,
+            'size': round(1.3 * series.size * (0.7 if series.marker == '.' else 1.0), 1),
+            **({'line': {'width': 2}} if is_line else {})}
     if series.opacity < 1.0:
         trace['opacity'] = series.opacity
     return trace
-
-
-def _marker(series: Series) -> Plotly:
-    is_open = series.is_open or series.marker == '|'
-    marker: Plotly = {
-        'symbol': MARKERS[series.marker] + ('-open' if is_open else ''), 'color': series.colour,
-        'size': round(1.3 * series.size * (0.7 if series.marker == '.' else 1.0), 1)}
-    if series.marker == '|':
-        marker['line'] = {'width': 2}
-    return marker
 
 
 def _heat_map(heat: HeatMap, suffix: str) -> Plotly:
@@ -217,21 +217,6 @@ def _shapes(panel: Panel, suffix: str) -> list[Plotly]:
           for band in panel.bands),
         *({'type': 'line', **place, 'y0': level, 'y1': level,
            'line': {'color': NOISE, 'width': 1}} for level in panel.levels)]
-
-
-def _title(panel: Panel, across: Span, up: Span) -> list[Plotly]:
-    if not panel.title:
-        return []
-    return [{'text': panel.title, 'xref': 'paper', 'yref': 'paper', 'showarrow': False,
-             'x': 0.5 * (across[0] + across[1]), 'y': up[1], 'yanchor': 'bottom',
-             'xanchor': 'center'}]
-
-
-def _patch(band: ShadedBand) -> Plotly:
-    """A trace without points that puts a band's name into the legend."""
-    return {'type': 'scatter', 'x': [None], 'y': [None], 'mode': 'markers', 'name': band.name,
-            'marker': {'symbol': 'square', 'size': 11, 'color': band.colour},
-            'opacity': band.opacity, 'hoverinfo': 'skip'}
 
 
 def _numbers(values: NDArray[np.float64]) -> list[float | None]:

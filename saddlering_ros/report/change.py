@@ -25,7 +25,6 @@ from saddlering_ros.pages.charts import (
     NOISE,
     Panel,
     Ticks,
-    without_inner_labels,
 )
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import probability, quantity
@@ -91,7 +90,7 @@ def change_chart(change: Change) -> Chart:
                 title=run.name.partition(': ')[2] if not row else '',
                 shows_y_label=not column)
             for column, run in enumerate(runs)]
-    return Chart(tuple(without_inner_labels(panels, len(views))), 3.6 * len(runs),
+    return Chart(tuple(panels), 3.6 * len(runs),
                  1.9 * len(views), (1.0,) * len(views), len(runs), shares_x=True)
 
 

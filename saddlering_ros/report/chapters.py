@@ -29,34 +29,29 @@ TESTS_SHOWN = 6  # a page; the JSON has all
 
 
 def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) -> str:
-    """The verdict, the next test, the misfit reduction, and the figure that shows the cause."""
+    """The verdict, the next test, the misfit reduction, and the figure that shows the cause.
+
+    The figure shows the channel whose misfit the verdict changes most, or has the largest misfit.
+    """
     verdict = document['verdict']
+    has_cause, shown = verdict in ('named', 'ambiguous'), {run.name: run for run in curves}
+    next_test = document.get('next_test')
     parts = [
         html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
         html.paragraph(ring_wording.headline(document), 'headline'),
+        html.paragraph(f'Next test: {next_test}', 'next') if next_test else '',
         html.paragraph(ring_wording.gain_sentence(document)),
         *map(html.paragraph, ring_wording.certainty_lines(document)),
         html.paragraph(ring_wording.tried(document)),
     ]
-    if document.get('next_test'):
-        parts.insert(2, html.paragraph(f'Next test: {document["next_test"]}', 'next'))
-    parts.append(_proof(document, curves))
-    return f'<div class="verdict {verdict}">' + '\n'.join(parts) + '</div>'
-
-
-def _proof(document: VerdictDocument, curves: Sequence[RunCurves]) -> str:
-    """The channel whose misfit the verdict changes most; of `none` and `unknown`, the largest."""
-    shown = {run.name: run for run in curves}
     cases = [
-        (run['held_out'], (item['nrmse_before'] or 0.0) - (
-            (item['nrmse_after'] or 0.0) if document['verdict'] in ('named', 'ambiguous') else 0.0
-        ), shown[name_of(run['bag'])], name)
+        (run['held_out'], (item['nrmse_before'] or 0.0)
+         - ((item['nrmse_after'] or 0.0) if has_cause else 0.0), shown[name_of(run['bag'])], name)
         for run in document['runs'] if name_of(run['bag']) in shown
         for name, item in run['channels'].items() if name != 'parity']
-    if not cases:
-        return ''
-    _, _, run, channel = max(cases, key=lambda case: case[:2])
-    return proof_picture(run, channel)
+    if cases:
+        parts.append(proof_picture(*max(cases, key=lambda case: case[:2])[2:]))
+    return f'<div class="verdict {verdict}">' + '\n'.join(filter(None, parts)) + '</div>'
 
 
 def proof_picture(run: RunCurves, channel: str) -> str:
@@ -137,11 +132,14 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
     rows: list[list[str | Cell]] = []
     for run in runs:
         for name, item in run['channels'].items():
-            shares = (_share(item['nrmse_before'], item), _share(item['nrmse_after'], item))
+            floor = item['noise_floor']
+            shares = [number(percent(value), '' if value is None or floor is None else
+                             'bad' if value > allowed_misfit(floor) else 'good')
+                      for value in (item['nrmse_before'], item['nrmse_after'])]
             rows.append([
                 name_of(run['bag']), run['test'], f'{run["elevation_deg"]:g}°',
                 'held out' if run['held_out'] else 'fitted', code(name), shares[0],
-                shares[1] if is_extended else '', percent(item['noise_floor'])])
+                shares[1] if is_extended else '', percent(floor)])
     return html.section(
         'Misfit by run and channel',
         html.picture(
@@ -154,14 +152,6 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
             'rigid ring: its range is noise, so that its shares are large. Red: more than twice '
             'the noise floor and more than 0.1 % of range.')),
     )
-
-
-def _share(value: float | None, item: ring_wording.ChannelEntry) -> Cell:
-    """A misfit, marked by whether noise allows it."""
-    floor = item['noise_floor']
-    if value is None or floor is None:
-        return number(percent(value))
-    return number(percent(value), 'bad' if value > allowed_misfit(floor) else 'good')
 
 
 def paper_split(curves: Sequence[RunCurves]) -> str:
@@ -216,29 +206,28 @@ def shape_tests(document: VerdictDocument) -> str:
     before, after = ({(item['channel'], item['coordinate']): item for item in shapes[key]}
                      for key in ('before', 'after'))
     coordinates = sorted({coordinate for _, coordinate in before})
-    tested = {channel for channel, _ in before}  # Not the parity, if a probe is absent.
-    rows = [[code(channel), *(_shape_cell(before.get((channel, name)), after.get((channel, name)))
-                              for name in coordinates)]
-            for channel in CHANNELS if channel in tested]
+    rows: list[list[str | Cell]] = []
+    for channel in CHANNELS:
+        if not any(tested == channel for tested, _ in before):  # the parity without a probe
+            continue
+        rows.append([code(channel)])
+        for coordinate in coordinates:
+            pair = before.get((channel, coordinate)), after.get((channel, coordinate))
+            if pair[0] is None or pair[1] is None:
+                rows[-1].append(number('–'))
+                continue
+            shares = ' → '.join(percent(item['share_of_range']) for item in pair if item)
+            chances = ' → '.join(probability(item['p_value']) for item in pair if item)
+            rows[-1].append(Cell(
+                f'{html.escape(shares)}<br><span class="soft">p {html.escape(chances)}</span>',
+                is_number=True, is_html=True, mark='bad' if is_left(
+                    pair[1]['p_value'], pair[1]['share_of_range']) else ''))
     return html.section(
         'Dependence of the misfit on load, direction, rate and time',
         html.table(['channel', *(number(f'on {name}') for name in coordinates)], rows,
                    'Rms of the part of the misfit that follows each coordinate, as a share of '
                    'range, and its p-value (with the correlated noise measured at rest); '
-                   'without → with the extension. Red: p < 0.01 and over 0.1 % of range.'),
-    )
-
-
-def _shape_cell(
-    before: ring_wording.ShapeEntry | None, after: ring_wording.ShapeEntry | None,
-) -> Cell:
-    if before is None or after is None:
-        return number('–')
-    shares = ' → '.join(percent(item['share_of_range']) for item in (before, after))
-    chances = ' → '.join(probability(item['p_value']) for item in (before, after))
-    return Cell(f'{html.escape(shares)}<br><span class="soft">p {html.escape(chances)}</span>',
-                is_number=True, is_html=True,
-                mark='bad' if is_left(after['p_value'], after['share_of_range']) else '')
+                   'without → with the extension. Red: p < 0.01 and over 0.1 % of range.'))
 
 
 def candidates(document: VerdictDocument) -> str:

@@ -43,15 +43,14 @@ def comparison(runs: Sequence[RunCurves]) -> Chart:
         for place, channel in enumerate(SHOWN):
             panels += _compared(run, channel, 2 * place, column, with_title=place == 0)
     return Chart(
-        tuple(charts.without_inner_labels(panels, 2 * len(SHOWN))),
-        width=min(11.4, 1.0 + 5.2 * len(runs)), height=1.0 + 3.0 * len(SHOWN),
+        tuple(panels), width=min(11.4, 1.0 + 5.2 * len(runs)), height=1.0 + 3.0 * len(SHOWN),
         heights=(charts.MAIN, charts.STRIP) * len(SHOWN), columns=len(runs), shares_x=True)
 
 
 def proof(run: RunCurves, channel: str) -> Chart:
     """One channel of one run, measured and simulated, with its residual below."""
     panels = _compared(run, channel, 0, 0, with_title=False)
-    return Chart(tuple(charts.without_inner_labels(panels, 2)), width=9.4, height=4.4,
+    return Chart(tuple(panels), width=9.4, height=4.4,
                  heights=(charts.MAIN, charts.STRIP), shares_x=True)
 
 
@@ -112,7 +111,7 @@ def of_run(run: RunCurves) -> Chart:
         panels += [over_load, over_time, replace(residual, row=row, column=2)]
     title = f'{run.name}: {run.test}, {run.elevation_deg:g}°'
     panels[0] = replace(panels[0], title=title)
-    return Chart(tuple(charts.without_inner_labels(panels, len(SHOWN))), width=12.0, height=9.0,
+    return Chart(tuple(panels), width=12.0, height=9.0,
                  heights=(1.0,) * len(SHOWN), columns=3, shares_x=True)
 
 
@@ -122,7 +121,7 @@ def over_time(time: Array, channels: Mapping[str, Array], title: str) -> Chart:
                     (charts.line(time, MICRO * values, charts.MEASURED, width=0.9),),
                     levels=(0.0,), title='' if row else title)
               for row, (name, values) in enumerate(channels.items())]
-    return Chart(tuple(charts.without_inner_labels(panels, len(panels))), width=9.4,
+    return Chart(tuple(panels), width=9.4,
                  height=1.0 + 1.8 * len(panels), heights=(1.0,) * len(panels), shares_x=True)
 
 
@@ -174,7 +173,7 @@ def residuals(run: RunCurves) -> Chart:
         replace(panel, row=row, column=column, title='' if row else panel.title,
                 shows_y_label=not column)
         for row, views in enumerate(rows) for column, panel in enumerate(views)]
-    return Chart(tuple(charts.without_inner_labels(panels, len(rows))), width=11.4, height=8.0,
+    return Chart(tuple(panels), width=11.4, height=8.0,
                  heights=(1.0,) * len(rows), columns=len(rows[0]), shares_x=True,
                  legend_columns=3)
 
@@ -189,11 +188,7 @@ def _views(run: RunCurves, channel: str) -> list[Panel]:
         shown = [(False, charts.BEFORE, 'contact law alone'),
                  (True, charts.AFTER, 'extended model')]
     load, unit, rate = run.load_in_unit, run.force_unit, smooth_rate(run.load_in_unit, run.time)
-    over_load: list[Series] = []
-    by_branch: list[Series] = []
-    over_time: list[Series] = []
-    over_rate: list[Series] = []
-    over_frequency: list[Series] = []
+    over_load, by_branch, over_time, over_rate, over_frequency = (list[Series]() for _ in range(5))
     for extended, colour, name in shown:
         values = MICRO * run.residual(channel, extended=extended)
         over_load += [
@@ -240,9 +235,8 @@ def ordered_cosines(cosines: Mapping[str, Mapping[str, float]]) -> tuple[list[st
     from scipy.spatial.distance import squareform
 
     labels = list(cosines)
-    matrix = np.array([
-        [1.0 if a == b else cosines[a].get(b, 0.0) for b in labels] for a in labels
-    ])
+    matrix = np.array([[1.0 if a == b else cosines[a].get(b, 0.0) for b in labels]
+                       for a in labels])
     if len(labels) < 3:
         return labels, matrix
     distance = 1.0 - 0.5 * (matrix + matrix.T)

@@ -1,5 +1,7 @@
 """Claims about what the page shows of the alarm."""
 
+import pytest
+
 from saddlering_interfaces.msg import RingAlarm
 from saddlering_ros.live.session import alarm_as_page, AlarmOfTest, Session, with_link
 from saddlering_ros.live.traces import TestCurves
@@ -19,17 +21,12 @@ def test_an_alarm_is_shown_with_channel_size_onset_guess_and_lapses():
         'lapses': ['the zero was renewed']}
 
 
-def test_without_an_alarm_the_state_is_shown_and_no_numbers():
-    shown = alarm_as_page(RingAlarm(state=RingAlarm.LEARNING, message='reading the noise'))
-    assert shown == {'state': 'learning', 'words': 'reading the noise', 'lapses': [],
-                     'allowed': None}
-
-
-def test_a_blind_watch_is_shown_with_the_topics_that_are_missing():
-    shown = alarm_as_page(RingAlarm(state=RingAlarm.BLIND, message='BLIND: nothing arrives',
-                                    missing=['/ring/residual']))
-    assert shown == {'state': 'blind', 'words': 'BLIND: nothing arrives', 'lapses': [],
-                     'allowed': None, 'missing': ['/ring/residual']}
+@pytest.mark.parametrize(('state', 'shown', 'more'), [
+    (RingAlarm.LEARNING, 'learning', {}),
+    (RingAlarm.BLIND, 'blind', {'missing': ['/ring/residual']})])
+def test_without_an_alarm_the_state_and_the_topics_that_are_missing_are_shown(state, shown, more):
+    assert alarm_as_page(RingAlarm(state=state, message='words', **more)) == {
+        'state': shown, 'words': 'words', 'lapses': [], 'allowed': None, **more}
 
 
 def test_a_node_that_reports_no_longer_is_shown_as_offline():

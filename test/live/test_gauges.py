@@ -9,21 +9,16 @@ from saddlering_ros.live.gauges import Gauges
 from saddlering_ros.rig import TONNE
 
 
-def test_a_gap_is_shown_in_millimetres_with_its_margin_to_the_nearer_end():
+@pytest.mark.parametrize(('gap', 'margin', 'level'), [
+    (0.4e-3, 0.4, 'ok'), (1e-3, 1.0, 'ok'), (1.9e-3, 0.1, 'warning'), (2e-3, 0.0, 'error'),
+    (2.1e-3, -0.1, 'error')])
+def test_a_gap_is_shown_in_millimetres_with_its_margin_to_the_nearer_end(gap, margin, level):
     found = Gauges()
-    found.push('probe_2', 0.4e-3, 0.0, 2e-3)
+    found.push('probe_2', gap, 0.0, 2e-3)
     probes = found.as_page()['probes']
-    assert probes[1] == {'gap': 0.4, 'low': 0.0, 'high': 2.0, 'margin': 0.4, 'level': 'ok',
-                         'is_old': False}
+    assert probes[1] == {'gap': pytest.approx(1e3 * gap), 'low': 0.0, 'high': 2.0,
+                         'margin': pytest.approx(margin), 'level': level, 'is_old': False}
     assert probes[0] is None
-
-
-@pytest.mark.parametrize(('gap', 'level'), [(1e-3, 'ok'), (1.9e-3, 'warning'), (2e-3, 'error'),
-                                            (2.1e-3, 'error')])
-def test_a_margin_that_is_used_up_is_a_warning_and_then_an_error(gap, level):
-    found = Gauges()
-    found.push('probe_1', gap, 0.0, 2e-3)
-    assert found.as_page()['probes'][0]['level'] == level
 
 
 def test_load_and_elevation_are_in_the_units_of_the_rig_room():

@@ -144,7 +144,7 @@ def _proof(answer: Diagnosis) -> str:
     prediction, place = max(
         ((one, row) for one in answer.runs for row in range(len(channels))), key=size)
     panels = channels[place].panels(prediction, place, 0)
-    chart = Chart(tuple(charts.without_inner_labels(panels, 2)), width=9.4, height=4.4,
+    chart = Chart(tuple(panels), width=9.4, height=4.4,
                   heights=(MAIN, STRIP), shares_x=True)
     return html.picture(chart, 'proof', f'{channels[place].name} in {_place(prediction)}: '
                         'measured and simulated; below, the misfit with its bands.')
@@ -156,7 +156,7 @@ def _misfit(answer: Diagnosis) -> str:
     for number_of_run, prediction in enumerate(answer.runs):
         panels = [panel for place, channel in enumerate(channels)
                   for panel in channel.panels(prediction, place, 2 * place)]
-        chart = Chart(tuple(charts.without_inner_labels(panels, len(panels))), width=9.4,
+        chart = Chart(tuple(panels), width=9.4,
                       height=1.0 + 3.0 * len(channels), heights=(MAIN, STRIP) * len(channels),
                       shares_x=True)
         parts.append(html.picture(
