@@ -208,11 +208,11 @@ def test_a_gain_within_the_noise_stands_in_brackets():
 def test_the_head_names_rig_hash_dimensions_and_what_the_bag_states():
     rig = default_rig()
     run = record(details={'operator': 'A. Engineer', 'date': '2026-11-20'})
-    shown = head('A title', rig, [(run, True)])
+    shown = head('A title', rig, [(run, 'held out')])
     for words in ('A title', 'SR-017', rig.digest[:12], rig.digest, '2026-11-20', 'third',
                   'A. Engineer', 'held out', '50°', '600 mm', '97', '25.0 t'):
         assert words in shown
-    assert 'operator' not in head('A title', rig, [(record(), False)])
+    assert 'operator' not in head('A title', rig, [(record(), 'fitted')])
 
 
 def test_a_stamp_that_is_no_date_gives_none():
