@@ -20,7 +20,7 @@ from saddlering_ros.effects.extension import (
     RowGeometry,
     shared_parameters,
 )
-from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig, RollerRow
+from saddlering_ros.rig import PARAMETER_NAMES, Rig, RollerRow
 
 Floats = NDArray[np.float64]
 Model = NDArray[np.void]
@@ -51,14 +51,6 @@ class Rows:
         return np.array(self.arrays.reshape(-1), dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class RingModel:
-    """One simulator's constants, an array of one record of `MODEL`, and its rows."""
-
-    constants: Model
-    rows: Rows
-
-
 def roller_angles(row: RollerRow) -> Floats:
     """phi_i = 2 pi i / N, shape (N,), from the rear (x > 0)."""
     return np.arange(row.rollers, dtype=np.float64) * (2.0 * np.pi / row.rollers)
@@ -79,7 +71,7 @@ def _row(row: RollerRow, geometry: RowGeometry) -> tuple[Floats, Floats, Floats,
     if geometry.wear.is_none and geometry.oval_amplitude == geometry.gap_spread == 0.0:
         index = np.arange(row.rollers // 2 + 1)
         twins = np.where((index == 0) | (2 * index == row.rollers), 1.0, 2.0)
-        return (np.cos(angle[index]), twins, np.full(index.size, half_gap), True)
+        return np.cos(angle[index]), twins, np.full(index.size, half_gap), True
     wear = geometry.wear.profile(angle)
     weight = 1.0 - geometry.wear.loss * wear
     gap = (half_gap + geometry.wear.gap * wear
@@ -126,11 +118,11 @@ def rows_of(rig: Rig, extension: RingExtension = NO_EXTENSION) -> Rows:
 
 def spread_rows(rig: Rig, extension: RingExtension) -> Rows:
     """The three rows with a place for every roller, also for equal mirror twins."""
-    parts = [_spread(row, geometry) for row, geometry in (
-        (rig.axial_rows, extension.upper_row), (rig.axial_rows, extension.lower_row),
-        (rig.radial_row, extension.radial_row))]
+    axial, radial = rig.axial_rows, rig.radial_row
+    parts = [_spread(axial, extension.upper_row), _spread(axial, extension.lower_row),
+             _spread(radial, extension.radial_row)]
     return Rows(_padded(parts), np.zeros(3, dtype=bool),
-                (rig.axial_rows.rollers, rig.axial_rows.rollers, rig.radial_row.rollers))
+                (axial.rollers, axial.rollers, radial.rollers))
 
 
 def _spread(row: RollerRow, geometry: RowGeometry) -> Floats:
@@ -174,7 +166,6 @@ MODEL = np.dtype([
 All fields are floats, so that a record is also a row of floats.
 """
 
-
 _shared_values = attrgetter(*(item.name for item in shared_parameters()))
 
 
@@ -192,9 +183,6 @@ def _numbers(extension: RingExtension) -> list[float]:
             numbers.append(value.stiffness if isinstance(value, RowGeometry) else value)
     own = dict(extension.own)
     return numbers + [own.get(item, 0.0) for item in own_parameters()]
-
-
-NO_LAW = (0.0,) * len(PARAMETER_NAMES)
 
 
 class _OfExtension:
@@ -219,8 +207,15 @@ class _OfExtension:
     def record(self, rig: Rig) -> Floats:
         """Numbers (M,) of the record of a model, without contact law and elevation."""
         if self._record is None or self._record[0] is not rig:
-            numbers = [*_of_rig(rig, self.rows(rig).counts), *NO_LAW, *self.numbers]
-            self._record = rig, np.array(numbers, dtype=np.float64)
+            axial, radial, carriage = rig.axial_rows, rig.radial_row, rig.carriage
+            counts = self.rows(rig).counts
+            of_rig = [axial.pitch_radius, radial.height, counts[0], counts[2], axial.clearance,
+                      radial.clearance, carriage.mass, carriage.inertia, carriage.weight,
+                      carriage.weight_x, rig.trunnion.x, rig.trunnion.y, 0.0,
+                      rig.full_scale_load, 0.0, 0.0, rig.probes.axial_span,
+                      rig.probes.radial_height]
+            no_law = [0.0] * len(PARAMETER_NAMES)
+            self._record = rig, np.array([*of_rig, *no_law, *self.numbers], dtype=np.float64)
         return self._record[1]
 
     def rows(self, rig: Rig) -> Rows:
@@ -237,16 +232,6 @@ def _of_extension(extension: RingExtension) -> _OfExtension:
         known = _OfExtension(extension)
         object.__setattr__(extension, '_of_model', known)
     return known
-
-
-def _of_rig(rig: Rig, counts: tuple[int, int, int]) -> list[float]:
-    """Numbers of RIG_FIELDS, without those of an elevation."""
-    return [
-        rig.axial_rows.pitch_radius, rig.radial_row.height, counts[0], counts[2],
-        rig.axial_rows.clearance, rig.radial_row.clearance, rig.carriage.mass,
-        rig.carriage.inertia, rig.carriage.weight, rig.carriage.weight_x, rig.trunnion.x,
-        rig.trunnion.y, 0.0, rig.full_scale_load, 0.0, 0.0,
-        rig.probes.axial_span, rig.probes.radial_height]
 
 
 def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION) -> Model:
@@ -266,13 +251,6 @@ def at_elevation(models: Model, elevation: float) -> Model:
     return at_run
 
 
-def with_counts(models: Model, counts: tuple[int, int, int]) -> Model:
-    """Copies (B,) of records with other numbers of places in the three rows."""
-    other = models.copy()
-    other['axial_rollers'], other['radial_rollers'] = counts[0], counts[2]
-    return other
-
-
 def with_contact(model: Model, contacts: ArrayLike) -> Model:
     """Copies (B,) of the record of a model, each with a contact law of `contacts` (B, 6)."""
     laws = np.atleast_2d(np.asarray(contacts, dtype=np.float64))
@@ -282,14 +260,8 @@ def with_contact(model: Model, contacts: ArrayLike) -> Model:
     return batch.view(MODEL)[:, 0]
 
 
-def stacked_models(rig: Rig, contacts: Floats, elevation: float,
-                   extensions: Sequence[RingExtension]) -> Model:
-    """Records (B,) of contact laws (B, 6), each with its extension."""
-    return at_elevation(model_rows(rig, contacts, extensions), elevation)
-
-
 def model_rows(rig: Rig, contacts: Floats, extensions: Sequence[RingExtension]) -> Model:
-    """The same without an elevation, for runs of any."""
+    """Records (B,) of contact laws (B, 6), each with its extension, without an elevation."""
     rows: list[Floats] = []
     last = None
     for extension in extensions:
@@ -311,10 +283,14 @@ _MOVES = np.array([
 _NEUTRAL = np.array(_numbers(NO_EXTENSION), dtype=np.float64)
 
 
+def floats(models: Model) -> Floats:
+    """Records (B,) as rows of numbers (B, M)."""
+    return models.view(np.float64).reshape(models.size, MODEL.itemsize // 8)
+
+
 def read_motion_only(models: Model) -> NDArray[np.bool_]:
     """Mask (B,) of the models without additions to the motion and to the readings."""
-    numbers = models.view(np.float64).reshape(models.size, MODEL.itemsize // 8)
-    added = numbers[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):][:, ~_MOVES]
+    added = floats(models)[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):][:, ~_MOVES]
     return np.asarray((added == _NEUTRAL[~_MOVES]).all(axis=1))
 
 
@@ -323,19 +299,12 @@ def same_motions(models: Model, rows: Sequence[Rows]) -> NDArray[np.intp]:
 
     Two such models differ only in additions to the motion and to the readings.
     """
-    numbers = models.view(np.float64).reshape(models.size, MODEL.itemsize // 8).copy()
+    numbers = floats(models).copy()
     own = numbers[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):]
     own[:, ~_MOVES] = 0.0
     first: dict[tuple[bytes, Rows], int] = {}
     keys = [(number.tobytes(), row) for number, row in zip(numbers, rows, strict=True)]
     return np.array([first.setdefault(key, index) for index, key in enumerate(keys)])
-
-
-def build_model(rig: Rig, contact: ContactParameters, elevation: float,
-                extension: RingExtension = NO_EXTENSION) -> RingModel:
-    """Constants of one simulator: rig, contact law, elevation [rad] and extension."""
-    constants = with_contact(model_of(rig, elevation, extension), contact.to_array())
-    return RingModel(constants, rows_of(rig, extension))
 
 
 def stack_rows(rows: Sequence[Rows]) -> tuple[Floats, NDArray[np.bool_]]:

@@ -98,13 +98,6 @@ class _Record:
         courses.block_means(readings, self.starts, self.stops, out)
         return out
 
-    def read(self, models: Model, motion: Floats, changes: Floats, moved: Places) -> Floats:
-        """Readings (P, N, 4) by models (P,) of a motion (N, 3) with its changes (N, 3, S)."""
-        out = np.empty((models.size, self.time.size, 4))
-        courses.read_courses(
-            models, self.zero_load, self.time, self.load, motion, changes, moved, out)
-        return out
-
 
 class Neighbourhoods:
     """Candidates with their neighbours, prepared for any number of runs of one rig.
@@ -115,15 +108,13 @@ class Neighbourhoods:
     def __init__(self, rig: Rig, groups: Sequence[tuple[Candidate, Sequence[Candidate]]]) -> None:
         self._groups = [_neighbourhood(rig, centre, others) for centre, others in groups]
         # Motions are shared by candidates that differ in what is added to the readings only.
-        self._members: list[list[int]] = []
+        alike: dict[int, list[int]] = {}
         if groups:
-            centres = np.concatenate([sensitivity.floats(one.models[:1]) for one in self._groups])
-            alike: dict[int, list[int]] = {}
-            rows = [one.rows for one in self._groups]
-            first = model.same_motions(centres.view(model.MODEL), rows)
+            centres = np.concatenate([one.models[:1] for one in self._groups])
+            first = model.same_motions(centres, [one.rows for one in self._groups])
             for index, leader in enumerate(first.tolist()):
                 alike.setdefault(leader, []).append(index)
-            self._members = list(alike.values())
+        self._members = list(alike.values())
 
     def along(self, elevation: float, time: ArrayLike, load: ArrayLike,
               zero_load: float | None = None, max_step: float = 1e-3,
@@ -187,7 +178,7 @@ def _neighbourhood(rig: Rig, centre: Candidate, others: Sequence[Candidate]) -> 
         along = model.spread_rows(rig, centre[1])
         geometry = [model.spread_rows(rig, extensions[index]).flat - along.flat
                     for index in first[:count].tolist()]
-    numbers = sensitivity.floats(models)
+    numbers = model.floats(models)
     own, aside = numbers[:1], numbers[1:][first]
     return _Neighbourhood(
         models, centre[1], extensions, rollers[0], along, moved, first,
@@ -216,9 +207,10 @@ def _responses(one: _Neighbourhood, models: Model, path: MotionPath, record: _Re
         answers[plain] = centre + rise
     added = np.flatnonzero(~one.plain)
     if added.size:
-        at_samples = changes[path.samples]
-        read = record.read(models[1 + added], path.motion[path.samples], at_samples,
-                           one.moved[added])
+        read = np.empty((added.size, record.time.size, 4))
+        courses.read_courses(
+            models[1 + added], record.zero_load, record.time, record.load,
+            path.motion[path.samples], changes[path.samples], one.moved[added], read)
         for place, index in enumerate(added.tolist()):
             extension = one.extensions[index]
             if extension.clock_offset != 0.0 or extension.clock_skew != 0.0:
@@ -240,5 +232,6 @@ def _changes(one: _Neighbourhood, models: Model, path: MotionPath, record: _Reco
                 models[index:index + 1], record.zero_load, path) - course
     own = models[:1]
     if one.along is not one.rows:
-        own = model.with_counts(own, one.along.counts)
+        own = own.copy()
+        own['axial_rollers'], own['radial_rollers'] = one.along.counts[0], one.along.counts[2]
     return tangents_along(own, one.along, one.law, external, one.friction, one.geometry, path)

@@ -135,16 +135,12 @@ def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
     stated = rig.instruments
     clearance = CLEARANCE_UNKNOWN if stated.clearance is None else stated.clearance
     share = WEIGHT_UNKNOWN if stated.weight is None else stated.weight
-    pairs = []
-    for sign in (1.0, -1.0):
-        gap, weight = sign * clearance, 1.0 + sign * share
-        pairs.append(
-            (
-                replace(rig, axial_rows=replace(axial, clearance=axial.clearance + gap)),
-                replace(rig, radial_row=replace(middle, clearance=middle.clearance + gap)),
-                replace(rig, carriage=replace(carriage, weight=carriage.weight * weight)))
-        )
-    return list(zip(*pairs, strict=True))
+    sides = [
+        (replace(rig, axial_rows=replace(axial, clearance=axial.clearance + sign * clearance)),
+         replace(rig, radial_row=replace(middle, clearance=middle.clearance + sign * clearance)),
+         replace(rig, carriage=replace(carriage, weight=carriage.weight * (1.0 + sign * share))))
+        for sign in (1.0, -1.0)]
+    return list(zip(*sides, strict=True))
 
 
 def sound_deviation(

@@ -20,11 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring.kernels import courses, integration, tangents
 from saddlering_ros.ring.kernels.row_tangents import LAW, record_width
-from saddlering_ros.ring.kernels.tangents import follow_errors
 from saddlering_ros.ring.model import (
-    build_model,
     EXTENSION_FIELDS,
     Floats,
+    floats,
     MODEL,
     Model,
     model_of,
@@ -169,11 +168,6 @@ def external_along(model: Model, zero_load: float, path: MotionPath) -> Floats:
     return external
 
 
-def floats(model: Model) -> Floats:
-    """Records (B,) as rows of numbers (B, M)."""
-    return model.view(np.float64).reshape(model.size, MODEL.itemsize // 8)
-
-
 def laws_of(models: Floats) -> Floats:
     """Laws (B, 3, LAW) of upper, lower and radial row; an exponent of 0 means n of the row."""
     share, exponent, saturation = (models[:, [place] * 3] for place in GROWTH)
@@ -203,11 +197,10 @@ def load_sensitivity(rig: Rig, contact: ContactParameters, elevation: float, tim
     law = contact.to_array()[None]
     step = float(np.mean(np.diff(time)))
     motion = np.ascontiguousarray(dynamic_batch(rig, law, elevation, time, load, 1.01 * step)[0].T)
-    model = build_model(rig, contact, elevation)
+    model, rows = with_contact(model_of(rig, elevation), law), rows_of(rig)
     sensitivity = np.zeros((3, nodes, nodes))
     force = np.array([np.cos(elevation), -np.sin(elevation),
                       rig.trunnion.y * np.cos(elevation) + rig.trunnion.x * np.sin(elevation)])
     rate = np.ascontiguousarray(np.gradient(motion, time, axis=0))
-    follow_errors(model.constants, model.rows.flat, model.rows.uniform, motion, rate, step, force,
-                  sensitivity)
+    tangents.follow_errors(model, rows.flat, rows.uniform, motion, rate, step, force, sensitivity)
     return sensitivity

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
@@ -29,15 +29,14 @@ from saddlering_ros.ring.kernels import courses, equilibrium, integration
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.model import (
     at_elevation,
-    build_model,
     Floats,
     Model,
     model_of,
+    model_rows,
     Rows,
     rows_of,
     same_motions,
     stack_rows,
-    stacked_models,
     with_contact,
 )
 
@@ -78,8 +77,9 @@ class RingSimulator:
         extension = extension_of(parameters.effects, rig)
         self._laws = laws_of(parameters.effects)
         self._additions: Additions | None = None
-        model = build_model(rig, parameters.contact, elevation, extension)
-        self._m, self._rows, self._uniform = model.constants, model.rows.flat, model.rows.uniform
+        rows = rows_of(rig, extension)
+        self._m = with_contact(model_of(rig, elevation, extension), parameters.contact.to_array())
+        self._rows, self._uniform = rows.flat, rows.uniform
         self._max_step = max_step
         self._offset, self._skew = extension.clock_offset, extension.clock_skew
         self.reset()
@@ -131,8 +131,6 @@ class RingSimulator:
         increments = self._moved(time, load)
         if self._offset == 0.0 and self._skew == 0.0:
             return time, increments
-        # Times and increments of the samples that lie within the simulated time.
-        #
         # The probes' clock differs from that of the load; a sample is interpolated linearly.
         self._past = np.hstack([self._past, np.vstack([time, increments])])
         self._asked = np.append(self._asked, time)
@@ -183,11 +181,7 @@ class RingSimulator:
         return np.ascontiguousarray((increments if added is None else increments + added).T)
 
     def run_in_blocks(self, time: Floats, load: Floats, size: int) -> Iterator[SimulatedRun]:
-        """A whole record from a new start in stretches of `size` samples from the zero on.
-
-        `first` of a stretch is the index of its first sample in the record; `failed_steps` counts
-        from the start of the record.
-        """
+        """A record from a new start on, in stretches as of `simulate_in_blocks`."""
         self.reset()
         zero = zero_of_record(self._rig, time, load)
         self.begin(zero, float(time[zero.start]))
@@ -200,27 +194,25 @@ class RingSimulator:
             first += len(part)
 
 
-def check_record(time: Floats, load: Floats) -> None:
-    """SimulationError unless time rises, everything is finite, and there is a sample."""
-    if time.ndim != 1 or time.shape != load.shape or time.size == 0:
-        raise SimulationError(f'time {time.shape} and load {load.shape} do not fit: give two '
-                              'arrays of equal length')
-    if not (np.all(np.isfinite(time)) and np.all(np.isfinite(load))):
-        raise SimulationError('time or load is not finite (NaN or inf): clean the record first')
-    stands = time[1:] <= time[:-1]
-    if np.any(stands):
-        index = int(np.argmax(stands)) + 1
-        raise SimulationError(f'time does not rise at sample {index}: sort or cut the record')
-
-
 def check_simulation(time: ArrayLike, load: ArrayLike, elevation: float,
                      max_step: float) -> tuple[Floats, Floats]:
-    """Time and load (N,) as arrays of the kernels; SimulationError if they are unusable."""
+    """Time and load (N,) as arrays of the kernels; SimulationError if they are unusable.
+
+    Time must rise, everything must be finite, and there must be a sample.
+    """
     if not np.isfinite(elevation):
         raise SimulationError(f'elevation is {elevation}: give a finite angle [rad]')
     seconds = np.ascontiguousarray(time, dtype=np.float64)
     force = np.ascontiguousarray(load, dtype=np.float64)
-    check_record(seconds, force)
+    if seconds.ndim != 1 or seconds.shape != force.shape or seconds.size == 0:
+        raise SimulationError(f'time {seconds.shape} and load {force.shape} do not fit: give two '
+                              'arrays of equal length')
+    if not (np.all(np.isfinite(seconds)) and np.all(np.isfinite(force))):
+        raise SimulationError('time or load is not finite (NaN or inf): clean the record first')
+    stands = seconds[1:] <= seconds[:-1]
+    if np.any(stands):
+        index = int(np.argmax(stands)) + 1
+        raise SimulationError(f'time does not rise at sample {index}: sort or cut the record')
     _check_step(max_step)
     return seconds, force
 
@@ -233,22 +225,22 @@ def _check_step(max_step: float) -> None:
 def simulate(rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLike,
              load: ArrayLike, max_step: float = 1e-3) -> SimulatedRun:
     """Simulate a whole record: time (N,) [s], load (N,) [N], elevation [rad]."""
-    seconds = np.ascontiguousarray(time, dtype=np.float64)
-    force = np.ascontiguousarray(load, dtype=np.float64)
-    check_record(seconds, force)
-    simulator = RingSimulator(rig, parameters, elevation, max_step)
-    return next(simulator.run_in_blocks(seconds, force, len(seconds)))
+    size = np.size(time)
+    return next(simulate_in_blocks(rig, parameters, elevation, time, load, size, max_step))
 
 
 def simulate_in_blocks(
     rig: Rig, parameters: ParameterSet, elevation: float, time: ArrayLike, load: ArrayLike,
-    size: int,
+    size: int, max_step: float = 1e-3,
 ) -> Iterator[SimulatedRun]:
-    """`simulate` in stretches of `size` samples: the same numbers in little memory."""
-    seconds = np.ascontiguousarray(time, dtype=np.float64)
-    force = np.ascontiguousarray(load, dtype=np.float64)
-    check_record(seconds, force)
-    return RingSimulator(rig, parameters, elevation).run_in_blocks(seconds, force, size)
+    """`simulate` in stretches of `size` samples: the same numbers in little memory.
+
+    `first` of a stretch is the index of its first sample in the record; `failed_steps` counts
+    from the start of the record.
+    """
+    seconds, force = check_simulation(time, load, elevation, max_step)
+    simulator = RingSimulator(rig, parameters, elevation, max_step)
+    return simulator.run_in_blocks(seconds, force, size)
 
 
 def threads() -> int:
@@ -263,21 +255,15 @@ def _pool(process: int, workers: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(workers, thread_name_prefix=f'ring-{process}')
 
 
-def _slices(count: int) -> list[slice]:
+def in_parallel(task: Callable[[slice], None], count: int) -> None:
+    """Run task(slice) over `count` items on the threads that `threads` allows."""
     workers = min(threads(), count)
     if workers == 1:
-        return [slice(0, count)]
-    edges = np.linspace(0, count, workers + 1).astype(int)
-    return [slice(a, b) for a, b in pairwise(edges) if b > a]
-
-
-def in_parallel(task: object, count: int) -> None:
-    """Run task(slice) over `count` items on the threads that `threads` allows."""
-    parts = _slices(count)
-    if len(parts) == 1:
-        task(parts[0])  # type: ignore[operator]
+        task(slice(0, count))
         return
-    list(_pool(os.getpid(), threads()).map(task, parts))  # type: ignore[arg-type]
+    edges = np.linspace(0, count, workers + 1).astype(int)
+    parts = [slice(a, b) for a, b in pairwise(edges) if b > a]
+    list(_pool(os.getpid(), threads()).map(task, parts))
 
 
 def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLike,
@@ -382,7 +368,7 @@ def _models(rig: Rig, contacts: ArrayLike, elevation: float,
     if extensions is None:
         model = with_contact(model_of(rig, elevation), laws)
         return model, [rows_of(rig)] * len(laws)
-    return (stacked_models(rig, laws, elevation, extensions),
+    return (at_elevation(model_rows(rig, laws, extensions), elevation),
             [rows_of(rig, extension) for extension in extensions])
 
 
@@ -410,11 +396,8 @@ class Additions:
     def __init__(self, rig: Rig, laws: Sequence[Law], time: float, load: float) -> None:
         both = [(law, LawHistory(law, time, load)) for law in laws]
         self._of_load = [history for law, history in both if law.target == LOAD_TARGET]
-        self._of_probes = [
-            (probe_pattern(rig, law.target), history)
-            for law, history in both
-            if law.target != LOAD_TARGET
-        ]
+        self._of_probes = [(probe_pattern(rig, law.target), history) for law, history in both
+                           if law.target != LOAD_TARGET]
 
     def push(self, time: Floats, load: Floats) -> tuple[Floats, Floats]:
         """The load (N,) at the ring, and the additions to the increments of the probes (N, 4)."""

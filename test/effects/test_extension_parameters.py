@@ -21,7 +21,7 @@ from saddlering_ros.effects.extension import (
 )
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TRUE_TO_SCALE
 from saddlering_ros.ring.kernels import integration, layout
-from saddlering_ros.ring.model import build_model, MODEL
+from saddlering_ros.ring.model import MODEL, model_of, rows_of, with_contact
 
 RIG = default_rig()
 TIME = np.arange(0.0, 0.3, 2e-3)
@@ -38,9 +38,9 @@ BUSY = replace(
 
 def motion(extension: RingExtension) -> np.ndarray:
     """Motion (N, 3) of the rings against each other, before anything is added to it."""
-    model = build_model(RIG, TRUE_TO_SCALE, 0.9, extension)
+    constants = with_contact(model_of(RIG, 0.9, extension), TRUE_TO_SCALE.to_array())
     state, moved = np.zeros(layout.STATE_SIZE), np.empty((TIME.size, 3))
-    constants, rows, uniform = model.constants, model.rows.flat, model.rows.uniform
+    rows, uniform = rows_of(RIG, extension).flat, rows_of(RIG, extension).uniform
     integration.start(constants, rows, uniform, state, 0.0, LOAD[0])
     integration.advance(constants, rows, uniform, state, TIME, LOAD, 2e-3, moved,
                         np.empty((TIME.size, 4)))

@@ -27,6 +27,31 @@ def solve3(a00: Any, a02: Any, a11: Any, a12: Any, a22: Any, r0: Any, r1: Any, r
 
 
 @kernel(**INNER)
+def differences(h: Any, h_old: Any) -> Any:
+    """(c0, c1, c2) of v = c0 q + c1 q_old + c2 q_older; c2 = 0 after a start or a jump in h.
+
+    BDF2 for a step of h after one of h_old; backward Euler after a start.
+    """
+    ratio = h / h_old if h_old > 0.0 else 0.0
+    if not 0.0 < ratio <= 2.0:
+        return 1.0 / h, -1.0 / h, 0.0
+    return ((1.0 + 2.0 * ratio) / (1.0 + ratio) / h, -(1.0 + ratio) / h,
+            ratio * ratio / (1.0 + ratio) / h)
+
+
+@kernel(**INNER)
+def system(m: Any, a: Any, k: Any, d: Any, c0: Any, rubbing: Any) -> Any:
+    """Entries 00, 02, 11, 12, 22 of K + c0 D + c0^2 M + slopes of friction, the matrix of a step.
+
+    K and D are at places k and d of an array a.
+    """
+    square = c0 * c0
+    return (a[k] + c0 * a[d] + m.mass * square + rubbing[0], a[k + 1] + c0 * a[d + 1],
+            a[k + 2] + c0 * a[d + 2] + m.mass * square + rubbing[1], a[k + 3] + c0 * a[d + 3],
+            a[k + 4] + c0 * a[d + 4] + m.inertia * square + rubbing[2])
+
+
+@kernel(**INNER)
 def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: Any) -> Any:
     """(iterations or -1, q) of static equilibrium under w[EXTERNAL], starting at (x, y, tilt).
 

@@ -237,34 +237,26 @@ def forces_by_geometry(m: Any, rows: Any, geometry: Any, moves: Any, q: Any, v: 
     work array.
     """
     radius, height = m.radius, m.radial_row_height
-    axial, radial = int(m.axial_rollers), int(m.radial_rollers)
-    if moves[:, 0].any():
-        first, count = roller_forces(
-            rows, 0, axial, (q[1], -radius * q[2], v[1], -radius * v[2]), m,
-            (m.K1 * m.upper_row_stiffness, m.n1, m.D1), each)
+    rollers = (int(m.axial_rollers), int(m.axial_rollers), int(m.radial_rollers))
+    motions = ((q[1], -radius * q[2], v[1], -radius * v[2]),
+               (-q[1], radius * q[2], -v[1], radius * v[2]),
+               (0.0, q[0] + height * q[2], 0.0, v[0] + height * v[2]))
+    laws = ((m.K1 * m.upper_row_stiffness, m.n1, m.D1), (m.K1 * m.lower_row_stiffness, m.n1, m.D1),
+            (m.K2 * m.radial_row_stiffness, m.n2, m.D2))
+    for row in range(3):
+        if not moves[:, row].any():
+            continue
+        first, count = roller_forces(rows, row, rollers[row], motions[row], m, laws[row], each)
         for j in range(geometry.shape[0]):
-            if moves[j, 0]:
-                s0, s1 = row_geometry(rows, geometry[j], 0, first, count, each)
-                by[1, j] -= s0
-                by[2, j] += radius * s1
-    if moves[:, 1].any():
-        first, count = roller_forces(
-            rows, 1, axial, (-q[1], radius * q[2], -v[1], radius * v[2]), m,
-            (m.K1 * m.lower_row_stiffness, m.n1, m.D1), each)
-        for j in range(geometry.shape[0]):
-            if moves[j, 1]:
-                s0, s1 = row_geometry(rows, geometry[j], 1, first, count, each)
-                by[1, j] += s0
-                by[2, j] -= radius * s1
-    if moves[:, 2].any():
-        first, count = roller_forces(
-            rows, 2, radial, (0.0, q[0] + height * q[2], 0.0, v[0] + height * v[2]), m,
-            (m.K2 * m.radial_row_stiffness, m.n2, m.D2), each)
-        for j in range(geometry.shape[0]):
-            if moves[j, 2]:
-                _, s1 = row_geometry(rows, geometry[j], 2, first, count, each)
-                by[0, j] -= s1
-                by[2, j] -= height * s1
+            if moves[j, row]:
+                s0, s1 = row_geometry(rows, geometry[j], row, first, count, each)
+                if row == 2:
+                    by[0, j] -= s1
+                    by[2, j] -= height * s1
+                else:
+                    side = 1.0 if row == 0 else -1.0
+                    by[1, j] -= side * s0
+                    by[2, j] += side * radius * s1
 
 
 @kernel(fastmath=FAST, **INNER)
@@ -330,21 +322,15 @@ def forces_of_step(m: Any, rows: Any, uniform: Any, q: Any, v: Any, recorder: An
             last[i] = v[i]
         ring_tangents(m, rows, uniform, q, v, grows, parts)
         matrices(m, parts, w)
-        forces_of_parts(m, parts, w)
-
-
-@kernel(**INNER)
-def forces_of_parts(m: Any, parts: Any, w: Any) -> Any:
-    """Set w[FORCE] from parts (3, PARTS): each force is K times one sum and D times another."""
-    upper, lower = m.K1 * m.upper_row_stiffness, m.K1 * m.lower_row_stiffness
-    up0 = upper * parts[0, 6] + m.D1 * parts[0, 10]
-    up1 = upper * parts[0, 7] + m.D1 * parts[0, 11]
-    low0 = lower * parts[1, 6] + m.D1 * parts[1, 10]
-    low1 = lower * parts[1, 7] + m.D1 * parts[1, 11]
-    s1 = m.K2 * m.radial_row_stiffness * parts[2, 7] + m.D2 * parts[2, 11]
-    w[at.FORCE] = -s1
-    w[at.FORCE + 1] = low0 - up0
-    w[at.FORCE + 2] = m.radius * (up1 - low1) - m.radial_row_height * s1
+        upper, lower = m.K1 * m.upper_row_stiffness, m.K1 * m.lower_row_stiffness
+        up0 = upper * parts[0, 6] + m.D1 * parts[0, 10]
+        up1 = upper * parts[0, 7] + m.D1 * parts[0, 11]
+        low0 = lower * parts[1, 6] + m.D1 * parts[1, 10]
+        low1 = lower * parts[1, 7] + m.D1 * parts[1, 11]
+        s1 = m.K2 * m.radial_row_stiffness * parts[2, 7] + m.D2 * parts[2, 11]
+        w[at.FORCE] = -s1
+        w[at.FORCE + 1] = low0 - up0
+        w[at.FORCE + 2] = m.radius * (up1 - low1) - m.radial_row_height * s1
 
 
 @kernel(**INNER)
@@ -357,25 +343,18 @@ def keep_record(m: Any, recorder: Any, length: Any, load: Any, s: Any, w: Any) -
         records[number, 0], records[number, 1] = length, load
         for i in range(3):
             records[number, 2 + i] = s[at.Q + i]
-        move_on(m, parts, s[at.V + 1] - last[1], s[at.V + 2] - last[2],
-                s[at.V] - last[0] + m.radial_row_height * (s[at.V + 2] - last[2]))
+        # Advance the sums of the dampers by the last change of the rates, which are small. A
+        # position is known far better than its rate: the other sums need no such correction.
+        dv1, dv2 = s[at.V + 1] - last[1], s[at.V + 2] - last[2]
+        lean, radial = m.radius * dv2, s[at.V] - last[0] + m.radial_row_height * dv2
+        if m.D1 > 0.0:
+            for row, side in ((0, 1.0), (1, -1.0)):
+                for i in range(2):
+                    parts[row, 10 + i] += side * ((parts[row, 3 + i] * dv1
+                                                   - parts[row, 4 + i] * lean) / m.D1)
+        if m.D2 > 0.0:
+            parts[2, 11] += parts[2, 5] * radial / m.D2
         keep_sums(records[number], parts, w)
-
-
-@kernel(**INNER)
-def move_on(m: Any, parts: Any, dv1: Any, dv2: Any, radial: Any) -> Any:
-    """Advance the sums of the dampers by the last change of the rates, which are small.
-
-    A position is known far better than its rate: the other sums need no such correction.
-    """
-    lean = m.radius * dv2
-    if m.D1 > 0.0:
-        parts[0, 10] += (parts[0, 3] * dv1 - parts[0, 4] * lean) / m.D1
-        parts[0, 11] += (parts[0, 4] * dv1 - parts[0, 5] * lean) / m.D1
-        parts[1, 10] -= (parts[1, 3] * dv1 - parts[1, 4] * lean) / m.D1
-        parts[1, 11] -= (parts[1, 4] * dv1 - parts[1, 5] * lean) / m.D1
-    if m.D2 > 0.0:
-        parts[2, 11] += parts[2, 5] * radial / m.D2
 
 
 @kernel(**INNER)

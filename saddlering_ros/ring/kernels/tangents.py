@@ -17,7 +17,7 @@ import numpy as np
 
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.kernels.contact import ring_forces
-from saddlering_ros.ring.kernels.equilibrium import solve3
+from saddlering_ros.ring.kernels.equilibrium import differences, solve3, system
 from saddlering_ros.ring.kernels.extension_laws import hysteron
 from saddlering_ros.ring.kernels.layout import FAST, INNER, kernel, OUTER
 from saddlering_ros.ring.kernels.row_tangents import (
@@ -86,14 +86,14 @@ def hysteron_step(element: Any, z: Any, travel: Any) -> Any:
 
 
 @kernel(**INNER)
-def hysteron_tangent(element: Any, z: Any, travel: Any, step: Any, by_smooth: Any, by_sharp: Any,
-                     by_travel: Any, by_presliding: Any) -> Any:
-    """Changes of the two states of `hysteron` by changes of states, travel and presliding."""
+def hysteron_tangent(element: Any, z: Any, travel: Any, step: Any, rubbed: Any, by_travel: Any,
+                     by_presliding: Any) -> Any:
+    """Changes of the two states of `hysteron` by changes of states (2,), travel and presliding."""
     sign, decay, slides = step
     presliding = element.presliding
     relative = (sign * by_travel - abs(travel) * by_presliding / presliding) / presliding
-    smooth = decay * (by_smooth + (sign - z[0]) * relative)
-    return smooth, slides * (by_sharp + (by_travel - travel * by_presliding / presliding)
+    smooth = decay * (rubbed[0] + (sign - z[0]) * relative)
+    return smooth, slides * (rubbed[1] + (by_travel - travel * by_presliding / presliding)
                              / presliding)
 
 
@@ -131,23 +131,16 @@ def follow_tangents(m: Any, rows: Any, law: Any, external: Any, friction: Any, g
 
     moves (G, 3), each (2, J): as in `row_tangents.forces_by_geometry`.
     """
-    radial, axial, tilting = elements[0], elements[1], elements[2]
-    radial[0] = radial[1] = m.radial_friction.initial
-    axial[0] = axial[1] = m.axial_friction.initial
-    tilting[0] = tilting[1] = m.tilt_friction.initial
+    frictions = (m.radial_friction, m.axial_friction, m.tilt_friction)
+    for i, element in enumerate(frictions):
+        elements[i, 0] = elements[i, 1] = element.initial
     q, v = motion[0], motion[1]
     h_old, soft = 0.0, 1e-9 * m.K1
     for n in range(time.size):
         c0 = c1 = c2 = rubbing0 = rubbing1 = rubbing2 = 0.0
         if n > 0:
             h = time[n] - time[n - 1]
-            ratio = h / h_old if h_old > 0.0 else 0.0
-            if 0.0 < ratio <= 2.0:
-                c0 = (1.0 + 2.0 * ratio) / (1.0 + ratio) / h
-                c1 = -(1.0 + ratio) / h
-                c2 = ratio * ratio / (1.0 + ratio) / h
-            else:
-                c0, c1, c2 = 1.0 / h, -1.0 / h, 0.0
+            c0, c1, c2 = differences(h, h_old)
             h_old, soft = h, 0.0
             before = max(n - 2, 0)
             for i in range(3):
@@ -165,42 +158,32 @@ def follow_tangents(m: Any, rows: Any, law: Any, external: Any, friction: Any, g
         if geometry.shape[0]:
             forces_by_geometry(m, rows, geometry, moves, q, v, each, by)
         if rubs:
-            rubbing0, rubbing1, rubbing2 = rub(m, friction, path, n, elements, rubbed, own, by)
+            rubbing0 = rub(frictions[0], friction[:, 0], 0, path, n, elements[0],
+                           rubbed[0], own, by)
+            rubbing1 = rub(frictions[1], friction[:, 1], 1, path, n, elements[1],
+                           rubbed[1], own, by)
+            rubbing2 = rub(frictions[2], friction[:, 2], 2, path, n, elements[2],
+                           rubbed[2], own, by)
         carry(m, w, c0, c1, c2, own, past, by)
-        k, d, square = at.STIFFNESS, at.DAMPING, c0 * c0
-        if not solve_all(
-                w[k] + c0 * w[d] + m.mass * square + rubbing0 + soft, w[k + 1] + c0 * w[d + 1],
-                w[k + 2] + c0 * w[d + 2] + m.mass * square + rubbing1 + soft,
-                w[k + 3] + c0 * w[d + 3],
-                w[k + 4] + c0 * w[d + 4] + m.inertia * square + rubbing2
-                + soft * m.radius * m.radius, by, new):
+        a00, a02, a11, a12, a22 = system(m, w, at.STIFFNESS, at.DAMPING, c0,
+                                         (rubbing0, rubbing1, rubbing2))
+        if not solve_all(a00 + soft, a02, a11 + soft, a12, a22 + soft * m.radius * m.radius, by,
+                         new):
             return False
         for i in range(3):
             for j in range(by.shape[1]):
                 new[3 + i, j] = c0 * new[i, j] + past[i, j]
                 out[n, i, j] = new[i, j]
         if rubs:
-            keep_rubbing(m, friction, path, n, elements, rubbed, own, new)
+            for i, element in enumerate(frictions):
+                keep_rubbing(element, friction[:, i], i, path, n, elements[i], rubbed[i], own, new)
     return True
 
 
 @kernel(**INNER)
-def rub(m: Any, friction: Any, path: Any, n: Any, elements: Any, rubbed: Any, own: Any,
+def rub(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: Any, own: Any,
         by: Any) -> Any:
-    """Subtract the change of friction at step n from by (3, P); the slopes of all frictions."""
-    slope0 = rub_element(m.radial_friction, friction[:, 0], 0, path, n, elements[0], rubbed[0],
-                         own, by)
-    slope1 = rub_element(m.axial_friction, friction[:, 1], 1, path, n, elements[1], rubbed[1],
-                         own, by)
-    slope2 = rub_element(m.tilt_friction, friction[:, 2], 2, path, n, elements[2], rubbed[2],
-                         own, by)
-    return slope0, slope1, slope2
-
-
-@kernel(**INNER)
-def rub_element(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: Any,
-                own: Any, by: Any) -> Any:
-    """`rub` of the friction against coordinate i.
+    """Subtract from by (3, P) the change of friction i at step n; the slope of the friction.
 
     changes (P, 4): of limit, presliding, sharpness and initial; z (2,): the states of the
     friction; rubbed (P, 2): changes of these states.
@@ -214,8 +197,8 @@ def rub_element(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, r
                                          element.sharpness)
     step = hysteron_step(element, z, travel)
     for j in range(by.shape[1]):
-        by_smooth, by_sharp = hysteron_tangent(
-            element, z, travel, step, rubbed[j, 0], rubbed[j, 1], -own[i, j], changes[j, 1])
+        by_smooth, by_sharp = hysteron_tangent(element, z, travel, step, rubbed[j], -own[i, j],
+                                               changes[j, 1])
         by_now = (element.sharpness * by_sharp + (1.0 - element.sharpness) * by_smooth
                   + changes[j, 2] * (sharp - smooth))
         by[i, j] -= changes[j, 0] * now + element.limit * by_now
@@ -223,18 +206,9 @@ def rub_element(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, r
 
 
 @kernel(**INNER)
-def keep_rubbing(m: Any, friction: Any, path: Any, n: Any, elements: Any, rubbed: Any, own: Any,
-                 new: Any) -> Any:
-    """Advance the states of friction and their changes over step n."""
-    keep_element(m.radial_friction, friction[:, 0], 0, path, n, elements[0], rubbed[0], own, new)
-    keep_element(m.axial_friction, friction[:, 1], 1, path, n, elements[1], rubbed[1], own, new)
-    keep_element(m.tilt_friction, friction[:, 2], 2, path, n, elements[2], rubbed[2], own, new)
-
-
-@kernel(**INNER)
-def keep_element(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: Any,
+def keep_rubbing(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: Any,
                  own: Any, new: Any) -> Any:
-    """`keep_rubbing` of the friction against coordinate i."""
+    """Advance the states of friction i and their changes over step n; arguments as in `rub`."""
     if n == 0:
         for j in range(own.shape[1]):
             rubbed[j, 0] = rubbed[j, 1] = changes[j, 3]
@@ -243,8 +217,7 @@ def keep_element(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, 
     step = hysteron_step(element, z, travel)
     for j in range(own.shape[1]):
         rubbed[j, 0], rubbed[j, 1] = hysteron_tangent(
-            element, z, travel, step, rubbed[j, 0], rubbed[j, 1], new[i, j] - own[i, j],
-            changes[j, 1])
+            element, z, travel, step, rubbed[j], new[i, j] - own[i, j], changes[j, 1])
     z[0], z[1], _, _ = hysteron(z[0], z[1], travel, element.presliding, element.sharpness)
 
 
@@ -271,14 +244,6 @@ DIED_AWAY = 1e-17
 """Share of the largest response below which the response to an error is neglected."""
 
 
-@kernel(**INNER)
-def has_died(state: Any, j: Any, peak: Any, c0: Any, radius: Any) -> Any:
-    """Whether response j has decayed below the share that counts."""
-    size = max(abs(state[0, j]), abs(state[1, j]), abs(state[2, j]) * radius)
-    rate = max(abs(state[3, j]), abs(state[4, j]), abs(state[5, j]) * radius)
-    return max(size, rate / max(c0, 1.0)) < DIED_AWAY * peak
-
-
 @kernel(**OUTER)
 def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, force: Any,
                   sensitivity: Any) -> Any:
@@ -289,10 +254,8 @@ def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, 
     m = models[0]
     nodes = sensitivity.shape[1]
     size = q.shape[0] // nodes
-    w = np.zeros(at.WORK_SIZE)
-    state = np.zeros((6, nodes))  # dq and its rate, of this step
-    old = np.zeros((6, nodes))
-    oldest, peak = 0, 0.0
+    w, oldest, peak = np.zeros(at.WORK_SIZE), 0, 0.0
+    state, old = np.zeros((6, nodes)), np.zeros((6, nodes))  # dq and its rate, of two steps
     for n in range(nodes * size):
         ring_forces(m, rows, uniform, q[n, 0], q[n, 1], q[n, 2], v[n, 0], v[n, 1], v[n, 2], w)
         place = min(max((n + 0.5) / size - 0.5, 0.0), nodes - 1.0)
@@ -303,15 +266,14 @@ def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, 
             c0, c1, c2 = 1.0 / h, -1.0 / h, 0.0
         if n == 0:
             c0 = c1 = c2 = 0.0
-        square = c0 * c0
-        k, d = at.STIFFNESS, at.DAMPING
-        a00 = w[k] + c0 * w[d] + m.mass * square
-        a02 = w[k + 1] + c0 * w[d + 1]
-        a11 = w[k + 2] + c0 * w[d + 2] + m.mass * square
-        a12 = w[k + 3] + c0 * w[d + 3]
-        a22 = w[k + 4] + c0 * w[d + 4] + m.inertia * square
-        block = n // size
-        while oldest < first and has_died(state, oldest, peak, c0, m.radius):
+        d = at.DAMPING
+        matrix = system(m, w, at.STIFFNESS, d, c0, (0.0, 0.0, 0.0))
+        while oldest < first:
+            dx, dy, turn = abs(state[0, oldest]), abs(state[1, oldest]), abs(state[2, oldest])
+            rate = max(abs(state[3, oldest]), abs(state[4, oldest]),
+                       abs(state[5, oldest]) * m.radius) / max(c0, 1.0)
+            if not max(dx, dy, turn * m.radius, rate) < DIED_AWAY * peak:
+                break
             oldest += 1
         for j in range(oldest, min(first + 2, nodes)):
             error = 1.0 - share if j == first else (share if j == first + 1 else 0.0)
@@ -322,8 +284,7 @@ def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, 
             a1 = c0 * p1 + c1 * state[4, j] + c2 * old[4, j]
             a2 = c0 * p2 + c1 * state[5, j] + c2 * old[5, j]
             _, x, y, tilt = solve3(
-                a00, a02, a11, a12, a22,
-                force[0] * error - m.mass * a0 - w[d] * p0 - w[d + 1] * p2,
+                *matrix, force[0] * error - m.mass * a0 - w[d] * p0 - w[d + 1] * p2,
                 force[1] * error - m.mass * a1 - w[d + 2] * p1 - w[d + 3] * p2,
                 force[2] * error - m.inertia * a2
                 - w[d + 1] * p0 - w[d + 3] * p1 - w[d + 4] * p2)
@@ -335,4 +296,4 @@ def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, 
             state[5, j] = c0 * tilt + p2
             peak = max(peak, abs(x), abs(y), abs(tilt) * m.radius)
             for i in range(3):
-                sensitivity[i, block, j] += state[i, j] / size
+                sensitivity[i, n // size, j] += state[i, j] / size
