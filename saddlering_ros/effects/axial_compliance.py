@@ -11,11 +11,9 @@ class AxialCompliance(RingEffect):
     settled_by = ('Swapped probes 2 and 4 rule out the instruments; a second loading rate (x4) '
                   'tells the spring from K1.')
     outcomes = Outcomes(
-        other_elevation='a misfit of the axial motion in proportion to the axial force',
-    )
+        other_elevation='a misfit of the axial motion in proportion to the axial force')
     stage = 'ring'
     channels = ('delta_y',)
-    parameters = (
-        EffectParameter('compliance', 'm/N', 0.0, 3e-10, 5e-11, 5e-11, 'motion per unit of force',
-                        amplitude=True, one_sided=True, adds_to='axial_compliance'),
-    )
+    parameters = (EffectParameter(
+        'compliance', 'm/N', 0.0, 3e-10, 5e-11, 5e-11, 'motion per unit of force', amplitude=True,
+        one_sided=True, adds_to='axial_compliance'),)

@@ -26,7 +26,6 @@ class BoltOpening(RingEffect):
             adds_to='opening_moment'),
         EffectParameter('spread', 'N m', 0.0, 60000.0, 10000.0, 0.0,
                         'w: bolts open from M0 - w to M0 + w; 0: all at once', one_sided=True,
-                        adds_to='opening_spread'),
-    )
+                        adds_to='opening_spread'))
     # A sharp kink does not show its change with the spread: the search begins with a wide one
     starts = tuple({'moment': moment, 'spread': 0.2 * moment} for moment in (4e4, 7e4, 1e5, 1.4e5))

@@ -23,5 +23,4 @@ class BracketPlay(FrictionEffect):
         EffectParameter(
             'angle', 'rad', 0.0, 0.03, 0.003, 0.003,
             'half the play: the angle gained while loading', amplitude=True, one_sided=True),
-        *loop_parameters('N', 100.0, 20e3, 2e3),
-    )
+        *loop_parameters('N', 100.0, 20e3, 2e3))

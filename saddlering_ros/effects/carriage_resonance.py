@@ -41,8 +41,7 @@ class CarriageResonance(RingEffect):
                         'delta_x', amplitude=True, one_sided=True),
         EffectParameter(
             'share_tilt', '1', 0.0, 1.5, 1.0, 1.0,
-            'share of gamma where every coordinate has its own', amplitude=True, one_sided=True),
-    )
+            'share of gamma where every coordinate has its own', amplitude=True, one_sided=True))
     variants = (
         Variant('all alike', {'coordinates': ALIKE}),
         Variant('each coordinate', {'coordinates': EACH}, frees=('share_y', 'share_tilt')))

@@ -19,6 +19,5 @@ class ClockOffset(RingEffect):
                         amplitude=True, adds_to='clock_offset'),
         EffectParameter(
             'skew', '1', -0.001, 1e-3, 1e-4, 0.0,
-            'further offset per second of the run', amplitude=True, adds_to='clock_skew'),
-    )
+            'further offset per second of the run', amplitude=True, adds_to='clock_skew'))
     dynamic_only = True

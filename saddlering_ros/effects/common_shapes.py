@@ -32,8 +32,7 @@ def loop_parameters(presliding_unit: str, low: float, high: float,
         EffectParameter(
             'initial', '1', -1.0, 1.0, 0.5, 0.0,
             'share of the friction at the zero of the run: 1 as while loading, -1 as while '
-            'unloading'),
-    )
+            'unloading'))
 
 
 def hysteron(limit: float, values: Mapping[str, float]) -> Hysteron:
@@ -129,8 +128,7 @@ def arc_parameters(centre: float) -> tuple[EffectParameter, ...]:
         EffectParameter(
             'edge', 'rad', 0.02, 0.8, 0.2, SOFT,
             'width of the ends of the arc: most of the change lies within twice this',
-            one_sided=True),
-    )
+            one_sided=True))
 
 
 def worn_arc(values: Mapping[str, float]) -> Wear:

@@ -23,5 +23,4 @@ class CylinderFriction(FrictionEffect):
     parameters = (
         EffectParameter('force', 'N', 0.0, 30000.0, 3000.0, 3000.0, 'full friction force',
                         amplitude=True, one_sided=True),
-        *loop_parameters('N', 100.0, 20e3, 2e3),
-    )
+        *loop_parameters('N', 100.0, 20e3, 2e3))

@@ -33,8 +33,7 @@ class DampingLaw(RingEffect):
                         adds_to='damping_penetration_exponent'),
         EffectParameter('levelling', '1/m', 0.0, 2e5, 2e4, 0.0,
                         'L, one over the penetration beyond which damping is constant; 0: no '
-                        'limit', one_sided=True, adds_to='damping_penetration_saturation'),
-    )
+                        'limit', one_sided=True, adds_to='damping_penetration_saturation'))
     dynamic_only = True
     starts = ({'exponent': 0.25}, {'exponent': 6.0, 'levelling': 5e4},
               {'exponent': 6.0, 'levelling': 1.2e5})

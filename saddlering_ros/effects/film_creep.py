@@ -35,8 +35,7 @@ class FilmCreep(RingEffect):
                         one_sided=True, logarithmic=True),
         EffectParameter('share_axial', '1', 0.0, 1.0, 0.05, 0.05,
                         'share of the axial rows where they have their own, the first being the '
-                        'radial row', amplitude=True, one_sided=True),
-    )
+                        'radial row', amplitude=True, one_sided=True))
     variants = (
         Variant('all rows', {'rows': ALL_ROWS}),
         Variant('radial row', {'rows': RADIAL}, ('delta_x',)),

@@ -28,8 +28,7 @@ class MainsPickup(RingEffect):
                         'part in phase with a sine from the start of the run', amplitude=True,
                         adds_to='pickup_sine'),
         EffectParameter('frequency', 'Hz', 0.5, 500.0, 50.0, 50.0, 'true frequency of the line',
-                        one_sided=True, logarithmic=True),
-    )
+                        one_sided=True, logarithmic=True))
     variants = (Variant('all probes', {'probe': 0.0}, ('delta_y', 'parity')), *probe_variants())
     choices = (ANY_PROBE,)
     line = True

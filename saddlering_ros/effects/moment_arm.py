@@ -15,8 +15,7 @@ class MomentArm(RingEffect):
         other_elevation='a misfit of tilt and axial motion only, in the same share')
     stage = 'load path'
     channels = ('delta_y', 'gamma')
-    parameters = (
-        EffectParameter('offset', 'm', -0.3, 0.3, 0.03, 0.0,
-                        'true height of the trunnion minus the height in the rig file',
-                        amplitude=True, adds_to='moment_arm'),
-    )
+    parameters = (EffectParameter(
+        'offset', 'm', -0.3, 0.3, 0.03, 0.0,
+        'true height of the trunnion minus the height in the rig file', amplitude=True,
+        adds_to='moment_arm'),)

@@ -25,8 +25,7 @@ class OutOfRound(RingEffect):
             'amplitude', 'm', -3e-5, 3e-5, 8e-6, 0.0,
             'largest change of the radial gap; positive: wider at phi0', amplitude=True),
         EffectParameter('angle', 'rad', 0.0, math.pi / 4, 0.2, 0.2,
-                        'phi0 of the widest gap, from the rear', one_sided=True),
-    )
+                        'phi0 of the widest gap, from the rear', one_sided=True))
     # Not at 0, where the mirror image makes every change of the angle vanish.
     starts = ({'angle': 0.1}, {'angle': 0.4}, {'angle': 0.65})
 

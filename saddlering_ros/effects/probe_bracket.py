@@ -14,10 +14,8 @@ class ProbeBracket(RingEffect):
     outcomes = Outcomes(other_elevation='a misfit of one probe in the same proportion to the load')
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
-    parameters = (
-        EffectParameter(
-            'compliance', 'm/N', -2e-10, 2e-10, 2e-11, 0.0,
-            'motion of the bracket per unit of load', amplitude=True, adds_to='probe_bracket'),
-    )
+    parameters = (EffectParameter(
+        'compliance', 'm/N', -2e-10, 2e-10, 2e-11, 0.0, 'motion of the bracket per unit of load',
+        amplitude=True, adds_to='probe_bracket'),)
     variants = probe_variants()
     choices = (ONE_PROBE,)

@@ -16,9 +16,8 @@ class ProbeDrift(RingEffect):
         swapped_probes='a misfit that moves with the probe')
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
-    parameters = (
-        EffectParameter('rate', 'm/s', -5e-7, 5e-7, 2e-8, 0.0, 'drift per second', amplitude=True,
-                        adds_to='probe_drift'),
-    )
+    parameters = (EffectParameter(
+        'rate', 'm/s', -5e-7, 5e-7, 2e-8, 0.0, 'drift per second', amplitude=True,
+        adds_to='probe_drift'),)
     variants = probe_variants()
     choices = (ONE_PROBE,)

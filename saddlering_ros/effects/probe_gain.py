@@ -13,10 +13,8 @@ class ProbeGain(RingEffect):
     outcomes = Outcomes(swapped_probes='a misfit that moves with the probe')
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
-    parameters = (
-        EffectParameter(
-            'gain', '1', -0.3, 0.3, 0.03, 0.0,
-            'share by which the probe reads too much', amplitude=True, adds_to='probe_gain'),
-    )
+    parameters = (EffectParameter(
+        'gain', '1', -0.3, 0.3, 0.03, 0.0, 'share by which the probe reads too much',
+        amplitude=True, adds_to='probe_gain'),)
     variants = probe_variants()
     choices = (ONE_PROBE,)

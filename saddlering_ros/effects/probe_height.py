@@ -15,8 +15,6 @@ class ProbeHeight(RingEffect):
         other_elevation='a radial misfit in proportion to the tilt')
     stage = 'measurement'
     channels = ('delta_x',)
-    parameters = (
-        EffectParameter('height', 'm', -0.2, 0.2, 0.02, 0.0,
-                        'true height minus the height in the rig file', amplitude=True,
-                        adds_to='probe_height'),
-    )
+    parameters = (EffectParameter(
+        'height', 'm', -0.2, 0.2, 0.02, 0.0, 'true height minus the height in the rig file',
+        amplitude=True, adds_to='probe_height'),)

@@ -21,8 +21,7 @@ class ProbeLag(RingEffect):
                         amplitude=True, one_sided=True, adds_to='probe_lag'),
         EffectParameter('second', '1', 0.0, 0.5, 0.5, 0.0,
                         'share of the time constant that a second stage has; 0: one stage',
-                        one_sided=True, adds_to='probe_lag_second'),
-    )
+                        one_sided=True, adds_to='probe_lag_second'))
     variants = (
         Variant('all probes', {'probe': 0.0}, ('delta_x', 'delta_y', 'gamma')), *probe_variants())
     choices = (ANY_PROBE,)

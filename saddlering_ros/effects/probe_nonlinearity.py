@@ -15,10 +15,9 @@ class ProbeNonlinearity(RingEffect):
         other_gap='a misfit that moves to another load')
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
-    parameters = (
-        EffectParameter('curvature', '1/m', -3000.0, 3000.0, 100.0, 0.0,
-                        'curvature; 100 per metre is 1 % at 100 micrometres', amplitude=True,
-                        adds_to='probe_nonlinearity'),
-    )
+    parameters = (EffectParameter(
+        'curvature', '1/m', -3000.0, 3000.0, 100.0, 0.0,
+        'curvature; 100 per metre is 1 % at 100 micrometres', amplitude=True,
+        adds_to='probe_nonlinearity'),)
     variants = probe_variants()
     choices = (ONE_PROBE,)

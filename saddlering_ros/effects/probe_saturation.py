@@ -23,11 +23,10 @@ class ProbeSaturation(RingEffect):
         other_gap='a flat part that moves to another load or disappears')
     stage = 'measurement'
     channels = ('delta_x', 'delta_y', 'gamma', 'parity')
-    parameters = (
-        EffectParameter('limit', 'm', 2e-6, 1e-3, 8e-5, 8e-5,
-                        'travel from zero at which the reading is cut off; large: never',
-                        amplitude=True, one_sided=True, neutral=1e-3, logarithmic=True),
-    )
+    parameters = (EffectParameter(
+        'limit', 'm', 2e-6, 1e-3, 8e-5, 8e-5,
+        'travel from zero at which the reading is cut off; large: never', amplitude=True,
+        one_sided=True, neutral=1e-3, logarithmic=True),)
     variants = (
         *probe_variants({'side': 1.0}, ', increasing readings'),
         *probe_variants({'side': -1.0}, ', decreasing readings'))

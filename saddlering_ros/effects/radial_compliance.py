@@ -12,7 +12,6 @@ class RadialCompliance(RingEffect):
     outcomes = Outcomes(other_elevation='a radial misfit in proportion to the radial force')
     stage = 'ring'
     channels = ('delta_x',)
-    parameters = (
-        EffectParameter('compliance', 'm/N', 0.0, 4e-10, 6e-11, 6e-11, 'motion per unit of force',
-                        amplitude=True, one_sided=True, adds_to='radial_compliance'),
-    )
+    parameters = (EffectParameter(
+        'compliance', 'm/N', 0.0, 4e-10, 6e-11, 6e-11, 'motion per unit of force', amplitude=True,
+        one_sided=True, adds_to='radial_compliance'),)

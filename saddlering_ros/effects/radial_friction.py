@@ -20,5 +20,4 @@ class RadialFriction(FrictionEffect):
     parameters = (
         EffectParameter('force', 'N', 0.0, 80000.0, 5000.0, 5000.0, 'full friction force',
                         amplitude=True, one_sided=True),
-        *loop_parameters('m', 2e-7, 3e-5, 2e-6),
-    )
+        *loop_parameters('m', 2e-7, 3e-5, 2e-6))

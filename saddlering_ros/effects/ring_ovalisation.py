@@ -22,10 +22,9 @@ class RingOvalisation(RingEffect):
     stage = 'ring'
     channels = ('parity',)
     own_parameters = (OVALISATION,)
-    parameters = (
-        EffectParameter('compliance', 'm/N', -2e-10, 2e-10, 3e-11, 0.0,
-                        'common radial motion per unit of radial force', amplitude=True),
-    )
+    parameters = (EffectParameter(
+        'compliance', 'm/N', -2e-10, 2e-10, 3e-11, 0.0,
+        'common radial motion per unit of radial force', amplitude=True),)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         return OVALISATION.add(extension, values['compliance'])

@@ -40,8 +40,7 @@ class Settling(RingEffect):
                         'of delta_x', amplitude=True),
         EffectParameter('settling_tilt', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
                         'the same of gamma, at 1 m from the axis, where every coordinate has its '
-                        'own', amplitude=True),
-    )
+                        'own', amplitude=True))
     variants = (
         Variant('delta_x', {'coordinate': 0.0}, ('delta_x',)),
         Variant('delta_y', {'coordinate': 1.0}, ('delta_y',)),

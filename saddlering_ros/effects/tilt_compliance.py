@@ -30,14 +30,12 @@ class TiltCompliance(RingEffect):
                         'own', amplitude=True, one_sided=True),
         EffectParameter('compliance_y', 'm/N', 0.0, 3e-10, 5e-11, 0.0,
                         'axial motion per unit of axial force, where every coordinate has its own',
-                        amplitude=True, one_sided=True),
-    )
+                        amplitude=True, one_sided=True))
     variants = (
         Variant('gamma', {'coordinate': TILT}, ('gamma',)),
         Variant('each coordinate', {'coordinate': EACH},
                 frees=('compliance_x', 'compliance_y'),
-                contains=('radial_compliance', 'axial_compliance')),
-    )
+                contains=('radial_compliance', 'axial_compliance')))
     choices = (Choice('coordinate', (TILT, EACH), '2 gamma, 3 each'),)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:

@@ -45,15 +45,13 @@ class TiltFriction(RingEffect):
                         'own', amplitude=True, one_sided=True),
         EffectParameter('presliding_y', 'm', 3e-7, 5e-5, 3e-6, 3e-6,
                         'axial travel after a reversal within which friction changes direction',
-                        one_sided=True, logarithmic=True),
-    )
+                        one_sided=True, logarithmic=True))
     variants = (
         Variant('gamma', {'coordinate': TILT}, ('delta_y', 'gamma')),
         Variant('delta_y', {'coordinate': AXIAL}, ('delta_y', 'gamma')),
         Variant('each coordinate', {'coordinate': EACH},
                 frees=('force', 'presliding_x', 'force_y', 'presliding_y'),
-                contains=('radial_friction',)),
-    )
+                contains=('radial_friction',)))
     choices = (Choice('coordinate', (TILT, AXIAL, EACH), '2 gamma, 1 delta_y, 3 each'),)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:

@@ -19,11 +19,9 @@ class UnequalRows(RingEffect):
     outcomes = Outcomes(pull_push='a misfit that changes its sign with the load')
     stage = 'ring'
     channels = ('delta_y', 'gamma')
-    parameters = (
-        EffectParameter(
-            'excess', '1', -0.7, 2.0, 0.2, 0.0,
-            'stiffness of the lower row over that of the upper row, minus 1', amplitude=True),
-    )
+    parameters = (EffectParameter(
+        'excess', '1', -0.7, 2.0, 0.2, 0.0,
+        'stiffness of the lower row over that of the upper row, minus 1', amplitude=True),)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         row = extension.lower_row

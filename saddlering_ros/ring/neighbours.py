@@ -198,7 +198,21 @@ def _responses(one: _Neighbourhood, models: Model, path: MotionPath, record: _Re
     answers = np.empty((len(one.extensions), *centre.shape))
     if not len(answers):
         return Responses(centre, answers)
-    changes = _changes(one, models, path, record)
+    # Changes (M, 3, S) of the motion by every direction.
+    changes, own = np.empty((path.time.size, 3, 0)), models[:1]
+    if one.first.size:
+        external = np.zeros((path.time.size if one.loaded.size else 0, 3, one.first.size))
+        if one.loaded.size:
+            course = sensitivity.external_along(own, record.zero_load, path)
+        for number in one.loaded.tolist():
+            index = 1 + one.first[number]
+            external[:, :, number] = sensitivity.external_along(
+                models[index:index + 1], record.zero_load, path) - course
+        if one.along is not one.rows:
+            own = own.copy()
+            own['axial_rollers'], own['radial_rollers'] = one.along.counts[0], one.along.counts[2]
+        changes = tangents_along(own, one.along, one.law, external, one.friction, one.geometry,
+                                 path)
     plain = np.flatnonzero(one.plain)
     if plain.size:
         rise = np.empty((plain.size, *centre.shape))
@@ -217,21 +231,3 @@ def _responses(one: _Neighbourhood, models: Model, path: MotionPath, record: _Re
                 read[place] = of_probes_clock(read[place].T, extension, record.time).T
         answers[added] = record.means(read)
     return Responses(centre, answers)
-
-
-def _changes(one: _Neighbourhood, models: Model, path: MotionPath, record: _Record) -> Floats:
-    """Changes (M, 3, S) of the motion by every direction."""
-    if not one.first.size:
-        return np.empty((path.time.size, 3, 0))
-    external = np.zeros((path.time.size if one.loaded.size else 0, 3, one.first.size))
-    if one.loaded.size:
-        course = sensitivity.external_along(models[:1], record.zero_load, path)
-        for number in one.loaded.tolist():
-            index = 1 + one.first[number]
-            external[:, :, number] = sensitivity.external_along(
-                models[index:index + 1], record.zero_load, path) - course
-    own = models[:1]
-    if one.along is not one.rows:
-        own = own.copy()
-        own['axial_rollers'], own['radial_rollers'] = one.along.counts[0], one.along.counts[2]
-    return tangents_along(own, one.along, one.law, external, one.friction, one.geometry, path)

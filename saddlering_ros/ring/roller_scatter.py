@@ -47,31 +47,6 @@ class SimulatedCourse:
     static: bool
 
 
-@dataclass(frozen=True)
-class _Table:
-    """Over loads (G,): motion (3, G), columns (G, 3, k), decay rates (G, 3, 3) [1/s].
-
-    moving (G, 3, k): part of the columns that the dampers add, per rate of the load [s/N].
-    """
-
-    load: Floats
-    motion: Floats
-    columns: Floats
-    moving: Floats
-    decay: Floats
-
-    def at(self, rows: slice, load: Floats, rate: Floats) -> tuple[Floats, Floats]:
-        """Columns (N, r, k), decay rates (N, r, 3) of some coordinates at loads and rates (N,)."""
-        place = np.clip(np.searchsorted(self.load, load) - 1, 0, self.load.size - 2)
-        low = self.load[place]
-        share = np.clip((load - low) / (self.load[place + 1] - low), 0.0, 1.0)[:, None, None]
-        columns, moving, decay = (
-            (1.0 - share) * item[place] + share * item[place + 1]
-            for item in (self.columns[:, rows], self.moving[:, rows], self.decay[:, rows])
-        )
-        return columns + rate[:, None, None] * moving, decay
-
-
 def scatter_columns(rig: Rig, contact: Floats, course: SimulatedCourse) -> Floats:
     """Probe increments (4, N, k) along a run by one standard deviation of the scatter.
 
@@ -83,23 +58,29 @@ def scatter_columns(rig: Rig, contact: Floats, course: SimulatedCourse) -> Float
     grid = low + (high - low) * np.linspace(0.0, 1.0, GRID) ** 1.5
     motion = static_response(rig, contact, course.elevation, grid)
     per_load = np.gradient(motion, grid, axis=1)
-    columns, moving, decay = (
-        np.nan_to_num(item) for item in _columns_at(rig, contact, motion.T, per_load.T))
-    table = _Table(grid, motion, columns, moving, decay)
+    columns, moving, decay = map(np.nan_to_num, _columns_at(rig, contact, motion.T, per_load.T))
+
+    def at(rows: slice, load: Floats, rate: Floats) -> tuple[Floats, Floats]:
+        """Columns (N, r, k), decay rates (N, r, 3) of some coordinates at loads and rates (N,)."""
+        place = np.clip(np.searchsorted(grid, load) - 1, 0, grid.size - 2)
+        low = grid[place]
+        share = np.clip((load - low) / (grid[place + 1] - low), 0.0, 1.0)[:, None, None]
+        still, by_rate, rates = ((1.0 - share) * item[place] + share * item[place + 1]
+                                 for item in (columns[:, rows], moving[:, rows], decay[:, rows]))
+        return still + rate[:, None, None] * by_rate, rates
+
     # Loads (N,) under which the ring would rest at its motion: by delta_x, and by gamma.
     zero = static_response(rig, contact, course.elevation, np.array([course.zero_load]))[:, 0]
     moved = probes_to_displacement(rig.probes, course.probes)
     answers = []
     for row, seen in ((0, moved.delta_x), (2, moved.gamma)):
-        known = np.maximum.accumulate(table.motion[row] - zero[row])
-        answers.append(np.interp(np.asarray(seen), known, table.load))
+        known = np.maximum.accumulate(motion[row] - zero[row])
+        answers.append(np.interp(np.asarray(seen), known, grid))
     radial, tilting = answers[0], answers[1]
-    still = np.zeros(course.time.size)
-    rates = [
-        still if course.static else np.gradient(load, course.time) for load in (radial, tilting)
-    ]
-    first, first_decay = table.at(slice(0, 1), radial, rates[0])
-    others, other_decay = table.at(slice(1, 3), tilting, rates[1])
+    rates = [np.zeros(course.time.size) if course.static else np.gradient(load, course.time)
+             for load in answers]
+    first, first_decay = at(slice(0, 1), radial, rates[0])
+    others, other_decay = at(slice(1, 3), tilting, rates[1])
     q = np.concatenate([first, others], axis=1)
     if not course.static:
         q = _late(course.time, q, np.concatenate([first_decay, other_decay], axis=1))

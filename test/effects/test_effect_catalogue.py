@@ -203,7 +203,3 @@ def test_what_cannot_be_used_is_refused_in_one_line_that_helps(
     assert said in str(refusal.value)
     assert '\n' not in str(refusal.value)
     assert f'effects.{next(iter(given))}' in str(refusal.value)
-
-
-def test_an_effect_is_found_by_its_id() -> None:
-    assert effect('probe_lag').id == 'probe_lag'

@@ -66,12 +66,6 @@ def test_probe_geometry_and_its_inverse_undo_each_other(
     assert found == pytest.approx([delta_x, delta_y, gamma, parity], abs=1e-16, rel=1e-12)
 
 
-def test_reading_and_showing_again_gives_the_same_four_increments() -> None:
-    increments = np.random.default_rng(0).normal(0.0, 1e-4, (4, 50))
-    again = displacement_to_probes(RAISED, probes_to_displacement(RAISED, increments))
-    assert again == pytest.approx(increments, abs=1e-18)
-
-
 def test_radial_motion_opens_the_rear_probe_and_closes_the_front_one() -> None:
     seen = displacement_to_probes(RIG.probes, Displacement(1e-4, 0.0, 0.0, 0.0))
     assert seen == pytest.approx([1e-4, 0.0, -1e-4, 0.0])
@@ -109,12 +103,8 @@ def test_6e4_newton_per_millimetre_to_the_10_9_is_1_29e8_per_metre() -> None:
     assert stiffness_per_millimetre(TRUE_TO_SCALE.K1, 10 / 9) == pytest.approx(6e4, rel=1e-12)
 
 
-def test_palmgrens_line_contact_of_a_20_mm_roller_is_nine_times_a_rings_equivalent() -> None:
-    assert line_contact_stiffness(20.0) == pytest.approx(5.35e5, rel=2e-3)
-    assert line_contact_stiffness(20.0) / 6e4 == pytest.approx(9.0, abs=0.1)
-
-
 def test_palmgrens_law_gives_the_deflection_of_two_contacts_in_series() -> None:
+    assert line_contact_stiffness(20.0) == pytest.approx(5.35e5, rel=2e-3)
     load = 5000.0
     deflection = (load / line_contact_stiffness(20.0)) ** 0.9
     assert deflection == pytest.approx(2 * 3.84e-5 * load**0.9 / 20.0**0.8, rel=1e-12)

@@ -157,8 +157,6 @@ def test_newton_converges_at_the_ends_of_the_powers(exponent: float, levelling: 
         assert np.isfinite(run.probes).all()
 
 
-FILE_WITHOUT_LEVELLING = {'damping_law': {'share': 0.6, 'exponent': 0.4}}
-FILE_WITHOUT_EXPONENT = {'damping_law': {'share': 0.7}}
 UNLIKE_ROWS = ContactParameters(1e8, 1.05, 3e6, 2e8, 1.3, 2e6)
 
 
@@ -168,20 +166,18 @@ def short_cycle() -> tuple[np.ndarray, np.ndarray]:
         RIG.preload, RIG.preload, 2e5, 2e5, RIG.preload, RIG.preload])
 
 
-def test_a_file_from_before_the_exponent_was_free_gives_the_numbers_it_gave() -> None:
-    probes = probe_batch(RIG, candidates(FILE_WITHOUT_EXPONENT, UNLIKE_ROWS), ELEVATION,
-                         *short_cycle())[0]
-    assert probes[:2, [300, 500, 900]] == pytest.approx(np.array([
+@pytest.mark.parametrize(('values', 'numbers'), [
+    ({'share': 0.7}, [  # from before the exponent was free
         [3.3613215928348015e-05, 0.00011670884415007244, 0.00019404834015192895],
-        [3.677316144508779e-05, 8.41725402609321e-05, 8.08834279215772e-05]]), abs=SOLVER)
-
-
-def test_a_file_from_before_growth_could_level_off_gives_the_numbers_it_gave() -> None:
-    probes = probe_batch(RIG, candidates(FILE_WITHOUT_LEVELLING, UNLIKE_ROWS), ELEVATION,
-                         *short_cycle())[0]
-    assert probes[:2, [300, 500, 900]] == pytest.approx(np.array([
+        [3.677316144508779e-05, 8.41725402609321e-05, 8.08834279215772e-05]]),
+    ({'share': 0.6, 'exponent': 0.4}, [  # from before growth could level off
         [2.8083769178234217e-05, 0.00013752418185535435, 0.00020979948330640546],
-        [3.0479814263298237e-05, 8.339055815806434e-05, 8.113307134531445e-05]]), abs=SOLVER)
+        [3.0479814263298237e-05, 8.339055815806434e-05, 8.113307134531445e-05]])])
+def test_a_file_from_before_gives_the_numbers_it_gave(
+        values: dict[str, float], numbers: list[list[float]]) -> None:
+    probes = probe_batch(RIG, candidates({'damping_law': values}, UNLIKE_ROWS), ELEVATION,
+                         *short_cycle())[0]
+    assert probes[:2, [300, 500, 900]] == pytest.approx(np.array(numbers), abs=SOLVER)
 
 
 def test_an_exponent_left_out_is_that_of_each_row() -> None:

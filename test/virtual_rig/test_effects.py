@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.errors import VirtualRigError
-from saddlering_ros.virtual_rig.effects import EFFECTS, parse_requests, request
+from saddlering_ros.virtual_rig.effects import EFFECTS, parse_requests
 
 SHOWS, HIDDEN = 1e-8, 3e-9
 
@@ -112,8 +112,3 @@ def test_a_request_that_makes_no_sense_is_answered_in_one_line(texts, forms, sai
         parse_requests(texts, forms)
     assert re.search(said, str(caught.value))
     assert '\n' not in str(caught.value)
-
-
-def test_an_unknown_form_is_refused():
-    with pytest.raises(VirtualRigError, match='jenkins'):
-        request('tilt_friction', form='coulomb')

@@ -95,7 +95,9 @@ def test_a_bag_holds_what_was_recorded_and_its_log_times_differ_from_its_stamps(
     assert np.array_equal(run.load, short.load)
     assert np.array_equal(run.stamps, short.load_stamps)
     assert np.all(np.isfinite(run.gaps))
-    topic = read_raw(path).topics['/rig/eddy_current_1']
+    raw = read_raw(path)
+    assert raw.facts.details['rig_hash'] == RIG.digest
+    topic = raw.topics['/rig/eddy_current_1']
     assert np.allclose(topic.values, short.gaps[0], atol=1e-9)
     assert short.log_delay > 1_000_000
 
@@ -128,8 +130,3 @@ def test_a_test_that_cannot_be_carried_out_is_refused_in_one_line(make):
     with pytest.raises(VirtualRigError) as caught:
         make()
     assert '\n' not in str(caught.value)
-
-
-def test_the_bag_names_the_rig_by_its_hash(short, tmp_path):
-    path = write_record(tmp_path / 'run', short, RIG)
-    assert read_raw(path).facts.details['rig_hash'] == RIG.digest

@@ -7,14 +7,9 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.ring.kernels import layout as at
-from saddlering_ros.ring.kernels.extension_laws import (
-    advance_series,
-    load_at_ring,
-    read_probes,
-    series_motion,
-)
-from saddlering_ros.ring.kernels.integration import take_load, take_zero
-from saddlering_ros.ring.kernels.layout import INNER, kernel, OUTER
+from saddlering_ros.ring.kernels.extension_laws import advance_series, read_probes, series_motion
+from saddlering_ros.ring.kernels.integration import load_at_rest, take_load, take_zero
+from saddlering_ros.ring.kernels.layout import kernel, OUTER
 
 
 @kernel(**OUTER)
@@ -28,15 +23,6 @@ def load_course(models: Any, zero_load: Any, load: Any, external: Any) -> Any:
             take_load(m, s, load[n], w)
         for i in range(3):
             external[n, i] = w[at.EXTERNAL + i]
-
-
-@kernel(**INNER)
-def load_at_rest(m: Any, s: Any, load: Any, w: Any) -> Any:
-    """Set the load path to its state at the start, the state that `integration.rest` sets."""
-    s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m.cylinder_friction.initial
-    s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m.bracket_play.initial
-    s[at.MEASURED_LOAD] = s[at.HIGHEST_LOAD] = load
-    return load_at_ring(m, load, m.cylinder_friction.initial, m.bracket_play.initial, w)
 
 
 @kernel(**OUTER)

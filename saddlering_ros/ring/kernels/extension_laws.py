@@ -28,24 +28,25 @@ def hysteron(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, sharpnes
 
 
 @kernel(**INNER)
-def friction_force(element: Any, z_smooth: Any, z_sharp: Any, travel: Any) -> Any:
-    """Force [N or N m] of a friction after `travel` [m or rad], and its slope."""
+def friction_force(element: Any, s: Any, i: Any, travel: Any) -> Any:
+    """Force [N or N m] of friction i after `travel` [m or rad], its slope, its mean slope."""
     if element.limit == 0.0:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
+    z_smooth, z_sharp = s[at.FRICTION_Z + 2 * i], s[at.FRICTION_Z + 2 * i + 1]
     _, _, z, slope = hysteron(z_smooth, z_sharp, travel, element.presliding, element.sharpness)
-    return element.limit * z, element.limit * slope
+    secant = slope
+    if abs(travel) > 1e-6 * element.presliding:
+        before = element.sharpness * z_sharp + (1.0 - element.sharpness) * z_smooth
+        secant = (z - before) / travel
+    return element.limit * z, element.limit * slope, element.limit * secant
 
 
 @kernel(**INNER)
-def friction_secant(element: Any, z_smooth: Any, z_sharp: Any, travel: Any) -> Any:
-    """Change of a friction force over `travel` [m or rad], per travel."""
-    if element.limit == 0.0:
-        return 0.0
-    _, _, z, slope = hysteron(z_smooth, z_sharp, travel, element.presliding, element.sharpness)
-    if abs(travel) > 1e-6 * element.presliding:
-        before = element.sharpness * z_sharp + (1.0 - element.sharpness) * z_smooth
-        slope = (z - before) / travel
-    return element.limit * slope
+def advance_friction(element: Any, s: Any, place: Any, travel: Any) -> Any:
+    """Advance the two states of a friction at a place of s over `travel`; its z."""
+    s[place], s[place + 1], z, _ = hysteron(
+        s[place], s[place + 1], travel, element.presliding, element.sharpness)
+    return z
 
 
 @kernel(**INNER)

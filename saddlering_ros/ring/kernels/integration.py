@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.ring.kernels import layout as at
-from saddlering_ros.ring.kernels.equilibrium import equilibrium, solve3
+from saddlering_ros.ring.kernels.equilibrium import differences, equilibrium, solve3, system
 from saddlering_ros.ring.kernels.extension_laws import (
+    advance_friction,
     advance_series,
     friction_force,
-    friction_secant,
-    hysteron,
     load_at_ring,
     read_probes,
     series_motion,
@@ -64,17 +63,10 @@ def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) 
     for i in range(s.size):
         s[i] = 0.0
     s[at.FRACTION] = 1.0
-    s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m.cylinder_friction.initial
-    s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m.bracket_play.initial
-    s[at.RADIAL_Z] = s[at.RADIAL_Z + 1] = m.radial_friction.initial
-    s[at.AXIAL_Z] = s[at.AXIAL_Z + 1] = m.axial_friction.initial
-    s[at.TILT_Z] = s[at.TILT_Z + 1] = m.tilt_friction.initial
-    s[at.MEASURED_LOAD] = load
-    s[at.HIGHEST_LOAD] = load
-    true_load = load_at_ring(m, load, m.cylinder_friction.initial, m.bracket_play.initial, w)
-    w[at.EXTERNAL] -= m.radial_friction.limit * m.radial_friction.initial
-    w[at.EXTERNAL + 1] -= m.axial_friction.limit * m.axial_friction.initial
-    w[at.EXTERNAL + 2] -= m.tilt_friction.limit * m.tilt_friction.initial
+    true_load = load_at_rest(m, s, load, w)
+    for i, element in enumerate((m.radial_friction, m.axial_friction, m.tilt_friction)):
+        s[at.FRICTION_Z + 2 * i] = s[at.FRICTION_Z + 2 * i + 1] = element.initial
+        w[at.EXTERNAL + i] -= element.limit * element.initial
     found, s[at.Q], s[at.Q + 1], s[at.Q + 2] = equilibrium(
         m, rows, uniform, w, math.copysign(0.5 * m.radial_clearance + 1e-5, w[at.EXTERNAL]),
         math.copysign(0.5 * m.axial_clearance + 1e-5, w[at.EXTERNAL + 1]), 0.0)
@@ -82,6 +74,15 @@ def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) 
         s[at.Q_OLD + i] = s[at.Q + i]
     take_zero(m, s, true_load, time, w)
     return found >= 0
+
+
+@kernel(**INNER)
+def load_at_rest(m: Any, s: Any, load: Any, w: Any) -> Any:
+    """Set the load path to its state at the start; the load at the ring."""
+    s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m.cylinder_friction.initial
+    s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m.bracket_play.initial
+    s[at.MEASURED_LOAD] = s[at.HIGHEST_LOAD] = load
+    return load_at_ring(m, load, m.cylinder_friction.initial, m.bracket_play.initial, w)
 
 
 @kernel(**INNER)
@@ -101,15 +102,12 @@ def take_zero(m: Any, s: Any, true_load: Any, time: Any, w: Any) -> Any:
 @kernel(**INNER)
 def predict_with_friction(m: Any, s: Any, h: Any, c0: Any, past: Any, w: Any) -> Any:
     """`predict` with friction, whose slope depends on the travel: two passes."""
-    travel0, travel1, travel2 = h * s[at.V], h * s[at.V + 1], h * s[at.V + 2]
-    trusted, x, y, tilt = False, 0.0, 0.0, 0.0
+    trusted, x, y, tilt = False, h * s[at.V], h * s[at.V + 1], h * s[at.V + 2]
     for _ in range(2):
-        rubbing = (
-            friction_secant(m.radial_friction, s[at.RADIAL_Z], s[at.RADIAL_Z + 1], travel0),
-            friction_secant(m.axial_friction, s[at.AXIAL_Z], s[at.AXIAL_Z + 1], travel1),
-            friction_secant(m.tilt_friction, s[at.TILT_Z], s[at.TILT_Z + 1], travel2))
-        trusted, x, y, tilt = predict(m, s, c0, past, rubbing, w)
-        travel0, travel1, travel2 = x, y, tilt
+        _, _, rubbing0 = friction_force(m.radial_friction, s, 0, x)
+        _, _, rubbing1 = friction_force(m.axial_friction, s, 1, y)
+        _, _, rubbing2 = friction_force(m.tilt_friction, s, 2, tilt)
+        trusted, x, y, tilt = predict(m, s, c0, past, (rubbing0, rubbing1, rubbing2), w)
     return trusted, x, y, tilt
 
 
@@ -122,7 +120,6 @@ def predict(m: Any, s: Any, c0: Any, past: Any, rubbing: Any, w: Any) -> Any:
     rubbing: slopes of friction against delta_x, delta_y and gamma.
     """
     c1, c2 = past
-    mass, inertia = m.mass, m.inertia
     b0 = c0 * s[at.Q] + c1 * s[at.Q] + c2 * s[at.Q_OLD]
     b1 = c0 * s[at.Q + 1] + c1 * s[at.Q + 1] + c2 * s[at.Q_OLD + 1]
     b2 = c0 * s[at.Q + 2] + c1 * s[at.Q + 2] + c2 * s[at.Q_OLD + 2]
@@ -130,16 +127,12 @@ def predict(m: Any, s: Any, c0: Any, past: Any, rubbing: Any, w: Any) -> Any:
     a1 = c0 * b1 + c1 * s[at.V + 1] + c2 * s[at.V_OLD + 1]
     a2 = c0 * b2 + c1 * s[at.V + 2] + c2 * s[at.V_OLD + 2]
     j0, j1, j2 = b0 - s[at.V], b1 - s[at.V + 1], b2 - s[at.V + 2]
-    k, d = at.LAST_STIFFNESS, at.LAST_DAMPING
-    r0 = w[at.EXTERNAL] + s[at.LAST_FORCE] - mass * a0 - s[d] * j0 - s[d + 1] * j2
-    r1 = w[at.EXTERNAL + 1] + s[at.LAST_FORCE + 1] - mass * a1 - s[d + 2] * j1 - s[d + 3] * j2
-    r2 = (w[at.EXTERNAL + 2] + s[at.LAST_FORCE + 2] - inertia * a2
+    d = at.LAST_DAMPING
+    r0 = w[at.EXTERNAL] + s[at.LAST_FORCE] - m.mass * a0 - s[d] * j0 - s[d + 1] * j2
+    r1 = w[at.EXTERNAL + 1] + s[at.LAST_FORCE + 1] - m.mass * a1 - s[d + 2] * j1 - s[d + 3] * j2
+    r2 = (w[at.EXTERNAL + 2] + s[at.LAST_FORCE + 2] - m.inertia * a2
           - s[d + 1] * j0 - s[d + 3] * j1 - s[d + 4] * j2)
-    square = c0 * c0
-    found, x, y, tilt = solve3(
-        s[k] + c0 * s[d] + mass * square + rubbing[0], s[k + 1] + c0 * s[d + 1],
-        s[k + 2] + c0 * s[d + 2] + mass * square + rubbing[1], s[k + 3] + c0 * s[d + 3],
-        s[k + 4] + c0 * s[d + 4] + inertia * square + rubbing[2], r0, r1, r2)
+    found, x, y, tilt = solve3(*system(m, s, at.LAST_STIFFNESS, d, c0, rubbing), r0, r1, r2)
     size = max(abs(x), abs(y), abs(tilt) * m.radius)
     return found and size < MAX_PREDICTION, x, y, tilt
 
@@ -149,15 +142,8 @@ def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, fricti
               w: Any) -> Any:
     """Make the solved step the state, and keep its forces and slopes for `predict`."""
     if friction:
-        s[at.RADIAL_Z], s[at.RADIAL_Z + 1], _, _ = hysteron(
-            s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q[0] - s[at.Q],
-            m.radial_friction.presliding, m.radial_friction.sharpness)
-        s[at.AXIAL_Z], s[at.AXIAL_Z + 1], _, _ = hysteron(
-            s[at.AXIAL_Z], s[at.AXIAL_Z + 1], q[1] - s[at.Q + 1],
-            m.axial_friction.presliding, m.axial_friction.sharpness)
-        s[at.TILT_Z], s[at.TILT_Z + 1], _, _ = hysteron(
-            s[at.TILT_Z], s[at.TILT_Z + 1], q[2] - s[at.Q + 2],
-            m.tilt_friction.presliding, m.tilt_friction.sharpness)
+        for i, element in enumerate((m.radial_friction, m.axial_friction, m.tilt_friction)):
+            advance_friction(element, s, at.FRICTION_Z + 2 * i, q[i] - s[at.Q + i])
     for i in range(3):
         v = c0 * q[i] + p[i]
         inertia = m.inertia if i == 2 else m.mass
@@ -179,16 +165,8 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
     friction. Returns the iterations; -1 if Newton fails; TOO_COARSE if the error exceeds `allowed`
     [m]. After a failure the state is unchanged.
     """
-    h_old = s[at.STEP_OLD]
-    ratio = h / h_old if h_old > 0.0 else 0.0
-    second_order = 0.0 < ratio <= 2.0
-    if second_order:
-        c0 = (1.0 + 2.0 * ratio) / (1.0 + ratio) / h
-        c1 = -(1.0 + ratio) / h
-        c2 = ratio * ratio / (1.0 + ratio) / h
-    else:
-        c0, c1, c2 = 1.0 / h, -1.0 / h, 0.0
-    mass, inertia, radius = m.mass, m.inertia, m.radius
+    c0, c1, c2 = differences(h, s[at.STEP_OLD])
+    second_order = c2 != 0.0
     p0 = c1 * s[at.Q] + c2 * s[at.Q_OLD]
     p1 = c1 * s[at.Q + 1] + c2 * s[at.Q_OLD + 1]
     p2 = c1 * s[at.Q + 2] + c2 * s[at.Q_OLD + 2]
@@ -204,34 +182,27 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
         ahead = min(h, 0.01)
         move0, move1, move2 = ahead * s[at.V], ahead * s[at.V + 1], ahead * s[at.V + 2]
     q0, q1, q2 = s[at.Q] + move0, s[at.Q + 1] + move1, s[at.Q + 2] + move2
-    previous = 1e300
-    damp = 1.0
-    square = c0 * c0
+    previous, damp = 1e300, 1.0
     for iteration in range(MAX_ITERATIONS):
         v0, v1, v2 = c0 * q0 + p0, c0 * q1 + p1, c0 * q2 + p2
         forces_of_step(m, rows, uniform, (q0, q1, q2), (v0, v1, v2), recorder, w)
-        r0 = w[at.EXTERNAL] + w[at.FORCE] - mass * (c0 * v0 + past0)
-        r1 = w[at.EXTERNAL + 1] + w[at.FORCE + 1] - mass * (c0 * v1 + past1)
-        r2 = w[at.EXTERNAL + 2] + w[at.FORCE + 2] - inertia * (c0 * v2 + past2)
+        r0 = w[at.EXTERNAL] + w[at.FORCE] - m.mass * (c0 * v0 + past0)
+        r1 = w[at.EXTERNAL + 1] + w[at.FORCE + 1] - m.mass * (c0 * v1 + past1)
+        r2 = w[at.EXTERNAL + 2] + w[at.FORCE + 2] - m.inertia * (c0 * v2 + past2)
         rubbing0 = rubbing1 = rubbing2 = 0.0
         if friction:
-            held, rubbing0 = friction_force(
-                m.radial_friction, s[at.RADIAL_Z], s[at.RADIAL_Z + 1], q0 - s[at.Q])
+            held, rubbing0, _ = friction_force(m.radial_friction, s, 0, q0 - s[at.Q])
             r0 -= held
-            held, rubbing1 = friction_force(
-                m.axial_friction, s[at.AXIAL_Z], s[at.AXIAL_Z + 1], q1 - s[at.Q + 1])
+            held, rubbing1, _ = friction_force(m.axial_friction, s, 1, q1 - s[at.Q + 1])
             r1 -= held
-            held, rubbing2 = friction_force(
-                m.tilt_friction, s[at.TILT_Z], s[at.TILT_Z + 1], q2 - s[at.Q + 2])
+            held, rubbing2, _ = friction_force(m.tilt_friction, s, 2, q2 - s[at.Q + 2])
             r2 -= held
-        k, d = at.STIFFNESS, at.DAMPING
         found, step0, step1, step2 = solve3(
-            w[k] + c0 * w[d] + mass * square + rubbing0, w[k + 1] + c0 * w[d + 1],
-            w[k + 2] + c0 * w[d + 2] + mass * square + rubbing1, w[k + 3] + c0 * w[d + 3],
-            w[k + 4] + c0 * w[d + 4] + inertia * square + rubbing2, r0, r1, r2)
+            *system(m, w, at.STIFFNESS, at.DAMPING, c0, (rubbing0, rubbing1, rubbing2)),
+            r0, r1, r2)
         if not found:
             return -1
-        size = max(abs(step0), abs(step1), abs(step2) * radius)
+        size = max(abs(step0), abs(step1), abs(step2) * m.radius)
         if not size < 1e300:
             return -1
         # A long Newton step can cycle about a kink: halve the step until the update shrinks.
@@ -272,18 +243,14 @@ def ringing(m: Any, w: Any) -> Any:
     steps grows too, because a step shrinks with the cube root of the allowed error. Together they
     give the power of 3/2.
     """
-    k, d = at.STIFFNESS, at.DAMPING
-    share = min(damping_share(w[k], w[d], m.mass), damping_share(w[k + 2], w[d + 2], m.mass),
-                damping_share(w[k + 4], w[d + 4], m.inertia))
-    return 1.0 if share >= 1.0 else max(share, MIN_DAMPING_SHARE) ** -0.75
-
-
-@kernel(**INNER)
-def damping_share(stiffness: Any, damping: Any, inertia: Any) -> Any:
-    """Square of a direction's damping ratio, as a share of USUAL_DAMPING's; 1 without contact."""
-    if not stiffness > 0.0:
-        return 1.0
-    return damping * damping / (4.0 * USUAL_DAMPING**2 * stiffness * inertia)
+    least = 1.0
+    for i, inertia in ((0, m.mass), (2, m.mass), (4, m.inertia)):
+        stiffness, damping = w[at.STIFFNESS + i], w[at.DAMPING + i]
+        if stiffness > 0.0:
+            # The square of the damping ratio, as a share of that of USUAL_DAMPING.
+            share = damping * damping / (4.0 * USUAL_DAMPING**2 * stiffness * inertia)
+            least = min(least, share)
+    return 1.0 if least >= 1.0 else max(least, MIN_DAMPING_SHARE) ** -0.75
 
 
 @kernel(**INNER)
@@ -343,8 +310,7 @@ def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, 
         pieces *= 4
         used = 0
         for _ in range(pieces):
-            more = implicit_step(m, rows, uniform, s, h / pieces, friction, math.inf, recorder,
-                                 w)
+            more = implicit_step(m, rows, uniform, s, h / pieces, friction, math.inf, recorder, w)
             if more < 0:
                 used = -1
                 break
@@ -375,13 +341,9 @@ def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
     change = measured - s[at.MEASURED_LOAD]
     z_cylinder = z_bracket = 0.0
     if m.cylinder_friction.limit != 0.0:
-        s[at.CYLINDER_Z], s[at.CYLINDER_Z + 1], z_cylinder, _ = hysteron(
-            s[at.CYLINDER_Z], s[at.CYLINDER_Z + 1], change,
-            m.cylinder_friction.presliding, m.cylinder_friction.sharpness)
+        z_cylinder = advance_friction(m.cylinder_friction, s, at.CYLINDER_Z, change)
     if m.bracket_play.limit != 0.0:
-        s[at.BRACKET_Z], s[at.BRACKET_Z + 1], z_bracket, _ = hysteron(
-            s[at.BRACKET_Z], s[at.BRACKET_Z + 1], change,
-            m.bracket_play.presliding, m.bracket_play.sharpness)
+        z_bracket = advance_friction(m.bracket_play, s, at.BRACKET_Z, change)
     s[at.MEASURED_LOAD] = measured
     s[at.HIGHEST_LOAD] = max(s[at.HIGHEST_LOAD], measured)
     return load_at_ring(m, measured, z_cylinder, z_bracket, w)
@@ -468,14 +430,11 @@ def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: 
     Samples that did not converge are NaN. rows (R, 9 J), uniform (R, 3) with R = B or 1;
     q_out (B, N, 3), d_out (B, N, 4).
     """
-    s = np.zeros(at.STATE_SIZE)
-    w = np.zeros(at.WORK_SIZE)
-    failed = 0
+    s, w, failed = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE), 0
     for b in range(m.shape[0]):
         r = b if rows.shape[0] > 1 else 0
         found = rest(m[b], rows[r], uniform[r], s, time[0], zero_load, w)
-        follow(m[b], rows[r], uniform[r], s, time, load, max_step, q_out[b], d_out[b], None,
-               w)
+        follow(m[b], rows[r], uniform[r], s, time, load, max_step, q_out[b], d_out[b], None, w)
         if not found:
             q_out[b] = math.nan
             d_out[b] = math.nan

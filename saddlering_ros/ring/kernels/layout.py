@@ -26,9 +26,7 @@ V_OLD = 17
 ZERO = 20
 CYLINDER_Z = 23
 BRACKET_Z = 25
-RADIAL_Z = 27
-AXIAL_Z = 29
-TILT_Z = 31
+FRICTION_Z = 27  # two states each of the frictions against delta_x, delta_y and gamma
 CREEP = 33
 CREEP_INPUT = 36
 RESONANCE = 39
@@ -57,7 +55,6 @@ TOUCHING = 22        # rollers in contact of each row at the last sum
 LOAD_BACKUP = 25     # states of friction in the load path
 BACKUP = 29          # copy of the state
 WORK_SIZE = BACKUP + STATE_SIZE
-
 
 kernel = compiled.Compiler(Path(__file__).parent)
 """Decorator of every kernel: `@kernel(**INNER)`."""
