@@ -14,14 +14,13 @@ import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')
 
-import argparse
 from dataclasses import replace
-import json
 import math
 from pathlib import Path
 import tempfile
 import time as clock
 
+from frame import arguments, keep
 from independent import draw_ring, RIG, verdict_on
 from independent_faults import fault_of, Hidden, slider_state
 from independent_ring import Array, Fault, Motion, Sliders, usual_courses
@@ -113,11 +112,7 @@ def row_of(effect: str, seed: int, folder: Path) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--seeds', nargs='*', type=int, default=[1])
-    parser.add_argument('--effects', nargs='*', default=[*MAIN, 'none'])
-    parser.add_argument('--out', type=Path)
-    args = parser.parse_args()
+    args = arguments(__doc__, {'effects': ['none']}, seeds=(1,), effects=(*MAIN, 'none'), out=Path)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for number, effect in enumerate(args.effects):
@@ -125,8 +120,7 @@ def main() -> None:
             rows.append(row_of('' if effect == 'none' else effect, seed, Path(folder)))
             say(rows[-1])
             if args.out:
-                with args.out.open('a') as file:
-                    file.write(f'{json.dumps(rows[-1])}\n')
+                keep(args.out, rows[-1])
     table(rows)
 
 

@@ -20,9 +20,6 @@ from frame import ROOT
 NAMES = ('simulator', 'reading', 'versions', 'ros_speed', 'faults', 'alarm', 'sound_bags',
          'logger_faults', 'identification', 'fleet', 'blind', 'independent', 'dirty_ring',
          'changes', 'certificates', 'any_simulator', 'real_faults')
-SHORT = {'dirty_ring': ('--seeds', '1', '--effects', 'none')}
-"""The options of the short form where it is not --short."""
-
 USUAL = ('simulator', 'reading', 'ros_speed', 'faults', 'alarm', 'sound_bags', 'logger_faults')
 """Those that need no other package and no hour of their own."""
 
@@ -43,7 +40,7 @@ def main() -> int:
             doc = ast.get_docstring(ast.parse(script.read_text())) or ''
             print(f'{name}: {doc.splitlines()[0]}')
             continue
-        options = () if args.full else SHORT.get(name, ('--short',))
+        options = () if args.full else ('--short',)
         print(f'\n== {name} {" ".join(options)}'.rstrip(), flush=True)
         if subprocess.run([sys.executable, str(script), *options], cwd=ROOT,
                           check=False).returncode:
