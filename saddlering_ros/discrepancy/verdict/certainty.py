@@ -56,6 +56,15 @@ class Stability:
     influence: tuple[Influence, ...]
 
 
+def uncertain_size(causes: Sequence[Cause]) -> list[str]:
+    """A sentence if the 95 % interval of the size of the main cause includes its absence."""
+    for cause in sorted(causes, key=lambda one: -one.visible)[:1]:
+        low, high = cause.parameters[cause.definition.size.name].interval or (np.inf, np.inf)
+        if low <= cause.definition.neutral <= high:
+            return [wording.uncertain_size_words(cause.effect, low, high)]
+    return []
+
+
 def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list[str]:
     """A sentence for every cause that needs another size in each run, or in each channel.
 

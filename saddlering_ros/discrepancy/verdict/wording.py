@@ -214,6 +214,12 @@ def size_at_bound_words(name: str, size: Parameter, value: float) -> str:
             'exceeds the expected range, or another cause contributes, so that it is not named')
 
 
+def uncertain_size_words(name: str, low: float, high: float) -> str:
+    """That the interval of a size includes the absence of the cause."""
+    return (f'{name}: its size is between {low:.3g} and {high:.3g} (95 %), which includes its '
+            'absence')
+
+
 def weak_words(name: str, taken: float, needed: float) -> str:
     """That causes take too small a share of the misfit's power to be established."""
     return (f'{name} takes {percent(max(taken, 0.0))} of the power of the misfit beyond noise; '
