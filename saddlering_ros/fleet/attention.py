@@ -27,10 +27,6 @@ from saddlering_ros.quantities import finite_json
 
 Array = NDArray[np.float64]
 
-LEVEL = 0.05
-"""Largest share of false findings among sessions, among rings, and among drifts."""
-
-
 @dataclass(frozen=True)
 class RingJudgement:
     """One ring: its sessions, whether they hold a finding, and how it compares and drifts."""
@@ -48,9 +44,7 @@ class RingJudgement:
     @property
     def concern(self) -> float:
         """Order of the table: rings that need a person first."""
-        unlike = self.unlike is not None and self.unlike.stands
-        marks = (self.drift is not None, self.finding, unlike, bool(self.sessions[-1].change))
-        return float(sum(marks)) + min(math.log10(max(self.e_value, 1.0)), 99.0) / 100.0
+        return len(self.reasons) + min(math.log10(max(self.e_value, 1.0)), 99.0) / 100.0
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -78,46 +72,42 @@ class Fleet:
     rigs: tuple[Drift, ...]
     population: Population | None
     inflation: float
-    limits: Mapping[str, float]
-    level: float = LEVEL
 
 
 @one_blas_thread()
 def judge_fleet(
     sessions: Sequence[SessionFigures], limits: Mapping[str, float] | None = None,
-    level: float = LEVEL,
 ) -> Fleet:
     """The judgement on all sessions; `limits`: of K and D (SI) by name, for remaining life."""
-    limits = limits or {}
     judged = [item for item in sessions if item.verdict != 'failed']
-    stands = statistics.benjamini_hochberg([item.p_value for item in judged], level)
+    stands = statistics.benjamini_hochberg([item.p_value for item in judged])
     rings: dict[str, list[SessionFigures]] = {session.ring: [] for session in judged}
     for session in sorted(judged, key=lambda item: (math.isnan(item.time), item.time, item.name)):
         rings[session.ring].append(session)
     inflation = statistics.scatter_inflation([_measured(own) for own in rings.values()])
-    unlike, population = _compared(rings, inflation, level)
+    unlike, population = _compared(rings, inflation)
     histories = {ring: histories_of(ring, [
         replace(one, covariance=inflation * one.covariance) for one in own])
         for ring, own in rings.items()}
-    drifting, rigs = significant_drifts(list(histories.values()), level)
+    drifting, rigs = significant_drifts(list(histories.values()))
     of_ring = {item.owner: item for item in drifting}
     evidence = {ring: statistics.e_value([item.p_value for item in own])
                 for ring, own in rings.items()}
     # e-BH: at any dependence between the rings.
     findings = dict(zip(evidence, statistics.benjamini_hochberg(
-        [1.0 / max(value, 1e-300) for value in evidence.values()], level), strict=True))
+        [1.0 / max(value, 1e-300) for value in evidence.values()]), strict=True))
     answer = [
         RingJudgement(
             ring=ring, bench=own[-1].bench, sessions=tuple(own), e_value=evidence[ring],
             finding=bool(findings[ring]), unlike=unlike.get(ring), history=histories[ring],
             drift=of_ring.get(ring),
-            life=_lives(histories[ring], own, limits, level, drifts=ring in of_ring))
+            life=_lives(histories[ring], own, limits or {}) if ring in of_ring else {})
         for ring, own in rings.items()
     ]
     answer.sort(key=lambda item: (-item.concern, item.ring))
     return Fleet(
         sessions=tuple(judged), session_stands=stands, rings=tuple(answer), rigs=tuple(rigs),
-        population=population, inflation=inflation, limits=limits, level=level)
+        population=population, inflation=inflation)
 
 
 def _measured(sessions: Sequence[SessionFigures]) -> tuple[list[Array], list[Array]]:
@@ -127,7 +117,7 @@ def _measured(sessions: Sequence[SessionFigures]) -> tuple[list[Array], list[Arr
 
 
 def _compared(
-    rings: Mapping[str, Sequence[SessionFigures]], inflation: float, level: float
+    rings: Mapping[str, Sequence[SessionFigures]], inflation: float,
 ) -> tuple[dict[str, Unlikeness], Population | None]:
     measured = {ring: _measured(sessions) for ring, sessions in rings.items()}
     measured = {ring: pair for ring, pair in measured.items() if pair[0]}
@@ -136,13 +126,12 @@ def _compared(
     pairs = [combined(values, covariances, inflation) for values, covariances in measured.values()]
     means = np.array([mean for mean, _ in pairs])
     covariances = np.array([covariance for _, covariance in pairs])
-    unlike, population = statistics.unlike_sisters(means, covariances, level)
+    unlike, population = statistics.unlike_sisters(means, covariances)
     return dict(zip(measured, unlike, strict=True)), population
 
 
 def _lives(
     history: RingHistory, sessions: Sequence[SessionFigures], limits: Mapping[str, float],
-    level: float, *, drifts: bool,
 ) -> dict[str, RemainingLife]:
     answer = {}
     for name, limit in limits.items():
@@ -153,7 +142,7 @@ def _lives(
         if name.startswith('K'):  # at the ring's own mean exponent
             exponent = float(np.nanmean([item.value[number + 1] for item in sessions]))
             reached += (exponent - 1.0) * math.log(observations.REFERENCE_PENETRATION)
-        life = remaining_life(history.of[COORDINATES[number]], reached, level, drifts=drifts)
+        life = remaining_life(history.of[COORDINATES[number]], reached)
         if life is not None:
             answer[name] = life
     return answer
@@ -179,7 +168,7 @@ def limits_from_text(texts: Sequence[str]) -> dict[str, float]:
 def fleet_document(fleet: Fleet) -> dict[str, Any]:
     """fleet.json: plain data, numbers that are not finite as null."""
     document: dict[str, Any] = finite_json({
-        'level': fleet.level,
+        'level': statistics.LEVEL,
         'sessions': {
             'total': len(fleet.sessions),
             'verdicts': dict(Counter(session.verdict for session in fleet.sessions)),

@@ -122,10 +122,8 @@ def histories_of(ring: str, sessions: Sequence[SessionFigures]) -> RingHistory:
     return RingHistory(ring, sessions[-1].bench, clock, histories)
 
 
-def significant_drifts(
-    histories: Sequence[RingHistory], level: float
-) -> tuple[list[Drift], list[Drift]]:
-    """Drifts of rings and of rigs, at most the share `level` of each falsely found.
+def significant_drifts(histories: Sequence[RingHistory]) -> tuple[list[Drift], list[Drift]]:
+    """Drifts of rings and of rigs, at most the share LEVEL of each falsely found.
 
     A ring whose drift is no larger than that of its rig is not listed.
     """
@@ -139,11 +137,11 @@ def significant_drifts(
             group = ('load_gain',) if scales_alike(slopes) else tuple(slopes)
             candidates.append(
                 Drift(bench, 'rig', own[0].clock, slopes, p_value, group, RIG_CHECK))
-    real = benjamini_hochberg([drift.p_value for drift in candidates], level)
+    real = benjamini_hochberg([drift.p_value for drift in candidates])
     rigs = [drift for drift, stands in zip(candidates, real, strict=True) if stands]
     common = {drift.owner: drift.slopes for drift in rigs}
     tests = [_joint_test(ring, common.get(ring.bench, {})) for ring in histories]
-    stands = benjamini_hochberg([p_value for _, p_value in tests], level)
+    stands = benjamini_hochberg([p_value for _, p_value in tests])
     rings = []
     for ring, (slopes, p_value), stands_out in zip(histories, tests, stands, strict=True):
         if not stands_out:

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 from scipy.stats import t as student
 
+from saddlering_ros.fleet.statistics import LEVEL
+
 Array = NDArray[np.float64]
 
 DIFFUSE = 1e4
@@ -78,14 +80,6 @@ class History:
         """Share of readings inside the 95 % interval predicted for them, NaN without any."""
         seen = self.surprises[np.isfinite(self.surprises)]
         return float(np.mean(np.abs(seen) < 1.96)) if seen.size else float('nan')
-
-    @property
-    def predicts_well(self) -> bool:
-        """Whether enough readings were predicted and as many lie inside as should."""
-        if self.predictions < MIN_PREDICTIONS:
-            return False
-        inside = round(self.coverage * self.predictions)
-        return bool(binom.cdf(inside, self.predictions, COVERAGE) > MIN_COVERAGE_P)
 
 
 def follow(series: TimeSeries) -> History | None:
@@ -215,28 +209,21 @@ class RemainingLife:
     high: float
 
 
-def remaining_life(history: History, limit: float, level: float, *, drifts: bool
-                   ) -> RemainingLife | None:
-    """Remaining life to `limit`; None if it cannot be estimated.
+def remaining_life(history: History, limit: float) -> RemainingLife | None:
+    """First passage of simulated futures of a drift through `limit`.
 
-    It can be estimated if the drift is significant (`drifts`), leads to the limit, and the
-    predictions one session ahead held their coverage. level: largest p-value of a drift.
-    """
-    if not (drifts and history.drift_p_value <= level and history.predicts_well):
-        return None
-    distance = limit - float(history.level[-1])
-    if distance == 0.0 or history.slope * distance <= 0.0:
-        return None
-    return first_passage(history, limit)
-
-
-def first_passage(history: History, limit: float) -> RemainingLife:
-    """First passage of simulated futures through `limit`.
-
-    Last level and slope err together: a slope that is too steep has led to a level that is too
-    far. Few sessions leave their covariance uncertain, so the errors are Student's.
+    None unless the drift is significant and leads to the limit, and the predictions one session
+    ahead held their coverage. Last level and slope err together: a slope that is too steep has
+    led to a level that is too far. Few sessions leave their covariance uncertain, so the errors
+    are Student's.
     """
     distance = limit - float(history.level[-1])
+    if history.drift_p_value > LEVEL or history.slope * distance <= 0.0 \
+            or history.predictions < MIN_PREDICTIONS:
+        return None
+    inside = round(history.coverage * history.predictions)
+    if binom.cdf(inside, history.predictions, COVERAGE) <= MIN_COVERAGE_P:
+        return None
     step = HORIZON * abs(distance / history.slope) / STEPS
     chance = np.random.default_rng(0)
     root = np.linalg.cholesky(history.covariance + 1e-12 * np.diag(np.diag(history.covariance)))

@@ -11,6 +11,7 @@ import numpy as np
 from saddlering_ros.fleet.attention import Fleet, RingJudgement
 from saddlering_ros.fleet.drifts import words_of
 from saddlering_ros.fleet.observations import Array, COORDINATES
+from saddlering_ros.fleet.statistics import LEVEL
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import AFTER, Chart, line, markers, MEASURED, NOISE, Panel, Series
 
@@ -43,7 +44,7 @@ def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
         html.section('Sessions without a verdict', html.table(
             ['session', 'reason'], [[name, reason] for name, reason in failures])),
         html.section('How to read this page', html.bullets([
-            f'At most {100 * fleet.level:g} % of the findings listed are expected to be false: '
+            f'At most {100 * LEVEL:g} % of the findings listed are expected to be false: '
             'Benjamini-Hochberg over sessions and drifts, e-values over the sessions of a ring.',
             f'Sessions of one ring scatter {fleet.inflation:.2f} times as much (in variance) as '
             'their own intervals; all statistics here include that factor.',

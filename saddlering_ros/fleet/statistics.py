@@ -20,9 +20,13 @@ from scipy.stats import chi2, false_discovery_control
 Array = NDArray[np.float64]
 
 
-def benjamini_hochberg(p_values: Sequence[float] | Array, level: float) -> NDArray[np.bool_]:
-    """Which findings (N,) stand when at most the share `level` of them may be false."""
-    return np.asarray(false_discovery_control(np.fmin(p_values, 1.0)) <= level)
+LEVEL = 0.05
+"""Largest share of false findings among sessions, among rings, and among drifts."""
+
+
+def benjamini_hochberg(p_values: Sequence[float] | Array) -> NDArray[np.bool_]:
+    """Which findings (N,) stand when at most the share LEVEL of them may be false."""
+    return np.asarray(false_discovery_control(np.fmin(p_values, 1.0)) <= LEVEL)
 
 
 def e_value(p_values: Sequence[float]) -> float:
@@ -135,10 +139,8 @@ def _weighted(
     return (np.asarray(mean), np.asarray(mean_covariance), np.asarray(total), np.asarray(inverse))
 
 
-def unlike_sisters(
-    means: Array, covariances: Array, level: float,
-) -> tuple[list[Unlikeness], Population]:
-    """Which of R rings (R, P) is unlike the others, at most the share `level` of them falsely.
+def unlike_sisters(means: Array, covariances: Array) -> tuple[list[Unlikeness], Population]:
+    """Which of R rings (R, P) is unlike the others, at most the share LEVEL of them falsely.
 
     Rings that stand out are taken from the population and it is fitted anew, so that a bad ring
     does not make its own spread look usual. Each is judged by its sisters without itself. R is
@@ -147,7 +149,7 @@ def unlike_sisters(
     usual = np.ones(len(means), dtype=bool)
     for _ in range(MAX_PASSES):
         population = fit_population(means[usual], covariances[usual])
-        answer = _judged(means, covariances, population, usual, level)
+        answer = _judged(means, covariances, population, usual)
         standing = np.array([item.stands for item in answer])
         if (usual == ~standing).all() or (~standing).sum() < MIN_RINGS:
             break
@@ -157,7 +159,6 @@ def unlike_sisters(
 
 def _judged(
     means: Array, covariances: Array, population: Population, usual: NDArray[np.bool_],
-    level: float,
 ) -> list[Unlikeness]:
     weight = np.linalg.inv(population.mean_covariance)
     z_scores, p_values = [], []
@@ -172,4 +173,4 @@ def _judged(
         p_values.append(float(chi2.sf(apart @ np.linalg.solve(spread, apart), apart.size)))
         z_scores.append(apart / np.sqrt(np.diag(spread)))
     return [Unlikeness(z, p, bool(found)) for z, p, found in zip(
-        z_scores, p_values, benjamini_hochberg(p_values, level), strict=True)]
+        z_scores, p_values, benjamini_hochberg(p_values), strict=True)]

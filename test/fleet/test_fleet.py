@@ -59,8 +59,8 @@ LOAD_CELL = np.array([-0.03, 0.0, -0.03, -0.03, 0.0, -0.03])
 def test_ten_false_alarms_in_a_thousand_clean_sessions_do_not_stand():
     p_values = np.random.default_rng(1).uniform(size=1000)
     assert (p_values < 0.01).sum() > 3
-    assert not benjamini_hochberg(p_values, 0.05).any()
-    assert benjamini_hochberg([*p_values, 1e-8], 0.05)[-1]
+    assert not benjamini_hochberg(p_values).any()
+    assert benjamini_hochberg([*p_values, 1e-8])[-1]
 
 
 def test_an_e_value_of_a_sound_ring_is_at_most_one_in_the_mean():
@@ -95,7 +95,7 @@ def test_the_one_ring_unlike_its_sisters_is_found_with_its_coordinate():
     means = MEAN + SPREAD * chance.standard_normal((30, 6))
     means[7, 2] += 0.8
     own = np.broadcast_to(np.diag(ERROR**2), (30, 6, 6))
-    found, _ = unlike_sisters(means, own, 0.05)
+    found, _ = unlike_sisters(means, own)
     assert [index for index, item in enumerate(found) if item.stands] == [7]
     assert int(np.argmax(np.abs(found[7].z_scores))) == 2
 
@@ -166,12 +166,12 @@ def test_remaining_life_is_silent_without_a_significant_drift():
     time = np.arange(10.0)
     still = follow(TimeSeries(time, 0.01 * np.random.default_rng(6).standard_normal(10),
                               np.full(10, 0.01), np.zeros(10, dtype=bool)))
-    assert remaining_life(still, -1.0, 0.05, drifts=True) is None
+    assert remaining_life(still, -1.0) is None
     falling = follow(TimeSeries(time, still.series.value - 0.05 * time, np.full(10, 0.01),
                                 np.zeros(10, dtype=bool)))
-    life = remaining_life(falling, -1.0, 0.05, drifts=True)
+    life = remaining_life(falling, -1.0)
     assert life.low < 11.0 < life.high
-    assert remaining_life(falling, 1.0, 0.05, drifts=True) is None  # away from the limit
+    assert remaining_life(falling, 1.0) is None  # away from the limit
 
 
 def test_remaining_life_holds_its_interval():
@@ -179,7 +179,7 @@ def test_remaining_life_holds_its_interval():
     for seed in range(60):
         value = -0.05 * np.arange(8.0) + 0.012 * np.random.default_rng(seed).standard_normal(8)
         history = follow(TimeSeries(np.arange(8.0), value, np.full(8, 0.012), np.zeros(8, bool)))
-        life = remaining_life(history, -0.6, 0.05, drifts=True)
+        life = remaining_life(history, -0.6)
         if life is not None:
             count += 1
             held += life.low <= 5.0 <= life.high
