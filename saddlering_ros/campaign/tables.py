@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timezone
 from itertools import islice
 import json
-from pathlib import Path
 from typing import Any
 
 import pyarrow
@@ -76,7 +75,10 @@ def write_tables(store: Store, tasks: Sequence[SessionTask]) -> None:
         ('detection_limits', LIMITS, limit_rows),
     ):
         rows = (row for task, result in results_of(store, tasks) for row in rows_of(task, result))
-        _write(store.folder / f'{name}.parquet', schema, rows)
+        with whole_file(store.folder / f'{name}.parquet', CampaignError) as temporary, \
+                pyarrow.parquet.ParquetWriter(temporary, schema) as writer:
+            while group := list(islice(rows, GROUP)):
+                writer.write_table(pyarrow.Table.from_pylist(group, schema=schema))
 
 
 def verdict_rows(task: SessionTask, result: Mapping[str, Any]) -> Rows:
@@ -157,14 +159,6 @@ def _cause(item: Mapping[str, Any]) -> dict[str, Any]:
         'misfit_reduction': gain.get('fit'), 'misfit_reduction_held_out': gain.get('held_out'),
         'partial': bool(item.get('partial', name is None)),
     }
-
-
-def _write(path: Path, schema: pyarrow.Schema, rows: Iterable[dict[str, Any]]) -> None:
-    with whole_file(path, CampaignError) as temporary, \
-            pyarrow.parquet.ParquetWriter(temporary, schema) as writer:
-        waiting = iter(rows)
-        while group := list(islice(waiting, GROUP)):
-            writer.write_table(pyarrow.Table.from_pylist(group, schema=schema))
 
 
 def write_fleet(store: Store, tasks: Sequence[SessionTask], limits: Mapping[str, float]) -> Fleet:

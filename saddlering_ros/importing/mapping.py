@@ -106,13 +106,8 @@ class ImportMap:
 
 
 def read_map(path: Path) -> ImportMap:
-    """The map at `path`; ImportingError with one line if it cannot be used."""
-    document = read_strict_yaml(path, ImportingError)
-    return parse_map(document, str(path), path.parent, path.read_text(encoding='utf-8'))
-
-
-def parse_map(document: Any, where: str, folder: Path, text: str = '') -> ImportMap:
-    """A map from plain values; tables are looked for in `folder`."""
+    """The map at `path`, beside which its tables lie; ImportingError if it cannot be used."""
+    document, where = read_strict_yaml(path, ImportingError), str(path)
     if not isinstance(document, Mapping):
         raise ImportingError(f'{where}: is not a map: give time:, channels: and test:')
     refuse_unknown_keys(document, ('time', 'channels', 'test', 'split', 'csv'), '', where,
@@ -133,7 +128,7 @@ def parse_map(document: Any, where: str, folder: Path, text: str = '') -> Import
         raise ImportingError(f'{where}: channels.{absent[0]} and channels.{absent[1]} are both '
                              'absent, and delta_x needs one of them')
     channels = tuple(
-        _channel(name, given[name], where, folder) for name in given if name not in absent)
+        _channel(name, given[name], where, path.parent) for name in given if name not in absent)
     for channel in channels:
         if isinstance(channel.time, CountedTime) and 'start' in document['time'] and (
                 'start' not in given[channel.name]['time']):
@@ -141,7 +136,8 @@ def parse_map(document: Any, where: str, folder: Path, text: str = '') -> Import
                                  'has one: give both, or start: 1970-01-01T00:00:00Z here')
     return ImportMap(channels, _time(document['time'], where, 'time'),
                      _test(document['test'], where, 'test'), _split(document.get('split'), where),
-                     _section(document.get('csv') or {}, where, 'csv'), text)
+                     _section(document.get('csv') or {}, where, 'csv'),
+                     path.read_text(encoding='utf-8'))
 
 
 def _refuse_todo(value: Any, name: str, where: str) -> None:
