@@ -117,8 +117,7 @@ def check_driver(
         if wrong:
             found.fault(f'is published as {wrong[0]}: publish {topic.type}')
         elif one is None or not one.publishers:
-            found.fault('it has no publisher: start the driver, or remap its '
-                        'topic')
+            found.fault('it has no publisher: start the driver, or remap its topic')
         else:
             found.fault(f'{len(one)} samples came from {one.publishers} '
                         'publisher(s): check that the driver reads its device, or listen longer')
@@ -132,8 +131,7 @@ def check_driver(
 def _stamps(found: _Findings, topic: RigTopic, one: HeardTopic, rate: float | None) -> None:
     """Faults of the source of a topic and of its stamps."""
     if one.publishers > 1:
-        found.fault(f'{one.publishers} publishers, whose samples are mixed: '
-                    'end all but one')
+        found.fault(f'{one.publishers} publishers, whose samples are mixed: end all but one')
     if one.frame_id != topic.frame_id:
         found.note(f'frame_id is {one.frame_id!r}: set it to {topic.frame_id!r}')
     unset = int((one.stamps <= 0).sum())
@@ -150,8 +148,7 @@ def _stamps(found: _Findings, topic: RigTopic, one: HeardTopic, rate: float | No
     if shared:
         found.fault(f'{shared} samples have the stamp of the one before')
     if back:
-        found.fault(f'{back} stamps go back: publish samples in the order of '
-                    'their measurement')
+        found.fault(f'{back} stamps go back: publish samples in the order of their measurement')
         return
     gaps = gap_mask(one.stamps)
     if gaps.any():
@@ -249,9 +246,8 @@ def _load(found: _Findings, rig: Rig, one: HeardTopic) -> None:
     elif high < rig.limits.unit_min and high - low > MOVED * white_noise(values):
         _in_other_unit(found, rig, LOAD, values)
     elif high < rig.limits.unit_min:
-        found.note(f'the load is {low:.4g} to {high:.4g} N: at rest without '
-                   'preload, or not in newtons; sign and unit are known from '
-                   f'{rig.preload:.4g} N on')
+        found.note(f'the load is {low:.4g} to {high:.4g} N: at rest without preload, or not in '
+                   f'newtons; sign and unit are known from {rig.preload:.4g} N on')
 
 
 def _directions(
@@ -261,9 +257,8 @@ def _directions(
     stamps, values = _in_order(heard[LOAD_TOPIC])
     least = MIN_LOAD_SPAN * rig.full_scale_load
     if len(values) < MIN_SAMPLES or float(np.ptp(values)) < least:
-        found.note('the load did not move: polarity, order of the probes and sign '
-                   'of the load are not checked; move it by '
-                   f'{rig.force_words(least)} meanwhile')
+        found.note('the load did not move: polarity, order of the probes and sign of the load are '
+                   f'not checked; move it by {rig.force_words(least)} meanwhile')
         return
     probes = rig.probes
     gaps = np.stack([align(stamps, *_in_order(heard[PROBE_TOPICS[number - 1]]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, zip_longest
+from operator import itemgetter
 from pathlib import Path
 import re
 from typing import Any
@@ -13,9 +14,8 @@ import numpy as np
 
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.errors import BagError, did_you_mean, plain_number
-from saddlering_ros.importing.calibration import Floats, ImportingError
-from saddlering_ros.importing.clock import Stamps
-from saddlering_ros.importing.feed import Feed, feeds_of, Part
+from saddlering_ros.importing.calibration import ImportingError
+from saddlering_ros.importing.feed import Feed, feeds_of, Part, Samples
 from saddlering_ros.importing.mapping import ChannelMap, ImportMap, instruments_text
 from saddlering_ros.importing.preview import Course
 from saddlering_ros.importing.source import open_sources
@@ -83,7 +83,7 @@ def import_files(
         texts['rig_hash'] = rig.digest
     ranges = {channel.name: _range(channel, rig) for channel in mapping.channels}
     runs: list[ImportedRun] = []
-    by_run = [groupby(feed.parts(), key=lambda part: (part.run, part.label)) for feed in feeds]
+    by_run = [groupby(feed.parts(), key=itemgetter(0)) for feed in feeds]
     for streams in zip_longest(*by_run):
         if len({stream and stream[0] for stream in streams}) > 1:
             raise ImportingError(f'{out}: the channels do not agree on the runs: their files have '
@@ -159,9 +159,7 @@ def _range(channel: ChannelMap, rig: Rig | None) -> tuple[float, ...]:
     return rig.probes.min_range, rig.probes.max_range
 
 
-def _merged(
-    feeds: Sequence[tuple[Feed, Iterator[Part]]],
-) -> Iterator[dict[str, tuple[Stamps, Floats]]]:
+def _merged(feeds: Sequence[tuple[Feed, Iterator[Part]]]) -> Iterator[Samples]:
     """The samples of one run of all channels, in order of time, block by block."""
     waiting = {name: (np.empty(0, dtype=np.int64), np.empty(0))
                for feed, _ in feeds for name in feed.names}
@@ -169,11 +167,11 @@ def _merged(
     while True:
         for feed, parts in list(going_on):
             while any(not len(waiting[name][0]) for name in feed.names):
-                part = next(parts, None)
-                if part is None:
+                _, samples = next(parts, (None, None))
+                if samples is None:
                     going_on.remove((feed, parts))
                     break
-                for name, (stamps, values) in part.samples.items():
+                for name, (stamps, values) in samples.items():
                     waiting[name] = (np.concatenate([waiting[name][0], stamps]),
                                      np.concatenate([waiting[name][1], values]))
         if not any(len(stamps) for stamps, _ in waiting.values()):

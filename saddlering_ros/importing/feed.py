@@ -23,13 +23,11 @@ LARGEST = float(np.finfo(np.float32).max)
 """Messages of probes hold 32-bit numbers."""
 
 
-@dataclass(frozen=True)
-class Part:
-    """Rows of one run: its number from 0 on, its label, and samples by channel."""
+Samples = dict[str, tuple[Stamps, Floats]]
+"""Stamps and readings in SI, by channel."""
 
-    run: int
-    label: str
-    samples: Mapping[str, tuple[Stamps, Floats]]
+Part = tuple[tuple[int, str], Samples]
+"""Rows of one run: its number from 0 on and its label, and their samples."""
 
 
 @dataclass
@@ -232,7 +230,7 @@ class Feed:
             known = np.isfinite(values)
             shifted = stamps[rows] - round(self.channels[name].delay * SECOND)
             samples[name] = (shifted, values) if known.all() else (shifted[known], values[known])
-        return Part(self._run, self._label, samples)
+        return (self._run, self._label), samples
 
 
 def _in_si(
