@@ -75,22 +75,15 @@ def test_a_session_beyond_its_limits_is_a_result_with_its_reason(
     assert words in found['reason']
 
 
-def test_a_bag_that_is_refused_is_no_failure_of_ours(tmp_path):
-    write_bag(tmp_path / 'works', 'refused', 'static_50')
-    write_bag(tmp_path / 'works', 'broken', 'static_50')
-    write_bag(tmp_path / 'works', 'SR-1', 'static_50')
-    summary = run(tmp_path / 'works', Store(tmp_path / 'store'))
-    assert (summary.done, summary.failed, summary.faults) == (3, 2, 1)
-
-
-def test_retry_repeats_the_failures_alone(tmp_path):
+def test_a_refused_bag_is_no_failure_of_ours_and_retry_repeats_the_failures_alone(tmp_path):
     works, store = tmp_path / 'works', Store(tmp_path / 'store')
-    write_bag(works, 'broken', 'static_50')
-    write_bag(works, 'SR-1', 'static_50')
-    run(works, store)
+    for ring in ('refused', 'broken', 'SR-1'):
+        write_bag(works, ring, 'static_50')
+    summary = run(works, store)
+    assert (summary.done, summary.failed, summary.faults) == (3, 2, 1)
     assert run(works, store).computed == 0
-    assert run(works, store, retry=True).computed == 1
-    assert sorted(len(processes) for processes in marks(works).values()) == [1, 2]
+    assert run(works, store, retry=True).computed == 2
+    assert sorted(len(processes) for processes in marks(works).values()) == [1, 2, 2]
 
 
 def test_a_result_half_written_or_altered_is_computed_again_and_said(works, tmp_path):

@@ -81,14 +81,9 @@ def grown(compared):
     return compared[0]
 
 
-@pytest.fixture(scope='module')
-def shares(compared):
-    """Shares of the progress of `grown`."""
-    return compared[1]
-
-
 @pytest.mark.slow
-def test_friction_that_grew_is_named_with_the_growth_and_not_with_its_size(grown, shares):
+def test_friction_that_grew_is_named_with_the_growth_and_not_with_its_size(compared):
+    grown, shares = compared
     cause = grown.to_json()['causes'][0]
     assert (grown.verdict, cause['effect']) == ('named', 'radial_friction')
     force = cause['parameters']['force']

@@ -47,15 +47,6 @@ def test_rows_of_another_width_are_left_out_and_counted(tmp_path: Path) -> None:
         f'{tmp_path}/a.csv: rows without 3 columns are left out: 1, first line 11 with 4',)
 
 
-def test_cells_that_are_no_number_are_left_out_of_their_channel(tmp_path: Path) -> None:
-    force = ['ERR' if i in (3, 4) else f'{i}' for i in range(ROWS)]
-    result = convert(tmp_path, plain_table(F=force), document())
-    assert len(readings(tmp_path)) == ROWS - 2
-    assert len(readings(tmp_path, 'eddy_current_1')) == ROWS
-    said = result.warnings[0]
-    assert "cells of column 'F' that are not numbers are left out: 2, first 'ERR'" in said
-
-
 def test_one_time_that_cannot_be_read_or_goes_back_costs_its_row_alone(tmp_path: Path) -> None:
     many = 200
     time = [f'{0.01 * i:.2f}' for i in range(many)]

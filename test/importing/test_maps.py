@@ -112,6 +112,7 @@ def test_every_way_to_state_the_time_gives_the_same_stamps(
     (document(probe={**PROBE, 'range': [2, 0]}), 'give [low, high] in metres'),
     (document(probe={'column': 'w', 'unit': 'mm'}), 'the range of the probe is not stated'),
     (document(time={'column': 't'}), 'the unit of the time is not stated'),
+    (document({**LOAD, 'time': {'column': 't', 'unit': 's'}}), 'hydraulic_load.time has no start'),
     (document(time={'rate': 100}), 'a rate needs a start'),
     (document(time={'rate': 100, 'start': '2026-11-20T08:00:00'}), 'without a time zone'),
     (document(time={'column': 't', 'unit': 'kN'}), 'give a unit of time'),

@@ -50,20 +50,17 @@ def test_a_number_with_another_mark_is_refused_and_not_left_out(
         tmp_path, document(), plain_table(**{**COMMA, 't': times}, F=['1,5'] * ROWS))
 
 
-@pytest.mark.parametrize('cell', ['1_0', '١٢', '１', '0x10'])
-def test_a_time_in_other_than_decimal_digits_is_left_out_and_said(
-        tmp_path: Path, cell: str) -> None:
-    times = [cell if i == 7 else str(i) for i in range(ROWS)]
-    result = convert(tmp_path, plain_table(t=times), document())
-    assert any(f'{cell!r} is no number' in line for line in result.warnings)
-    assert len(stamps(tmp_path)) == ROWS - 1
-
-
-def test_a_reading_beyond_a_message_is_left_out_and_said(tmp_path: Path) -> None:
-    gaps = ['1e45' if i == 7 else f'1.{100 + i}' for i in range(ROWS)]
-    result = convert(tmp_path, plain_table(w=gaps), document())
-    assert any('too large for a message, left out: 1' in line for line in result.warnings)
-    assert len(readings(tmp_path, 'eddy_current_2')) == ROWS - 1
+@pytest.mark.parametrize(('column', 'cell', 'words'), [
+    *(('t', cell, f'{cell!r} is no number') for cell in ('1_0', '١٢', '１', '0x10')),
+    ('F', 'ERR', "cells of column 'F' that are not numbers are left out: 1, first 'ERR'"),
+    ('w', '1e45', 'too large for a message, left out: 1')])
+def test_one_cell_that_is_no_reading_is_left_out_and_said(
+        tmp_path: Path, column: str, cell: str, words: str) -> None:
+    cells = [cell if i == 7 else f'{1 + i / 100:.2f}' for i in range(ROWS)]
+    result = convert(tmp_path, plain_table(**{column: cells}), document())
+    assert any(words in line for line in result.warnings)
+    kept = [len(readings(tmp_path, name)) for name in ('hydraulic_load', 'eddy_current_2')]
+    assert kept == [ROWS - (column in given) for given in ('tF', 'tw')]
 
 
 def test_a_quotation_mark_without_its_partner_swallows_no_rows(tmp_path: Path) -> None:
@@ -125,12 +122,6 @@ def test_the_draft_gives_each_channel_the_time_beside_it_and_the_pressure_of_the
                    for name in ('hydraulic_load', 'eddy_current_2'))
     assert 'time: {column: "Zeit [s]#2", unit: s}' in probe
     assert 'time:' not in load
-
-
-def test_a_channel_whose_clock_has_no_start_beside_one_that_has_is_refused(
-        tmp_path: Path) -> None:
-    map_ = document(load={'column': 'F', 'unit': 'kN', 'time': {'column': 't', 'unit': 's'}})
-    assert 'channels.hydraulic_load.time has no start' in refusal(tmp_path, map_)
 
 
 def test_a_time_that_does_not_fit_its_format_is_shown_with_it(tmp_path: Path) -> None:
