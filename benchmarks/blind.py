@@ -182,7 +182,7 @@ def report(trials: Sequence[Trial]) -> None:
     for kind in SHARES:
         counts = Counter(item.score for item in trials if item.kind == kind)
         print(f'{kind}: ' + ', '.join(f'{name} {count}' for name, count in counts.most_common()))
-    for line in (*rates(trials), *by_size(trials), *confusion(trials)):
+    for line in (*rates(trials), *by_size(trials)):
         print(line)
     if trials:
         print(f'seconds per verdict: median {np.median([item.seconds for item in trials]):.0f}, '
@@ -225,19 +225,6 @@ def by_size(trials: Sequence[Trial]) -> Iterator[str]:
         own = [item for item in single if low <= (item.ratios[0] or 0.0) < high]
         yield (f'  {low:g} to {high:g}: {share(item.score != "missed" for item in own)}, '
                f'{share(item.score == "right" for item in own)}')
-
-
-def confusion(trials: Sequence[Trial]) -> Iterator[str]:
-    """What was said of each hidden effect, where it was not right."""
-    said: dict[str, Counter[str]] = {}
-    for item in trials:
-        if item.kind != 'pair' and item.score != 'right':
-            hidden = item.hidden[0]['effect'] if item.hidden else 'clean'
-            words = ' + '.join('|'.join(group) for group in item.groups)
-            said.setdefault(hidden, Counter())[f'{item.verdict} {words}'.strip()] += 1
-    yield 'hidden: said, where it was not right'
-    for hidden, counts in sorted(said.items()):
-        yield f'  {hidden}: ' + ', '.join(f'{name} {count}' for name, count in counts.items())
 
 
 def main() -> int:

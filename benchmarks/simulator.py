@@ -2,8 +2,8 @@
 
     python benchmarks/simulator.py [--stretch 1] [--rounds 20]
 
-Times are processor seconds of one thread, except where two threads run: those are seconds by the
-clock. --stretch is the time [s] of a dynamic run that is timed of the slow peers.
+Times are processor seconds of one thread. --stretch is the time [s] of a dynamic run that is timed
+of the slow peers.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import replace
 import os
 from pathlib import Path
 import sys
-import time
 
 from frame import arguments, side_by_side, table
 import numpy as np
@@ -121,13 +120,7 @@ def main() -> None:
         '10 s, 304 rollers, one particle': dynamic_task(),
         '100 s': dynamic_task(seconds=100.0), '608 rollers': dynamic_task(wide),
         'a damping law that grows': damped_task(growing),
-        'one that grows and saturates': damped_task(
-            replace(growing, damping_penetration_saturation=5e4)),
         '20 particles': dynamic_task(particles=20)}, args.rounds))
-    os.environ['SADDLERING_THREADS'] = '2'
-    show('By the clock, two threads', side_by_side(
-        {'20 particles': dynamic_task(particles=20), '100 particles': dynamic_task(particles=100)},
-        max(1, args.rounds // 5), time.perf_counter))
 
 
 if __name__ == '__main__':
