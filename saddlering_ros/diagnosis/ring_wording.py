@@ -7,7 +7,7 @@ read. Sentences that serve a declared model too stand in discrepancy/verdict/wor
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Any, cast, TYPE_CHECKING, TypedDict
+from typing import Any, cast, TypedDict
 
 from saddlering_ros.diagnosis.proposed_law import proposal_lines
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
@@ -37,9 +37,6 @@ from saddlering_ros.quantities import (
 )
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
 
-if TYPE_CHECKING:
-    from typing_extensions import NotRequired
-
 Shares = dict[str, float]
 
 
@@ -49,23 +46,23 @@ class TotalReductionEntry(ReductionEntry):
     how: str
 
 
-class ShapeEntry(TypedDict):
+class ShapeEntry(TypedDict, total=False):
     """A part of the misfit that no cause explains."""
 
     channel: str
     coordinate: str
     p_value: float | None
     share_of_range: float
-    shape: NotRequired[str]
+    shape: str
 
 
-class ChannelEntry(TypedDict):
+class ChannelEntry(TypedDict, total=False):
     """Misfits of a channel as shares of its range in the run; sound: small errors of the ring."""
 
     nrmse_before: float | None
     nrmse_after: float | None
     noise_floor: float | None
-    sound: NotRequired[float | None]
+    sound: float | None
 
 
 class RunEntry(TypedDict):
@@ -78,13 +75,13 @@ class RunEntry(TypedDict):
     channels: dict[str, ChannelEntry]
 
 
-class ParametersEntry(TypedDict):
+class ParametersEntry(TypedDict, total=False):
     """Contact parameters by name; `after` holds K1_std to D2_std as well."""
 
     before: dict[str, float]
     after: dict[str, Any]
-    before_std: NotRequired[dict[str, float | None]]
-    undetermined: NotRequired[dict[str, dict[str, str]]]
+    before_std: dict[str, float | None]
+    undetermined: dict[str, dict[str, str]]
 
 
 class CandidateEntry(TypedDict):
@@ -112,7 +109,7 @@ class LimitEntry(TypedDict):
     places: list[dict[str, Any]]
 
 
-class VerdictDocument(TypedDict):
+class VerdictDocument(TypedDict, total=False):
     """The whole document; causes: first the shapes of an `unknown`, then causes.
 
     remainder: what is left beyond noise, by run and channel. simulated_tests: of an `ambiguous`
@@ -126,28 +123,28 @@ class VerdictDocument(TypedDict):
     runs: list[RunEntry]
     parameters: ParametersEntry
     next_test: str | None
-    complete: NotRequired[bool]
-    remainder: NotRequired[list[dict[str, Any]]]
-    headline: NotRequired[str]
-    probabilities: NotRequired[Shares]
-    stability: NotRequired[float]
-    refits: NotRequired[list[dict[str, Any]]]
-    near_limit: NotRequired[list[str]]
-    influence: NotRequired[list[dict[str, Any]]]
-    held_out_evidence: NotRequired[list[dict[str, Any]]]
-    simulated_tests: NotRequired[list[dict[str, Any]]]
-    gain: NotRequired[TotalReductionEntry]
-    detection_limits: NotRequired[list[LimitEntry]]
-    immaterial: NotRequired[list[dict[str, Any]]]
-    unexplained: NotRequired[list[ShapeEntry]]
-    candidates: NotRequired[list[CandidateEntry]]
-    shapes: NotRequired[dict[str, list[ShapeEntry]]]
-    signature_cosines: NotRequired[dict[str, Shares]]
-    notes: NotRequired[list[str]]
-    provenance: NotRequired[dict[str, Any]]
-    seed: NotRequired[int]
-    seconds: NotRequired[float]
-    proposal: NotRequired[dict[str, Any] | None]
+    complete: bool
+    remainder: list[dict[str, Any]]
+    headline: str
+    probabilities: Shares
+    stability: float
+    refits: list[dict[str, Any]]
+    near_limit: list[str]
+    influence: list[dict[str, Any]]
+    held_out_evidence: list[dict[str, Any]]
+    simulated_tests: list[dict[str, Any]]
+    gain: TotalReductionEntry
+    detection_limits: list[LimitEntry]
+    immaterial: list[dict[str, Any]]
+    unexplained: list[ShapeEntry]
+    candidates: list[CandidateEntry]
+    shapes: dict[str, list[ShapeEntry]]
+    signature_cosines: dict[str, Shares]
+    notes: list[str]
+    provenance: dict[str, Any]
+    seed: int
+    seconds: float
+    proposal: dict[str, Any] | None
 
 
 def causes_of(document: VerdictDocument) -> list[CauseEntry]:
