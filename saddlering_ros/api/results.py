@@ -16,7 +16,6 @@ from saddlering_ros.api import inputs
 from saddlering_ros.api.inputs import ApiError, Bag, Columns, columns_of, runs_of, Tabular
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.ring_wording import causes_of, document_text, VerdictDocument
-from saddlering_ros.discrepancy import CauseEntry
 from saddlering_ros.files import (
     add_origins,
     bag_folder,
@@ -191,7 +190,14 @@ class IdentificationResult(ParametricResult):
 
     def columns(self) -> dict[str, list[Any]]:
         """One row per parameter: value, std, 95 % interval or None, unit, note."""
-        return columns_of([self._row(place, name) for place, name in enumerate(PARAMETER_NAMES)])
+        found, rows = self.found, []
+        for name, std in zip(PARAMETER_NAMES, found.std, strict=True):
+            low, high = found.intervals[name] or (None, None)
+            rows.append({
+                'parameter': name, 'value': float(getattr(found.parameters.contact, name)),
+                'std': float(std) if found.determined[name] else None, 'low': low, 'high': high,
+                'unit': PARAMETER_UNITS[name], 'note': found.reasons.get(name, '')})
+        return columns_of(rows)
 
     def plot(self) -> Plot:
         """Measured and simulated with these parameters, for the fitted bags."""
@@ -209,16 +215,6 @@ class IdentificationResult(ParametricResult):
     def _headline(self) -> str:
         return (f'Identification ({self.found.method} method) from {_bags(len(self.bags))}: '
                 f'{self.found.status}')
-
-    def _row(self, place: int, name: str) -> dict[str, Any]:
-        found = self.found
-        is_determined = found.determined[name]
-        low, high = found.intervals[name] or (None, None)
-        return {
-            'parameter': name, 'value': float(getattr(found.parameters.contact, name)),
-            'std': float(found.std[place]) if is_determined else None, 'low': low, 'high': high,
-            'unit': PARAMETER_UNITS[name], 'note': found.reasons.get(name, ''),
-        }
 
 
 @dataclass(frozen=True, repr=False)
@@ -324,7 +320,12 @@ class DiagnosisResult(ParametricResult):
     def columns(self) -> dict[str, list[Any]]:
         """One row per parameter of a cause: size, std, unit, misfit reduction, p-value."""
         return columns_of([
-            row for cause in causes_of(self.document) for row in _cause_rows(cause)])
+            {'cause': cause['effect'], 'title': cause['title'], 'parameter': name,
+             'value': item['value'], 'std': item['std'], 'unit': item['unit'],
+             'misfit_reduction_fitted': cause['gain']['fit'],
+             'misfit_reduction_held_out': cause['gain']['held_out'],
+             'p_value': cause['evidence']['p_value']}
+            for cause in causes_of(self.document) for name, item in cause['parameters'].items()])
 
     def _tables(self) -> dict[str, Callable[[], Columns]]:
         from saddlering_ros.report.curves import curve_columns, curves_of
@@ -390,13 +391,3 @@ def _mappings(entries: Sequence[Any]) -> Sequence[Mapping[str, Any]]:
 def _without(entries: Sequence[Any], left_out: str) -> list[dict[str, Any]]:
     """Entries without a nested part that no table holds."""
     return [{key: value for key, value in entry.items() if key != left_out} for entry in entries]
-
-
-def _cause_rows(cause: CauseEntry) -> Sequence[dict[str, Any]]:
-    return [
-        {'cause': cause['effect'], 'title': cause['title'], 'parameter': name,
-         'value': item['value'], 'std': item['std'], 'unit': item['unit'],
-         'misfit_reduction_fitted': cause['gain']['fit'],
-         'misfit_reduction_held_out': cause['gain']['held_out'],
-         'p_value': cause['evidence']['p_value']}
-        for name, item in cause['parameters'].items()]

@@ -153,6 +153,7 @@ def tell(fitted: list[Bag], held_out: list[Bag], scratch: Path) -> Story:
     import time
 
     from saddlering_ros import diagnose, identify
+    from saddlering_ros.report.curves import curves_of_run
     from saddlering_ros.ros.launcher import Domain
 
     began = time.monotonic()
@@ -188,7 +189,13 @@ def tell(fitted: list[Bag], held_out: list[Bag], scratch: Path) -> Story:
     finally:
         domain.release()
     say('[5/5] comparing, writing the report')
-    curves = live_curves(diagnosed, before, after)
+    noise = {Path(run['bag']).name: {
+        name: item['noise_floor'] for name, item in run['channels'].items()}
+        for run in diagnosed.document['runs']}
+    curves = [curves_of_run(
+        first.bag.run, first.measured, first.simulated, last.simulated,
+        noise.get(first.bag.name, {}), held_out=True, force_unit=first.bag.rig.force_unit)
+        for first, last in zip(before, after, strict=True)]
     return Story(identified, diagnosed, (*before, *after), curves, misfits(curves),
                  time.monotonic() - began)
 
@@ -225,21 +232,6 @@ def replay(bag: Bag, parameters: str, scratch: Path, domain: int) -> LiveReplay:
         placed[:, here] = batch.channels[:, there]
         channels.append(placed)
     return LiveReplay(bag, parameters, messages, due - messages, told['seconds'], *channels)
-
-
-def live_curves(
-    diagnosed: DiagnosisResult, before: Sequence[LiveReplay], after: Sequence[LiveReplay],
-) -> list[RunCurves]:
-    """The held-out runs as measured and simulated live, before and after the diagnosis."""
-    from saddlering_ros.report.curves import curves_of_run
-
-    noise = {Path(run['bag']).name: {
-        name: item['noise_floor'] for name, item in run['channels'].items()}
-        for run in diagnosed.document['runs']}
-    return [curves_of_run(
-        first.bag.run, first.measured, first.simulated, last.simulated,
-        noise.get(first.bag.name, {}), held_out=True, force_unit=first.bag.rig.force_unit)
-        for first, last in zip(before, after, strict=True)]
 
 
 def misfits(curves: Sequence[RunCurves]) -> list[RunEntry]:

@@ -42,17 +42,12 @@ def run(args: argparse.Namespace) -> int:
         found = diagnose(fitted, hold_out=held_out, rig=args.rig, parameters=args.params,
                          seed=args.seed, trust_rig=args.trust_rig,
                          on_progress=bar.tell)
-    folder = _effect_folder(args)
+    folder = args.propose
+    if folder is None and args.json not in (None, '-'):
+        file = Path(args.json)
+        folder = file.with_name(f'{file.stem}_effects')
     if folder is not None:
         found = found.with_effect_files(folder)
     if args.out is not None:
         found.save_parameters(args.out)
     return finish(args, found, args.out)
-
-
-def _effect_folder(args: argparse.Namespace) -> Path | None:
-    """Where the effect file of a proposed law is written."""
-    if args.propose is not None or args.json in (None, '-'):
-        return args.propose
-    file = Path(args.json)
-    return file.with_name(f'{file.stem}_effects')

@@ -39,9 +39,18 @@ COMMANDS = (Command(
 def run(args: argparse.Namespace) -> int:
     """Identify and print, write or emit the result."""
     from saddlering_ros import identify, load_rig
-    from saddlering_ros.identification import IdentificationSettings
+    from saddlering_ros.identification import IdentificationError, IdentificationSettings
 
-    bounds, rig = parse_bounds(args.bounds), load_rig(args.rig)
+    bounds, rig = {}, load_rig(args.rig)
+    for text in args.bounds:
+        name, _, ends = text.partition('=')
+        low, _, high = ends.partition(':')
+        try:
+            bounds[name.strip()] = (plain_number(low), plain_number(high))
+        except ValueError as problem:
+            raise IdentificationError(
+                f'--bounds {text!r} cannot be read: write NAME=LOW:HIGH, e.g. K1=2e7:1e9'
+            ) from problem
     IdentificationSettings(bounds=bounds).bounds_for(rig)  # a fault is reported before any reading
     bags = arguments.bags_of(args, args.bags, rig)
     with Bar() as bar:
@@ -54,20 +63,3 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None:
         found.save_parameters(args.out)
     return finish(args, found, args.out)
-
-
-def parse_bounds(texts: list[str]) -> dict[str, tuple[float, float]]:
-    """Bounds from NAME=LOW:HIGH texts; IdentificationError names a text that cannot be read."""
-    from saddlering_ros.identification import IdentificationError
-
-    bounds = {}
-    for text in texts:
-        name, _, ends = text.partition('=')
-        low, _, high = ends.partition(':')
-        try:
-            bounds[name.strip()] = (plain_number(low), plain_number(high))
-        except ValueError as problem:
-            raise IdentificationError(
-                f'--bounds {text!r} cannot be read: write NAME=LOW:HIGH, e.g. K1=2e7:1e9'
-            ) from problem
-    return bounds

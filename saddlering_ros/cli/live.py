@@ -33,7 +33,7 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    from saddlering_ros.live.server import Address, address, serve
+    from saddlering_ros.live.server import Address, serve
     from saddlering_ros.live.watcher import Watcher
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.launcher import prepare_transport
@@ -48,5 +48,5 @@ def run(args: argparse.Namespace) -> int:
             print(f'{where.url} shows ROS domain {domain}; Ctrl-C ends it', flush=True)
 
     with Watcher(domain, args.window, namespace_of(args.namespace), rig) as watcher:
-        serve(watcher, address(args.host, args.port, args.token), say, rig=rig)
+        serve(watcher, Address(args.host, args.port, args.token), say, rig=rig)
     return 0

@@ -37,20 +37,18 @@ def run(args: argparse.Namespace) -> int:
     arguments.take_effects(args)
     rig, parameters = arguments.read_model(args)
     runs = [_watch_bag(args, bag, rig, parameters) for bag in args.bags]
-    document = {'false_alarm_hours': args.false_alarm_hours, 'runs': [
-        {key: value for key, value in found.items() if key != 'words'} for found in runs]}
-    if tell_json(args, document):
-        return 0
-    for found in runs:
-        print(f'{found["bag"]}: {found["words"]}')
-        for note in found['notes']:
-            print(f'  note: {note}')
+    document = {'false_alarm_hours': args.false_alarm_hours, 'runs': [found for found, _ in runs]}
+    if not tell_json(args, document):
+        for found, words in runs:
+            print(f'{found["bag"]}: {words}')
+            for note in found['notes']:
+                print(f'  note: {note}')
     return 0
 
 
 def _watch_bag(
     args: argparse.Namespace, bag: str, rig: Rig, parameters: ParameterSet
-) -> dict[str, Any]:
+) -> tuple[dict[str, Any], str]:
     """The result for one bag: its part of the document, and its text."""
     import numpy as np
 
@@ -85,5 +83,4 @@ def _watch_bag(
             'since': 1e-9 * (alarm.since - origin), 'size': alarm.size,
             'evidence': alarm.evidence, 'follows': alarm.follows,
             'first_guess': alarm.first_guess, 'stamp_ns': alarm.stamp, 'since_ns': alarm.since},
-        'words': f'no alarm in {monitor.seconds:.1f} s' if alarm is None else
-        alarm_words(alarm, origin)}
+    }, (f'no alarm in {monitor.seconds:.1f} s' if alarm is None else alarm_words(alarm, origin))

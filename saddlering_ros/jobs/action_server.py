@@ -137,10 +137,6 @@ class ActionNode(Node):
             raise NodeError(f'the goal names {len(named)} bags: give at most {MAX_BAGS}')
         return tuple(str(parameters.bag_below(self.bag_root, name)) for name in named)
 
-    def parameters_path(self, name: str) -> str:
-        """A parameter file of a goal as a path below parameters_root; '' stays ''."""
-        return str(parameters.below(self.parameters_root, name, 'parameter file')) if name else ''
-
     # --- the life of a goal ---
 
     def _pace(self) -> None:

@@ -54,7 +54,9 @@ class Recorder(StreamingNode):
             msg.RigIdentity, names.RIG_IDENTITY,
             lambda message: self._rigs.update({message.node: message.rig_hash}),
             raw_topics.LATCHED_BY_SEVERAL)
-        self.create_subscription(msg.ReplayProgress, names.PROGRESS, self._hear, 200)
+        self.create_subscription(
+            msg.ReplayProgress, names.PROGRESS, lambda message: self._published.update(
+                zip(message.outputs, map(int, message.published), strict=False)), 200)
         for topic, kind in {**KEPT, **OTHERS}.items():
             self.create_subscription(
                 kind, name_of(topic),
@@ -65,25 +67,23 @@ class Recorder(StreamingNode):
 
     def connect(self) -> None:
         """Subscribe to all streams."""
-        self.inputs = [RawSubscription(self, name_of(topic), kind)
-                       for topic, kind in streams().items()]
+        self._flows = {topic: RawSubscription(self, name_of(topic), kind)
+                       for topic, kind in streams().items()}
+        self.inputs = list(self._flows.values())
 
     def process_batch(self) -> None:
         """Write the messages that have arrived."""
-        for topic, flow in zip(streams(), self.inputs, strict=True):
+        for topic, flow in self._flows.items():
             messages = flow.take()
             if messages:
                 self._keep(topic, messages)
                 seconds, rest = _stamp.unpack_from(messages[-1], 4)
                 flow.last_stamp = seconds * SECOND + rest
 
-    def _hear(self, message: msg.ReplayProgress) -> None:
-        self._published.update(zip(message.outputs, map(int, message.published), strict=False))
-
     def missing(self, sent: Mapping[str, int]) -> str:
         """Samples that have not arrived, of those `sent` by topic and of those nodes report."""
         words = []
-        for topic, flow in zip(streams(), self.inputs, strict=True):
+        for topic, flow in self._flows.items():
             due = max(sent.get(topic, 0), self._published.get(flow.topic, 0))
             if flow.received < due:
                 words.append(f'{flow.received} of {due} on {topic}')
@@ -106,13 +106,12 @@ class Recorder(StreamingNode):
 
     def counts(self) -> dict[str, int]:
         """Messages received of each stream, by the topic's name in the bag."""
-        return {topic: flow.received for topic, flow in zip(streams(), self.inputs, strict=True)}
+        return {topic: flow.received for topic, flow in self._flows.items()}
 
     def _keep(self, topic: str, messages: list[bytes]) -> None:
-        now = time.time_ns()
         try:
-            for number, message in enumerate(messages):
-                self._bag.write_message(topic, now + number, message)
+            for number, message in enumerate(messages, start=time.time_ns()):
+                self._bag.write_message(topic, number, message)
         except Exception as problem:  # set by the caller of the recorder
             self.problem_writing = problem
             self.done = True

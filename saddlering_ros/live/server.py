@@ -57,11 +57,15 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 @dataclass(frozen=True)
 class Address:
-    """Where the page is served; a token is needed beyond the loopback interface."""
+    """Where the page is served; beyond the loopback interface a token is made if none is given."""
 
     host: str = '127.0.0.1'
     port: int = 8765
     token: str = ''
+
+    def __post_init__(self) -> None:
+        if not (self.token or self.is_loopback):
+            object.__setattr__(self, 'token', secrets.token_urlsafe(18))
 
     @property
     def is_loopback(self) -> bool:
@@ -76,12 +80,6 @@ class Address:
         """The address to open in the browser."""
         host = f'[{self.host}]' if ':' in self.host else self.host
         return f'http://{host}:{self.port}/' + (f'?token={self.token}' if self.token else '')
-
-
-def address(host: str, port: int, token: str = '') -> Address:
-    """The address asked for, with a token made where one is needed and none is given."""
-    found = Address(host, port, token)
-    return found if token or found.is_loopback else Address(host, port, secrets.token_urlsafe(18))
 
 
 def application(watcher: Watcher, where: Address, rig: Rig | None = None) -> web.Application:

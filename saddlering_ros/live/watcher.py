@@ -360,7 +360,8 @@ class Watcher:
         now = time.monotonic()
         with self.lock:
             for status in message.status:
-                if not in_namespace(status.name, self._namespace):
+                space = self._namespace
+                if not (status.name.startswith(f'{space}/') if space else status.name[:1] != '/'):
                     continue
                 level = LEVELS[min(status.level[0], 3)]
                 self._health[status.name] = (now, {'level': level, 'words': status.message})
@@ -375,14 +376,14 @@ class Watcher:
         except SaddleringError:
             return
         contact = parameters.contact
-        rows = [[name, quantity(float(getattr(contact, name)), PARAMETER_UNITS[name])]
-                for name in PARAMETER_NAMES]
-        rows += [[name, quantity(stiffness_per_millimetre(value, power), 'N/mm^n')]
-                 for name, value, power in (('K1', contact.K1, contact.n1),
-                                            ('K2', contact.K2, contact.n2))]
-        rows += [[f'{effect}.{name}', f'{value:.4g}']
-                 for effect, values in parameters.effects.items()
-                 for name, value in values.items()]
+        rows = [
+            *([name, quantity(float(getattr(contact, name)), PARAMETER_UNITS[name])]
+              for name in PARAMETER_NAMES),
+            ['K1', quantity(stiffness_per_millimetre(contact.K1, contact.n1), 'N/mm^n')],
+            ['K2', quantity(stiffness_per_millimetre(contact.K2, contact.n2), 'N/mm^n')],
+            *([f'{effect}.{name}', f'{value:.4g}']
+              for effect, values in parameters.effects.items()
+              for name, value in values.items())]
         with self.lock:
             self._contact = contact
             self._parameters = {'source': str(message.source), 'rows': rows}
@@ -432,11 +433,6 @@ def missing_words(received: Mapping[str, int], published: Mapping[str, int]) -> 
     """Samples of the test that its nodes published and that have not arrived here; '' if all."""
     return ', '.join(f'{due - received[name]} of {due} samples of {name}'
                      for name, due in published.items() if received[name] < due)
-
-
-def in_namespace(status: str, namespace: str) -> bool:
-    """Whether a status on /diagnostics is of a node in `namespace` ('' for the root)."""
-    return status.startswith(f'{namespace}/') if namespace else not status.startswith('/')
 
 
 def _finite(value: float) -> float | None:

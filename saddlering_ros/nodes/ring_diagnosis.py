@@ -12,6 +12,7 @@ from saddlering_ros.jobs.requests import Answer, DiagnosisRequest
 from saddlering_ros.progress import Progress
 from saddlering_ros.ros.messages import fill_diagnosis
 from saddlering_ros.ros.names import DIAGNOSE, NodeError
+from saddlering_ros.ros.parameters import below
 from saddlering_ros.ros.streaming_node import leave
 
 
@@ -33,7 +34,8 @@ class RingDiagnosisNode(ActionNode):
                             'nor parameters_file, leave both empty')
         return DiagnosisRequest(
             self.bags(goal.bags), self.bags(goal.before), self.bags(goal.hold_out), self.rig,
-            self.parameters_path(goal.parameters_file), int(goal.seed))
+            str(below(self.parameters_root, goal.parameters_file, 'parameter file'))
+            if goal.parameters_file else '', int(goal.seed))
 
     def feedback(self, progress: Progress, elapsed: float) -> DiagnoseRing.Feedback:
         """The share that is done; 0 while bags are read."""

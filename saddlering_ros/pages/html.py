@@ -68,30 +68,26 @@ def code(text: str) -> Cell:
 
 
 def page(title: str, parts: Sequence[str]) -> str:
-    """The whole document; the plotting library is in it once, if there is a figure."""
-    inside = _with_contents('\n'.join(part for part in parts if part))
-    scripts = ''
+    """The whole document; the plotting library is in it once, if there is a figure.
+
+    If there are several chapters, links to them stand before the first.
+    """
+    inside, scripts = '\n'.join(part for part in parts if part), ''
+    chapters = re.findall(r'<section id="([^"]+)"><h2>(.*?)</h2>', inside)
+    if len(chapters) >= MIN_CHAPTERS:
+        links = ''.join(f'<li><a href="#{name}">{words}</a></li>' for name, words in chapters)
+        inside = inside.replace(
+            '<section', f'<nav aria-label="Contents"><ol class="contents">{links}</ol></nav>\n'
+            '<section', 1)
     if 'data-chart="' in inside:
         scripts = (f'<script type="application/octet-stream" id="plotly">{interactive.library()}'
                    f'</script>\n<script>{SCRIPT.read_text(encoding="utf-8")}</script>\n')
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<link rel="icon" href="data:,">'
-        f'<title>{escape(title)}</title><style>\n{STYLE.read_text(encoding="utf-8")}</style></head>\n<body><main>\n'
-        f'{inside}\n</main>\n{scripts}</body></html>\n'
-    )
-
-
-def _with_contents(inside: str) -> str:
-    """A page with links to its chapters before the first of them, if there are several."""
-    chapters = re.findall(r'<section id="([^"]+)"><h2>(.*?)</h2>', inside)
-    if len(chapters) < MIN_CHAPTERS:
-        return inside
-    links = ''.join(f'<li><a href="#{name}">{title}</a></li>' for name, title in chapters)
-    return inside.replace(
-        '<section', f'<nav aria-label="Contents"><ol class="contents">{links}</ol></nav>\n'
-        '<section', 1)
+        f'<link rel="icon" href="data:,"><title>{escape(title)}</title>'
+        f'<style>\n{STYLE.read_text(encoding="utf-8")}</style></head>\n<body><main>\n'
+        f'{inside}\n</main>\n{scripts}</body></html>\n')
 
 
 def section(title: str, *parts: str) -> str:

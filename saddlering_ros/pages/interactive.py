@@ -63,8 +63,19 @@ def chart_of(chart: Chart) -> Plotly:
         suffix = '' if number == 1 else str(number)
         across, up = _domains(chart, panel, height)
         first = first_of_column.setdefault(panel.column, suffix)
-        layout[f'xaxis{suffix}'] = _x_axis(panel, across, suffix)
-        layout[f'yaxis{suffix}'] = _y_axis(panel, up, suffix)
+        x_axis = _axis(across, f'y{suffix}', panel.x_label if panel.shows_x_label else '',
+                       panel.x_ticks, [item.x for item in panel.series], is_log=panel.x_is_log)
+        y_axis = _axis(up, f'x{suffix}',
+                       panel.y_label if panel.shows_y and panel.shows_y_label else '',
+                       panel.y_ticks, [item.y for item in panel.series], is_log=panel.y_is_log)
+        x_axis |= {'showticklabels': panel.shows_x, 'showgrid': panel.heat is None}
+        y_axis |= {'showticklabels': panel.shows_y,
+                   'showgrid': panel.heat is None and panel.has_y_grid}
+        if panel.y_range is not None:
+            y_axis['range'] = list(panel.y_range)
+        elif panel.heat is not None:
+            y_axis['autorange'] = 'reversed'
+        layout |= {f'xaxis{suffix}': x_axis, f'yaxis{suffix}': y_axis}
         if chart.shares_x and first != suffix:
             layout[f'xaxis{suffix}']['matches'] = f'x{first}'
         layout['shapes'] += _shapes(panel, suffix)
@@ -125,37 +136,18 @@ def _domains(chart: Chart, panel: Panel, height: float) -> tuple[Span, Span]:
     return (round(left, 5), round(left + width, 5)), (round(low, 5), round(top, 5))
 
 
-def _x_axis(panel: Panel, domain: Span, suffix: str) -> Plotly:
-    label = panel.x_label if panel.shows_x_label else ''
-    ticks = _log_ticks([item.x for item in panel.series]) if panel.x_is_log else panel.x_ticks
-    return {**_axis(domain, f'y{suffix}', label, ticks, is_log=panel.x_is_log),
-            'showticklabels': panel.shows_x, 'showgrid': panel.heat is None}
-
-
-def _y_axis(panel: Panel, domain: Span, suffix: str) -> Plotly:
-    label = panel.y_label if panel.shows_y and panel.shows_y_label else ''
-    ticks = _log_ticks([item.y for item in panel.series]) if panel.y_is_log else panel.y_ticks
-    axis = {**_axis(domain, f'x{suffix}', label, ticks, is_log=panel.y_is_log),
-             'showticklabels': panel.shows_y,
-             'showgrid': panel.heat is None and panel.has_y_grid}
-    if panel.y_range is not None:
-        axis['range'] = list(panel.y_range)
-    elif panel.heat is not None:
-        axis['autorange'] = 'reversed'
-    return axis
-
-
-def _axis(
-    domain: Span, anchor: str, label: str, ticks: Ticks | None, *, is_log: bool,
-) -> Plotly:
+def _axis(domain: Span, anchor: str, label: str, ticks: Ticks | None,
+          values: Sequence[NDArray[np.float64]], *, is_log: bool) -> Plotly:
+    """An axis of a panel; values: of its series, which give a logarithmic axis its ticks."""
     axis: Plotly = {
         'domain': list(domain), 'anchor': anchor, 'gridcolor': GRID, 'linecolor': EDGE,
         'showline': True, 'zeroline': False, 'ticks': 'outside', 'ticklen': 3,
         'type': 'log' if is_log else 'linear',
         'title': {'text': label.replace('\n', '<br>'), 'standoff': 4, 'font': {'size': 12}}}
+    ticks = _log_ticks(values) if is_log else ticks
     if ticks is not None:
         axis |= {'tickvals': list(ticks.at), 'ticktext': list(ticks.words),
-                  'tickfont': {'size': 11}}
+                 'tickfont': {'size': 11}}
     return axis
 
 

@@ -166,30 +166,22 @@ def branches(load: Array, direction: Array, values: Array) -> Branches:
 
 
 def spectrum(time: Array, values: Array) -> tuple[Array, Array]:
-    """Frequency [Hz] and amplitude density [unit/√Hz] of samples, put on an even grid first."""
+    """Frequency [Hz] and amplitude density [unit/√Hz] of samples, put on an even grid first.
+
+    By Welch's method: segments that overlap by half, each without its mean and under a Hann
+    window. By hand, because scipy.signal takes a second to import.
+    """
     step = float(np.median(np.diff(time)))
     even = np.arange(time[0], time[-1] + 0.5 * step, step)
     filled = np.interp(even, time, values)
-    density = welch(filled, step, min(256, filled.size // 2))
-    frequency = np.fft.rfftfreq(min(256, filled.size // 2), step)
-    return np.asarray(frequency[1:]), np.asarray(np.sqrt(density[1:]))
-
-
-def welch(values: Array, step: float, count: int) -> Array:
-    """Power spectral density [unit^2/Hz] of samples `step` [s] apart, by Welch's method.
-
-    By hand, because scipy.signal takes a second to import.
-
-    Means over segments of `count` samples that overlap by half, each without its mean and under
-    a Hann window.
-    """
+    count = min(256, filled.size // 2)
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(count) / count)
-    segments = np.lib.stride_tricks.sliding_window_view(values, count)[::count - count // 2]
+    segments = np.lib.stride_tricks.sliding_window_view(filled, count)[::count - count // 2]
     segments = segments - segments.mean(axis=1, keepdims=True)
     power = np.abs(np.fft.rfft(window * segments)) ** 2
     density = power.mean(axis=0) * step / (window**2).sum()
     density[1:(count + 1) // 2] *= 2.0
-    return np.asarray(density)
+    return np.asarray(np.fft.rfftfreq(count, step)[1:]), np.asarray(np.sqrt(density[1:]))
 
 
 FACTS = ('bag', 'test', 'elevation_deg', 'held_out', 'time_s', 'load_N', 'direction')

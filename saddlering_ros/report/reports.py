@@ -102,7 +102,11 @@ def write_validation_report(
         _banner(validation, curves),
         parameters.of_file(validation.parameters) if identification is None else
         parameters.identified(identification),
-        _criteria(validation),
+        html.section('Criteria', html.table(
+            ['criterion', 'worst channel', number('value'), number('limit')],
+            [[item.words, f'{item.bag}, {SYMBOLS[item.channel]}',
+              number(item.value_words, 'good' if item.is_met else 'bad'), item.limit_words]
+             for item in judge(validation.runs)])),
         _figures(validation),
         chapters.paper_split(curves),
         chapters.residual_map(curves),
@@ -141,15 +145,6 @@ def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
     return (f'<div class="verdict {"none" if is_good else "ambiguous"}">'
             + html.paragraph(said, 'headline') + html.paragraph(more)
             + (chapters.proof_picture(shown[0], name) if shown else '') + '</div>')
-
-
-def _criteria(validation: Validation) -> str:
-    """Every criterion with the run and channel that meets it worst."""
-    return html.section('Criteria', html.table(
-        ['criterion', 'worst channel', number('value'), number('limit')],
-        [[item.words, f'{item.bag}, {SYMBOLS[item.channel]}',
-          number(item.value_words, 'good' if item.is_met else 'bad'), item.limit_words]
-         for item in judge(validation.runs)]))
 
 
 def _figures(validation: Validation) -> str:

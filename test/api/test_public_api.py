@@ -19,7 +19,6 @@ import saddlering_ros
 from saddlering_ros import (
     Bag,
     Cancelled,
-    diagnose,
     displacement,
     identify,
     Progress,
@@ -190,17 +189,6 @@ def test_progress_is_one_line_that_ends(capsys):
     printed = capsys.readouterr().out
     assert printed.count('\n') == 1
     assert printed.split('\r')[-1].startswith('refinement: ####################')
-
-
-def test_a_negative_seed_is_refused_in_one_line(bags):
-    for compute in (identify, diagnose):
-        with pytest.raises(SaddleringError, match='seed is -1: give a whole number, 0 or above'):
-            compute(bags, seed=-1)
-
-
-def test_what_holds_no_parameters_is_refused_in_one_line(bags):
-    with pytest.raises(SaddleringError, match='parameters: int holds none'):
-        validate(bags, parameters=3)
 
 
 def test_parameters_of_another_rig_are_refused_unless_the_rig_is_trusted(bags, found, tmp_path):

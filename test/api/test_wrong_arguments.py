@@ -25,8 +25,10 @@ BAG = 'bags/dynamic_50_fast'
     (lambda: identify(BAG, stagnation=-3), 'stagnation is -3'),
     (lambda: identify(BAG, accuracy=float('nan')), 'accuracy is nan'),
     (lambda: identify(BAG, seed=1.5), 'seed is 1.5'),
+    (lambda: identify(BAG, seed=-1), 'seed is -1: give a whole number, 0 or above'),
+    (lambda: diagnose(BAG, seed=-1), 'seed is -1: give a whole number, 0 or above'),
     (lambda: identify(BAG, on_progress=3), 'on_progress is of type int'),
-    (lambda: validate(BAG, parameters=3), 'parameters'),
+    (lambda: validate(BAG, parameters=3), 'parameters: int holds none'),
     (lambda: diagnose(BAG, hold_out=None), 'hold_out is None'),
     (lambda: diagnose(BAG, is_cancelled=True), 'is_cancelled is of type bool'),
 ])

@@ -12,7 +12,7 @@ import urllib.request
 import pytest
 
 from saddlering_ros.live import server
-from saddlering_ros.live.server import address, OneLineAMinute, serve
+from saddlering_ros.live.server import Address, OneLineAMinute, serve
 
 HALF = b'GET / HTTP/1.1\r\nHost: localhost\r\n'
 
@@ -23,7 +23,7 @@ def served():
     ready, until, found = threading.Event(), threading.Event(), []
     watcher = SimpleNamespace(state=dict, now=dict, rows=lambda version, turn: None)
     thread = threading.Thread(target=serve, daemon=True, args=(
-        watcher, address('127.0.0.1', 0), lambda where: (found.append(where), ready.set()), until))
+        watcher, Address('127.0.0.1', 0), lambda where: (found.append(where), ready.set()), until))
     thread.start()
     try:
         assert ready.wait(60.0)

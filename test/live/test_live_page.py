@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingAlarm
 from saddlering_ros.bags import read_raw, read_run
-from saddlering_ros.live.server import address, serve
+from saddlering_ros.live.server import Address, serve
 from saddlering_ros.live.watcher import Watcher
 from saddlering_ros.record import displacement_of_run
 from saddlering_ros.rig import default_rig
@@ -66,7 +66,7 @@ def served(domain, port=0):
     ready, until, found = threading.Event(), threading.Event(), []
     with Watcher(domain) as watcher:
         thread = threading.Thread(target=serve, daemon=True, args=(
-            watcher, address('127.0.0.1', port), lambda where: (found.append(where), ready.set()),
+            watcher, Address('127.0.0.1', port), lambda where: (found.append(where), ready.set()),
             until))
         thread.start()
         try:

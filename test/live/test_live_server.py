@@ -17,37 +17,48 @@ import pytest
 
 from saddlering_ros.cli.main import main
 from saddlering_ros.errors import LiveError
-from saddlering_ros.live.server import address, application, PAGE, serve
+from saddlering_ros.live.server import Address, application, PAGE, serve
 
 POST = {'X-Saddlering': 'live'}
 
 
 def asked(where, *requests, watcher=None):
     """Statuses of requests (method, path, headers) by one client, one after another."""
-    canceled = []
-    watcher = watcher or SimpleNamespace(cancel=lambda name: canceled.append(name) or True)
-
     async def ask():
-        server = TestServer(application(watcher, where))
+        server = TestServer(application(watcher or SimpleNamespace(), where))
         async with TestClient(server, cookie_jar=CookieJar(unsafe=True)) as client:
             found = []
             for method, path, headers in requests:
                 async with client.request(method, path, headers=headers) as answer:
                     found.append(answer.status)
             return found
-    return asyncio.run(ask()), canceled
+    return asyncio.run(ask())
 
 
-def test_this_machine_is_let_in_without_a_token_and_the_page_allows_its_own_scripts_only():
-    assert address('127.0.0.1', 0).token == ''
-    assert asked(address('127.0.0.1', 0), ('GET', '/', {}), ('GET', '/live.js', {}))[0] == [
-        200, 200]
+HERE, BEYOND = Address('127.0.0.1', 0), Address('0.0.0.0', 0)
+SESAME = Address('0.0.0.0', 0, 'open sesame')
+
+
+@pytest.mark.parametrize(('where', 'requests', 'statuses'), [
+    (HERE, [('GET', '/', {}), ('GET', '/live.js', {}), ('GET', '/rig.svg', {})], [200, 200, 200]),
+    *((HERE, [('GET', '/', {'Host': host})], [403]) for host in (
+        'evil.example', '127.0.0.1:80@evil.com', 'localhost:1:2', '127.0.0.1.evil.com',
+        '[::1].evil')),
+    *((BEYOND, [('GET', path, {}), ('POST', '/clear', POST)], [403, 403])
+      for path in ('/', '/events', '/plotly.js', '/?token=wrong')),
+    (SESAME, [('GET', '/?token=open%20sesame', {}), ('GET', '/live.css', {})], [200, 200])])
+def test_who_may_look_is_let_in_and_nobody_else(where, requests, statuses):
+    assert asked(where, *requests) == statuses
+
+
+def test_beyond_this_machine_a_token_is_made_and_needed():
+    assert HERE.token == ''
+    assert len(BEYOND.token) >= 20
+    assert BEYOND.token in BEYOND.url
 
 
 def test_the_page_shows_the_drawing_of_the_ring():
-    assert asked(address('127.0.0.1', 0), ('GET', '/rig.svg', {}))[0] == [200]
-    page = (PAGE / 'page.html').read_text(encoding='utf-8')
-    assert 'src="rig.svg"' in page
+    assert 'src="rig.svg"' in (PAGE / 'page.html').read_text(encoding='utf-8')
 
 
 def luminance(colour):
@@ -82,48 +93,21 @@ def test_the_colour_blind_tell_the_curves_and_bands_apart(theme):
         assert smallest_difference(*pair) >= APART, pair
 
 
-@pytest.mark.parametrize('host', [
-    'evil.example', '127.0.0.1:80@evil.com', 'localhost:1:2', '127.0.0.1.evil.com', '[::1].evil'])
-def test_a_name_that_points_here_by_trickery_is_refused(host):
-    assert asked(address('127.0.0.1', 0), ('GET', '/', {'Host': host}))[0] == [403]
-
-
-def test_another_site_cannot_cancel_but_the_page_can():
-    statuses, canceled = asked(
-        address('127.0.0.1', 0), ('POST', '/cancel/identify', {}),
-        ('POST', '/cancel/identify', POST), ('POST', '/cancel/else', POST), ('POST', '/zero', {}))
-    assert statuses == [403, 200, 404, 403]
-    assert canceled == ['identify']
-
-
-def test_zero_start_and_pause_reach_the_nodes():
+def test_another_site_cannot_cancel_but_the_page_can_and_its_commands_reach_the_nodes():
     heard = []
-    watcher = SimpleNamespace(ask=lambda name: heard.append(name) or True)
-    statuses, _ = asked(address('127.0.0.1', 0), *(
-        ('POST', f'/{name}', POST) for name in ('zero', 'start', 'pause')), watcher=watcher)
-    assert statuses == [200, 200, 200]
-    assert heard == ['zero', 'start', 'pause']
-
-
-@pytest.mark.parametrize('path', ['/', '/events', '/plotly.js', '/?token=wrong'])
-def test_beyond_this_machine_a_token_is_made_and_needed(path):
-    where = address('0.0.0.0', 0)
-    assert len(where.token) >= 20
-    assert where.token in where.url
-    assert asked(where, ('GET', path, {}), ('POST', '/clear', POST))[0] == [403, 403]
-
-
-def test_the_token_in_the_address_lets_a_browser_in_for_good():
-    where = address('0.0.0.0', 0, 'open sesame')
-    assert asked(where, ('GET', '/?token=open%20sesame', {}), ('GET', '/live.css', {}))[0] == [
-        200, 200]
+    watcher = SimpleNamespace(cancel=heard.append, ask=heard.append)
+    requests = [('POST', '/cancel/identify', {}), ('POST', '/cancel/identify', POST),
+                ('POST', '/cancel/else', POST), ('POST', '/zero', {}),
+                *(('POST', f'/{name}', POST) for name in ('zero', 'start', 'pause'))]
+    assert asked(HERE, *requests, watcher=watcher) == [403, 200, 404, 403, 200, 200, 200]
+    assert heard == ['identify', 'zero', 'start', 'pause']
 
 
 def test_a_port_that_is_taken_is_refused_in_one_line():
     with socket.create_server(('127.0.0.1', 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(LiveError, match=f'127.0.0.1:{port}: cannot be served'):
-            serve(SimpleNamespace(), address('127.0.0.1', port), lambda where: None)
+            serve(SimpleNamespace(), Address('127.0.0.1', port), lambda where: None)
 
 
 @pytest.mark.ros

@@ -25,7 +25,7 @@ from saddlering_ros.record.quality import white_noise
 from saddlering_ros.report import figures, parameters
 from saddlering_ros.report.background import date_of, head, misfit_reductions
 from saddlering_ros.report.chapters import proposal
-from saddlering_ros.report.curves import branches, curve_columns, curves_path, spectrum, welch
+from saddlering_ros.report.curves import branches, curve_columns, curves_path, spectrum
 from saddlering_ros.report.reports import diagnosis_page
 from saddlering_ros.rig import default_rig
 
@@ -186,8 +186,10 @@ def test_half_difference_of_the_branches_is_the_loop_and_nothing_else():
 @pytest.mark.parametrize(('samples', 'count'), [(1000, 256), (99, 49)])
 def test_the_spectrum_is_that_of_welch(samples, count):
     values = np.random.default_rng(1).normal(size=samples)
-    _, expected = scipy.signal.welch(values, 100.0, nperseg=count)
-    assert welch(values, 0.01, count) == pytest.approx(expected, rel=1e-9)
+    frequency, density = spectrum(0.02 * np.arange(samples), values)
+    expected = scipy.signal.welch(values, 50.0, nperseg=count)
+    assert frequency == pytest.approx(expected[0][1:])
+    assert density**2 == pytest.approx(expected[1][1:], rel=1e-9)
 
 
 def test_a_spectrum_shows_a_tone_at_its_frequency():
