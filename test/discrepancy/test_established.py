@@ -25,9 +25,8 @@ from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.problem.problem import Metric
-from saddlering_ros.discrepancy.verdict import established, wording
-from saddlering_ros.discrepancy.verdict.certainty import uncertain_size
-from saddlering_ros.discrepancy.verdict.results import Cause, Estimate, Verdict
+from saddlering_ros.discrepancy.verdict import established, results, wording
+from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 
 TIME = np.linspace(0.0, 20.0, 500)
 STD = 0.004
@@ -293,15 +292,15 @@ def test_a_size_at_its_bound_is_no_name() -> None:
     assert any('is at the bound' in item for item in answer.warnings)
 
 
-@pytest.mark.parametrize(('std', 'doubts'), [(0.06, 1), (0.04, 0)])
-def test_a_main_cause_whose_interval_includes_its_absence_is_doubtful(
-    std: float, doubts: int,
+def test_a_cause_whose_interval_includes_its_absence_has_no_name(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    main, other = (
-        Cause(name, Effect(name, {'size': Parameter(0, 1)}), 0, (name,),
-              {'size': Estimate(0.1, deviation, '')}, 0.0, 0.0, visible, Gain(0.5, 0.5, ''))
-        for name, deviation, visible in (('main', std, 0.08), ('other', 1.0, 0.02)))
-    assert len(uncertain_size([other, main])) == doubts
+    runs = [record(number, 0.3, 0.0) for number in range(2)]
+    assert diagnose(MODEL, runs).verdict == 'named'
+    monkeypatch.setattr(results, 'WIDTH_95', 1e6)
+    answer = diagnose(MODEL, runs)
+    assert answer.verdict == 'unknown'
+    assert any('includes its absence' in item for item in answer.warnings)
 
 
 def test_a_small_second_cause_is_not_told_to_be_as_likely_as_the_first() -> None:

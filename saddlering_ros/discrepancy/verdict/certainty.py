@@ -21,6 +21,7 @@ from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.established import MIN_TAKEN, STRETCHES
+from saddlering_ros.discrepancy.verdict.naming import allowed_sizes
 from saddlering_ros.discrepancy.verdict.results import Cause, Influence, Refit, Verdict
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.estimation.statistics import fisher_chance
@@ -56,8 +57,13 @@ class Stability:
     influence: tuple[Influence, ...]
 
 
-def uncertain_size(causes: Sequence[Cause]) -> list[str]:
-    """A sentence if the 95 % interval of the size of the main cause includes its absence."""
+def uncertain_size(space: ModelSpace, causes: Sequence[Cause]) -> list[str]:
+    """A sentence if the 95 % interval of the size of the main cause includes its absence.
+
+    A declared model error is all in that interval, and has a limit of its own.
+    """
+    if not space.problem.assumptions.exact_laws or any(allowed_sizes(space).values()):
+        return []
     for cause in sorted(causes, key=lambda one: -one.visible)[:1]:
         low, high = cause.parameters[cause.definition.size.name].interval or (np.inf, np.inf)
         if low <= cause.definition.neutral <= high:
