@@ -136,6 +136,10 @@ def test_a_constant_is_a_misfit_unless_it_is_free_or_usual() -> None:
     ]
 
 
+def test_an_angle_is_a_full_turn_in_its_unit() -> None:
+    assert (Parameter.angle().high, Parameter.angle('deg').high) == (2.0 * np.pi, 360.0)
+
+
 def returning(result: object) -> Model:
     return replace(MODEL, simulate=lambda parameters, run: result)
 

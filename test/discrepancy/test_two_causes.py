@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 
 from bench import LOAD, recorded, System, TIME
 import numpy as np
@@ -16,7 +16,9 @@ from saddlering_ros.discrepancy import (
     Parameter,
     Point,
     Problem,
+    Settings,
 )
+from saddlering_ros.discrepancy.search.evidence import Comparison
 
 PHASE = np.clip((TIME - 4.0) / 16.0, 0.0, 1.0)
 LATE = np.sin(2.0 * np.pi * PHASE)
@@ -83,3 +85,15 @@ def test_a_size_stopped_by_its_bound_is_said_to_be() -> None:
     assert not [note for note in diagnosed(0.0, late=0.3).warnings if 'bound' in note]
     (note,) = [note for note in diagnosed(0.0, late=0.6).warnings if 'bound' in note]
     assert note.startswith('late: its size is at the bound of 0.5')
+
+
+@pytest.mark.parametrize(('p_value', 'before', 'added', 'is_new'), [
+    (1e-5, 5e-4, 2e-3, True), (1e-3, 5e-4, 2e-3, False),
+    (1e-5, 2e-3, 2e-3, False), (1e-5, 5e-4, 5e-4, False)])
+def test_a_new_channel_is_shown_surely_beyond_materiality_and_by_no_cause_before(
+        p_value: float, before: float, added: float, is_new: bool) -> None:
+    settings = Settings(error_rate=0.01, materiality=1e-3)
+    comparison = SimpleNamespace(
+        p_value=p_value, space=SimpleNamespace(settings=settings),
+        explained_before={'one': np.array([before])}, added={'one': np.array([added])})
+    assert Comparison.adds_new_channel.fget(comparison) is is_new
