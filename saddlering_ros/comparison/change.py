@@ -28,9 +28,9 @@ from saddlering_ros.comparison.sessions import (
     SETTINGS,
     TwoSessions,
 )
-from saddlering_ros.diagnosis.certificates import assumed_notes, certificate_notes
 from saddlering_ros.diagnosis.next_test import confirming, for_group, propose
 from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRecord
+from saddlering_ros.diagnosis.rig_dimensions import assumed_notes, certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.ring_wording import title_of
 from saddlering_ros.diagnosis.verdict import limit_entry

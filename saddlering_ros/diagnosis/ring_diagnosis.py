@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis import verdict
-from saddlering_ros.diagnosis.certificates import certificate_notes
 from saddlering_ros.diagnosis.next_test import next_test, propose, repeated_laws
 from saddlering_ros.diagnosis.records import (
     build_record,
@@ -16,6 +15,7 @@ from saddlering_ros.diagnosis.records import (
     PreparedRecord,
     rigs_of,
 )
+from saddlering_ros.diagnosis.rig_dimensions import certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
 from saddlering_ros.discrepancy import probabilities_of, Settings

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis import rig_dimensions
-from saddlering_ros.diagnosis.certificates import certified_errors
 from saddlering_ros.diagnosis.records import LoadGrid
-from saddlering_ros.diagnosis.rig_dimensions import NeighbourhoodsByRig
+from saddlering_ros.diagnosis.rig_dimensions import certified_errors, NeighbourhoodsByRig
 from saddlering_ros.discrepancy import Effect, Neighbourhood, Parameter, Point, RunBlocks
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law

@@ -25,7 +25,7 @@ from saddlering_ros.identification import (
     IdentificationError,
     IdentificationSettings,
     identify,
-    swarm,
+    methods,
     SwarmSettings,
 )
 from saddlering_ros.identification.methods import MISFIT_ADVICE
@@ -309,8 +309,8 @@ def test_a_run_with_probes_at_their_limit_throughout_is_refused(four_runs, numbe
 def test_the_papers_swarm_searches_stiffness_on_the_scale_asked_for(
         four_runs, monkeypatch, logarithmic, low):
     boxes = []
-    search = swarm.minimise
-    monkeypatch.setattr(swarm, 'minimise', lambda objective, *box, **options: (
+    search = methods.minimise
+    monkeypatch.setattr(methods, 'minimise', lambda objective, *box, **options: (
         boxes.append(box), search(objective, *box, **options))[1])
     identify(four_runs[:1], RIG, IdentificationSettings(
         method='paper', swarm=SHORT_SWARM, logarithmic_stiffness=logarithmic))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.identification import IdentificationError, validate
+from saddlering_ros.identification.figures import rate
 from saddlering_ros.identification.validation import COLUMNS, judge, validation_text
 from saddlering_ros.report import save_plots
 from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE
@@ -167,3 +168,45 @@ def test_pictures_are_written_per_run(clean, runs, tmp_path):
 def test_no_runs_are_refused():
     with pytest.raises(IdentificationError, match='no runs'):
         validate([], RIG, TRUTH)
+
+
+SHARE = np.linspace(0.0, 1.0, 300)
+HUMP = np.sin(np.pi * SHARE) ** 2
+
+
+def test_the_same_signal_is_rated_one():
+    assert rate(HUMP, HUMP).overall == pytest.approx(1.0)
+
+
+def test_a_late_signal_loses_phase_and_keeps_magnitude():
+    late = np.interp(SHARE - 0.05, SHARE, HUMP)
+    rating = rate(HUMP, late)
+    assert rating.phase == pytest.approx(1.0 - 0.05 / 0.2, abs=0.02)
+    assert rating.magnitude > 0.95
+
+
+def test_a_gain_loses_magnitude_and_keeps_phase():
+    rating = rate(HUMP, 1.2 * HUMP)
+    assert rating.phase == pytest.approx(1.0)
+    assert rate(HUMP, 1.5 * HUMP).magnitude < rating.magnitude < 0.9
+
+
+def test_inside_the_inner_corridor_nothing_is_lost():
+    assert rate(HUMP, HUMP + 0.04).corridor == 1.0
+
+
+def test_outside_the_outer_corridor_everything_is():
+    assert rate(HUMP, HUMP + 0.6).corridor == 0.0
+
+
+def test_scores_stay_between_zero_and_one():
+    random = np.random.default_rng(0)
+    rating = rate(HUMP, random.normal(size=300))
+    scores = (rating.corridor, rating.phase, rating.magnitude, rating.slope, rating.overall)
+    assert all(0.0 <= score <= 1.0 for score in scores)
+
+
+def test_long_signals_are_rated_as_short_ones():
+    long = np.linspace(0.0, 1.0, 5000)
+    rating = rate(np.sin(np.pi * long) ** 2, 1.1 * np.sin(np.pi * long) ** 2)
+    assert rating.overall == pytest.approx(rate(HUMP, 1.1 * HUMP).overall, abs=0.02)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saddlering_ros.diagnosis.certificates import certified_errors as errors_of_diagnosis
+from saddlering_ros.diagnosis.rig_dimensions import certified_errors as errors_of_diagnosis
 from saddlering_ros.identification.uncertainty import certified_errors
 from saddlering_ros.rig import default_rig, Instruments, RigError
 from saddlering_ros.rig.instruments import difference_of, instruments_from, NAMES, stated_by
