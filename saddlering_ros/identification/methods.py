@@ -66,20 +66,6 @@ LOAD_CORRECTIONS = 2
 
 
 @dataclass(frozen=True, slots=True)
-class SwarmProgress:
-    """State after one iteration.
-
-    spread: mean over coordinates of the particles' standard deviation over the range.
-    """
-
-    iteration: int
-    iterations: int
-    best_objective: float
-    best_position: Array
-    spread: float
-
-
-@dataclass(frozen=True, slots=True)
 class SwarmResult:
     """Result of a swarm: best position (D,), its objective, and the course of the search."""
 
@@ -93,7 +79,7 @@ class SwarmResult:
 def minimise(
     objective: Callable[[Array], Array], low: Array, high: Array,
     settings: SwarmSettings | None = None, *, seed: int = 0,
-    on_iteration: Callable[[SwarmProgress], None] | None = None,
+    on_iteration: Callable[[SearchStep], None] | None = None,
     is_cancelled: IsCancelled | None = None,
 ) -> SwarmResult:
     """Minimise objective((particles, D)) -> (particles,) in the box, repeatably by its seed.
@@ -132,8 +118,8 @@ def minimise(
         velocity = np.where(moved == position, velocity, 0.0)
         history.append(float(own_objective.min()))
         if on_iteration is not None:
-            on_iteration(SwarmProgress(
-                len(history), settings.iterations, history[-1], best,
+            on_iteration(SearchStep(
+                len(history), settings.iterations, history[-1], tuple(best.tolist()),
                 float(np.mean(position.std(axis=0) / span))))
         stopped = _reason_to_stop(history, settings)
     return SwarmResult(
@@ -195,14 +181,12 @@ class _Search:
             names = ('K1', 'K2')
         return SearchSpace.of(self.bounds, free, held, names)
 
-    def report(
-        self, stage: str, step: int, steps: int, best: float, contact: Array, spread: float = 0.0,
-    ) -> None:
+    def report(self, stage: str, step: SearchStep) -> None:
         """Report an iteration to the caller."""
         if self.on_progress is not None:
-            found = SearchStep(step, steps, best, tuple(contact.tolist()), spread)
+            share = step.iteration / max(step.iterations, 1)
             self.on_progress(Progress(
-                'identify', stage, step / max(steps, 1), f'best {best:.4g}', found))
+                'identify', stage, share, f'best {step.best_objective:.4g}', step))
 
     def run_swarm(
         self, stage: str, objective: WeightedObjective | PaperObjective, space: SearchSpace
@@ -215,9 +199,9 @@ class _Search:
         if self.settings.method != 'paper' and chosen.stagnation is None:
             chosen = replace(chosen, stagnation=STALLED_AFTER, stagnation_tolerance=STALLED_GAIN)
 
-        def report_iteration(progress: SwarmProgress) -> None:
-            self.report(stage, progress.iteration, progress.iterations, progress.best_objective,
-                        space.contacts(progress.best_position)[0], progress.spread)
+        def report_iteration(step: SearchStep) -> None:
+            lowest = space.contacts(np.array(step.best_parameters))[0]
+            self.report(stage, replace(step, best_parameters=tuple(lowest.tolist())))
 
         best = minimise(
             lambda points: objective(space.contacts(points)), space.low, space.high,
@@ -340,8 +324,7 @@ def _refined(
         bottoms = []
         for number, start in enumerate(starts, start=1):
             bottoms.append(refine(rough, space, start, search.is_cancelled, PROVISIONAL))
-            search.report(
-                'refinement', number, 3, bottoms[-1].chi_square, bottoms[-1].contact)
+            search.report('refinement', bottoms[-1].as_step(number))
         lowest = min(bottoms, key=lambda bottom: bottom.chi_square)
         lowest = refine(coarse, space, lowest.point, search.is_cancelled, PROVISIONAL, NEAR)
         outcome = _Outcome(lowest.law, lowest.chi_square, searched, observations)
@@ -362,7 +345,7 @@ def _refined(
         evaluations = with_cell.evaluations + fine.evaluations
         outcome = _Outcome(
             lowest.law, lowest.chi_square, searched, fine.observations, (fine, lowest))
-        search.report('refinement', 3, 3, lowest.chi_square, lowest.contact)
+        search.report('refinement', lowest.as_step(3))
     except Cancelled:
         pass
     search.evaluations += rough.evaluations + coarse.evaluations + evaluations

@@ -15,7 +15,7 @@ from saddlering_ros.estimation.statistics import block_means, span_means
 from saddlering_ros.estimation.whitening import independent, SharedErrors
 from saddlering_ros.identification.observation import Observation, SETTLING_STEP
 from saddlering_ros.identification.settings import IdentificationError
-from saddlering_ros.progress import IsCancelled
+from saddlering_ros.progress import IsCancelled, SearchStep
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig
 from saddlering_ros.ring import dynamic_batch, static_batch
 from saddlering_ros.ring.sensitivity import followed_motion, static_sensitivities
@@ -342,6 +342,10 @@ class Refinement(least_squares.Minimum):
     def law(self) -> ContactParameters:
         """The contact parameters by name."""
         return ContactParameters.from_array(self.contact)
+
+    def as_step(self, number: int) -> SearchStep:
+        """The report of one of three stages of least squares."""
+        return SearchStep(number, 3, self.chi_square, tuple(self.contact.tolist()), 0.0)
 
 
 def refine(

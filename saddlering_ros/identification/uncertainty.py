@@ -143,20 +143,17 @@ def _probe_error(rig: Rig, number: int, power: int, size: float, seen: Array) ->
 class Uncertainty:
     """Uncertainty of one result; arrays over the six parameters, NaN if held.
 
-    std in the parameters' units; coordinate_std in (ln K, n, ln D); covariance (6, 6),
-    correlation (6, 6). noise_covariance (6, 6) and noise_std (6,) (coordinates) count noise
-    alone: the change of the estimate by another test of the same ring. intervals by name;
-    systematic: imperfection to shift (6,) in coordinates; reasons why a parameter is open by name;
-    collinearity by subset of names ('K1,n1'); reduced_chi_square: chi square per degree of
+    std, covariance (6, 6) in the parameters' units; correlation (6, 6). noise_covariance (6, 6)
+    counts noise alone: the change of the estimate by another test of the same ring. intervals by
+    name; systematic: imperfection to shift (6,) in coordinates; reasons why a parameter is open by
+    name; collinearity by subset of names ('K1,n1'); reduced_chi_square: chi square per degree of
     freedom, 1 if the misfit equals the noise; budget: per free parameter the share of its variance
     by source, of noise, unequal rollers and each instrument with a certificate.
     """
 
     std: Array
-    coordinate_std: Array
     covariance: Array
     noise_covariance: Array
-    noise_std: Array
     correlation: Array
     intervals: dict[str, tuple[float, float] | None]
     systematic: dict[str, Array]
@@ -214,10 +211,8 @@ def assess(
     total = sum(variances.values(), np.zeros(len(space.free)))
     return Uncertainty(
         std=np.where([name not in reasons for name in PARAMETER_NAMES], std, np.nan),
-        coordinate_std=deviations[0],
         covariance=whole,
         noise_covariance=_with_bounds_alone(by_noise * np.outer(scale, scale), space, bounds),
-        noise_std=deviations[1],
         correlation=np.asarray(whole / np.outer(std, std)),
         intervals=intervals,
         systematic=systematic,

@@ -164,7 +164,7 @@ def test_a_proposed_law_becomes_a_file_that_gives_the_same_law(tmp_path: Path) -
     at = np.linspace(0.0, 2e5, 65)
     values = 3e-6 * np.sin(at / 3e4)
     term = Term('delta_x', 'load', 'curve', 'a smooth curve', {}, at, values, 0.0 * at)
-    law = LawProposal((term,), share=0.9, p_value=1e-9, move=np.zeros(6), reasons=())
+    law = LawProposal((term,), share=0.9, p_value=1e-9, reasons=())
     path, = write_effect_files(law, tmp_path / 'own', 2.4e5)
     effect = read_law_effect(path)
     bound = effect.bound(effect.complete({}))

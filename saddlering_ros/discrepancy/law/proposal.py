@@ -74,15 +74,14 @@ class LawProposal:
     """A law that would explain the residual.
 
     terms: one or two additions. share: explained share of the whitened misfit. p_value: with
-    all families counted. move (P,): change of base parameters beside the law. reasons: reasons not
-    to trust it, one sentence each. fit, held_out: gain as 1 - rms with / rms without; negative if
+    all families counted. reasons: reasons not to trust it, one sentence
+    each. fit, held_out: gain as 1 - rms with / rms without; negative if
     the law predicts worse. worse: runs that it predicts worse.
     """
 
     terms: tuple[Term, ...]
     share: float
     p_value: float
-    move: Array
     reasons: tuple[str, ...]
     fit: float = 0.0
     held_out: float | None = None
@@ -148,7 +147,7 @@ def propose_law(
     move, white_left = _base_move(misfit, unexplained)
     law = LawProposal(
         terms=terms, share=1.0 - float(white_left @ white_left) / total, p_value=p_value,
-        move=move, reasons=tuple(_reasons(misfit, ranked, terms, held_out)))
+        reasons=tuple(_reasons(misfit, ranked, terms, held_out)))
     fitted = {
         run.name: (mean_square(run, run.residual), mean_square(run, part - run.slopes @ move))
         for run, part in zip(misfit.runs, unexplained, strict=True)}
@@ -314,8 +313,7 @@ class Proposer:
             outcomes[run.name] = (
                 self._mean_square(seen, run.channels - both[0]),
                 self._mean_square(seen, run.channels - both[1] - law.addition(seen)))
-        move = beside.theta_unit - subject.theta_unit
-        return replace(law.judged_by(fitted, held), move=move)
+        return law.judged_by(fitted, held)
 
     def _plain(self, run: RunBlocks, fit: Fit) -> ObservedRun:
         """A run with targets and coordinates only."""
