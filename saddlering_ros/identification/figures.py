@@ -90,8 +90,7 @@ class RunValidation:
     """One run: its figures by channel, and their curves.
 
     time [s], load [N] (N,); measured and simulated (4, N) in the order of CHANNELS; compared:
-    mask of the samples that count; readings of a static run: load (M,), measured and simulated
-    (4, M).
+    mask of the samples that count.
     """
 
     name: str
@@ -103,9 +102,6 @@ class RunValidation:
     measured: Array = field(repr=False)
     simulated: Array = field(repr=False)
     compared: NDArray[np.bool_] = field(repr=False)
-    reading_load: Array = field(repr=False)
-    reading_measured: Array = field(repr=False)
-    reading_simulated: Array = field(repr=False)
     notes: tuple[str, ...] = ()
     origin: Origin = field(default_factory=lambda: Origin(''))
 
@@ -133,13 +129,11 @@ def channel_figures(
     measured, simulated = run.measured[position], run.simulated[position]
     residual = measured - simulated
     compared = run.compared
-    static = run.reading_load.size > 0
-    if static:
-        shape_load, shape_measured = run.reading_load, run.reading_measured[position]
-        shape_simulated = run.reading_simulated[position]
-    else:
-        shape_load, shape_measured = run.load[compared], measured[compared]
-        shape_simulated = simulated[compared]
+    static = run.test == 'static'
+    # A static run shows its shape by the means of its plateaus.
+    shape_load, shape_measured, shape_simulated = (
+        np.array([np.nanmean(values[start:stop]) for start, stop in rests]) if static
+        else values[compared] for values in (run.load, measured, simulated))
     smooth = shape_measured
     if not static and len(smooth) > 400:
         width = len(smooth) // 200  # A running mean over 0.5 % of the record.

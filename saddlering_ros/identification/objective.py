@@ -190,7 +190,8 @@ class WeightedObjective:
             for one, increments in zip(self.observations, moving, strict=True)]
         lengths = [float(np.linalg.norm(white)) for white in self.whiten(settling)]
         return replace(self, observations=[
-            one if one.dynamic or not length < SETTLED else one.at_rest(increments[0])
+            one if one.dynamic or not length < SETTLED
+            else replace(one.coarse(), displacement=one.displacement - increments[0])
             for one, increments, length in zip(self.observations, settling, lengths, strict=True)])
 
     def whiten(self, raw: Sequence[Array]) -> list[Array]:

@@ -93,14 +93,6 @@ class Observation:
         return replace(self, fine_time=self.time, fine_load=self.load, per_block=1, spans=None,
                        longest_step=longest_step)
 
-    def at_rest(self, settling: Array) -> Observation:
-        """A static run simulated by equilibria.
-
-        settling (3, N): means of the moving ring on the plateaus minus equilibria; it is
-        subtracted from the readings.
-        """
-        return replace(self.coarse(), displacement=self.displacement - settling)
-
     def with_load_less(self, errors: Array) -> Observation:
         """A dynamic run with its load corrected by errors (M + 3,) as in `shared_errors`.
 

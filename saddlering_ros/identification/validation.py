@@ -177,14 +177,13 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
                               for row in simulated])
     channels = CHANNELS[:-1] if rig.probes.absent else CHANNELS
     compared = np.all(np.isfinite(actual + simulated)[:len(channels)], axis=0)
-    readings: Spans = []
     if levels is None:
         rests = stretches_at_rest(measured.time, measured.load, rig.limits.rest_band)
         rests = rests or [(measured.zero.start, measured.zero.end)]
     else:
-        rests = readings = list(zip(levels.start.tolist(), levels.stop.tolist(), strict=True))
+        rests = list(zip(levels.start.tolist(), levels.stop.tolist(), strict=True))
         inside = np.zeros(len(measured.time), dtype=bool)
-        for start, stop in readings:
+        for start, stop in rests:
             inside[start:stop] = True
         compared &= inside
     if np.count_nonzero(compared) < 5:
@@ -194,21 +193,8 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
     result = RunValidation(
         name=name, test=run.test, elevation=float(run.elevation), channels={}, time=measured.time,
         load=measured.load, measured=actual, simulated=simulated, compared=compared,
-        reading_load=_means(measured.load[None, :], readings)[0],
-        reading_measured=_means(actual, readings), reading_simulated=_means(simulated, readings),
         notes=(*run.notes, *notes), origin=run.origin)
     return _Comparison(result, measured, rests, channels)
-
-
-def _means(values: Array, spans: Spans) -> Array:
-    """Means (C, M) over spans of values (C, N); NaN of an unknown parity."""
-    if not spans:
-        return np.zeros((len(values), 0))
-    means = np.full((len(values), len(spans)), np.nan)
-    there = np.isfinite(values).any(axis=1)
-    means[there] = np.stack(
-        [np.nanmean(values[there, start:stop], axis=1) for start, stop in spans], axis=1)
-    return means
 
 
 def _input_variance(
