@@ -16,7 +16,6 @@ import io
 import math
 import os
 from pathlib import Path
-from typing import Any
 
 from mcap.reader import SeekingReader
 
@@ -112,6 +111,14 @@ class Session:
     def date(self) -> str:
         """Day of the first test, '' if unknown."""
         return _date(self.time)[:10]
+
+    @property
+    def tests(self) -> str:
+        """Its tests in words, without those that are skipped."""
+        return ', '.join(sorted(
+            f'{bag.fact("test") or "?"} {bag.fact("elevation_deg") or "?"}'
+            + (' (held out)' if role == HOLD_OUT else '')
+            for role in (FIT, HOLD_OUT) for bag in self.of_role(role)))
 
     def of_role(self, role: str) -> list[FoundBag]:
         """Bags that are used for this."""
@@ -383,21 +390,3 @@ def _date(time: float | None) -> str:
     if time is None:
         return ''
     return datetime.fromtimestamp(time, timezone.utc).isoformat(timespec='seconds')
-
-
-def session_table(sessions: Sequence[Session]) -> list[dict[str, Any]]:
-    """Table shown before a campaign starts, a row a session."""
-    return [
-        {
-            'session': session.name, 'ring': session.ring, 'rig': session.bench,
-            'date': session.date,
-            'tests': ', '.join(sorted(
-                f'{bag.fact("test") or "?"} {bag.fact("elevation_deg") or "?"}'
-                + (' (held out)' if role == HOLD_OUT else '')
-                for role in (FIT, HOLD_OUT) for bag in session.of_role(role))),
-            'note': session.problem or '; '.join(
-                f'{member.bag.path.name}: {member.note}'
-                for member in session.members if member.note),
-        }
-        for session in sessions
-    ]

@@ -121,13 +121,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print_plan(sessions: list[Session]) -> None:
-    from saddlering_ros.campaign.sessions import session_table
-
-    rows = session_table(sessions)
-    show_table(list(rows[0]), [tuple(map(str, row.values())) for row in rows[:MAX_SHOWN]],
-               texts=len(rows[0]))
-    if len(rows) > MAX_SHOWN:
-        print(f'... and {len(rows) - MAX_SHOWN} more: see manifest.csv')
+    show_table(['session', 'ring', 'rig', 'date', 'tests', 'note'], [
+        (session.name, session.ring, session.bench, session.date, session.tests,
+         session.problem or '; '.join(f'{member.bag.path.name}: {member.note}'
+                                      for member in session.members if member.note))
+        for session in sessions[:MAX_SHOWN]], texts=6)
+    if len(sessions) > MAX_SHOWN:
+        print(f'... and {len(sessions) - MAX_SHOWN} more: see manifest.csv')
     print(f'{len(sessions)} sessions of {len({item.ring for item in sessions})} rings, '
           f'{sum(len(session.members) for session in sessions)} bags')
 

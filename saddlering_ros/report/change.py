@@ -12,7 +12,6 @@ import numpy as np
 from saddlering_ros.comparison.change import Change, change_words, name_of
 from saddlering_ros.comparison.maker import MakerFigures
 from saddlering_ros.comparison.series import CHANGED, ChangeSeries
-from saddlering_ros.discrepancy import RunBlocks
 from saddlering_ros.pages import html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import (
@@ -75,6 +74,7 @@ def change_chart(change: Change) -> Chart:
                      for fit in (change.diagnosis.fits.before, change.diagnosis.fits.after))
     later = {record.run.name for record in change.after}
     runs = [run for run in problem.runs if run.name in later]
+    loads = {run.name: KILONEWTON * np.asarray(run.inputs['load']) for run in runs}
     views = list(problem.system.views)
     panels = []
     for row, view in enumerate(views):
@@ -83,9 +83,9 @@ def change_chart(change: Change) -> Chart:
                 for residual in (before, after)]
         panels += [
             Panel(row, column, 'load / kN', f'{view} / {MICRO_UNITS[view]}', (
-                markers(_load(run), PER_MILLION * seen[0][run.name], '.', BEFORE,
+                markers(loads[run.name], PER_MILLION * seen[0][run.name], '.', BEFORE,
                         'without the causes', size=2.5),
-                line(_load(run), PER_MILLION * (seen[0][run.name] - seen[1][run.name]), AFTER,
+                line(loads[run.name], PER_MILLION * (seen[0][run.name] - seen[1][run.name]), AFTER,
                      'explained by the causes')),
                 title=run.name.partition(': ')[2] if not row else '',
                 shows_y_label=not column)
@@ -111,11 +111,6 @@ def series_chart(series: ChangeSeries) -> Chart:
                  np.stack([low, high, gaps], axis=1).ravel(), NOISE, 'two deviations'),
             markers(places, series.sizes, 'o', MEASURED, 'change since the base session')),
             title=name_of(series.effect), x_ticks=ticks)), 9.4, 3.0, columns=2)
-
-
-def _load(run: RunBlocks) -> np.ndarray:
-    """Mean load of each block [kN]."""
-    return KILONEWTON * np.asarray(run.inputs['load'])
 
 
 def write_change_page(change: Change, path: Path, command: str = '') -> None:
