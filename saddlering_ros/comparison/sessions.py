@@ -92,9 +92,24 @@ class TwoSessions:
 
         Steady lines have a phase of their own in every run, and wider forms add no other name.
         """
-        single = [effect for effect in self.ring.effects
-                  if not effect.line and not effect.first_variant]
-        return (*(_in_one_session(effect) for effect in single), _contact_change())
+        effects = []
+        for effect in self.ring.effects:
+            if effect.line or effect.first_variant:
+                continue
+            # One whose size has one sign may also have become smaller.
+            sessions = (LATER, EARLIER) if effect.one_sided else (LATER,)
+            effects.append(replace(effect, variants=tuple(
+                {**variant, SESSION: session}
+                for session in sessions for variant in effect.variants)))
+        return (*effects, Effect(
+            'Change of a contact parameter',
+            {'change': Parameter(-0.6, 1.5, unit='1', neutral=0.0, step=1e-3)},
+            variants=tuple({'quantity': float(number), SESSION: LATER}
+                           for number in range(len(QUANTITIES))),
+            starts=({'change': 0.02}, {'change': 0.2}, {'change': -0.1}),
+            settled_by='Repeat the later session with a reference load cell and calibrated '
+                       'probes.',
+            id=CONTACT_CHANGE))
 
     def session_of(self, run: RunBlocks) -> float:
         """EARLIER or LATER."""
@@ -203,23 +218,3 @@ def beside(point: Point, error: Mapping[str, Mapping[str, float]]) -> tuple[Poin
         return Point(point.base), Point(point.base, error)
     larger = {**own, size.name: own[size.name] + values[size.name]}
     return point, Point(point.base, {**point.effects, name: larger})
-
-
-def _in_one_session(effect: Effect) -> Effect:
-    """The effect in the later session and, if its size has one sign, in the earlier one too."""
-    sessions = (LATER, EARLIER) if effect.one_sided else (LATER,)
-    variants = tuple({**variant, SESSION: session}
-                     for session in sessions for variant in effect.variants)
-    return replace(effect, variants=variants)
-
-
-def _contact_change() -> Effect:
-    return Effect(
-        'Change of a contact parameter',
-        {'change': Parameter(-0.6, 1.5, unit='1', neutral=0.0, step=1e-3)},
-        variants=tuple({'quantity': float(number), SESSION: LATER}
-                       for number in range(len(QUANTITIES))),
-        starts=({'change': 0.02}, {'change': 0.2}, {'change': -0.1}),
-        settled_by='Repeat the later session with a reference load cell and calibrated probes.',
-        id=CONTACT_CHANGE,
-    )

@@ -67,22 +67,16 @@ def _needs_a_person(fleet: Fleet, flagged: Sequence[RingJudgement]) -> str:
         links = ', '.join(
             f'<a href="{html.escape(session.report)}">{html.escape(session.name)}</a>'
             for session in ring.sessions if session.report)
-        rows.append([ring.ring, ring.bench, '; '.join(ring.reasons), _next_test(ring), life,
+        proposed = [session.next_test for session in reversed(ring.sessions) if session.next_test]
+        if ring.unlike is not None and ring.unlike.stands:
+            proposed.append(UNLIKE_TEST)
+        next_test = ring.drift.next_test if ring.drift is not None else next(iter(proposed), '')
+        rows.append([ring.ring, ring.bench, '; '.join(ring.reasons), next_test, life,
                      html.Cell(links, is_html=True)])
     head = ['ring', 'rig', 'why', 'next test', 'remaining life', 'reports']
     nothing = '' if rows or rigs else html.paragraph('No ring and no rig needs attention.')
     return html.section('Rings and rigs that need attention', html.bullets(rigs),
                         html.table(head, rows), nothing)
-
-
-def _next_test(ring: RingJudgement) -> str:
-    if ring.drift is not None:
-        return ring.drift.next_test
-    proposed = next(
-        (session.next_test for session in reversed(ring.sessions) if session.next_test), '')
-    if not proposed and ring.unlike is not None and ring.unlike.stands:
-        return UNLIKE_TEST
-    return proposed
 
 
 def _long(time: float) -> str:
