@@ -74,7 +74,7 @@ class McapFile:
     """One MCAP file, called `name` in messages; `blocks` completes the other fields."""
 
     path: Path
-    name: str = ''
+    name: str
     channels: dict[int, McapChannel] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     compressions: set[str] = field(default_factory=set)
@@ -82,9 +82,6 @@ class McapFile:
     share: float = 0.0
     """Share of the file's bytes that `blocks` has passed, 0 to 1."""
     _schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.name = self.name or str(self.path)
 
     def blocks(self) -> Iterator[McapBlock]:
         """Yield the messages, block by block; DamageError names the end of the readable data.

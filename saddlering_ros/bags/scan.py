@@ -269,44 +269,35 @@ def _decompressed(
             Messages(np.cumsum(sizes) - sizes, sizes, messages.log_times))
 
 
-_WORDS = {'f8': 'float64', 'f4': 'float32', 'u1': 'uint8', 'i4': 'int32', 'u4': 'uint32'}
+_WORDS = {'f8': 'float64', 'f4': 'float32', 'u1': 'uint8'}
 
-_NESTED = {(WRENCH_TYPE, 'wrench'): 'Wrench', (VECTOR_TYPE, 'vector'): 'Vector3',
-           (wire.DISPLACEMENT_TYPE, 'zero_stamp'): 'Time'}
+_NESTED = {(WRENCH_TYPE, 'wrench'): 'Wrench', (VECTOR_TYPE, 'vector'): 'Vector3'}
 """Types of the fields that are messages themselves."""
 
 _FIELD = re.compile(r'^\s*([A-Za-z][\w/]*(?:\[[^\]]*\])?)\s+([A-Za-z]\w*)\s*(?![\w=\s])', re.M)
-
-
-def definition_lines(message_type: str, last: str) -> tuple[str, ...]:
-    """The lines of a message's definition up to the field `last`, without packages.
-
-    A nested message is one line: 'Wrench wrench' for wrench.force.x.
-    """
-    lines = ['Header header']
-    for path, kind in wire.LAYOUTS[message_type]:
-        name, dot, _ = path.partition('.')
-        line = f'{_NESTED[message_type, name]} {name}' if dot else f'{_WORDS[kind]} {name}'
-        if lines[-1] != line:
-            lines.append(line)
-        if path == last:
-            break
-    return tuple(lines)
 
 
 def other_fields(channel: McapChannel, topic: RigTopic) -> str:
     """Reason why messages of `channel`, by their definition, cannot be read as `topic`, or ''.
 
     Only definitions of encoding ros2msg that name any field are judged. The part after the
-    last field that is read may differ between releases of ROS.
+    last field that is read may differ between releases of ROS. A nested message is one field:
+    'Wrench wrench' for wrench.force.x.
     """
     if channel.schema_encoding != 'ros2msg':
         return ''
-    expected = definition_lines(topic.type, topic.field)
+    expected = ['Header header']
+    for path, kind in wire.LAYOUTS[topic.type]:
+        name, dot, _ = path.partition('.')
+        line = f'{_NESTED[topic.type, name]} {name}' if dot else f'{_WORDS[kind]} {name}'
+        if expected[-1] != line:
+            expected.append(line)
+        if path == topic.field:
+            break
     own = channel.definition.decode('utf-8', 'replace').partition('=====')[0]
     fields = [' '.join((found[1].rpartition('/')[2], found[2]))
               for line in own.splitlines() if (found := _FIELD.match(line))]
-    if not fields or tuple(fields[:len(expected)]) == expected:
+    if not fields or fields[:len(expected)] == expected:
         return ''
     pairs = zip(expected, [*fields, *['nothing'] * len(expected)], strict=False)
     wanted, there = next(pair for pair in pairs if pair[0] != pair[1])

@@ -18,24 +18,16 @@ from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.bags.wire import encode_clock
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.scratch import blocks
+from saddlering_ros.ros import names
 from saddlering_ros.ros.bag_replay import BagNode
 from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, TaskStatus, WARN
 from saddlering_ros.ros.messages import LockstepGroup, to_time
-from saddlering_ros.ros.names import (
-    CLOCK,
-    LIVE_PAGE,
-    names,
-    NodeError,
-    PROGRESS,
-    REPLAY,
-    RING,
-    STATE,
-)
+from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import CLOCK_QOS, LATCHED, RawPublisher, RawSubscription
 from saddlering_ros.ros.streaming_node import executable
 
-PARTICIPANTS = list(names(REPLAY, RING))
+PARTICIPANTS = list(names.names(names.REPLAY, names.RING))
 MESSAGES_PER_STEP = 1000
 """Of one topic in lockstep, at most: the queues of its readers hold more."""
 
@@ -110,7 +102,7 @@ class ReplayClockNode(BagNode):
         self.offer(SetRate, '~/set_rate', self._on_set_rate)
         self.offer(Seek, '~/seek', self._on_seek)
         self.offer(Step, '~/step', self._on_step)
-        self._state_publisher = self.create_publisher(ReplayState, STATE, LATCHED)
+        self._state_publisher = self.create_publisher(ReplayState, names.STATE, LATCHED)
 
     def configure(self) -> None:
         """Read from when to when the bag goes."""
@@ -142,10 +134,10 @@ class ReplayClockNode(BagNode):
 
     def connect(self) -> None:
         """Publish the clock; receive how far the others are."""
-        self._heard = RawSubscription(self, PROGRESS, ReplayProgress, reliability='reliable',
+        self._heard = RawSubscription(self, names.PROGRESS, ReplayProgress, reliability='reliable',
                                       depth=1000)
         self.inputs = [self._heard]
-        self.outputs = [RawPublisher(self, CLOCK, Clock, CLOCK_QOS)]
+        self.outputs = [RawPublisher(self, names.CLOCK, Clock, CLOCK_QOS)]
         self._began = time.monotonic()
         self._say_state(self._began)
 
@@ -196,8 +188,8 @@ class ReplayClockNode(BagNode):
         is_late = now - self._began > self.settings['timeout']
         if not self._waiting_for and not is_late:
             progress = self.get_publishers_info_by_topic(self._heard.topic)
-            self._waiting_for = self._group.unmatched_readers(
-                self.count_subscribers, sum(one.node_name == LIVE_PAGE for one in progress), now)
+            pages = sum(one.node_name == names.LIVE_PAGE for one in progress)
+            self._waiting_for = self._group.unmatched_readers(self.count_subscribers, pages, now)
             if not self._waiting_for:
                 self._group.begin(self._start)
         if not self._waiting_for:
@@ -332,8 +324,8 @@ class ReplayClockNode(BagNode):
                    'time-outs': str(self._timeouts),
                    'bag': Path(self.settings.text('bag')).name}
         if self._group.excused and self._lockstep:
-            names = ', '.join(sorted(self._group.excused))
-            return TaskStatus(ERROR, f'continues without {names}, which fell behind', figures)
+            left = ', '.join(sorted(self._group.excused))
+            return TaskStatus(ERROR, f'continues without {left}, which fell behind', figures)
         late = time.monotonic() - self._advanced > 1.0
         if self._waiting_for and (late or self._state == ReplayState.WAITING):
             return TaskStatus(WARN, f'waits for {"; ".join(self._waiting_for)}', figures)

@@ -74,7 +74,6 @@ class RingAlarmNode(StreamingNode):
         super().__init__('ring_alarm')
         self._rig = declare_rig(self)
         self._agreement = RigAgreement(self, self._rig)
-        self._stream = self._make()
         self._offered: RingParameters | None = None
         self._sight = Sight()
         self._upstream: dict[str, tuple[RawSubscription, float]] = {}
@@ -83,6 +82,7 @@ class RingAlarmNode(StreamingNode):
         self._published: tuple[object, ...] = ()
         self._latched = False
         self._beaten = self._looked = 0.0
+        self._make()
         self._teller = self.create_publisher(RingAlarm, names.RING_ALARM, LATCHED)
         self._limit = self.create_publisher(Bool, names.WITHIN_LIMITS, LIMIT_QOS)
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -92,10 +92,8 @@ class RingAlarmNode(StreamingNode):
 
     def configure(self) -> None:
         """Make the monitor and its diagnostics; an earlier alarm is cleared."""
-        self._stream = self._make()
-        self._published, self._latched = (), False
-        if self._offered is not None:
-            self._use(self._offered)
+        self._make()
+        self._latched = False
         self._streams = [diagnostics.StreamTask(topic)
                          for topic in (f'/{names.RESIDUAL}', LOAD_TOPIC)]
         self.tasks = [diagnostics.FunctionTask('alarm', self._alarm_status),
@@ -108,20 +106,20 @@ class RingAlarmNode(StreamingNode):
         return (self.settings['block'], self.settings['false_alarm_hours'],
                 self.settings['materiality'])
 
-    def _make(self) -> AlarmStream:
-        self._made_with = self._given()
-        block, hours, percent = self._made_with
-        return AlarmStream(self._rig, MonitorSettings(block, hours), percent)
+    def _make(self) -> None:
+        """Watch anew, with the settings and the parameters that count now."""
+        self._made_with = block, hours, percent = self._given()
+        self._stream = AlarmStream(self._rig, MonitorSettings(block, hours), percent)
+        self._published = ()
+        if self._offered is not None:
+            self._use(self._offered)
 
     def connect(self) -> None:
         """Subscribe to residual and load; settings changed meanwhile count from now on."""
         if self._given() != self._made_with:
             alarm = self._stream.monitor.alarm
-            self._stream = self._make()
+            self._make()
             self._stream.monitor.alarm = alarm
-            if self._offered is not None:
-                self._use(self._offered)
-            self._published = ()
         wanted = self.settings['input_reliability']
         self.inputs = [
             RawSubscription(self, names.RESIDUAL, RingDisplacement, reliability=wanted),
@@ -154,10 +152,8 @@ class RingAlarmNode(StreamingNode):
                         flow = RawSubscription(self, topic, RingDisplacement, depth=1,
                                                reliability='best_effort')
                         self._upstream[topic] = flow, now
-            elif self._upstream and now - self._sought_at > SOUGHT_FOR:
-                for flow, _ in self._upstream.values():
-                    flow.close()
-                self._upstream = {}
+            elif now - self._sought_at > SOUGHT_FOR:
+                self._end_search()
             for topic, (flow, heard) in self._upstream.items():
                 self._upstream[topic] = flow, now if flow.take() else heard
             self._tell_state()
@@ -166,12 +162,15 @@ class RingAlarmNode(StreamingNode):
             self._limit.publish(Bool(data=self._within_limits()))
         return HEARTBEAT / 2
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop watching; from then on nothing is within limits, for late joiners too."""
-        result = super().on_deactivate(state)
+    def _end_search(self) -> None:
         for flow, _ in self._upstream.values():
             flow.close()
         self._upstream = {}
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop watching; from then on nothing is within limits, for late joiners too."""
+        result = super().on_deactivate(state)
+        self._end_search()
         self._lacks = stream.SEEN
         self._tell_state()
         return result

@@ -16,13 +16,11 @@ from saddlering_ros.ros.names import IDENTIFY, NodeError
 from saddlering_ros.ros.streaming_node import leave
 
 SWARM_FIELDS = {
-    'particles': 'particles', 'iterations': 'iterations', 'c1': 'cognitive', 'c2': 'social',
-    'inertia_start': 'inertia_start', 'inertia_end': 'inertia_end'}
-"""Fields of the goal, and the settings of the swarm they are."""
-
-MAX_VALUES = {'particles': 10_000, 'iterations': 10_000_000, 'c1': 10.0, 'c2': 10.0,
-               'inertia_start': 10.0, 'inertia_end': 10.0}
-"""Largest values of these fields: a goal cannot take unlimited memory or time."""
+    'particles': ('particles', 10_000), 'iterations': ('iterations', 10_000_000),
+    'c1': ('cognitive', 10.0), 'c2': ('social', 10.0), 'inertia_start': ('inertia_start', 10.0),
+    'inertia_end': ('inertia_end', 10.0)}
+"""Fields of the goal, the settings of the swarm they are, and their largest values: a goal cannot
+take unlimited memory or time."""
 
 
 SHARES = {'read': (0.0, 0.05), 'identify': (0.05, 0.9), 'validate': (0.9, 1.0)}
@@ -65,11 +63,11 @@ class RingIdentificationNode(ActionNode):
 def settings_of(goal: IdentifyRing.Goal) -> IdentificationSettings:
     """The settings of a goal; SaddleringError for one that cannot be used."""
     chosen: dict[str, Any] = {}
-    for field, setting in SWARM_FIELDS.items():
+    for field, (setting, largest) in SWARM_FIELDS.items():
         value = getattr(goal, field)
-        if not 0 <= value <= MAX_VALUES[field]:
+        if not 0 <= value <= largest:
             raise NodeError(f'{field} is {value}: give a number above 0, at most '
-                            f'{MAX_VALUES[field]:g}, or 0 for the default')
+                            f'{largest:g}, or 0 for the default')
         if value:
             chosen[setting] = value
     return IdentificationSettings(
@@ -82,11 +80,10 @@ def _bounds(goal: IdentifyRing.Goal) -> dict[str, tuple[float, float]]:
     low, high = list(goal.lower_bounds), list(goal.upper_bounds)
     if not low and not high:
         return {}
-    if len(low) != len(PARAMETER_NAMES) or len(high) != len(PARAMETER_NAMES):
+    if not len(low) == len(high) == len(PARAMETER_NAMES):
         raise NodeError(f'bounds have {len(low)} and {len(high)} numbers: give six each, in the '
                         f'order {", ".join(PARAMETER_NAMES)}, or none')
-    pairs = zip(low, high, strict=True)
-    return dict(zip(PARAMETER_NAMES, pairs, strict=True))
+    return dict(zip(PARAMETER_NAMES, zip(low, high, strict=True), strict=True))
 
 
 def main(args: Sequence[str] | None = None) -> None:

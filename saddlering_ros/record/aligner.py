@@ -286,14 +286,6 @@ class Aligner:
         self._released = self._loads.newest or 0
         return self._drain(finish=True)
 
-    def reset(self) -> None:
-        """Drop all samples and begin anew, as after a jump; the counters continue."""
-        self.restarts += 1
-        for waiting in (self._loads, *self._probes):
-            waiting.clear()
-        self._epoch = self._last_out = None
-        self._released = 0
-
     def _restart(self) -> None:
         """The load's stamps have jumped back: begin anew with what the probes sent behind it."""
         self.counters.load_jumps += 1

@@ -88,39 +88,30 @@ def displacements(
 class MeasuredRun:
     """Displacement by the probes of a run, at each of its N load stamps.
 
-    time (N,) [s], stamps (N,) int64 [ns], load (N,) [N]: the run's own; d (4, N) [m]: increments
-    of the probes since zero; displacement: of (N,) arrays, NaN where not known; zero: the reading
-    taken as zero, its start and end counted in load samples; complete (N,): where all four probes
-    have a reading and a zero; given (N,): where the live node publishes a displacement, which may
-    be without the channels of a probe that does not read; validity (N,): what it publishes with
-    it, 0 or a sum of the constants of RingDisplacement.msg.
+    time (N,) [s], load (N,) [N]: the run's own; d (4, N) [m]: increments of the probes since zero;
+    displacement: of (N,) arrays, NaN where not known; zero: the reading taken as zero, its start
+    and end counted in load samples; complete (N,): where all four probes have a reading and a
+    zero.
     """
 
     time: Floats
-    stamps: batches.Stamps
     load: Floats
     d: Floats
     displacement: Displacement
     zero: ZeroReading
     complete: Mask
-    given: Mask
-    validity: Bits
 
 
 def displacement_of_run(rig: Rig, run: Record) -> MeasuredRun:
     """Zero the probes of `run` and compute the ring's displacement from them."""
     zero = zero_of_run(rig, run).reading
-    given = run.given
-    rows = np.flatnonzero(given)
+    rows = np.flatnonzero(run.given)
     zero = replace(zero, start=int(rows[zero.start]), end=int(rows[zero.end - 1]) + 1)
     increments = gap_increment(rig.probes, run.gaps, np.array(zero.gaps))
-    found = measured_displacement(rig.probes, increments)
-    complete = np.asarray(np.isfinite(increments).all(axis=0))
     return MeasuredRun(
-        time=run.time, stamps=run.stamps, load=run.load, d=increments, displacement=found,
-        zero=zero, complete=complete, given=given & a_pair_reads(increments),
-        validity=batches.unknown(found.channels) | (
-            np.uint8(0) if run.probe_marks is None else run.probe_marks))
+        time=run.time, load=run.load, d=increments, zero=zero,
+        displacement=measured_displacement(rig.probes, increments),
+        complete=np.asarray(np.isfinite(increments).all(axis=0)))
 
 
 def zero_of_run(rig: Rig, run: Record) -> Zero:
@@ -215,13 +206,6 @@ class DisplacementStream:
         self._window = ZeroWindow(self._rig, anywhere=anywhere)
         self._waiting: deque[AlignedRows] = deque()
         self._offered = self._kept = 0
-
-    def reset(self) -> None:
-        """Forget all samples and the zero."""
-        self.aligner.reset()
-        self.newest_stamp = 0
-        self._asked_after = None
-        self._begin(anywhere=False)
 
     def zero_after(self, stamp: int) -> None:
         """Take a new zero from the first steady stretch after `stamp` [ns], at any load."""

@@ -261,7 +261,9 @@ class SampleGuard:
 
     def _judge(self, sample: tuple[int, float]) -> list[tuple[int, float]]:
         """Samples that are ready after the arrival of `sample`."""
-        goes_on = self._goes_on(sample)
+        last = self._last
+        goes_on = last is None or (
+            self._follows(last[0], sample[0]) and self._is_near(last, sample))
         if self._held is None:
             if goes_on:
                 return self._accept(sample)
@@ -272,11 +274,11 @@ class SampleGuard:
         if goes_on and self._is_near(held, sample) and (
                 0 < held[0] - sample[0] <= batches.gap_limit(list(self._steps))):
             return self._accept(sample) + self._accept(held)
-        assert self._last is not None
-        between = (self._last[0] < held[0] < sample[0] and self._is_near(self._last, held)
+        assert last is not None
+        between = (last[0] < held[0] < sample[0] and self._is_near(last, held)
                    and self._is_near(held, sample))
         if goes_on and not between:  # The held one was an outlier.
-            if self._follows(self._last[0], held[0]):
+            if self._follows(last[0], held[0]):
                 self.counters.leaps_of_reading += 1
                 self._bridge_from_last()
             else:
@@ -299,11 +301,6 @@ class SampleGuard:
             steps.add(held[0], change, limits.step + limits.rate * elapsed, self._changed)
         elif abs(change) > limits.step + limits.rate * age:
             steps.since, steps.first, steps.offset = self._last[0], held[0], change
-
-    def _goes_on(self, sample: tuple[int, float]) -> bool:
-        """Whether a sample continues from the last sound one."""
-        return self._last is None or (
-            self._follows(self._last[0], sample[0]) and self._is_near(self._last, sample))
 
     def _follows(self, last: int, stamp: int) -> bool:
         step = stamp - last

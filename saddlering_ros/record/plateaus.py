@@ -64,7 +64,7 @@ class Plateaus:
     is [start, stop); hold_start, hold_stop (M,): the whole hold; branch (M,): +1 reached from
     below and left upwards (or the end), -1 the other way, 0 at the first plateau and
     at turning points (the top; the bottom between two cycles); level (M,): number of the load
-    level, 0 the lowest, equal on both branches; cycle (M,): 0 up to and with the first return.
+    level, 0 the lowest, equal on both branches.
     """
 
     load: NDArray[np.float64]
@@ -77,7 +77,6 @@ class Plateaus:
     hold_stop: NDArray[np.int64]
     branch: NDArray[np.int64]
     level: NDArray[np.int64]
-    cycle: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.load)
@@ -119,12 +118,18 @@ def plateaus(run: Record, *, errors: bool = True) -> Plateaus:
             number, members = number + 1, []
         members.append(float(load[place]))
         level[place] = number
-    branch, cycle = _branches(level)
+    # Branch, from the levels in order of time.
+    moves = np.sign(np.diff(level)).tolist()
+    arrived, leaving = [0, *moves], [*moves, 0]
+    for place in range(1, len(level)):
+        arrived[place] = arrived[place] or arrived[place - 1]
+        leaving[-1 - place] = leaving[-1 - place] or leaving[-place]
+    turning = np.multiply(arrived, leaving) < 0
+    branch = np.where(turning, 0, arrived).astype(np.int64)
     return Plateaus(
         load=load, gaps=gaps.mean, gaps_std_error=gaps.std_error,
         time=plateau_means(start, hold_stop, run.time, errors=False).mean, start=start,
-        stop=hold_stop, hold_start=hold_start, hold_stop=hold_stop, branch=branch, level=level,
-        cycle=cycle)
+        stop=hold_stop, hold_start=hold_start, hold_stop=hold_stop, branch=branch, level=level)
 
 
 def plateau_means(
@@ -186,8 +191,9 @@ def _holds(
     tolerance = max(STEADY_SHARE * span, NOISE_FACTOR * noise * np.sqrt(2.0 / samples))
     steady = _steady(time, load, window, tolerance)
     shortest = max(SHORTEST_HOLD if window >= WINDOWS[0] else window, 3 * period)
+    edges = np.flatnonzero(np.diff(steady, prepend=False, append=False)).reshape(-1, 2)
     stretches = [
-        (start, stop) for start, stop in _runs(steady)
+        (start, stop) for start, stop in edges.tolist()
         if stop - start >= MIN_SAMPLES and time[stop - 1] - time[start] >= shortest / 2]
     merged = _merged(stretches, time, load, 0.004 * span, noise)
     holds = [(start, stop) for start, stop in merged if time[stop - 1] - time[start] >= shortest]
@@ -260,12 +266,6 @@ def _running_sum(values: NDArray[np.float64], less: float = 0.0) -> NDArray[np.f
     return total
 
 
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Stretches [start, stop) in which `mask` is true."""
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
 def _merged(
     stretches: list[tuple[int, int]], time: NDArray[np.float64], load: NDArray[np.float64],
     tolerance: float, noise: float,
@@ -286,19 +286,6 @@ def _merged(
 
 
 # -- sorting -----------------------------------------------------------------------------------
-
-
-def _branches(level: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Branch and cycle of each plateau, from the levels in order of time."""
-    moves = np.sign(np.diff(level)).tolist()
-    arrived, leaving = [0, *moves], [*moves, 0]
-    for place in range(1, len(level)):
-        arrived[place] = arrived[place] or arrived[place - 1]
-        leaving[-1 - place] = leaving[-1 - place] or leaving[-place]
-    turning = np.multiply(arrived, leaving) < 0
-    branch = np.where(turning, 0, arrived).astype(np.int64)
-    bottoms = turning & (np.array(arrived) < 0)
-    return branch, np.append(0, np.cumsum(bottoms[:-1])).astype(np.int64)
 
 
 # -- errors ------------------------------------------------------------------------------------

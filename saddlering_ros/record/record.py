@@ -133,13 +133,9 @@ class Record:
         Spikes, values interpolated across a refused reading, and values beside a doubtful
         load are left out. Rows that lack a probe are not complete.
         """
-        gaps, wrong_gaps = self.gaps, self.are_gaps_doubtful(slice(None))
-        if wrong_gaps.any():
-            gaps = np.where(wrong_gaps, np.nan, gaps)
-        if self.spikes is not None and self.spikes.any():
-            gaps = np.where(self.spikes[1:], np.nan, gaps)
-        return replace(self, load=_sound_load(self, slice(None)), gaps=gaps, spikes=None,
-                       used=None, published=None, probe_marks=None, load_marks=None)
+        whole = slice(None)
+        return replace(self, load=_sound_load(self, whole), gaps=_sound_gaps(self, whole),
+                       spikes=None, used=None, published=None, probe_marks=None, load_marks=None)
 
     def is_load_doubtful(self, rows: slice) -> NDArray[np.bool_]:
         """Mask of rows behind a step of the load that the hydraulics cannot make."""
@@ -227,6 +223,8 @@ def condensed(run: Record, rig: Rig, limit: int = FIT_ROWS) -> Record:
     if size <= 1:
         return run
     period = float(np.median(spread_changes(run.stamps)))
+    low, high = rig.probes.min_range, rig.probes.max_range
+    margin = SPAN_MARGIN * (high - low)
     rows = count // size
     stamps, load = np.empty(rows, np.int64), np.empty(rows)
     gaps = np.empty((len(run.gaps), rows))
@@ -236,10 +234,14 @@ def condensed(run: Record, rig: Rig, limit: int = FIT_ROWS) -> Record:
         taken = run.stamps[samples].reshape(-1, size)
         stamps[part] = taken[:, 0] + (taken - taken[:, :1]).mean(axis=1).astype(np.int64)
         load[part] = _sound_load(run, samples).reshape(-1, size).mean(axis=1)
-        for probe, averages in enumerate(gaps):
-            averages[part] = _means(_sound_gaps(run, rig, probe, samples).reshape(-1, size))
-        is_long = taken[:, -1] - taken[:, 0] > MAX_BLOCK_SECONDS * size * period
-        gaps[:, part][:, is_long] = np.nan
+        read = _sound_gaps(run, samples).reshape(len(gaps), -1, size)
+        # Means of blocks in which enough readings are known, and which do not lie across a gap.
+        known = (read > low + margin) & (read < high - margin)
+        counts = known.sum(axis=2)
+        enough = (counts >= MIN_BLOCK_SHARE * size) & (
+            taken[:, -1] - taken[:, 0] <= MAX_BLOCK_SECONDS * size * period)
+        sums = np.where(known, read, 0.0).sum(axis=2)
+        gaps[:, part] = np.where(enough, sums / np.maximum(counts, 1), np.nan)
     note = (f'{count} samples every {period * 1e-6:.3g} ms are averaged over {size} samples each, '
             'because the record is long')
     return replace(
@@ -260,22 +262,9 @@ def _sound_load(run: Record, samples: slice) -> Floats:
     return load
 
 
-def _sound_gaps(run: Record, rig: Rig, probe: int, samples: slice) -> Floats:
-    low, high = rig.probes.min_range, rig.probes.max_range
-    margin = SPAN_MARGIN * (high - low)
-    gaps = run.gaps[probe, samples].copy()
-    with np.errstate(invalid='ignore'):
-        gaps[(gaps <= low + margin) | (gaps >= high - margin)] = np.nan
+def _sound_gaps(run: Record, samples: slice) -> Floats:
+    gaps = run.gaps[:, samples]
+    wrong = np.broadcast_to(run.are_gaps_doubtful(samples), gaps.shape)
     if run.spikes is not None:
-        gaps[run.spikes[1 + probe, samples]] = np.nan
-    gaps[run.are_gaps_doubtful(samples)] = np.nan
-    return gaps
-
-
-def _means(gaps: Floats) -> Floats:
-    """Mean of each row (M, size); NaN where too few readings are known."""
-    known = np.isfinite(gaps)
-    counts = known.sum(axis=1)
-    enough = counts >= MIN_BLOCK_SHARE * gaps.shape[1]
-    sums = np.where(known, gaps, 0.0).sum(axis=1)
-    return np.where(enough, sums / np.maximum(counts, 1), np.nan)
+        wrong = wrong | run.spikes[1:, samples]
+    return np.where(wrong, np.nan, gaps) if wrong.any() else gaps

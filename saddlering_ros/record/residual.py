@@ -94,11 +94,6 @@ class ResidualStream:
         self.elevations_agree = True
         self._bridges: dict[tuple[int, ...], _Bridge] = {}
 
-    def reset(self) -> None:
-        """Discard waiting samples."""
-        self._measured, self._simulated = _Side(), _Side()
-        self._bridges.clear()
-
     @property
     def waiting(self) -> tuple[int, int]:
         """Measured and simulated samples that wait for a partner."""

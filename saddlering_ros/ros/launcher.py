@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import contextlib
 from dataclasses import dataclass, field
 import fcntl
+import json
 import os
 from pathlib import Path
 import signal
@@ -38,12 +39,12 @@ PATIENCE = (3.0, 1.0)
 Values = Mapping[str, Any]
 
 
+@dataclass
 class Domain:
     """A ROS domain of one's own on this machine, held by a file lock while it is needed."""
 
-    def __init__(self, number: int, lock: IO[str]) -> None:
-        self.number = number
-        self._lock = lock
+    number: int
+    lock: IO[str]
 
     @classmethod
     def take(cls) -> Domain:
@@ -51,8 +52,7 @@ class Domain:
         folder = Path(tempfile.gettempdir()) / f'saddlering_domains_{os.getuid()}'
         folder.mkdir(exist_ok=True)
         first = os.getpid() % len(DOMAINS)
-        for offset in range(len(DOMAINS)):
-            number = DOMAINS[(first + offset) % len(DOMAINS)]
+        for number in (*DOMAINS[first:], *DOMAINS[:first]):
             if participants(number):
                 continue
             lock = (folder / str(number)).open('w')
@@ -65,7 +65,7 @@ class Domain:
 
     def release(self) -> None:
         """Let others have it."""
-        self._lock.close()
+        self.lock.close()
 
 
 def participants(domain: int, table: str | None = None) -> int:
@@ -108,15 +108,12 @@ def ros_arguments(parameters: Values | None = None, files: Sequence[Path | str] 
 
 
 def _yaml(value: Any) -> str:
-    if isinstance(value, bool):
-        return 'true' if value else 'false'
+    """A value as YAML, in the numbers that rcl reads."""
     if isinstance(value, float):
         return repr(value) if '.' in repr(value) else f'{value:f}'
     if isinstance(value, (list, tuple)):
-        return '[' + ', '.join(_yaml(item) for item in value) + ']'
-    if isinstance(value, int):
-        return str(value)
-    return "'" + str(value).replace("'", "''") + "'"
+        return '[' + ', '.join(map(_yaml, value)) + ']'
+    return json.dumps(value, ensure_ascii=False)
 
 
 @dataclass

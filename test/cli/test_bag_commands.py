@@ -64,10 +64,11 @@ def table(path: Path) -> dict[str, np.ndarray]:
 def test_displacement_writes_what_the_probes_measured_to_the_last_bit(bag, tmp_path, capsys):
     assert main(['displacement', str(bag), '--out', str(tmp_path / 'd.csv')]) == 0
     assert (tmp_path / 'd.csv').read_text().startswith(HEADER + '\n')
-    measured = displacement_of_run(default_rig(), read_run(bag))
+    run = read_run(bag)
+    measured = displacement_of_run(default_rig(), run)
     kept = measured.complete
     columns = table(tmp_path / 'd.csv')
-    np.testing.assert_array_equal(columns['stamp_ns'], measured.stamps[kept])
+    np.testing.assert_array_equal(columns['stamp_ns'], run.stamps[kept])
     for name in ('delta_x', 'delta_y', 'gamma', 'parity'):
         np.testing.assert_array_equal(columns[name], getattr(measured.displacement, name)[kept])
     assert 'delta_x' in capsys.readouterr().out
