@@ -48,11 +48,10 @@ MAX_LOG = 600.0  # e^709 is the largest float
 
 @dataclass(frozen=True)
 class Alarm:
-    """An alarm: number of the block, channel, sign, block of the likely onset, log evidence."""
+    """An alarm: number of the block, channel, block of the likely onset, log evidence."""
 
     block: int
     channel: int
-    sign: int
     since: int
     evidence: float
 
@@ -102,9 +101,8 @@ class Detector:
         if evidence.flat[place] < self.threshold:
             return None
         best = int(np.argmax(self._run[place]))
-        return Alarm(
-            self.block - 1, place % self._channels, 1 if place < self._channels else -1,
-            int(self._since[place, best]), float(evidence.flat[place]))
+        return Alarm(self.block - 1, place % self._channels, int(self._since[place, best]),
+                     float(evidence.flat[place]))
 
 
 WANDER_SHARE = 0.1
