@@ -263,7 +263,8 @@ def numbers_of(story: Story) -> dict[str, Any]:
         'live': {
             'replays': [{
                 'bag': one.bag.name, 'parameters': one.parameters, 'messages': one.messages,
-                'lost': one.lost, 'seconds': one.seconds} for one in story.replays],
+                'lost': one.lost, 'seconds': one.seconds,
+                'speed': float(one.bag.run.time[-1]) / one.seconds} for one in story.replays],
             'runs': story.runs, 'gain': story.gain},
         'seconds': story.seconds}
 

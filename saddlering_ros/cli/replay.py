@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Command, option, Within
 from saddlering_ros.cli._terminal import Bar, tell_json
+
+if TYPE_CHECKING:
+    from saddlering_ros.record import TestMetadata
 
 RECORDER = 'saddlering_recorder'
 PLAYS, AT_END = 'replay is playing', 'replay is at its end'
@@ -181,20 +184,17 @@ def _wait_for_all(recorder: Any, sent: dict[str, int]) -> None:
         time.sleep(0.02)
 
 
-def _recording(args: argparse.Namespace, facts: Any, domain: int) -> Any:
+def _recording(args: argparse.Namespace, facts: TestMetadata, domain: int) -> Any:
     """The recorder, which keeps the facts of the test that is replayed."""
     import os
 
     from saddlering_ros.live.recorder import recording
-    from saddlering_ros.record import TestMetadata
     from saddlering_ros.ros.launcher import prepare_transport
     from saddlering_ros.ros.names import namespace_of
 
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     prepare_transport()
-    known = {}
-    elevation = facts.elevation_deg if args.elevation is None else args.elevation
-    if facts.test is not None and elevation is not None:
-        known = TestMetadata(facts.test, elevation, facts.rig, facts.run, facts.details).as_text()
-    return recording(args.record, domain, facts=known, overwrite=args.overwrite,
-                     namespace=namespace_of(args.namespace))
+    facts = facts.overruled(None, args.elevation)
+    is_stated = facts.test is not None and facts.elevation_deg is not None
+    return recording(args.record, domain, facts=facts.as_text() if is_stated else {},
+                     overwrite=args.overwrite, namespace=namespace_of(args.namespace))

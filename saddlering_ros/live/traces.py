@@ -174,8 +174,9 @@ class Traces:
         """Take samples: stamps (N,) [ns], values (C, N), NaN in channels that are not known."""
         step = np.diff(stamps)
         jumps = np.flatnonzero((step < -BACKWARDS) | (step > APART)) + 1
-        for some in np.split(np.arange(len(stamps)), jumps):
-            self._push(name, stamps[some], values[:, some])
+        for rows in np.split(np.arange(len(stamps)), jumps):
+            if len(rows):
+                self._push(name, stamps[rows], values[:, rows])
 
     def begin(self, start: int, end: int) -> None:
         """A test from start to end [ns] is announced: what is drawn of another one goes."""
@@ -184,8 +185,6 @@ class Traces:
 
     def _push(self, name: str, stamps: Stamps, values: Floats) -> None:
         """Take samples of one test."""
-        if not len(stamps):
-            return
         if self._is_leftover(name, int(stamps.min())):
             self.left_out += len(stamps)
             return

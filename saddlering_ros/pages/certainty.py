@@ -39,9 +39,31 @@ Row = tuple[str, float, str]
 
 def certainty(document: Mapping[str, Any], title_of: Callable[[str], str] = str) -> str:
     """The chapter of a verdict's document, without the pictures for which it has no data."""
-    pictures = [_probabilities(document.get('probabilities') or {}, title_of),
-                _refits(document, title_of), _influence(document.get('influence') or ()),
-                _remainder(document.get('remainder') or ())]
+    shares = document.get('probabilities') or {}
+    outcomes = [
+        (f'{OUTCOMES.get(outcome) or " or ".join(map(title_of, outcome.split(" or ")))}: {told}',
+         100.0 * shares[outcome], NOISE if outcome in OUTCOMES else AFTER)
+        for outcome, told in shares_in_words(shares).items()]
+    stretches = document.get('influence') or ()
+    total = sum(max(item['evidence'], 0.0) for item in stretches)
+    influences = [
+        (f'{item["run"]}, {item["start"]:.3g} to {item["end"]:.3g} s',
+         100.0 * item['evidence'] / total, AFTER if item['evidence'] > 0.0 else BEFORE)
+        for item in sorted(stretches, key=lambda item: -abs(item['evidence']))] if total else []
+    remainders = [
+        (f'{item["run"]}, {item["channel"]}, along {item["along"]}: '
+         f'{compact(item["times_noise"], 2)} × noise', 100.0 * item['share_of_range'], BEFORE)
+        for item in document.get('remainder') or ()]
+    pictures = [
+        html.picture(bars(outcomes, 'probability / %', 100.0), 'probabilities', 'Probability of '
+                     'each cause, of no cause, and of an unknown one.') if outcomes else '',
+        _refits(document, title_of),
+        html.picture(bars(influences, 'share of the evidence / %'), 'influence', 'Evidence for '
+                     'the causes by stretch of a run, the largest first. Red: a stretch against '
+                     'them.') if influences else '',
+        html.picture(bars(remainders, "rms / % of the channel's range"), 'remainder', 'Misfit '
+                     'that fits no cause, by run and channel, with the coordinate that it follows '
+                     'most.') if remainders else '']
     shown = '\n'.join(filter(None, pictures))
     return html.section('How certain the verdict is',
                         f'<div class="pair">{shown}</div>' if shown else '',
@@ -70,14 +92,6 @@ def _chart(words: Sequence[str], series: Sequence[Series], label: str, lines: in
     return Chart((panel,), WIDTH, 0.9 + 0.27 * lines)
 
 
-def _probabilities(probabilities: Mapping[str, float], title_of: Callable[[str], str]) -> str:
-    rows = [(f'{OUTCOMES.get(outcome) or " or ".join(map(title_of, outcome.split(" or ")))}: '
-             f'{told}', 100.0 * probabilities[outcome], NOISE if outcome in OUTCOMES else AFTER)
-            for outcome, told in shares_in_words(probabilities).items()]
-    return html.picture(bars(rows, 'probability / %', 100.0), 'probabilities', 'Probability of '
-                        'each cause, of no cause, and of an unknown one.') if rows else ''
-
-
 def _refits(document: Mapping[str, Any], title_of: Callable[[str], str]) -> str:
     """One row for each refit: whether it has the first cause of the verdict."""
     refits = document.get('refits') or ()
@@ -92,26 +106,3 @@ def _refits(document: Mapping[str, Any], title_of: Callable[[str], str]) -> str:
         (-0.5, 0.0, 1.0, 1.5), ('', 'another', 'the same', '')))
     return html.picture(chart, 'refits', 'Refits of the data under other conditions: '
                         f'{percent(document["stability"])} have the same first cause.')
-
-
-def _influence(stretches: Sequence[Mapping[str, Any]]) -> str:
-    total = sum(max(item['evidence'], 0.0) for item in stretches)
-    if not total:
-        return ''
-    rows = [(f'{item["run"]}, {item["start"]:.3g} to {item["end"]:.3g} s',
-             100.0 * item['evidence'] / total, AFTER if item['evidence'] > 0.0 else BEFORE)
-            for item in sorted(stretches, key=lambda item: -abs(item['evidence']))]
-    return html.picture(bars(rows, 'share of the evidence / %'), 'influence', 'Evidence for the '
-                        'causes by stretch of a run, the largest first. Red: a stretch against '
-                        'them.')
-
-
-def _remainder(parts: Sequence[Mapping[str, Any]]) -> str:
-    if not parts:
-        return ''
-    rows = [(f'{item["run"]}, {item["channel"]}, along {item["along"]}: '
-             f'{compact(item["times_noise"], 2)} × noise', 100.0 * item['share_of_range'], BEFORE)
-            for item in parts]
-    return html.picture(bars(rows, "rms / % of the channel's range"), 'remainder',
-                        'Misfit that fits no cause, by run and channel, with the coordinate that '
-                        'it follows most.')
