@@ -36,7 +36,7 @@ MIN_COMMON = 3.0
 EQUAL_LEVEL = 0.01
 """Drifts are alike unless they differ at this level."""
 
-YEAR = 365.25 * 24 * 3600.0
+YEAR = 365.25 * 24 * 3600.0  # [s]
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ MAX_BAGS = 100
 ANSWER_PERIOD = 0.05
 """Goals and cancels are answered this far apart [s], if more than a few come at once."""
 
-ANSWERS_AT_ONCE = 5
+ANSWERS_AT_ONCE = 5  # half of the queue of a client
 
 SHUTTING_DOWN = 'the server is shutting down'
 FAREWELL = 0.3

@@ -21,7 +21,7 @@ from saddlering_ros.rig.ros_yaml import plain_exponents, RigError, unfold
 
 STEEL, FIXED, ROLLER, PROBE = '#c6d4e3', '#d9d5cc', '#666666', '#0072B2'
 LOAD, SIGN, MEASURE = '#D55E00', '#222222', '#777777'
-DRAWN_ELEVATION_DEG = 50.0
+DRAWN_ELEVATION_DEG = 50.0  # of most shipped tests
 
 Floats = tuple[float, float] | NDArray[np.float64]
 

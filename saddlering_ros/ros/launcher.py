@@ -278,7 +278,7 @@ def start_nodes(
 LIFELINE = 'SADDLERING_LIFELINE'
 """Environment variable with the number of the pipe's reading end."""
 
-LAST_WORDS = 5.0
+LAST_WORDS = 5.0  # [s]; nodes end within 2
 
 
 def follow_lifeline() -> None:
