@@ -178,9 +178,17 @@ def observe_with_cell(
     explained = [one.explained_by(rig, contact) for one in prepared]
     observed = observe_prepared(explained, fit_rate)
     slow = slow_cell_noise(rig, contact, explained)
-    return [
-        replace(seen, load_errors=load_errors_of(rig, contact, one, seen, cell_noise(one, slow)))
-        for one, seen in zip(explained, observed, strict=True)]
+    answers = []
+    for one, seen in zip(explained, observed, strict=True):
+        # Noise [N] of the cell: white by the second differences of the load, and the slow part.
+        load = one.measured.load
+        white = float(np.mean(np.diff(load, 2) ** 2)) / 6.0 if len(load) > 2 else 0.0
+        noise = ChannelNoise(
+            white * one.interval, np.zeros(COMMON_TIMES.size) if slow is None else slow.slow, 0.0,
+            max(1, len(load) - 2), COMMON_TIMES)
+        answers.append(
+            replace(seen, load_errors=load_errors_of(rig, contact, one, seen, noise)))
+    return answers
 
 
 def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
@@ -266,14 +274,6 @@ def slow_cell_noise(
             errors.append((precision * slope / weights[-1]) @ residual[:, good])
             loads.append(one.measured.load[start:stop][good])
     return common_noise(loads, errors, weights, held[0].interval) if loads else None
-
-
-def cell_noise(one: PreparedRun, slow: ChannelNoise | None) -> ChannelNoise:
-    """Noise [N] of the load cell in a run: white by its second differences, and the slow part."""
-    load = one.measured.load
-    white = float(np.mean(np.diff(load, 2) ** 2)) / 6.0 if len(load) > 2 else 0.0
-    wander = np.zeros(COMMON_TIMES.size) if slow is None else slow.slow
-    return ChannelNoise(white * one.interval, wander, 0.0, max(1, len(load) - 2), COMMON_TIMES)
 
 
 def load_errors_of(

@@ -26,7 +26,6 @@ from saddlering_ros.estimation.identifiability import (
 from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.identification.objective import predict, Refinement, WeightedObjective
-from saddlering_ros.identification.observation import Observation
 from saddlering_ros.rig import PARAMETER_NAMES, probes_to_displacement, Rig
 from saddlering_ros.ring.roller_scatter import scatter_columns, SimulatedCourse
 
@@ -42,13 +41,6 @@ class Imperfection:
     elevation: float = 0.0
     delay: float = 0.0
     reading: Callable[[Array], Array] = lambda increments: increments
-
-    def on_load(self, one: Observation, full_scale: float) -> Array:
-        """The loads [N] of an observation with this imperfection, for its simulation."""
-        load = one.fine_load
-        if one.dynamic and self.delay:
-            load = np.asarray(np.interp(one.fine_time - self.delay, one.fine_time, load))
-        return self.load(load, full_scale)
 
 
 def _parabola(height: float, load: Array, full_scale: float) -> Array:
@@ -106,8 +98,9 @@ def certified_errors(rig: Rig) -> list[Imperfection]:
         made.append(Imperfection('axial_span', '', reading=lambda seen: np.asarray(
             seen * np.array([1.0, 1.0, 1.0 + share])[:, None])))
     if stated.radial_height is not None:
+        higher = np.array([stated.radial_height, 0.0, 0.0])[:, None]
         made.append(Imperfection(
-            'radial_height', '', reading=partial(_tilt_in_radial, stated.radial_height)))
+            'radial_height', '', reading=lambda seen: seen + higher * seen[:, 2:]))
     for number in rig.probes.present:
         if stated.probe_gain is not None:
             made.append(Imperfection(f'probe_gain_{number}', '', reading=partial(
@@ -116,13 +109,6 @@ def certified_errors(rig: Rig) -> list[Imperfection]:
             made.append(Imperfection(f'probe_nonlinearity_{number}', '', reading=partial(
                 _probe_error, rig, number, 2, stated.probe_nonlinearity)))
     return made
-
-
-def _tilt_in_radial(height: float, seen: Array) -> Array:
-    """Increments (B, 3, N) with radial probes that stand higher."""
-    read = seen.copy()
-    read[:, 0] += height * seen[:, 2]
-    return read
 
 
 def _probe_error(rig: Rig, number: int, power: int, size: float, seen: Array) -> Array:
@@ -278,8 +264,11 @@ def systematic_shifts(
     for imperfection in imperfections:
         rig, parts = imperfection.rig(objective.rig), []
         for one in objective.observations:
+            late = one.fine_load
+            if one.dynamic and imperfection.delay:
+                late = np.interp(one.fine_time - imperfection.delay, one.fine_time, late)
             changed = replace(
-                one, fine_load=imperfection.on_load(one, full_scale),
+                one, fine_load=imperfection.load(late, full_scale),
                 load=imperfection.load(one.load, full_scale),
                 elevation=one.elevation + imperfection.elevation,
                 zero_load=float(imperfection.load(np.array(one.zero_load), full_scale)))
