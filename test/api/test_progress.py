@@ -72,4 +72,4 @@ def test_a_cancel_during_the_identification_of_a_diagnosis_gives_no_verdict(monk
     object.__setattr__(half_done, 'cancelled', True)
     monkeypatch.setattr(ring_diagnosis, 'identify', lambda *_, **__: half_done)
     with pytest.raises(Cancelled):
-        ring_diagnosis.identified([], RIG, lambda: True)
+        ring_diagnosis.diagnose_ring([static_run(50.0, seed=1)], rig=RIG)
