@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 import itertools
 import sys
@@ -133,6 +134,17 @@ def test_what_acts_as_another_listed_effect_does_is_not_surely_the_one_that_is_l
     assert answer.probabilities['unknown'] > 0.85
 
 
+def diagnosed_in_two_views(
+    both: Callable[[dict[str, float], Run], dict[str, np.ndarray]],
+    run_of: Callable[[int], Run], rate: Parameter,
+) -> Diagnosis:
+    """Three runs fitted and one held out; the model has friction and a view `other`."""
+    model = Model(both, {**MODEL.base, 'rate': rate},
+                  {'friction': MODEL.effects['friction']},
+                  {'seen': Channel(), 'other': Channel()})
+    return diagnose(model, [run_of(number) for number in range(3)], hold_out=[run_of(3)])
+
+
 @pytest.mark.parametrize(('misplaced', 'verdict'), [(0.0, 'named'), (0.1, 'unknown')])
 def test_a_cause_that_makes_a_view_worse_that_it_mainly_moves_is_not_established(
     misplaced: float, verdict: str,
@@ -152,10 +164,7 @@ def test_a_cause_that_makes_a_view_worse_that_it_mainly_moves_is_not_established
                    zip(both(true, run).items(), noise, strict=True)}
         return replace(run, outputs=outputs)
 
-    model = Model(both, {**MODEL.base, 'rate': Parameter(-1, 3)},
-                  {'friction': MODEL.effects['friction']},
-                  {'seen': Channel(), 'other': Channel()})
-    answer = diagnose(model, [run_of(number) for number in range(3)], hold_out=[run_of(3)])
+    answer = diagnosed_in_two_views(both, run_of, Parameter(-1, 3))
     assert (answer.verdict, answer.causes[0].effect) == (verdict, 'friction')
     assert any(item.startswith('in other, where the causes move most')
                for item in answer.warnings) == (verdict == 'unknown')
@@ -179,10 +188,7 @@ def test_a_cause_that_takes_only_a_view_with_little_misfit_is_not_the_main_one(
         return replace(run, outputs={
             'seen': clean['seen'] + bent + noise[0], 'other': clean['other'] + noise[1]})
 
-    model = Model(both, {**MODEL.base, 'rate': Parameter(0.5, 3)},
-                  {'friction': MODEL.effects['friction']},
-                  {'seen': Channel(), 'other': Channel()})
-    answer = diagnose(model, [run_of(number) for number in range(3)], hold_out=[run_of(3)])
+    answer = diagnosed_in_two_views(both, run_of, Parameter(0.5, 3))
     assert (answer.verdict, answer.causes[0].effect) == (verdict, 'friction')
 
 
