@@ -240,7 +240,7 @@ def _answer_beside(
         *established.own_kind_left(noise_alone, seen, left)]
     if noise_alone.problem.assumptions.exact_laws:
         doubts += unsteady_sizes(search.space, fit, published.causes)
-        doubts += uncertain_size(search.space, published.causes)
+    doubts += uncertain_size(search.space, published.causes)
     is_open = any(search.alternatives.get(name) for name in fit.candidate.ids)
     # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
     most = 1.0 - established.MIN_TAKEN if is_open else established.MAINLY

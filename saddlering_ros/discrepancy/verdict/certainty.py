@@ -65,9 +65,10 @@ def uncertain_size(space: ModelSpace, causes: Sequence[Cause]) -> list[str]:
     if not space.problem.assumptions.exact_laws or any(allowed_sizes(space).values()):
         return []
     for cause in sorted(causes, key=lambda one: -one.visible)[:1]:
-        low, high = cause.parameters[cause.definition.size.name].interval or (np.inf, np.inf)
+        size = cause.parameters[cause.definition.size.name]
+        low, high = size.interval or (np.inf, np.inf)
         if low <= cause.definition.neutral <= high:
-            return [wording.uncertain_size_words(cause.effect, low, high)]
+            return [wording.uncertain_size_words(cause.effect, low, high, size.unit)]
     return []
 
 

@@ -214,10 +214,10 @@ def size_at_bound_words(name: str, size: Parameter, value: float) -> str:
             'exceeds the expected range, or another cause contributes, so that it is not named')
 
 
-def uncertain_size_words(name: str, low: float, high: float) -> str:
+def uncertain_size_words(name: str, low: float, high: float, unit: str) -> str:
     """That the interval of a size includes the absence of the cause."""
-    return (f'{name}: its size is between {low:.3g} and {high:.3g} (95 %), which includes its '
-            'absence')
+    return (f'{name}: the 95 % interval of its size, {low:.3g} to {high:.3g} {unit}'.rstrip()
+            + ', includes its absence')
 
 
 def weak_words(name: str, taken: float, needed: float) -> str:
