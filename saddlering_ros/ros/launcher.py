@@ -110,7 +110,8 @@ def ros_arguments(parameters: Values | None = None, files: Sequence[Path | str] 
 def _yaml(value: Any) -> str:
     """A value as YAML, in the numbers that rcl reads."""
     if isinstance(value, float):
-        return repr(value) if '.' in repr(value) else f'{value:f}'
+        text = repr(value)
+        return text if '.' in text else text.replace('e', '.0e')  # rcl takes 1e-07 for words
     if isinstance(value, (list, tuple)):
         return '[' + ', '.join(map(_yaml, value)) + ']'
     return json.dumps(value, ensure_ascii=False)

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from forked_nodes import endings
 import pytest
+import rclpy
 import yaml
 
+from saddlering_ros.ros.launcher import ros_arguments
 from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import check_parameter_files
 
@@ -95,3 +97,16 @@ def test_a_node_starts_with_a_list_from_a_launch_file(tmp_path: Path) -> None:
     assert status == 2
     assert 'keine-ä' in said
     assert 'tuple' not in said
+
+
+@pytest.mark.parametrize('value', [1e-7, 1.5e-7, 5e-5, 3.0, -1e16])
+def test_a_number_reaches_a_node_as_it_was_given(value: float) -> None:
+    context = rclpy.Context()
+    rclpy.init(args=['program', *ros_arguments({'given': value})], context=context)
+    node = rclpy.create_node('listener', context=context,
+                             automatically_declare_parameters_from_overrides=True)
+    try:
+        assert node.get_parameter('given').value == value
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
