@@ -10,8 +10,6 @@ belongs to this user and that no other user can write to, and from a file only w
 of its content.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache

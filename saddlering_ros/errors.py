@@ -1,7 +1,5 @@
 """Errors that the user can correct: numbers and names that were mistyped, texts of one line."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 import difflib
 

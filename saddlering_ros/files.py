@@ -1,7 +1,5 @@
 """Files: the shipped ones, inputs that no output replaces, whole-file writes, hashes of inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 import ctypes

@@ -6,8 +6,6 @@ Rate-free hysteresis as a sum of plays with non-negative weights is the Prandtl-
 Krasnosel'skii and Pokrovskii, Systems with Hysteresis (1989).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

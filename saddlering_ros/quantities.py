@@ -3,8 +3,6 @@
 Console, report, live page and messages print their numbers with these functions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 import math
 from typing import Any

@@ -4,8 +4,6 @@ Every name is imported when it is first used. A node that decodes topics imports
 and no library of a file format.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from saddlering_ros import names_on_first_use

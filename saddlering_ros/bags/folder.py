@@ -1,7 +1,5 @@
 """A bag on disk: its MCAP files, their order, metadata.yaml, and the metadata of its test."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace

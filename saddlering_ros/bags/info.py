@@ -1,7 +1,5 @@
 """The content of a bag and all its faults, not only the first one."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field, replace
 import math
 from pathlib import Path

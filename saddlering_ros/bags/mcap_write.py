@@ -5,8 +5,6 @@ records of which a file has few. Messages and their index, of which a file has m
 written here, because NumPy builds a chunk of equal messages about thirty times as fast.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass

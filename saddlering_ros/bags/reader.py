@@ -1,7 +1,5 @@
 """From a bag to the arrays of a test, with every input that cannot be used named in one line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import math

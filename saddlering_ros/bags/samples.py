@@ -1,7 +1,5 @@
 """Displacements as a table by the stamps of a record, and its files (CSV, Parquet)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 import json

@@ -1,7 +1,5 @@
 """One pass over a bag that collects all properties and stops only at damage."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -7,8 +7,6 @@ and numbers without message objects, about a hundred times as fast as rosbags de
 and 2, both byte orders).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 import contextlib
 from dataclasses import dataclass

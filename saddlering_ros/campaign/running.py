@@ -7,8 +7,6 @@ faster (2 to 4 s against 1.5 to 2.5 s for two slots on two busy processors), it 
 its time limit, and every campaign would need Dask.
 """
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures

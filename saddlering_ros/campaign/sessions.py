@@ -4,8 +4,6 @@ A session is the tests of one ring on one rig within a short time. The store kee
 a line a bag, as manifest.parquet and as manifest.csv; an edited CSV overrides the grouping.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress

@@ -4,8 +4,6 @@ Results are written whole and are named by the key of their task. Any number of 
 therefore write into one store, and an interrupted campaign continues with the missing results.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
 import hashlib
 import json

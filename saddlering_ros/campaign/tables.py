@@ -4,8 +4,6 @@ Results are read one at a time and written in groups of rows, so that memory doe
 the number of sessions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timezone
 from itertools import islice

@@ -5,8 +5,6 @@ of these, and its seed comes from the key, so that a result is the same wherever
 `run` is the job of a worker process (`jobs.worker`): the verdict, or the reason why there is none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 import hashlib

@@ -1,7 +1,5 @@
 """`saddlering compare`: what changed in one ring between two sessions."""
 
-from __future__ import annotations
-
 import argparse
 
 from saddlering_ros.cli import _arguments as arguments

@@ -1,7 +1,5 @@
 """`saddlering diagnose`: the cause that the simulation lacks."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

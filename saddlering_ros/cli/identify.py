@@ -1,7 +1,5 @@
 """`saddlering identify`: contact parameters from bags, with their uncertainty."""
 
-from __future__ import annotations
-
 import argparse
 
 from saddlering_ros.cli import _arguments as arguments

@@ -1,7 +1,5 @@
 """`saddlering live`: a page in the browser that shows a running test."""
 
-from __future__ import annotations
-
 import argparse
 
 from saddlering_ros.cli import _arguments as arguments

@@ -1,7 +1,5 @@
 """`saddlering record`: the topics of the rig and of the nodes, recorded as a bag."""
 
-from __future__ import annotations
-
 import argparse
 
 from saddlering_ros.cli import _arguments as arguments

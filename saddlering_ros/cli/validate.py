@@ -1,7 +1,5 @@
 """`saddlering validate` and `report`: the prediction of bags by a parameter file."""
 
-from __future__ import annotations
-
 import argparse
 
 from saddlering_ros.cli import _arguments as arguments

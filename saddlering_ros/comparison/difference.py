@@ -1,7 +1,5 @@
 """What differs between two sessions beside the causes, and the verdict on the change by it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
 

@@ -5,8 +5,6 @@ the test that most often leaves only the true cause comes first. For a named cau
 chosen from the table of tests by the most similar causes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations

@@ -5,8 +5,6 @@ accuracy of the contact law follow from the sensitivities of the readings and fr
 a diagnosis. Nothing is drawn, so that a plan is the same every time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 import math

@@ -1,7 +1,5 @@
 """A proposed law in terms of the rig: its JSON, and an effect file for the user's folder."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """From a test to an engine's run: block means of four probes, load grid, stretches at rest."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math

@@ -1,7 +1,5 @@
 """Runs in, verdict out: records, ring system and engine joined."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

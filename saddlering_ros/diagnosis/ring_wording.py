@@ -4,8 +4,6 @@ Terminal, report, live page and demo print from the document, and mypy checks th
 read. Sentences that serve a declared model too stand in discrepancy/verdict/wording.py.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from typing import Any, cast, TypedDict
 

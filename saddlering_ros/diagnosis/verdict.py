@@ -5,8 +5,6 @@ nuisance parameters. The contact law alone in a verdict is the identification of
 that the same bags give the same K, n, D everywhere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math

@@ -1,7 +1,5 @@
 """`diagnose` and `check` for a declared model of any machine."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import time as clock

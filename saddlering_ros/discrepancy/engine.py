@@ -4,8 +4,6 @@ For any simulator that follows `System` it finds where measurement and simulatio
 cause explains it, which causes cannot be told apart, and what no cause of the catalogue explains.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import time as clock

@@ -3,8 +3,6 @@
 A forgotten rig file simulates another ring: every channel misfits, and the advice is wrong.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Faults of a driver of the rig, from some seconds of its topics; no ROS in it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import math

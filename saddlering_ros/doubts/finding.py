@@ -1,7 +1,5 @@
 """A finding: what is doubtful and what to do about it, and where."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 FAULT, NOTE = 'fault', 'note'

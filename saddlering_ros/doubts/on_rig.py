@@ -5,8 +5,6 @@ publishes the span that the rig file gives. A note says what a record looks like
 stands.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

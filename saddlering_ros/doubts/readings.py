@@ -3,8 +3,6 @@
 The guard and the aligner are those of the live nodes, to which a whole bag is one batch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import math

@@ -9,8 +9,6 @@ Faults of a few percent (a gain, a bracket that gives way, clipping at the end o
 effects for the diagnosis. Here a probe moves to the wrong side, not at all, or like another one.
 """
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The catalogue of causes: one file, one effect; found by walking this folder."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 import difflib
 from functools import lru_cache

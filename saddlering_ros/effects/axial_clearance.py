@@ -1,7 +1,5 @@
 """Another clearance than assumed: mu1 + e (1 + s u), half at each side, u in -1 to 1 by roller."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A second mode in series: v'' + 2 z w v' + w^2 v = w^2 u, and y = (1 - s) u + s v."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 import math

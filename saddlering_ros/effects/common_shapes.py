@@ -1,7 +1,5 @@
 """What several effects share: friction loops, clearances, choice of a probe, worn arcs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 import math

@@ -1,7 +1,5 @@
 """Damping D (1 - s + s h), with h = (p/r)^m (1 + (r L)^m) / (1 + (p L)^m), in place of D alone."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect

@@ -1,7 +1,5 @@
 """Creep of the oil film: y += c LP_T(y), a Maxwell film in series."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

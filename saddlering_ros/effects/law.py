@@ -5,8 +5,6 @@ effect of the catalogue explains. Its size is the only parameter. It is not part
 added sample by sample to the load of the ring, or to the readings of the probes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise

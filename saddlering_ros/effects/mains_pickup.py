@@ -1,7 +1,5 @@
 """Pickup of a line frequency: d_i += a cos(w t) + b sin(w t)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A raceway out of round: radial gap + a cos(2 (phi - phi0))."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 import math

@@ -1,7 +1,5 @@
 """A probe at the end of its span: d_i clipped at a limit."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

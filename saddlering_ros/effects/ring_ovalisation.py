@@ -1,7 +1,5 @@
 """Ovalisation of the ring: d1 and d3 += c F_x, with the same sign."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect

@@ -1,7 +1,5 @@
 """Settling under the highest load so far: y += s max P."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

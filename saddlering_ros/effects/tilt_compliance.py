@@ -1,7 +1,5 @@
 """A spring in series with the rollers: gamma += c M."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

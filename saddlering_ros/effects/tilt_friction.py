@@ -1,7 +1,5 @@
 """Dry friction in the axial rows: a hysteron over gamma or delta_y takes up to its moment."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Unequal axial rows: the lower row has (1 + e) K1."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

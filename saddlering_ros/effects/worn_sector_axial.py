@@ -1,7 +1,5 @@
 """A worn arc of the axial rows: rollers there are softer, or have a larger gap."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

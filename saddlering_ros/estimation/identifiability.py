@@ -3,8 +3,6 @@
 K, n and D are judged in the coordinates (ln K, n, ln D) of a `SearchSpace`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import combinations
 

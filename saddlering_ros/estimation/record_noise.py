@@ -13,8 +13,6 @@ likelihood there: the lines of a spectrum are independent and exponentially dist
 expectation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 The zero of a test has a rule of its own (`rig/zeroing.py`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

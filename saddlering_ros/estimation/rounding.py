@@ -6,8 +6,6 @@ noise. The hidden part has the variance (q^2 / 12) exp(-4 (pi s / q)^2) at noise
 Kollar, Quantization Noise, 2008, chapter 4: the error that remains with dither).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ mean, and its growth with m shows slow noise of any kind. Allan, Proc. IEEE 54 (
 The tails have the formulas of `scipy.stats`, which takes a second of processor time to import.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """The judgement of a fleet: sessions, rings and rigs that need attention, with reasons."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ rules follow. An equal drift of all coordinates has two possible causes, the rin
 cell. If the rings of one rig drift together in calendar time, the rig is the cause.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math

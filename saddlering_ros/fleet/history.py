@@ -8,8 +8,6 @@ likelihood; a drift is tested by a slope that is constant beside a level that wa
 passage of the trend through a limit gives the remaining life, with an interval.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 import math
 

@@ -5,8 +5,6 @@ exponents, and log damping. K and n of one contact are all but exchangeable (the
 about -0.98); the stiffness at the penetration where the ring works is what a session measures.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math

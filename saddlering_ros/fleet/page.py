@@ -1,7 +1,5 @@
 """The report of a fleet: one HTML page, with rings and rigs that need attention first."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 import math

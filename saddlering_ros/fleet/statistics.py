@@ -7,8 +7,6 @@ known covariance: T by restricted maximum likelihood (Patterson and Thompson, Bi
 545), which pays for the mean that is estimated too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

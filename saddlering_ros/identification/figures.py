@@ -6,8 +6,6 @@ requires 10 kHz and 1 ms averages of the slope; signals here are resampled to at
 points over the compared span, and the slope is averaged over SLOPE_POINTS of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Identification of the contact parameters from test runs: the default and the paper's method."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

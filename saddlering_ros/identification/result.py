@@ -1,7 +1,5 @@
 """The result of an identification, and its JSON."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math

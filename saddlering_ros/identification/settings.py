@@ -1,7 +1,5 @@
 """Settings of an identification and of its swarm. Light to import, for nodes that name no more."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum

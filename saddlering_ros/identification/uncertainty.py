@@ -7,8 +7,6 @@ effect of unequal rollers is added: the estimate is G r with G = J^+, so that re
 covariance I + S S^T (S: roller_scatter.py) give it the covariance G G^T + G S S^T G^T.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

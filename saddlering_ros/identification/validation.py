@@ -5,8 +5,6 @@ samples for rmse and noise floor, plateau means for the shape figures), because 
 faster in between than the recorder samples.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """HDF5 files and MATLAB files: by h5py, and by SciPy up to MATLAB's version 7 (format 5)."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 import struct

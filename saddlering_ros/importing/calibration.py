@@ -3,8 +3,6 @@
 A unit is stated, never guessed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path

@@ -1,7 +1,5 @@
 """From the time of a file to stamps: nanoseconds since 1970-01-01 UTC, exact to the last."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone, tzinfo

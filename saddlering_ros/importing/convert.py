@@ -1,7 +1,5 @@
 """Conversion of measured files by a map into bags, for `saddlering import`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, zip_longest

@@ -1,7 +1,5 @@
 """Text files with columns (CSV): their shape, found or stated, and their cells, read by Arrow."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 import csv

@@ -1,7 +1,5 @@
 """A first map made from the files' own columns, to be completed by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import json

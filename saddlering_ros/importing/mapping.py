@@ -1,7 +1,5 @@
 """The map of an import (MAP.yaml): the column, unit and time of each channel."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, datetime

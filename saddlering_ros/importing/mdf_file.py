@@ -6,8 +6,6 @@ read by hand, because asammdf (LGPL-3) would bring pandas, canmatrix, lxml, nume
 packages to an installation, in place of the 300 lines below.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

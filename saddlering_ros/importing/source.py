@@ -1,7 +1,5 @@
 """Measured files: the reader for each, and the face of readers, columns and blocks of values."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import fnmatch

@@ -1,7 +1,5 @@
 """TDMS files of LabVIEW and DIAdem, by npTDMS: scaled readings, each channel with its own time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 import logging

@@ -1,7 +1,5 @@
 """The common part of both action servers: one goal at a time, worked on in a process."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Sequence
 import signal

@@ -7,8 +7,6 @@ Values pass by a pipe that only this process and the child it started hold, so t
 could carry code, come from our own code alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 import contextlib
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Numbers of the page: the load, the elevation and the raw gaps at the present time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 import math
 import time

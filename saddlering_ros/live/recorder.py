@@ -1,7 +1,5 @@
 """A node that records the topics of the rig and of the nodes as a rosbag2 bag."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, ExitStack
 import os

@@ -1,7 +1,5 @@
 """The tests that the page has seen: names, messages, the alarm during each and its verdict."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 import heapq

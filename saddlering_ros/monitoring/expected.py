@@ -4,8 +4,6 @@ Both give followers of the topics a covariance: of the model by that of its para
 measurement by its readings at the zero.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

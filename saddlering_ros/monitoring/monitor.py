@@ -3,8 +3,6 @@
 An alarm has a first guess at its cause, and a line in words.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 import math

@@ -5,8 +5,6 @@ that a rest of seconds cannot show. Materiality is the residual that is allowed 
 The rule of rest is that of a record (`estimation.rest.Rest`), without a look ahead.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 import math
 

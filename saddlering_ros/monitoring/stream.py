@@ -4,8 +4,6 @@ A residual that does not come, or comes late, cannot raise an alarm. The watch i
 must not look like a sound ring.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import math

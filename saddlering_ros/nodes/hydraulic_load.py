@@ -1,7 +1,5 @@
 """Node hydraulic_load: replays the cylinder's load from a bag, in place of a driver."""
 
-from __future__ import annotations
-
 from saddlering_ros.ros.bag_replay import ReplayNode
 from saddlering_ros.ros.streaming_node import executable
 

@@ -1,7 +1,5 @@
 """Node replay_clock: the time of a replay; in lockstep it waits for every node to catch up."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Node ring_alarm: raises an alarm during a test if the ring no longer behaves like its model."""
 
-from __future__ import annotations
-
 import time
 
 from geometry_msgs.msg import WrenchStamped

@@ -1,7 +1,5 @@
 """Node ring_diagnosis: the action /diagnose_ring, which names the cause of a misfit or change."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 import json
 from typing import Any

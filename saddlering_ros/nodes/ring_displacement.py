@@ -1,7 +1,5 @@
 """Node ring_displacement: four probes and the load in, the measured displacement out."""
 
-from __future__ import annotations
-
 import math
 import time
 

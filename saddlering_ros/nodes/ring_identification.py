@@ -1,7 +1,5 @@
 """Node ring_identification: the action /identify_ring, contact parameters from recorded bags."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Node ring_residual: measured minus simulated displacement, of equal stamps and zeros only."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Node ring_simulator: the load in, the simulated displacement of the ring out, stamp by stamp."""
 
-from __future__ import annotations
-
 import math
 import time
 

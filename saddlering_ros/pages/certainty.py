@@ -3,8 +3,6 @@
 The document of a ring and of a declared model have the same keys.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from textwrap import fill
 from typing import Any

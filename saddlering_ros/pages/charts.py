@@ -4,8 +4,6 @@ The picture is printed, mailed and read without scripts. `interactive.py` makes 
 browser zooms into; both show the same because both are made from the same `Chart`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace

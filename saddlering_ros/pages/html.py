@@ -1,7 +1,5 @@
 """One HTML page in one file: text, tables and figures to zoom into, without downloads."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Charts as plotly.js draws them: figures to zoom into and to read values off."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Sequence
 from functools import lru_cache

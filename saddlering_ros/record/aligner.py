@@ -4,8 +4,6 @@ A stream in batches of any size (`Aligner`) and a whole record, which is one bat
 (`aligned_record`), give the same bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest

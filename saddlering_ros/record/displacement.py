@@ -4,8 +4,6 @@
 zero and its displacement come from the same `ZeroWindow` and `displacements`.
 """
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

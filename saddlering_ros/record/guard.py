@@ -10,8 +10,6 @@ The rule uses stamps and readings in their order of arrival, never the wall cloc
 with the same input refuse the same samples.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace

@@ -4,8 +4,6 @@ Every check looks at the readings of one topic as recorded, at no model of the r
 cannot tell stays silent: a quiet sensor behind a coarse converter shows no bandwidth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math

@@ -1,7 +1,5 @@
 """Measured minus simulated displacement, joined by exact stamp; of streams and of records."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 

@@ -5,8 +5,6 @@ process. It is mapped, and used like any other array. Code that goes through it 
 (`blocks`) and forgets what it has used (`forget`) holds one block of it in memory.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 import mmap
 import os

@@ -1,7 +1,5 @@
 """The simulated displacement of the ring from samples of the load; of streams and of records."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

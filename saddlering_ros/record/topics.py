@@ -4,8 +4,6 @@ A new topic of the rig is one entry here. A message type that no entry has used 
 entry of `LAYOUTS` in bags/wire.py.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 WRENCH_TYPE = 'geometry_msgs/msg/WrenchStamped'

@@ -1,7 +1,5 @@
 """What surrounds a result: rig and tests at the head, data quality, how to get it again."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from typing import Any

@@ -1,7 +1,5 @@
 """A comparison of two sessions as text, as figures and as one HTML page."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Chapters of a report, each made from a verdict's JSON or from the curves of the runs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from saddlering_ros.diagnosis import ring_wording

@@ -1,7 +1,5 @@
 """The curves of a run as figures and the CSV file beside a report show them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise

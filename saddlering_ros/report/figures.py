@@ -1,7 +1,5 @@
 """The figures of a report as charts; each function describes one, every axis with its unit."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

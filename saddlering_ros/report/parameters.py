@@ -1,7 +1,5 @@
 """Chapters on contact parameters: identified, of a file, and before and after a diagnosis."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 import math
 from typing import Any

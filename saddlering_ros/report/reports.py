@@ -1,7 +1,5 @@
 """Reports of a diagnosis and of a validation, each one HTML page with its curves beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

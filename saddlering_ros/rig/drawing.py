@@ -1,7 +1,5 @@
 """The drawing of a rig in the plane of the load, and the draft of a commented rig file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 import io
 import math

@@ -6,8 +6,6 @@ x forward, y to the left, z up. A probe's x axis points along its line of sight,
 it of sensor_msgs/Range.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 import math
 from typing import Any

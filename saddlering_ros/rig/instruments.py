@@ -7,8 +7,6 @@ one of them for the network. A document type, by which entities are declared, is
 anything is expanded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 import json

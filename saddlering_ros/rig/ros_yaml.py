@@ -1,7 +1,5 @@
 """ROS 2 parameter files: the `/**: ros__parameters:` shape as a nested dictionary, or RigError."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 import re

@@ -4,8 +4,6 @@ Every share of a limit counts from `rig.full_scale_load` of the rig file, so tha
 a rig of 400 t are judged by the same shares.
 """
 
-from __future__ import annotations
-
 import math
 
 STANDARD_GRAVITY = 9.80665

@@ -1,7 +1,5 @@
 """The zero of a test: mean readings over the first steady stretch of the record near preload."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Conversion of dataclasses to arrays of the kernels: rig, contact law, extension, rollers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache

@@ -6,8 +6,6 @@ Additions to motion and readings are computed anew, which costs little. Elevatio
 differ between runs; everything else is prepared once for all runs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

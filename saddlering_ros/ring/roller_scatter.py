@@ -7,8 +7,6 @@ v_i'. Both are averaged over the scatter, because a roller that is about to touc
 contact.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

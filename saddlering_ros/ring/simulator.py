@@ -1,7 +1,5 @@
 """The ring simulator, streaming and in batches: loads in, displacements and probe readings out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

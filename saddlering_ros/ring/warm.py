@@ -3,8 +3,6 @@
 Set-up runs this module, so that no node or command compiles at its start.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 import time
 

@@ -1,7 +1,5 @@
 """Nodes that replay a bag: which bag they may read, and their topics as /clock reaches stamps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 import time

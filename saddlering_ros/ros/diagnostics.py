@@ -1,7 +1,5 @@
 """The health of a node: small tasks, each of which watches one property."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 import math

@@ -1,7 +1,5 @@
 """Listens to the topics of a rig for some seconds, from any publisher."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import dataclass, field
 import math

@@ -1,7 +1,5 @@
 """Messages of the suite made from values, and read: parameters, causes, alarm, progress, time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 

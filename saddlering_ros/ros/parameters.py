@@ -1,7 +1,5 @@
 """Node parameters declared once: default, range and words, for ROS, the checks and the docs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ that is replayed (replay/state), the bag that the node was started with, the inc
 (rig/elevation).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math

@@ -3,8 +3,6 @@
 Below it: from a command line to a running node and its exit status, ended cleanly by a signal.
 """
 
-from __future__ import annotations
-
 import atexit
 from collections.abc import Callable, Sequence
 import contextlib

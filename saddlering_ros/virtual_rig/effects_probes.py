@@ -1,7 +1,5 @@
 """Effects in the measurement: probes, their brackets, amplifiers and clock."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Effects in the load path and in the ring: rollers, friction, joints that give or creep."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math

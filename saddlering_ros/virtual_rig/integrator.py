@@ -5,8 +5,6 @@ Equations II, section IV.5), is L-stable and stiffly accurate. The stage positio
 Newton's method on the exact tangent; a step that does not converge is halved.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 import math
 

@@ -7,8 +7,6 @@ Dahl: P. Dahl 1968, dz/dx = (1 - sgn(dx) z) / travel; LuGre: C. Canudas de Wit e
 Stribeck level and viscous part; Bouc-Wen: Y.-K. Wen 1976 with n = 2 and beta = gamma = 1/2.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The physics of the virtual rig during a test: load, rollers, friction, joints, probes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

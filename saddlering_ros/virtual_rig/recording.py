@@ -1,7 +1,5 @@
 """The rig's recorder: when samples are taken, noise, quantisation, and the bag that comes out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path

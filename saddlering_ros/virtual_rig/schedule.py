@@ -1,7 +1,5 @@
 """Load courses of the hydraulic cylinder: static steps and dynamic ramps of a controller."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

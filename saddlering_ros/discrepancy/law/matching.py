@@ -5,8 +5,6 @@ shape parameters are searched on a grid over the observed range, so that results
 units. The laws are compared by BIC.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

@@ -3,8 +3,6 @@
 Every channel is divided by its range over the fitted runs, so that results do not depend on units.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -7,8 +7,6 @@ highest load so far, direction, time, run or channel. Each form has a prior spre
 compete with a second cause for the misfit that the idealised law leaves.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace

@@ -4,8 +4,6 @@ The first-order gain is the fall of the misfit that a signature could give at it
 costs no simulation and gives each candidate the starts of its refit.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

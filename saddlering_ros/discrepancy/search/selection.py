@@ -24,8 +24,6 @@ counts only what such an error could not do, so that the evidence for a cause is
 machine is reproducible (`search_beside_error`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

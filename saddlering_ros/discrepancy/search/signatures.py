@@ -5,8 +5,6 @@ between two signatures tells two causes apart. The length over the noise gives t
 limit. The share beside the base parameters shows whether an effect can be seen.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product

@@ -3,8 +3,6 @@
 Candidates are refitted together; candidates far behind the best one stop after a few rounds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 

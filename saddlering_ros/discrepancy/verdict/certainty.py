@@ -6,8 +6,6 @@ model error and other nuisance parameters are half and twice as large as well. A
 simulation, because fits keep their residuals and sensitivities.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

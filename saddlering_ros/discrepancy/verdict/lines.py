@@ -6,8 +6,6 @@ frequencies. Under noise of any smooth spectrum the statistic is an F ratio, wit
 correction over frequencies and channels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A diagnosis as one HTML page: verdict, causes, misfit by run and channel, curves."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any

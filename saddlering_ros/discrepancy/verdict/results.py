@@ -1,7 +1,5 @@
 """A diagnosis as numbers and arrays, for console, JSON and report."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -8,8 +8,6 @@ an integer fraction of its frequency. A run with gaps is searched between the ga
 tests exist, the search uses their holds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Every sentence of a verdict, for a ring and for a declared model, and the latter's summary."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from saddlering_ros.discrepancy.next_test import HeldOutEvidence

@@ -3,8 +3,6 @@
 Powers have no branch and no call, so that loops over them become vector code.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from llvmlite import ir

@@ -1,7 +1,5 @@
 """Load on the ring before the motion is known, and readings of the probes of a known motion."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

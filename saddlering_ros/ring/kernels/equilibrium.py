@@ -1,7 +1,5 @@
 """Static equilibrium under a load or a sequence of loads, by Newton on a convex energy."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Laws that effects add to the ring: load path, friction, series motion, readings of probes."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Time steps of the ring: BDF2 with Newton on exact tangents, from a state at rest onwards."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

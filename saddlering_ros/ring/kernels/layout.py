@@ -3,8 +3,6 @@
 One compiler serves all kernels; a hash of all sources is its key.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -5,8 +5,6 @@ may record its steps with these sums: the last Newton update is so small that th
 forces belong to the end of the step. A fit step therefore costs one pass over the rollers.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

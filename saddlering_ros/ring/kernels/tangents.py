@@ -8,8 +8,6 @@ The model linearised about a motion serves small errors of the load:
 m d2(dq) + D(t) d(dq) + K(t) dq = b dP.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
