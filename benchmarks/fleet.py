@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.fleet.attention import judge_fleet
-from saddlering_ros.fleet.drifts import YEAR
-from saddlering_ros.fleet.observations import COORDINATES, SessionFigures
+from saddlering_ros.fleet.history import YEAR
+from saddlering_ros.fleet.statistics import COORDINATES, SessionFigures
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from saddlering_ros.campaign.store import CampaignError, Store
 from saddlering_ros.campaign.task import SessionTask
 from saddlering_ros.files import whole_file, write_text
 from saddlering_ros.fleet.attention import Fleet, fleet_document, judge_fleet
-from saddlering_ros.fleet.observations import figures_of
+from saddlering_ros.fleet.statistics import figures_of
 
 GROUP = 500
 """Sessions whose rows are held in memory at a time."""

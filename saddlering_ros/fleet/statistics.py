@@ -1,4 +1,8 @@
-"""Error control over many sessions and rings, and differences of rings of one kind.
+"""Sessions as arrays, error control over many of them, and rings that differ from their sisters.
+
+A ring is described by six coordinates: log stiffness of both contacts at a reference penetration,
+exponents, and log damping. K and n of one contact are all but exchangeable (their correlation is
+about -0.98); the stiffness at the penetration where the ring works is what a session measures.
 
 At 1 % a verdict, a thousand sound sessions give ten false alarms: Benjamini and Hochberg, J. R.
 Stat. Soc. B 57 (1995) 289; e-values: Vovk and Wang, Ann. Stat. 49 (2021) 1736; e-BH: Wang and
@@ -7,19 +11,115 @@ known covariance: T by restricted maximum likelihood (Patterson and Thompson, Bi
 545), which pays for the mean that is estimated too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import chi2, false_discovery_control
 
+from saddlering_ros.errors import SaddleringError
+
 Array = NDArray[np.float64]
 
+COORDINATES = ('stiffness_1', 'exponent_1', 'damping_1', 'stiffness_2', 'exponent_2', 'damping_2')
+"""log(K p^(n-1)) [log N/m], n, log D [log N s/m], of the axial rows (1) and the radial row (2)."""
+
+PARAMETERS = ('K1', 'n1', 'D1', 'K2', 'n2', 'D2')
+REFERENCE_PENETRATION = 2e-5
+"""Penetration [m] of the reference stiffness: half of that at full load."""
+
+MAX_DEVIATION = 1.0
+"""A logarithm known no better than this is not a measurement."""
 
 LEVEL = 0.05
 """Largest share of false findings among sessions, among rings, and among drifts."""
+
+MIN_RINGS = 4
+"""Smallest number of rings that shows the usual spread."""
+
+MAX_PASSES = 5
+"""Populations fitted at most while rings that stand out are taken from them."""
+
+MIN_SPREAD = 1e-4
+"""Rings never agree better than this in a logarithm or an exponent."""
+
+
+class FleetError(SaddleringError):
+    """Sessions or limits that fleet statistics cannot use."""
+
+
+@dataclass(frozen=True)
+class SessionFigures:
+    """One session: value (6,) and covariance (6, 6) of COORDINATES, NaN where not measured.
+
+    time [s since 1970] and service_hours of the test, NaN if unknown; causes: size and standard
+    deviation of every effect named, by its id; change: what changed since the base measurement of
+    the ring in one sentence, '' if nothing did.
+    """
+
+    key: str
+    name: str
+    ring: str
+    bench: str
+    time: float
+    service_hours: float
+    maintenance: bool
+    verdict: str
+    p_value: float
+    value: Array
+    covariance: Array
+    causes: Mapping[str, tuple[float, float]]
+    next_test: str = ''
+    report: str = ''
+    change: str = ''
+
+
+def figures_of(task: Mapping[str, Any], result: Mapping[str, Any], p_value: float
+               ) -> SessionFigures:
+    """Figures of one result; a failed session has no values."""
+    document, change = result.get('verdict') or {}, result.get('change') or {}
+    value, covariance = np.full(6, np.nan), np.full((6, 6), np.nan)
+    after = (document.get('parameters') or {}).get('after') or {}
+    if result.get('covariance') and all(after.get(name) is not None for name in PARAMETERS):
+        value, covariance = to_coordinates(
+            np.array([float(after[name]) for name in PARAMETERS]),
+            np.asarray(result['covariance'], dtype=float))
+    causes = {
+        item['effect']: (float(size['value']), float(size['std'] or math.nan))
+        for item in document.get('causes') or []
+        if 'effect' in item and not item.get('partial')
+        for size in list((item.get('parameters') or {}).values())[:1]}
+    time, service_hours = (float(math.nan if task[name] is None else task[name])
+                           for name in ('time', 'service_hours'))
+    return SessionFigures(
+        result['key'], task['name'], task['ring'], task['bench'], time, service_hours,
+        bool(task['maintenance']), document.get('verdict') or 'failed', p_value, value, covariance,
+        causes, document.get('next_test') or '', result.get('report') or '',
+        '' if change.get('verdict') in (None, 'none') else change['headline'].rstrip('.'))
+
+
+def to_coordinates(parameters: Array, covariance: Array) -> tuple[Array, Array]:
+    """Values (6,) and covariance (6, 6) of COORDINATES from K, n, D of both contacts (SI).
+
+    A damping that the tests do not determine (static ones alone) becomes NaN.
+    """
+    depth = math.log(REFERENCE_PENETRATION)
+    value, slopes = parameters.copy(), np.eye(6)
+    for stiffness, exponent, damping in ((0, 1, 2), (3, 4, 5)):
+        value[stiffness] = math.log(parameters[stiffness]) + (parameters[exponent] - 1.0) * depth
+        value[damping] = math.log(parameters[damping])
+        slopes[stiffness, exponent] = depth
+        for place in (stiffness, damping):
+            slopes[place, place] = 1.0 / parameters[place]
+    spread = slopes @ covariance @ slopes.T
+    unknown = ~(np.sqrt(np.abs(np.diag(spread))) < MAX_DEVIATION)
+    value[unknown] = np.nan
+    spread[unknown, :] = spread[:, unknown] = np.nan
+    return value, spread
 
 
 def benjamini_hochberg(p_values: Sequence[float] | Array) -> NDArray[np.bool_]:
@@ -34,14 +134,6 @@ def e_value(p_values: Sequence[float]) -> float:
     """
     logs = -np.log(2.0 * np.sqrt(np.maximum(p_values, 1e-300)))
     return float(np.exp(min(logs.sum(), 700.0)))
-
-
-MIN_RINGS = 4
-"""Smallest number of rings that shows the usual spread."""
-
-MAX_PASSES = 5
-MIN_SPREAD = 1e-4
-"""Rings never agree better than this in a logarithm or an exponent."""
 
 
 @dataclass(frozen=True)
@@ -62,79 +154,56 @@ class Unlikeness:
     stands: bool
 
 
-def combined(values: Sequence[Array], covariances: Sequence[Array], inflation: float
-             ) -> tuple[Array, Array]:
-    """Weighted mean (P,) of a ring's sessions and its covariance (P, P)."""
-    weight = np.zeros((values[0].size, values[0].size))
-    pull = np.zeros(values[0].size)
-    for value, covariance in zip(values, covariances, strict=True):
-        inverse = np.linalg.inv(inflation * covariance)
-        weight += inverse
-        pull += inverse @ value
-    spread = np.linalg.inv(weight)
-    return np.asarray(spread @ pull), np.asarray(spread)
-
-
-def scatter_inflation(rings: Sequence[tuple[Sequence[Array], Sequence[Array]]]) -> float:
+def scatter_inflation(rings: Sequence[tuple[Array, Array]]) -> float:
     """By how much sessions of one ring scatter more than their covariances, in variance, >= 1.
 
-    By the median over pairs of neighbours in time, which neither a drift nor a repair moves much.
+    rings: values (S, P) and covariances (S, P, P) of the sessions of each. By the median over
+    pairs of neighbours in time, which neither a drift nor a repair moves much.
     """
-    ratios, count = [], 1
-    for values, covariances in rings:
-        for first in range(len(values) - 1):
-            apart = values[first + 1] - values[first]
-            spread = covariances[first + 1] + covariances[first]
-            ratios.append(float(apart @ np.linalg.solve(spread, apart)))
-            count = apart.size
-    if not ratios:
-        return 1.0
-    return max(1.0, float(np.median(ratios)) / float(chi2.median(count)))
+    ratios = [
+        float((after - before) @ np.linalg.solve(one + other, after - before))
+        for values, covariances in rings
+        for before, after, other, one in zip(
+            values, values[1:], covariances, covariances[1:], strict=False)]
+    return max(1.0, float(np.median(ratios) / chi2.median(len(COORDINATES)))) if ratios else 1.0
+
+
+def _weighted(means: Array, covariances: Array, between: Array) -> tuple[Array, Array, Array]:
+    """Mean (P,) of rings, its covariance (P, P), and the weight (R, P, P) of each ring."""
+    weights = np.linalg.inv(covariances + between)
+    mean_covariance = np.linalg.inv(weights.sum(axis=0))
+    mean = mean_covariance @ np.einsum('rij,rj->i', weights, means)
+    return np.asarray(mean), np.asarray(mean_covariance), np.asarray(weights)
 
 
 def fit_population(means: Array, covariances: Array) -> Population:
     """REML fit to rings' means (R, P) with covariances (R, P, P)."""
     size = means.shape[1]
-    lower = np.tril_indices(size)
-    spread = np.maximum(means.var(axis=0), MIN_SPREAD**2)
-    scale = np.sqrt(spread)
-    scaled = means / scale
-    scaled_covariances = covariances / np.outer(scale, scale)
+    lower, diagonal = np.tril_indices(size), np.diag_indices(size)
+    scale = np.sqrt(np.maximum(means.var(axis=0), MIN_SPREAD**2))
+    both = np.outer(scale, scale)
+    scaled, scaled_covariances = means / scale, covariances / both
 
     def between(theta: Array) -> Array:
         root = np.zeros((size, size))
         root[lower] = theta
-        diagonal = np.diag_indices(size)
         root[diagonal] = np.exp(root[diagonal])
         return np.asarray(root @ root.T)
 
     def cost(theta: Array) -> float:
-        mean, mean_covariance, total, inverse = _weighted(scaled, scaled_covariances,
-                                                          between(theta))
+        spread = between(theta)
+        mean, mean_covariance, weights = _weighted(scaled, scaled_covariances, spread)
         apart = scaled - mean
-        quadratic = np.einsum('ri,rij,rj->', apart, inverse, apart)
-        logs = np.linalg.slogdet(total)[1].sum() - np.linalg.slogdet(mean_covariance)[1]
+        quadratic = np.einsum('ri,rij,rj->', apart, weights, apart)
+        logs = (np.linalg.slogdet(scaled_covariances + spread)[1].sum()
+                - np.linalg.slogdet(mean_covariance)[1])
         return float(0.5 * (quadratic + logs))
 
-    start = np.zeros(lower[0].size)
-    start[lower[0] == lower[1]] = -0.5
-    bounds = [(-9.0, 4.0) if row == column else (-20.0, 20.0)
-              for row, column in zip(*lower, strict=True)]
-    found = minimize(cost, start, method='L-BFGS-B', bounds=bounds)
-    covariance = between(found.x)
-    mean, mean_covariance, _, _ = _weighted(scaled, scaled_covariances, covariance)
-    both = np.outer(scale, scale)
-    return Population(mean * scale, mean_covariance * both, covariance * both)
-
-
-def _weighted(
-    means: Array, covariances: Array, between: Array
-) -> tuple[Array, Array, Array, Array]:
-    total = covariances + between
-    inverse = np.linalg.inv(total)
-    mean_covariance = np.linalg.inv(inverse.sum(axis=0))
-    mean = mean_covariance @ np.einsum('rij,rj->i', inverse, means)
-    return (np.asarray(mean), np.asarray(mean_covariance), np.asarray(total), np.asarray(inverse))
+    is_diagonal = lower[0] == lower[1]
+    found = minimize(cost, np.where(is_diagonal, -0.5, 0.0), method='L-BFGS-B', bounds=[
+        (-9.0, 4.0) if here else (-20.0, 20.0) for here in is_diagonal])
+    mean, mean_covariance, _ = _weighted(scaled, scaled_covariances, between(found.x))
+    return Population(mean * scale, mean_covariance * both, between(found.x) * both)
 
 
 def unlike_sisters(means: Array, covariances: Array) -> tuple[list[Unlikeness], Population]:
@@ -147,28 +216,21 @@ def unlike_sisters(means: Array, covariances: Array) -> tuple[list[Unlikeness], 
     usual = np.ones(len(means), dtype=bool)
     for _ in range(MAX_PASSES):
         population = fit_population(means[usual], covariances[usual])
-        answer = _judged(means, covariances, population, usual)
-        standing = np.array([item.stands for item in answer])
-        if (usual == ~standing).all() or (~standing).sum() < MIN_RINGS:
+        weight = np.linalg.inv(population.mean_covariance)
+        z_scores, p_values = [], []
+        for value, covariance, is_usual in zip(means, covariances, usual, strict=True):
+            spread = covariance + population.between
+            centre, around = population.mean, population.mean_covariance
+            if is_usual:  # the mean of the sisters alone
+                own = np.linalg.inv(spread)
+                around = np.linalg.inv(weight - own)
+                centre = around @ (weight @ population.mean - own @ value)
+            apart, spread = value - centre, spread + around
+            p_values.append(float(chi2.sf(apart @ np.linalg.solve(spread, apart), apart.size)))
+            z_scores.append(apart / np.sqrt(np.diag(spread)))
+        stands = benjamini_hochberg(p_values)
+        if (usual == ~stands).all() or (~stands).sum() < MIN_RINGS:
             break
-        usual = ~standing
-    return answer, population
-
-
-def _judged(
-    means: Array, covariances: Array, population: Population, usual: NDArray[np.bool_],
-) -> list[Unlikeness]:
-    weight = np.linalg.inv(population.mean_covariance)
-    z_scores, p_values = [], []
-    for index in range(len(means)):
-        spread = covariances[index] + population.between
-        centre, around = population.mean, population.mean_covariance
-        if usual[index]:  # the mean of the sisters alone
-            own = np.linalg.inv(spread)
-            around = np.linalg.inv(weight - own)
-            centre = around @ (weight @ population.mean - own @ means[index])
-        apart, spread = means[index] - centre, spread + around
-        p_values.append(float(chi2.sf(apart @ np.linalg.solve(spread, apart), apart.size)))
-        z_scores.append(apart / np.sqrt(np.diag(spread)))
+        usual = ~stands
     return [Unlikeness(z, p, bool(found)) for z, p, found in zip(
-        z_scores, p_values, benjamini_hochberg(p_values), strict=True)]
+        z_scores, p_values, stands, strict=True)], population

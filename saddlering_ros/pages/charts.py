@@ -189,6 +189,14 @@ def markers(x: ArrayLike, y: ArrayLike, marker: str, colour: str, name: str = ''
                   is_open=is_open)
 
 
+def strokes(x: Array, low: Array, high: Array, name: str = '', dash: str = '-',
+            width: float = 1.2) -> Series:
+    """Upright strokes (N,) from `low` to `high`, as one line with NaN between them."""
+    gaps = np.full(x.size, np.nan)
+    return line(np.stack([x, x, gaps], axis=1).ravel(),
+                np.stack([low, high, gaps], axis=1).ravel(), NOISE, name, dash, width)
+
+
 @dataclass(frozen=True)
 class Version:
     """A simulated curve (N,) beside a measured one."""

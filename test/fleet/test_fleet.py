@@ -10,19 +10,16 @@ import numpy as np
 import pytest
 
 from saddlering_ros.fleet.attention import fleet_document, judge_fleet, limits_from_text
-from saddlering_ros.fleet.drifts import scales_alike, YEAR
-from saddlering_ros.fleet.history import follow, remaining_life, TimeSeries
-from saddlering_ros.fleet.observations import (
-    figures_of,
-    FleetError,
-    SessionFigures,
-    to_coordinates,
-)
+from saddlering_ros.fleet.history import follow, remaining_life, scales_alike, TimeSeries, YEAR
 from saddlering_ros.fleet.page import fleet_page, history_chart
 from saddlering_ros.fleet.statistics import (
     benjamini_hochberg,
     e_value,
+    figures_of,
     fit_population,
+    FleetError,
+    SessionFigures,
+    to_coordinates,
     unlike_sisters,
 )
 from saddlering_ros.pages.html import pictures_of
