@@ -34,24 +34,15 @@ FAR_OFF = 1.0
 class Rows:
     """Rollers of upper, lower and radial row in the form of the kernels.
 
-    arrays (3, 3, J): per row its cosines (falling), weights (number of rollers at this cosine
-    times the share of the force that they carry) and gaps [m]; uniform (3,): whether all gaps of
-    a row are equal. Equal rows are one object (`rows_of` keeps them), and are compared as such.
+    flat (9 J,): per row its cosines (falling), weights (number of rollers at this cosine times
+    the share of the force that they carry) and gaps [m]; uniform (3,): whether all gaps of a row
+    are equal; counts: places of an axial and of the radial row. Equal rows are one object
+    (`rows_of` keeps them), and are compared as such. Nothing may write to them.
     """
 
-    arrays: Floats
+    flat: Floats
     uniform: NDArray[np.bool_]
-    counts: tuple[int, int, int]
-
-    @property
-    def flat(self) -> Floats:
-        """A flat copy of `arrays` for the kernels, shape (9 J,)."""
-        return np.array(self.arrays.reshape(-1), dtype=np.float64)
-
-
-def roller_angles(row: RollerRow) -> Floats:
-    """phi_i = 2 pi i / N, shape (N,), from the rear (x > 0)."""
-    return np.arange(row.rollers, dtype=np.float64) * (2.0 * np.pi / row.rollers)
+    counts: tuple[int, int]
 
 
 def mixed(count: int) -> Floats:
@@ -63,84 +54,67 @@ def mixed(count: int) -> Floats:
     return np.asarray(2.0 * np.modf((np.arange(count) + 0.5) * golden)[0] - 1.0)
 
 
-def _row(row: RollerRow, geometry: RowGeometry) -> tuple[Floats, Floats, Floats, bool]:
-    angle = roller_angles(row)
+def _row(row: RollerRow, geometry: RowGeometry, twins: bool) -> Floats:
+    """Cosines, weights and gaps (3, J) of a row; `twins`: equal mirror twins share a place."""
+    index = np.arange(row.rollers // 2 + 1 if twins else row.rollers, dtype=np.float64)
+    # phi_i = 2 pi i / N, from the rear (x > 0).
+    angle = index * (2.0 * np.pi / row.rollers)
+    cosine = np.cos(angle)
     half_gap = 0.5 * row.clearance + geometry.gap
-    if geometry.wear.is_none and geometry.oval_amplitude == geometry.gap_spread == 0.0:
-        index = np.arange(row.rollers // 2 + 1)
-        twins = np.where((index == 0) | (2 * index == row.rollers), 1.0, 2.0)
-        return np.cos(angle[index]), twins, np.full(index.size, half_gap), True
+    if twins:
+        alone = (index == 0) | (2 * index == row.rollers)
+        return np.stack([cosine, np.where(alone, 1.0, 2.0), np.full(index.size, half_gap)])
     wear = geometry.wear.profile(angle)
-    weight = 1.0 - geometry.wear.loss * wear
     gap = (half_gap + geometry.wear.gap * wear
            + geometry.gap_spread * mixed(row.rollers)
            + geometry.oval_amplitude * np.cos(2.0 * (angle - geometry.oval_angle)))
-    cosine = np.cos(angle)
     order = np.argsort(-cosine, kind='stable')
-    return cosine[order], weight[order], gap[order], False
-
-
-def _padded(rows: Sequence[Floats]) -> Floats:
-    """Rows (3, J_i) in one array (3, 3, J); unused places have a large gap and carry no load.
-
-    The kernels compute up to the next multiple of VECTOR rollers, and J leaves room for them.
-    """
-    longest = max(row.shape[1] for row in rows)
-    arrays = np.zeros((len(rows), 3, (longest // VECTOR + 2) * VECTOR))
-    arrays[:, 2] = FAR_OFF
-    for place, row in zip(arrays, rows, strict=True):
-        place[:, :row.shape[1]] = row
-    return arrays
+    return np.stack([cosine, 1.0 - geometry.wear.loss * wear, gap])[:, order]
 
 
 @lru_cache(maxsize=512)
-def _rows_cached(axial: RollerRow, radial: RollerRow, upper: RowGeometry, lower: RowGeometry,
-                 centre: RowGeometry) -> Rows:
-    parts = [_row(axial, upper), _row(axial, lower), _row(radial, centre)]
-    arrays = _padded([np.stack(part[:3]) for part in parts])
-    arrays.flags.writeable = False
-    uniform = np.array([part[3] for part in parts])
-    counts = (parts[0][0].size, parts[1][0].size, parts[2][0].size)
-    if counts[0] == counts[1]:
-        return Rows(arrays, uniform, counts)
-    # The kernels have one number for both axial rows: split the twins of the merged row again.
-    wide = [_spread(axial, geometry) for geometry in (upper, lower)]
-    return Rows(_padded([*wide, arrays[2]]), np.array([False, False, uniform[2]]),
-                (axial.rollers, axial.rollers, counts[2]))
+def _rows(axial: RollerRow, radial: RollerRow, geometry: tuple[RowGeometry, ...],
+          twins: bool) -> Rows:
+    """Rows of upper, lower and radial geometry; `twins`: equal mirror twins share a place."""
+    equal = [twins and part.wear.is_none and part.oval_amplitude == part.gap_spread == 0.0
+             for part in geometry]
+    # The kernels have one number of places for both axial rows.
+    equal[0] = equal[1] = equal[0] and equal[1]
+    parts = [_row(row, part, same)
+             for row, part, same in zip((axial, axial, radial), geometry, equal, strict=True)]
+    counts = parts[0].shape[1], parts[2].shape[1]
+    # The kernels compute up to the next multiple of VECTOR rollers. Unused places have a large
+    # gap and carry no load.
+    arrays = np.zeros((3, 3, (max(counts) // VECTOR + 2) * VECTOR))
+    arrays[:, 2] = FAR_OFF
+    for place, part in zip(arrays, parts, strict=True):
+        place[:, :part.shape[1]] = part
+    return Rows(arrays.reshape(-1), np.array(equal), counts)
+
+
+def _geometry(extension: RingExtension) -> tuple[RowGeometry, ...]:
+    return extension.upper_row, extension.lower_row, extension.radial_row
 
 
 def rows_of(rig: Rig, extension: RingExtension = NO_EXTENSION) -> Rows:
     """The three rows of a rig under an extension (cached)."""
-    return _of_extension(extension).rows(rig)
+    return _prepared(rig, extension).rows
 
 
 def spread_rows(rig: Rig, extension: RingExtension) -> Rows:
     """The three rows with a place for every roller, also for equal mirror twins."""
-    axial, radial = rig.axial_rows, rig.radial_row
-    parts = [_spread(axial, extension.upper_row), _spread(axial, extension.lower_row),
-             _spread(radial, extension.radial_row)]
-    return Rows(_padded(parts), np.zeros(3, dtype=bool),
-                (axial.rollers, axial.rollers, radial.rollers))
+    return _rows(rig.axial_rows, rig.radial_row, _geometry(extension), False)
 
 
-def _spread(row: RollerRow, geometry: RowGeometry) -> Floats:
-    cosine, weight, gap, merged = _row(row, geometry)
-    if not merged:
-        return np.stack([cosine, weight, gap])
-    full = np.cos(roller_angles(row))
-    full = full[np.argsort(-full, kind='stable')]
-    return np.stack([full, np.ones(row.rollers), np.full(row.rollers, gap[0])])
-
-
-def _field(name: str, neutral: Any) -> list[tuple[Any, ...]]:
-    """Fields of the model's record for one extension parameter, by its neutral value."""
+def _field(name: str, neutral: Any) -> tuple[Any, ...]:
+    """Field of the model's record for one extension parameter, by its neutral value."""
     if isinstance(neutral, RowGeometry):
-        return [(f'{name}_stiffness', 'f8')]  # gaps and wear are in `Rows`
+        return f'{name}_stiffness', 'f8'  # gaps and wear are in `Rows`
     if isinstance(neutral, Hysteron):
-        return [(name, [(part.name, 'f8') for part in fields(Hysteron)])]
+        return name, [(part.name, 'f8') for part in fields(Hysteron)]
     if isinstance(neutral, tuple):
-        return [(name, 'f8', (len(neutral),))]
-    return [(name, 'f8')]
+        return name, 'f8', (len(neutral),)
+    return name, 'f8'
 
 
 RIG_FIELDS = (
@@ -150,10 +124,9 @@ RIG_FIELDS = (
 """Constants of rig and elevation; cosine and sine of the elevation without bracket play."""
 
 EXTENSION_FIELDS = [
-    (part, item.metadata['stage'], item.metadata['acts_on'])
-    for item in shared_parameters()
-    for part in _field(item.name, getattr(NO_EXTENSION, item.name))
-] + [((item.name, 'f8'), item.stage, item.acts_on) for item in own_parameters()]
+    *((_field(item.name, getattr(NO_EXTENSION, item.name)), item.metadata['stage'],
+       item.metadata['acts_on']) for item in shared_parameters()),
+    *(((item.name, 'f8'), item.stage, item.acts_on) for item in own_parameters())]
 """Fields of the model's record for extension parameters, with their stage and target."""
 
 MODEL = np.dtype([
@@ -164,6 +137,19 @@ MODEL = np.dtype([
 All fields are floats, so that a record is also a row of floats.
 """
 
+
+def columns(*names: str) -> list[int]:
+    """Indices of fields of the model's record, with all their parts, in its row of floats."""
+    places: list[int] = []
+    for name in names:
+        kind, start = MODEL.fields[name][:2]  # type: ignore[index]
+        places += range(start // 8, (start + kind.itemsize) // 8)
+    return places
+
+
+_ELEVATION, _COSINE, _SINE, _ELEVATION_ERROR = columns(
+    'elevation', 'cosine', 'sine', 'elevation_error')
+_LAW = slice(len(RIG_FIELDS), len(RIG_FIELDS) + len(PARAMETER_NAMES))
 _shared_values = attrgetter(*(item.name for item in shared_parameters()))
 
 
@@ -183,94 +169,57 @@ def _numbers(extension: RingExtension) -> list[float]:
     return numbers + [own.get(item, 0.0) for item in own_parameters()]
 
 
-class _OfExtension:
-    """Parts of a model that depend on the extension: its numbers, and rows of the last rig."""
+class _Prepared:
+    """Parts of a model that depend on rig and extension: its rows, and numbers (M,) of its record.
 
-    def __init__(self, extension: RingExtension) -> None:
-        self.numbers = _numbers(extension)
-        self._geometry = extension.upper_row, extension.lower_row, extension.radial_row
-        self._rows: tuple[Rig, Rows] | None = None
-        self._record: tuple[Rig, Floats] | None = None
-        self._at: tuple[Rig, float, Model] | None = None
+    The numbers lack the contact law and the elevation.
+    """
 
-    def at(self, rig: Rig, elevation: float) -> Model:
-        """The record of a model, an array of one, at an elevation; not to be written to."""
-        known = self._at
-        if known is None or known[0] is not rig or known[1] != elevation:
-            model = at_elevation(self.record(rig).view(MODEL), elevation)
-            model.flags.writeable = False
-            known = self._at = rig, elevation, model
-        return known[2]
-
-    def record(self, rig: Rig) -> Floats:
-        """Numbers (M,) of the record of a model, without contact law and elevation."""
-        if self._record is None or self._record[0] is not rig:
-            axial, radial, carriage = rig.axial_rows, rig.radial_row, rig.carriage
-            counts = self.rows(rig).counts
-            of_rig = [axial.pitch_radius, radial.height, counts[0], counts[2], axial.clearance,
-                      radial.clearance, carriage.mass, carriage.inertia, carriage.weight,
-                      carriage.weight_x, rig.trunnion.x, rig.trunnion.y, 0.0,
-                      rig.full_scale_load, 0.0, 0.0, rig.probes.axial_span,
-                      rig.probes.radial_height]
-            no_law = [0.0] * len(PARAMETER_NAMES)
-            self._record = rig, np.array([*of_rig, *no_law, *self.numbers], dtype=np.float64)
-        return self._record[1]
-
-    def rows(self, rig: Rig) -> Rows:
-        """The three rows of a rig."""
-        if self._rows is None or self._rows[0] is not rig:
-            self._rows = rig, _rows_cached(rig.axial_rows, rig.radial_row, *self._geometry)
-        return self._rows[1]
+    def __init__(self, rig: Rig, extension: RingExtension) -> None:
+        self.rig = rig
+        axial, radial, carriage = rig.axial_rows, rig.radial_row, rig.carriage
+        self.rows = _rows(axial, radial, _geometry(extension), True)
+        self.numbers = np.array([
+            axial.pitch_radius, radial.height, *self.rows.counts, axial.clearance,
+            radial.clearance, carriage.mass, carriage.inertia, carriage.weight,
+            carriage.weight_x, rig.trunnion.x, rig.trunnion.y, 0.0, rig.full_scale_load, 0.0,
+            0.0, rig.probes.axial_span, rig.probes.radial_height,
+            *[0.0] * len(PARAMETER_NAMES), *_numbers(extension)], dtype=np.float64)
 
 
-def _of_extension(extension: RingExtension) -> _OfExtension:
-    """Cached with the extension, because a fit simulates it for every run and neighbour."""
-    known: _OfExtension | None = vars(extension).get('_of_model')
-    if known is None:
-        known = _OfExtension(extension)
-        object.__setattr__(extension, '_of_model', known)
+def _prepared(rig: Rig, extension: RingExtension) -> _Prepared:
+    """Kept with the extension for its last rig: a fit simulates it for every run and neighbour."""
+    known: _Prepared | None = vars(extension).get('_prepared')
+    if known is None or known.rig is not rig:
+        known = _Prepared(rig, extension)
+        object.__setattr__(extension, '_prepared', known)
     return known
 
 
-def model_of(rig: Rig, elevation: float, extension: RingExtension = NO_EXTENSION) -> Model:
-    """The record of a model, an array of one, without the contact law (see `with_contact`).
+def models_of(rig: Rig, elevation: float, contacts: Floats,
+              extensions: Sequence[RingExtension]) -> Model:
+    """Records (B,) of contact laws (B, 6), each with its extension, at an elevation [rad]."""
+    numbers = np.array([_prepared(rig, extension).numbers for extension in extensions])
+    numbers[:, _LAW] = contacts
+    return _turned(numbers, elevation)
 
-    It is kept and cannot be written to.
-    """
-    return _of_extension(extension).at(rig, elevation)
+
+def model_of(rig: Rig, elevation: float, contact: ArrayLike,
+             extension: RingExtension = NO_EXTENSION) -> Model:
+    """The record of a model, an array of one, of a contact law (6,) at an elevation [rad]."""
+    return models_of(rig, elevation, np.atleast_2d(contact), [extension])
 
 
 def at_elevation(models: Model, elevation: float) -> Model:
-    """Copies (B,) of records with the elevation [rad] of a run put in."""
-    at_run = models.copy()
-    at_ring = elevation + at_run['elevation_error']
-    at_run['elevation'] = elevation
-    at_run['cosine'], at_run['sine'] = np.cos(at_ring), np.sin(at_ring)
-    return at_run
+    """Copies (B,) of records at another elevation [rad]."""
+    return _turned(floats(models).copy(), elevation)
 
 
-def with_contact(model: Model, contacts: ArrayLike) -> Model:
-    """Copies (B,) of the record of a model, each with a contact law of `contacts` (B, 6)."""
-    laws = np.atleast_2d(np.asarray(contacts, dtype=np.float64))
-    batch = np.repeat(model.view(np.float64)[None], laws.shape[0], axis=0)
-    first = len(RIG_FIELDS)
-    batch[:, first:first + laws.shape[1]] = laws
-    return batch.view(MODEL)[:, 0]
-
-
-def model_rows(rig: Rig, contacts: Floats, extensions: Sequence[RingExtension]) -> Model:
-    """Records (B,) of contact laws (B, 6), each with its extension, without an elevation."""
-    rows: list[Floats] = []
-    last = None
-    for extension in extensions:
-        # Neighbours in the contact law share one extension and follow each other.
-        if extension is not last:
-            own = _of_extension(extension).record(rig)
-            last = extension
-        rows.append(own)
-    numbers = np.array(rows)
-    first = len(RIG_FIELDS)
-    numbers[:, first:first + contacts.shape[1]] = contacts
+def _turned(numbers: Floats, elevation: float) -> Model:
+    """Rows of numbers (B, M) as records; numbers, since NumPy copies records very slowly."""
+    at_ring = elevation + numbers[:, _ELEVATION_ERROR]
+    numbers[:, _ELEVATION] = elevation
+    numbers[:, _COSINE], numbers[:, _SINE] = np.cos(at_ring), np.sin(at_ring)
     return numbers.view(MODEL)[:, 0]
 
 
@@ -288,7 +237,7 @@ def floats(models: Model) -> Floats:
 
 def read_motion_only(models: Model) -> NDArray[np.bool_]:
     """Mask (B,) of the models without additions to the motion and to the readings."""
-    added = floats(models)[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):][:, ~_MOVES]
+    added = floats(models)[:, _LAW.stop:][:, ~_MOVES]
     return np.asarray((added == _NEUTRAL[~_MOVES]).all(axis=1))
 
 
@@ -298,8 +247,7 @@ def same_motions(models: Model, rows: Sequence[Rows]) -> NDArray[np.intp]:
     Two such models differ only in additions to the motion and to the readings.
     """
     numbers = floats(models).copy()
-    own = numbers[:, len(RIG_FIELDS) + len(PARAMETER_NAMES):]
-    own[:, ~_MOVES] = 0.0
+    numbers[:, _LAW.stop:][:, ~_MOVES] = 0.0
     first: dict[tuple[bytes, Rows], int] = {}
     keys = [(number.tobytes(), row) for number, row in zip(numbers, rows, strict=True)]
     return np.array([first.setdefault(key, index) for index, key in enumerate(keys)])
@@ -309,9 +257,8 @@ def stack_rows(rows: Sequence[Rows]) -> tuple[Floats, NDArray[np.bool_]]:
     """Rows of a batch, flat: (R, 9 J) and uniform (R, 3); R = 1 if all are equal."""
     if all(row is rows[0] for row in rows):
         return rows[0].flat[None], rows[0].uniform[None]
-    longest = max(row.arrays.shape[2] for row in rows)
-    arrays = np.zeros((len(rows), 3, 3, longest))
+    arrays = np.zeros((len(rows), 3, 3, max(row.flat.size for row in rows) // 9))
     arrays[:, :, 2] = FAR_OFF
     for place, row in zip(arrays, rows, strict=True):
-        place[:, :, :row.arrays.shape[2]] = row.arrays
+        place[:, :, :row.flat.size // 9] = row.flat.reshape(3, 3, -1)
     return arrays.reshape(len(rows), -1), np.array([row.uniform for row in rows])

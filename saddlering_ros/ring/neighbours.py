@@ -160,8 +160,8 @@ def _neighbourhood(rig: Rig, centre: Candidate, others: Sequence[Candidate]) -> 
     """The common part of a candidate and its neighbours in every run."""
     extensions = [extension for _, extension in others]
     every = [centre, *others]
-    models = model.model_rows(rig, np.array([law for law, _ in every], dtype=np.float64),
-                              [extension for _, extension in every])
+    models = model.models_of(rig, 0.0, np.array([law for law, _ in every], dtype=np.float64),
+                             [extension for _, extension in every])
     rollers = [model.rows_of(rig, extension) for _, extension in every]
     leader = model.same_motions(models, rollers)[1:]
     # Directions that move rollers come first: the kernel knows them by their number.
@@ -208,7 +208,7 @@ def _responses(one: _Neighbourhood, models: Model, path: MotionPath, record: _Re
                 models[index:index + 1], record.zero_load, path) - course
         if one.along is not one.rows:
             own = own.copy()
-            own['axial_rollers'], own['radial_rollers'] = one.along.counts[0], one.along.counts[2]
+            own['axial_rollers'], own['radial_rollers'] = one.along.counts
         changes = tangents_along(own, one.along, one.law, external, one.friction, one.geometry,
                                  path)
     plain = np.flatnonzero(one.plain)

@@ -21,15 +21,14 @@ from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring.kernels import courses, integration, tangents
 from saddlering_ros.ring.kernels.row_tangents import LAW, record_width
 from saddlering_ros.ring.model import (
+    columns,
     EXTENSION_FIELDS,
     Floats,
     floats,
-    MODEL,
     Model,
     model_of,
     Rows,
     rows_of,
-    with_contact,
 )
 from saddlering_ros.ring.simulator import check_simulation, dynamic_batch
 
@@ -58,7 +57,7 @@ def followed_motion(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayL
                     load: ArrayLike, max_step: float = 1e-3) -> FollowedMotion:
     """Motion of a contact law (6,) from rest at load[0], NaN where a step failed."""
     seconds, force = check_simulation(time, load, elevation, max_step)
-    model = with_contact(model_of(rig, elevation), contact)
+    model = model_of(rig, elevation, contact)
     rows = rows_of(rig)
     path = simulate_path(model, rows, seconds, force, float(force[0]), max_step)
     if not np.isfinite(path.readings).all():
@@ -69,7 +68,7 @@ def followed_motion(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayL
 def static_sensitivities(rig: Rig, contact: ArrayLike, elevation: float,
                          equilibria: Floats) -> Floats:
     """Derivatives (6, 3, N) of equilibria (3, N) by the contact law (6,), in SI."""
-    model = with_contact(model_of(rig, elevation), contact)
+    model = model_of(rig, elevation, contact)
     rows = rows_of(rig)
     path = np.ascontiguousarray(equilibria.T)
     out = np.empty((path.shape[0], 3, 6))
@@ -77,23 +76,14 @@ def static_sensitivities(rig: Rig, contact: ArrayLike, elevation: float,
     return np.ascontiguousarray(out.transpose(2, 1, 0))
 
 
-def _columns(*names: str) -> list[int]:
-    """Indices of fields of the model's record, with all their parts, in its row of floats."""
-    places: list[int] = []
-    for name in names:
-        kind, start = MODEL.fields[name][:2]  # type: ignore[index]
-        places += range(start // 8, (start + kind.itemsize) // 8)
-    return places
-
-
-K, N, D = (_columns(a, a, b) for a, b in (('K1', 'K2'), ('n1', 'n2'), ('D1', 'D2')))
+K, N, D = (columns(a, a, b) for a, b in (('K1', 'K2'), ('n1', 'n2'), ('D1', 'D2')))
 """Indices of K, n and D of the upper, the lower and the radial row."""
 
-FACTORS = _columns('upper_row_stiffness', 'lower_row_stiffness', 'radial_row_stiffness')
-GROWTH = _columns('damping_penetration_share', 'damping_penetration_exponent',
+FACTORS = columns('upper_row_stiffness', 'lower_row_stiffness', 'radial_row_stiffness')
+GROWTH = columns('damping_penetration_share', 'damping_penetration_exponent',
                   'damping_penetration_saturation')
-FRICTIONS = _columns('radial_friction', 'axial_friction', 'tilt_friction')
-LOADS = _columns('cosine', 'sine', *(part[0] for part, stage, _ in EXTENSION_FIELDS
+FRICTIONS = columns('radial_friction', 'axial_friction', 'tilt_friction')
+LOADS = columns('cosine', 'sine', *(part[0] for part, stage, _ in EXTENSION_FIELDS
                                      if stage == 'load path'))
 
 
@@ -197,7 +187,7 @@ def load_sensitivity(rig: Rig, contact: ContactParameters, elevation: float, tim
     law = contact.to_array()[None]
     step = float(np.mean(np.diff(time)))
     motion = np.ascontiguousarray(dynamic_batch(rig, law, elevation, time, load, 1.01 * step)[0].T)
-    model, rows = with_contact(model_of(rig, elevation), law), rows_of(rig)
+    model, rows = model_of(rig, elevation, law), rows_of(rig)
     sensitivity = np.zeros((3, nodes, nodes))
     force = np.array([np.cos(elevation), -np.sin(elevation),
                       rig.trunnion.y * np.cos(elevation) + rig.trunnion.x * np.sin(elevation)])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.effects import extension_of, laws_of
-from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law, LawHistory, LOAD_TARGET
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.rig import (
@@ -30,12 +30,11 @@ from saddlering_ros.ring.model import (
     Floats,
     Model,
     model_of,
-    model_rows,
+    models_of,
     Rows,
     rows_of,
     same_motions,
     stack_rows,
-    with_contact,
 )
 
 
@@ -76,7 +75,7 @@ class RingSimulator:
         self._laws = laws_of(parameters.effects)
         self._additions: Additions | None = None
         rows = rows_of(rig, extension)
-        self._m = with_contact(model_of(rig, elevation, extension), parameters.contact.to_array())
+        self._m = model_of(rig, elevation, parameters.contact.to_array(), extension)
         self._rows, self._uniform = rows.flat, rows.uniform
         self._max_step = max_step
         self._offset, self._skew = extension.clock_offset, extension.clock_skew
@@ -363,11 +362,8 @@ def _models(rig: Rig, contacts: ArrayLike, elevation: float,
         raise SimulationError(f'contact laws have shape {laws.shape}: give (B, 6)')
     if not np.isfinite(elevation):
         raise SimulationError(f'elevation is {elevation}: give a finite angle [rad]')
-    if extensions is None:
-        model = with_contact(model_of(rig, elevation), laws)
-        return model, [rows_of(rig)] * len(laws)
-    return (at_elevation(model_rows(rig, laws, extensions), elevation),
-            [rows_of(rig, extension) for extension in extensions])
+    every = [NO_EXTENSION] * len(laws) if extensions is None else extensions
+    return models_of(rig, elevation, laws, every), [rows_of(rig, one) for one in every]
 
 
 def _run_batch(m: Model, rows: Sequence[Rows], seconds: Floats, force: Floats, zero_load: float,

@@ -24,12 +24,11 @@ from saddlering_ros.effects import catalogue, extension_of
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.kernels.extension_laws import series_motion
-from saddlering_ros.ring.model import model_of, with_contact
+from saddlering_ros.ring.model import model_of
 
 for hardening in (0.0, 3e-15):
     effects = {'tilt_hardening': {'hardening': hardening}} if hardening else {}
-    model = with_contact(model_of(default_rig(), 0.9, extension_of(effects)),
-                         TRUE_TO_SCALE.to_array())
+    model = model_of(default_rig(), 0.9, TRUE_TO_SCALE.to_array(), extension_of(effects))
     w, s = np.zeros(at.WORK_SIZE), np.zeros(at.STATE_SIZE)
     w[at.RESOLVED + 2] = -2e4
     series_motion.py_func(model.view(np.recarray)[0], s, w)

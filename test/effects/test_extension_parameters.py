@@ -21,7 +21,7 @@ from saddlering_ros.effects.extension import (
 )
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TRUE_TO_SCALE
 from saddlering_ros.ring.kernels import integration, layout
-from saddlering_ros.ring.model import MODEL, model_of, rows_of, with_contact
+from saddlering_ros.ring.model import MODEL, model_of, rows_of
 
 RIG = default_rig()
 TIME = np.arange(0.0, 0.3, 2e-3)
@@ -38,7 +38,7 @@ BUSY = replace(
 
 def motion(extension: RingExtension) -> np.ndarray:
     """Motion (N, 3) of the rings against each other, before anything is added to it."""
-    constants = with_contact(model_of(RIG, 0.9, extension), TRUE_TO_SCALE.to_array())
+    constants = model_of(RIG, 0.9, TRUE_TO_SCALE.to_array(), extension)
     state, moved = np.zeros(layout.STATE_SIZE), np.empty((TIME.size, 3))
     rows, uniform = rows_of(RIG, extension).flat, rows_of(RIG, extension).uniform
     integration.start(constants, rows, uniform, state, 0.0, LOAD[0])

@@ -46,7 +46,7 @@ def test_a_file_from_before_rollers_could_differ_gives_the_numbers_it_gave() -> 
     plain, spread = (
         rows_of(RIG, extension_of({'axial_clearance': {'change': 1.4e-5, **more}}))
         for more in ({}, {'spread': 0.0}))
-    assert np.array_equal(plain.arrays, spread.arrays)
+    assert np.array_equal(plain.flat, spread.flat)
     assert plain.uniform.all()
-    gaps = plain.arrays[0, 2, :plain.counts[0]]
+    gaps = plain.flat.reshape(3, 3, -1)[0, 2, :plain.counts[0]]
     assert gaps == pytest.approx(0.5 * RIG.axial_rows.clearance + 7e-6, abs=1e-18)
