@@ -18,13 +18,13 @@ from saddlering_ros.diagnosis.ring_wording import lowered, title_of
 from saddlering_ros.diagnosis.verdict import signature_cosines
 from saddlering_ros.discrepancy import (
     Diagnosis,
-    free_test_words,
     Point,
     Proposal,
     Reading,
     Residual,
     RunBlocks,
     Separation,
+    wording,
 )
 from saddlering_ros.doubts.comparison import rig_in_words
 from saddlering_ros.effects import catalogue
@@ -108,7 +108,7 @@ def next_test(diagnosis: Diagnosis, runs: Sequence[Record], rig: Rig) -> str | N
     elif not title_of_dimension(named):
         alike = look_alikes(named, signature_cosines(diagnosis))
         sentence = confirming(named, alike[:MAX_ALTERNATIVES])
-    free = free_test_words(diagnosis.held_out_evidence)
+    free = wording.free_test_words(diagnosis.held_out_evidence)
     return ' '.join(filter(None, (free, first, sentence)))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
-from saddlering_ros.discrepancy import describe, gain_words, LawProposal, Term
+from saddlering_ros.discrepancy import describe, LawProposal, Term, wording
 from saddlering_ros.files import write_text
 from saddlering_ros.quantities import quantity
 
@@ -121,6 +121,6 @@ def proposal_lines(law: Mapping[str, Any] | None) -> list[str]:
             f'    {name} {quantity(size["value"], size["unit"], size["std"])}'
             for name, size in term['parameters'].items()]
     gain = law['gain']
-    lines.append(f'  misfit reduction {gain_words(gain["fit"], gain["held_out"])}')
+    lines.append(f'  misfit reduction {wording.gain_words(gain["fit"], gain["held_out"])}')
     lines += [f'  doubt: {doubt}' for doubt in law['doubts']]
     return [*lines, *(f'  effect file: {path}' for path in law['effect_files'])]

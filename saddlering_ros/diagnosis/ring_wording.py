@@ -9,19 +9,7 @@ from typing import Any, cast, TypedDict
 
 from saddlering_ros.diagnosis.proposed_law import proposal_lines
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
-from saddlering_ros.discrepancy import (
-    cause_lines,
-    CauseEntry,
-    certainty_words,
-    influence_words,
-    limit_lines,
-    ReductionEntry,
-    rest_words,
-    share_words,
-    SizeEntry,
-    tried_words,
-    verdict_line,
-)
+from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry, wording
 from saddlering_ros.effects import catalogue
 from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.quantities import (
@@ -185,7 +173,7 @@ def headline(document: VerdictDocument) -> str:
     causes, rest = causes_of(document), ''
     if document.get('remainder'):
         most = document['remainder'][0]
-        rest = rest_words(most['share_of_range'], most['channel'])
+        rest = wording.rest_words(most['share_of_range'], most['channel'])
     if verdict == 'ambiguous':
         words = []
         for cause in causes:
@@ -201,7 +189,7 @@ def headline(document: VerdictDocument) -> str:
         return f'The simulation lacks {lacking}.'
     gain = document['gain']
     return (f'The simulation lacks mainly {lacking}: '
-            f'{share_words(gain["fit"], gain["held_out"])}.{rest}')
+            f'{wording.share_words(gain["fit"], gain["held_out"])}.{rest}')
 
 
 def _unknown(document: VerdictDocument) -> str:
@@ -224,9 +212,9 @@ def tried(document: VerdictDocument) -> str:
     """What was tried before an `unknown`; '' for other verdicts."""
     if document['verdict'] != 'unknown':
         return ''
-    return tried_words(len(document.get('detection_limits') or ()),
-                       len(document.get('candidates') or ()),
-                       has_law=bool(document.get('proposal')))
+    return wording.tried_words(
+        len(document.get('detection_limits') or ()), len(document.get('candidates') or ()),
+        has_law=bool(document.get('proposal')))
 
 
 def _bag_name(run: Mapping[str, Any]) -> str:
@@ -362,22 +350,23 @@ def certainty_lines(document: VerdictDocument) -> list[str]:
     """Probabilities and stability, why the verdict is near its limit, which runs it rests on."""
     influence = document.get('influence', []) if causes_of(document) else []
     return [*filter(None, (
-        certainty_words(document.get('probabilities', {}), document.get('stability', 1.0)),
-        *limit_lines(document.get('near_limit', [])),
-        influence_words([
+        wording.certainty_words(
+            document.get('probabilities', {}), document.get('stability', 1.0)),
+        *wording.limit_lines(document.get('near_limit', [])),
+        wording.influence_words([
             (one['run'], one['start'], one['end'], one['evidence']) for one in influence])))]
 
 
 def document_text(document: VerdictDocument) -> str:
     """Verdict, next test, misfit reduction, open questions, in plain lines."""
     verdict = document['verdict']
-    lines = [verdict_line(verdict), headline(document), gain_sentence(document),
+    lines = [wording.verdict_line(verdict), headline(document), gain_sentence(document),
              *certainty_lines(document), tried(document)]
     if document['next_test']:
         lines.append(f'next test: {document["next_test"]}')
     lines = [*filter(None, lines), '']
     for cause in causes_of(document):
-        lines += cause_lines(cause, parameter_words(cause))
+        lines += wording.cause_lines(cause, parameter_words(cause))
     if shapes_of(document):
         lines.append('Misfit that no effect of the catalogue explains:')
         lines += [f'  {shape_words(shape)}' for shape in shapes_of(document)]

@@ -41,6 +41,7 @@ from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest
 from saddlering_ros.discrepancy.search.limits import DetectionLimit, Observability, observed
 from saddlering_ros.discrepancy.search.selection import space_beside_error
 from saddlering_ros.discrepancy.search.space import prepare
+from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.certainty import probabilities_of
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
@@ -51,18 +52,6 @@ from saddlering_ros.discrepancy.verdict.results import (
     Residual,
     SizeEntry,
 )
-from saddlering_ros.discrepancy.verdict.wording import (
-    cause_lines,
-    certainty_words,
-    free_test_words,
-    gain_words,
-    influence_words,
-    limit_lines,
-    rest_words,
-    share_words,
-    tried_words,
-    verdict_line,
-)
 from saddlering_ros.estimation.rest import RestSegment
 
 __all__ = [
@@ -71,9 +60,7 @@ __all__ = [
     'ModelErrorPrior', 'Neighbourhood', 'Noise', 'Observability', 'Parameter', 'Point', 'Problem',
     'Proposal', 'Reading', 'ReductionEntry', 'Residual', 'RestSegment', 'Run', 'RunBlocks',
     'Separation', 'Settings', 'ShapeTest', 'SizeEntry', 'System', 'SystemWithTangents', 'Term',
-    'cause_lines', 'certainty_words', 'check', 'describe', 'diagnose', 'diagnose_system',
-    'direction_of', 'free_test_words', 'gain_words', 'influence_words', 'limit_lines',
-    'model_error_columns', 'noise_metric', 'nuisance_columns', 'observed', 'prepare',
-    'probabilities_of', 'rest_words', 'share_words', 'space_beside_error', 'tangent',
-    'tried_words', 'verdict_line',
+    'check', 'describe', 'diagnose', 'diagnose_system', 'direction_of', 'model_error_columns',
+    'noise_metric', 'nuisance_columns', 'observed', 'prepare', 'probabilities_of',
+    'space_beside_error', 'tangent', 'wording',
 ]

@@ -1,15 +1,14 @@
 """A diagnosis as one HTML page: verdict, causes, misfit by run and channel, curves."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.model import ModelSystem
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, RunPrediction
-from saddlering_ros.discrepancy.verdict.wording import gain_words
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import Chart, MAIN, Panel, ShadedBand, STRIP, Version
@@ -23,21 +22,8 @@ MAX_POINTS = 600
 def write_page(answer: Diagnosis, path: Path) -> None:
     """Write the page whole, or not at all."""
     title = f'Verdict: {answer.verdict} ({VERDICT_WORDS[answer.verdict]})'
-    html.write_page(path, html.page(title, [
-        f'<div class="verdict {answer.verdict}">{html.paragraph(title, "soft")}'
-        f'{html.paragraph(answer.headline, "headline")}'
-        f'{html.paragraph(f"Next step: {_next_step(answer)}", "next")}{_proof(answer)}</div>',
-        html.section('Warnings', html.bullets(answer.warnings)),
-        _causes(answer), certainty(_certainty_document(answer)), _base(answer),
-        _misfit(answer), _limits(answer)]))
-
-
-def _next_step(answer: Diagnosis) -> str:
-    """What to do with the verdict."""
-    if answer.next_test:
-        return answer.next_test
     along = next((rest.along for rest in answer.remainder), '')
-    return {
+    next_step = answer.next_test or {
         'none': 'none is needed; the detection limits state what these data could not show.',
         'named': 'put the cause with its size into the simulator and predict a run that was not '
                  'fitted.',
@@ -45,39 +31,37 @@ def _next_step(answer: Diagnosis) -> str:
         'unknown': f'declare an effect that goes along {along or "what the misfit follows"}, or '
                    'a model error as large as a sound machine leaves.',
     }[answer.verdict]
-
-
-def _certainty_document(answer: Diagnosis) -> dict[str, Any]:
-    """What the pictures of certainty show, as the document of a ring has it."""
-    keys = ('remainder', 'influence', 'refits')
-    return {'probabilities': answer.probabilities, 'stability': answer.stability,
-            'near_limit': getattr(answer, 'near_limit', ()),
-            'causes': [{'effect': cause.effect} for cause in answer.causes],
-            **{key: [asdict(item) for item in getattr(answer, key, ())] for key in keys}}
-
-
-def _causes(answer: Diagnosis) -> str:
-    return html.section('Causes', html.table(
+    causes = html.table(
         ['cause', 'parameters', 'alternatives', 'misfit reduction', number('p')],
         [[cause.definition.title + (wording.PARTIAL if cause.partial else ''),
-          wording.estimates_words(cause.parameters),
-          ', '.join(cause.group[1:]) or '–',
-          gain_words(cause.gain.fit, cause.gain.held_out), number(probability(cause.p_value))]
-         for cause in answer.causes]))
-
-
-def _base(answer: Diagnosis) -> str:
-    return html.section('Base parameters', html.table(
+          wording.estimates_words(cause.parameters), ', '.join(cause.group[1:]) or '–',
+          wording.gain_words(cause.gain.fit, cause.gain.held_out),
+          number(probability(cause.p_value))] for cause in answer.causes])
+    base = html.table(
         ['parameter', number('alone'), number('with the causes')],
         [[code(name), number(wording.estimate_words(answer.base_alone[name])),
-          number(wording.estimate_words(item))] for name, item in answer.base.items()]))
-
-
-def _limits(answer: Diagnosis) -> str:
-    return html.section('Detection limits of these data', html.table(
+          number(wording.estimate_words(item))] for name, item in answer.base.items()])
+    limits = html.table(
         ['effect', number('size found nine times in ten'), 'can be tested'],
         [[code(item.effect), number(quantity(item.limit, item.unit)),
-          'yes' if item.testable else 'no'] for item in answer.observability.limits]))
+          'yes' if item.testable else 'no'] for item in answer.observability.limits])
+    # The pictures of certainty read the document of a ring.
+    document = {
+        'probabilities': answer.probabilities, 'stability': answer.stability,
+        'near_limit': answer.near_limit,
+        'causes': [{'effect': cause.effect} for cause in answer.causes],
+        'remainder': list(map(asdict, answer.remainder)),
+        'influence': list(map(asdict, answer.influence)),
+        'refits': list(map(asdict, answer.refits))}
+    channels = _channels(answer)
+    html.write_page(path, html.page(title, [
+        f'<div class="verdict {answer.verdict}">{html.paragraph(title, "soft")}'
+        f'{html.paragraph(answer.headline, "headline")}'
+        f'{html.paragraph(f"Next step: {next_step}", "next")}{_proof(answer, channels)}</div>',
+        html.section('Warnings', html.bullets(answer.warnings)),
+        html.section('Causes', causes), certainty(document),
+        html.section('Base parameters', base), _misfit(answer, channels),
+        html.section('Detection limits of these data', limits)]))
 
 
 @dataclass(frozen=True)
@@ -128,7 +112,7 @@ def _channels(answer: Diagnosis) -> list[_Channel]:
     return channels
 
 
-def _proof(answer: Diagnosis) -> str:
+def _proof(answer: Diagnosis, channels: Sequence[_Channel]) -> str:
     """The channel and run, held out if any is, in which the causes or else the misfit are most."""
     def size(case: tuple[RunPrediction, int]) -> tuple[bool, float]:
         prediction, place = case
@@ -138,27 +122,23 @@ def _proof(answer: Diagnosis) -> str:
         change = float(np.std((prediction.after - apart)[place, there]))
         return run.held_out, change / max(float(np.ptp(run.channels[place, there])), 1e-300)
 
-    channels = _channels(answer)
     prediction, place = max(
         ((one, row) for one in answer.runs for row in range(len(channels))), key=size)
-    panels = channels[place].panels(prediction, place, 0)
-    chart = Chart(tuple(panels), width=9.4, height=4.4,
+    chart = Chart(channels[place].panels(prediction, place, 0), width=9.4, height=4.4,
                   heights=(MAIN, STRIP), shares_x=True)
     return html.picture(chart, 'proof', f'{channels[place].name} in {_place(prediction)}: '
                         'measured and simulated; below, the misfit with its bands.')
 
 
-def _misfit(answer: Diagnosis) -> str:
-    channels = _channels(answer)
+def _misfit(answer: Diagnosis, channels: Sequence[_Channel]) -> str:
     parts = []
-    for number_of_run, prediction in enumerate(answer.runs):
+    for number_of_run, prediction in enumerate(answer.runs, start=1):
         panels = [panel for place, channel in enumerate(channels)
                   for panel in channel.panels(prediction, place, 2 * place)]
-        chart = Chart(tuple(panels), width=9.4,
-                      height=1.0 + 3.0 * len(channels), heights=(MAIN, STRIP) * len(channels),
-                      shares_x=True)
+        chart = Chart(tuple(panels), width=9.4, height=1.0 + 3.0 * len(channels),
+                      heights=(MAIN, STRIP) * len(channels), shares_x=True)
         parts.append(html.picture(
-            chart, f'misfit_{number_of_run + 1}',
+            chart, f'misfit_{number_of_run}',
             f'{_place(prediction)}: measured and simulated, and the misfit below each channel.'))
     return html.section('Runs, measured and simulated', *parts)
 

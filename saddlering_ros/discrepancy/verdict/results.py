@@ -101,22 +101,16 @@ class Cause:
 
     def entry(self) -> CauseEntry:
         """The cause as JSON has it."""
-        parameters: dict[str, SizeEntry] = {}
-        for name, size in self.parameters.items():
-            ends = size.interval
-            parameters[name] = {
-                'value': size.value, 'std': size.std,
-                'interval': None if ends is None else list(ends), 'unit': size.unit,
-            }
+        parameters: dict[str, SizeEntry] = {
+            name: {'value': size.value, 'std': size.std,
+                   'interval': None if size.interval is None else list(size.interval),
+                   'unit': size.unit}
+            for name, size in self.parameters.items()}
         entry: CauseEntry = {
-            'effect': self.effect,
-            'group': list(self.group),
-            'parameters': parameters,
+            'effect': self.effect, 'group': list(self.group), 'parameters': parameters,
             'evidence': {'p_value': self.p_value, 'delta_bic': self.delta_bic},
             'gain': {'fit': self.gain.fit, 'held_out': self.gain.held_out},
-            'share_of_range': self.visible,
-            'title': self.definition.title,
-        }
+            'share_of_range': self.visible, 'title': self.definition.title}
         if self.partial:
             entry['partial'] = True
         return entry
@@ -148,13 +142,9 @@ class Residual:
 
         Misfit with the shapes of the parameters changes the parameters.
         """
-        ratios = [1.0 + self.slow.excess / self.slow.dimensions]
-        ratios += [
-            test.statistic / test.dimensions
-            for test in self.consistency
-            if test.p_value < error_rate
-        ]
-        return max(1.0, *ratios)
+        return max(1.0, 1.0 + self.slow.excess / self.slow.dimensions, *(
+            test.statistic / test.dimensions for test in self.consistency
+            if test.p_value < error_rate))
 
 
 @dataclass(frozen=True)
@@ -247,9 +237,8 @@ class Diagnosis:
     @property
     def stability(self) -> float:
         """Share of the refits that end in the same first cause; 1 without refits."""
-        if not self.refits:
-            return 1.0
-        return sum(refit.is_same for refit in self.refits) / len(self.refits)
+        same = [refit.is_same for refit in self.refits] or [True]
+        return sum(same) / len(same)
 
     @property
     def headline(self) -> str:

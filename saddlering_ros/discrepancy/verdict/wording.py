@@ -2,24 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 
+from saddlering_ros import quantities
 from saddlering_ros.discrepancy.next_test import HeldOutEvidence
 from saddlering_ros.discrepancy.problem.system import Parameter
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual
 from saddlering_ros.discrepancy.verdict import results
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, Estimate, Refit, Remainder
-from saddlering_ros.quantities import (
-    CHANCE,
-    compact,
-    percent,
-    probability,
-    quantity,
-    shares_in_words,
-    VERDICT_WORDS,
-)
+from saddlering_ros.quantities import percent, quantity
 
 PARTIAL = ' (explains part of the misfit only)'
 """Words behind the title of a cause that is real beside something else that is wrong."""
-
 
 MAX_RUNS = 4
 """Runs whose share of the evidence is told in a line."""
@@ -33,7 +25,7 @@ MAX_SURE = 0.99
 
 def verdict_line(verdict: str) -> str:
     """The verdict and what it means."""
-    return f'verdict: {verdict} ({VERDICT_WORDS[verdict]})'
+    return f'verdict: {verdict} ({quantities.VERDICT_WORDS[verdict]})'
 
 
 def gain_words(fitted: float, held_out: float | None) -> str:
@@ -48,7 +40,7 @@ def cause_lines(cause: results.CauseEntry, values: str) -> list[str]:
         f'  {cause["effect"]}: {cause["title"]}{PARTIAL if cause.get("partial") else ""}',
         f'    {values}',
         f'    misfit reduction {gain_words(cause["gain"]["fit"], cause["gain"]["held_out"])}; '
-        f'p {probability(cause["evidence"]["p_value"])}',
+        f'p {quantities.probability(cause["evidence"]["p_value"])}',
     ]
     if len(cause['group']) > 1:
         lines.append('    alternatives that explain these data equally well: '
@@ -60,7 +52,7 @@ def estimate_words(estimate: Estimate) -> str:
     """A value with its standard deviation and unit."""
     if estimate.std or estimate.unit:
         return quantity(estimate.value, estimate.unit, estimate.std)
-    return compact(estimate.value)
+    return quantities.compact(estimate.value)
 
 
 def estimates_words(estimates: Mapping[str, Estimate]) -> str:
@@ -70,10 +62,8 @@ def estimates_words(estimates: Mapping[str, Estimate]) -> str:
 
 def headline_of(diagnosis: Diagnosis) -> str:
     """Whether a cause is established, and what is left."""
-    rest = ''
-    if diagnosis.remainder:
-        most = diagnosis.remainder[0]
-        rest = rest_words(most.share_of_range, most.channel)
+    rest = ''.join(rest_words(most.share_of_range, most.channel)
+                   for most in diagnosis.remainder[:1])
     if diagnosis.verdict == 'none':
         return 'These data show nothing that the simulation lacks.'
     if diagnosis.verdict == 'unknown':
@@ -84,16 +74,14 @@ def headline_of(diagnosis: Diagnosis) -> str:
         ' or '.join(cause.group) if len(cause.group) > 1 else cause.definition.title
         for cause in diagnosis.causes)
     mainly = '' if diagnosis.complete else 'mainly '
-    gain = diagnosis.gain
-    return (f'The simulation lacks {mainly}{names}: '
-            f'{share_words(gain.fit, gain.held_out)}.{rest}')
+    share = share_words(diagnosis.gain.fit, diagnosis.gain.held_out)
+    return f'The simulation lacks {mainly}{names}: {share}.{rest}'
 
 
 def share_words(fitted: float, held_out: float | None) -> str:
     """'91 % of the misfit on held-out runs'."""
-    if held_out is None:
-        return f'{percent(fitted)} of the misfit on fitted runs'
-    return f'{percent(held_out)} of the misfit on held-out runs'
+    share, kind = (fitted, 'fitted') if held_out is None else (held_out, 'held-out')
+    return f'{percent(share)} of the misfit on {kind} runs'
 
 
 def rest_words(share_of_range: float, channel: str) -> str:
@@ -118,14 +106,14 @@ def certainty_words(probabilities: Mapping[str, float], stability: float) -> str
     """Probabilities and stability of a verdict in one line; nothing without probabilities."""
     if not probabilities:
         return ''
-    told = ', '.join(f'{name} {words}' for name, words in shares_in_words(probabilities).items())
+    told = quantities.shares_in_words(probabilities)
+    words = ', '.join(f'{name} {share}' for name, share in told.items())
     named = set(probabilities) - {'none', 'unknown'}
     same = 'have the same first cause' if named else 'find no cause either'
-    return f'Probabilities: {told}. {percent(stability)} of the refits {same}.'
+    return f'Probabilities: {words}. {percent(stability)} of the refits {same}.'
 
 
 def limit_lines(near_limit: Sequence[str]) -> list[str]:
-    """Why a verdict is near its limit, one line each."""
     return [f'near its limit: {reason}' for reason in near_limit]
 
 
@@ -137,7 +125,7 @@ def influence_words(influence: Sequence[tuple[str, float, float, float]]) -> str
     runs: dict[str, list[tuple[float, float, float]]] = {}
     for run, start, end, evidence in influence:
         runs.setdefault(run, []).append((evidence, start, end))
-    sums = {run: sum(part[0] for part in parts) for run, parts in runs.items()}
+    sums = {run: sum(evidence for evidence, *_ in parts) for run, parts in runs.items()}
     whole = sum(sums.values())
     if whole <= 0.0:
         return ''
@@ -177,92 +165,77 @@ THREE_EFFECTS = 'three effects act in one channel: so many can fit any misfit'
 
 
 def partial_words(ids: Sequence[str], explained: float, where: str) -> str:
-    """That a misfit remains beside the causes; where: channels and runs."""
     return (f'{remaining_words(explained)} remains, which is more than noise and model error in '
             f'{where}: {" and ".join(ids)} can only be a part of the cause')
 
 
 def crowded_words(count: int) -> str:
-    """That a number of effects was needed for one channel."""
     return (f'{count} effects were needed for one channel: so many effects can fit any misfit, '
             'and none of them is certain')
 
 
 def too_many_words(count: int, replaced: Sequence[str]) -> str:
-    """That a number of effects was needed, of which some can be replaced."""
     return (f'{count} effects were needed, and other effects can replace '
             f'{" and ".join(replaced)}: so many models can fit any misfit, and none of them is '
             'certain')
 
 
 def replaced_words(name: str) -> str:
-    """That one of several causes beside model error has alternatives."""
     return f'beside another cause, other effects can replace {name}'
 
 
 def shape_at_bound_words(name: str, shape: Parameter, value: float) -> str:
-    """That a shape of a cause is at a bound, `value`."""
     return (f'{name}: its {shape.name} is at the bound of {quantity(value, shape.unit)}: the '
             'cause has another shape than the bounds allow, so that it is not named')
 
 
 def size_at_bound_words(name: str, size: Parameter, value: float) -> str:
-    """That the size of a cause is at a bound, `value`."""
     return (f'{name}: its {size.name} is at the bound of {quantity(value, size.unit)}: the size '
             'exceeds the expected range, or another cause contributes, so that it is not named')
 
 
 def uncertain_size_words(name: str, low: float, high: float, unit: str) -> str:
-    """That the interval of a size includes the absence of the cause."""
     return (f'{name}: the 95 % interval of its size, {low:.3g} to {high:.3g} {unit}'.rstrip()
             + ', includes its absence')
 
 
 def weak_words(name: str, taken: float, needed: float) -> str:
-    """That causes take too small a share of the misfit's power to be established."""
     return (f'{name} takes {percent(max(taken, 0.0))} of the power of the misfit beyond noise; '
             f'a cause is established from {percent(needed)} on, because a wrong cause can take '
             'nearly as much')
 
 
 def suspect_words(ids: Sequence[str], doubts: Sequence[str]) -> str:
-    """Why the main causes are not established if what remains is error of the model."""
     return (f'if what remains is error of the model, the main cause is {" and ".join(ids)}, '
             f'and it is not established: {"; ".join(doubts)}')
 
 
 def worse_view_words(view: str) -> str:
-    """That the causes make worse what they mainly move."""
     return f'in {view}, where the causes move most, the misfit is larger with them'
 
 
 def uncertain_gain_words(low: float, high: float) -> str:
-    """That the interval of the misfit reduction on predicted runs contains 0."""
     return (f'on runs that it predicts, the reduction of the misfit is between {percent(low)} and '
             f'{percent(high)}')
 
 
 def worse_prediction_words(name: str, rise: float, *, is_held_out: bool) -> str:
-    """That causes predict runs worse than the simulator without them."""
     runs = 'held-out runs' if is_held_out else 'runs held out in turn'
     return (f'{name} predicts {runs} worse: the misfit there rises by {percent(rise)}, so that it '
             'is not named')
 
 
 def own_kind_words(ids: Sequence[str], share: float) -> str:
-    """That a share of the remainder goes as the causes act."""
     return (f'{percent(share)} of what remains goes along the coordinates of {" and ".join(ids)} '
             'itself: the law is another one')
 
 
 def unsteady_size_words(name: str, kind: str, least: float, most: float) -> str:
-    """That a cause needs another size, as shares of the fitted one, in each run or channel."""
     return (f'{name}: with a size for each {kind}, it is {percent(least)} to {percent(most)} of '
             'the fitted one, which its interval does not allow: the law is another one')
 
 
 def shared_direction_words(name: str, other: str, share: float) -> str:
-    """That another effect would act as the cause `name` does."""
     return (f'{other}, of another size or sign, has {percent(share)} of the power of what {name} '
             'changes beyond the base: an effect that is not in the catalogue could have as much')
 
@@ -276,19 +249,16 @@ REST_IS_ERROR = ('what remains is more than noise and fits no cause: every inter
 
 
 def beyond_declared_words(name: str, rest: Remainder, declared: float) -> str:
-    """That more is left in a channel than its declared model error, a share of its range."""
     return (f'{name} in {rest.run}: {percent(rest.share_of_range)} of range is left, more than '
             f'the declared model error of {percent(declared)}')
 
 
 def other_form_words(explained: float, where: str) -> str:
-    """That the form error of a cause explains what remains."""
     return (f'{remaining_words(explained)} remains with the extension, most of it in {where}: the '
             'law of the cause has another form, which explains it')
 
 
 def oscillation_words(fast: FastResidual) -> str:
-    """That a fast residual remains."""
     return (f'{fast.view} oscillates at about {quantity(fast.frequency, "Hz", digits=2)} in '
             f'{fast.run} ({percent(fast.visible)} of range), which no cause explains')
 
@@ -297,28 +267,23 @@ def oscillation_words(fast: FastResidual) -> str:
 
 
 def one_run_words(refit: Refit) -> str:
-    """That the first cause hangs on the run that a refit leaves out."""
     return f'{refit.change} the first cause is {refit.first or "none"}: it hangs on that run'
 
 
 def unstable_words(others: Sequence[Refit], count: int) -> str:
-    """That too many of `count` refits end in another first cause."""
     return f'{len(others)} of {count} refits end in another first cause: ' + '; '.join(
         f'{refit.change}: {refit.first or "none"}' for refit in others[:3])
 
 
 def almost_a_cause_words(name: str, share: float) -> str:
-    """That an effect almost has the evidence of a cause."""
     return f'{name} reaches {percent(share)} of the evidence at which it would be a cause'
 
 
 def barely_real_words(name: str, times: float) -> str:
-    """That a cause has little more evidence than it needs."""
     return f'{name} has {times:.1f} times the evidence at which a cause is real'
 
 
 def barely_taken_words(taken: float, needed: float) -> str:
-    """That the causes take little more than established ones must."""
     return (f'the causes take {percent(taken)} of the misfit beyond noise; with less than '
             f'{percent(needed)} they would not be established')
 
@@ -331,14 +296,12 @@ def summary_text(diagnosis: Diagnosis) -> str:
     lines = [verdict_line(diagnosis.verdict), diagnosis.headline]
     for cause in diagnosis.causes:
         lines += cause_lines(cause.entry(), estimates_words(cause.parameters))
-    if diagnosis.separations:
-        best = diagnosis.separations[0]
-        lines.append(f'next test: {diagnosis.next_test} The test leaves the true cause alone in '
-                     f'{round(100 * best.share)} of 100 simulated draws.')
-    elif diagnosis.next_test:
-        lines.append(f'next test: {diagnosis.next_test}')
+    if diagnosis.next_test:
+        share = ''.join(f' The test leaves the true cause alone in {round(100 * best.share)} of '
+                        '100 simulated draws.' for best in diagnosis.separations[:1])
+        lines.append(f'next test: {diagnosis.next_test}{share}')
+    gain = diagnosis.gain
     if diagnosis.causes:
-        gain = diagnosis.gain
         lines.append(f'misfit reduction: {gain_words(gain.fit, gain.held_out)}')
     lines.append(certainty_words(diagnosis.probabilities, diagnosis.stability))
     lines += limit_lines(diagnosis.near_limit)
@@ -351,16 +314,12 @@ def summary_text(diagnosis: Diagnosis) -> str:
             has_law=diagnosis.law is not None))
         after = diagnosis.residual_after
         tests = sorted((*after.consistency, *after.shapes), key=lambda test: test.p_value)
-        shapes = [test for test in tests if test.p_value < CHANCE][:4]
         lines += [
             f'  residual: {shape.view} along {shape.coordinate}, {percent(shape.visible)} of range'
-            for shape in shapes
-        ]
-    lines += ['', 'base parameters (alone -> with the causes):']
-    lines += [
+            for shape in tests[:4] if shape.p_value < quantities.CHANCE]
+    lines += ['', 'base parameters (alone -> with the causes):', *(
         f'  {name}: {estimate_words(diagnosis.base_alone[name])} -> {estimate_words(estimate)}'
-        for name, estimate in diagnosis.base.items()
-    ]
+        for name, estimate in diagnosis.base.items())]
     lines += [f'warning: {warning}' for warning in diagnosis.warnings]
     if not diagnosis.converged:
         lines.append('not converged: a fit on which the verdict rests ended before its optimum')
