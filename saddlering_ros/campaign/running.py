@@ -11,7 +11,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 import os
 from pathlib import Path
 import threading
@@ -50,12 +50,9 @@ class Slot:
         self._stopped = False
 
     def judge(self, task: SessionTask) -> dict[str, Any]:
-        """The result document of a task; a failure of any kind is a result too."""
-        began = time.monotonic()
-        answer = failure('refused', task.problem) if task.problem else self._ask(task)
-        return document_of(task, time.monotonic() - began, answer)
-
-    def _ask(self, task: SessionTask) -> dict[str, Any]:
+        """The verdict on a task's session, or why there is none; a failure is an answer too."""
+        if task.problem:
+            return failure('refused', task.problem)
         if self._worker is None:
             self._worker = Worker('saddlering_ros.campaign.task', ONE_THREAD)
         end = time.monotonic() + task.limits.seconds
@@ -107,7 +104,9 @@ def execute(document: dict[str, Any], folder: str) -> str:
     """
     task, store = task_from(document), Store(Path(folder))
     if not store.has_result(task.key, task.attempt):
-        store.write_result(_THREAD.slot.judge(task))
+        began = time.monotonic()
+        answer = _THREAD.slot.judge(task)
+        store.write_result(document_of(task, time.monotonic() - began, answer))
     return task.key
 
 
@@ -186,13 +185,27 @@ def run_campaign(
     """
     store.prepare()
     status = Status(len(tasks), started=time.time(), updated=time.time(), slots=workers.slots)
-    work = _Work(store, workers, _waiting(tasks, store, status, retry=retry))
+    waiting = _waiting(tasks, store, status, retry=retry)
+    running: dict[futures.Future[str], SessionTask] = {}
+    lost: Counter[str] = Counter()
     store.write_status(status)
     try:
-        while work.waiting or work.running:
-            documents, is_late = work.next_results()
-            for document in documents:
-                status.add(document, new=True)
+        while waiting or running:
+            while waiting and len(running) < TASKS_A_SLOT * workers.slots:
+                task = waiting.popleft()
+                running[workers.executor.submit(
+                    execute, task.as_dict(), str(store.folder.resolve()))] = task
+            finished, _ = futures.wait(
+                running, timeout=HEARTBEAT, return_when=futures.FIRST_COMPLETED)
+            is_late = not finished
+            for future in finished:
+                task = running.pop(future)
+                document = _result_of(future, task, store, lost)
+                if document is None:
+                    waiting.append(task)
+                    is_late = True
+                else:
+                    status.add(document, new=True)
             if is_late and not workers.alive():
                 raise CampaignInterruptedError(
                     f'the scheduler no longer answers; {status.done} of {len(tasks)} sessions '
@@ -202,7 +215,7 @@ def run_campaign(
                 store.write_status(status)
                 on_status(status)
     finally:
-        for future in work.running:
+        for future in running:
             future.cancel()
         status.updated, status.running = time.time(), False
         store.write_status(status)
@@ -237,46 +250,28 @@ def _waiting(
     return waiting
 
 
-@dataclass
-class _Work:
-    """Tasks that wait and tasks that run, a few a slot; lost: dead workers by task."""
+def _result_of(
+    future: futures.Future[str], task: SessionTask, store: Store, lost: Counter[str],
+) -> dict[str, Any] | None:
+    """The result of a finished task; None if its worker died and it is tried again.
 
-    store: Store
-    workers: Workers
-    waiting: deque[SessionTask]
-    running: dict[futures.Future[str], SessionTask] = field(default_factory=dict)
-    lost: Counter[str] = field(default_factory=Counter)
-
-    def next_results(self) -> tuple[list[dict[str, Any]], bool]:
-        """Results that came, and whether the executor may be gone: none came, or a worker died."""
-        while self.waiting and len(self.running) < TASKS_A_SLOT * self.workers.slots:
-            task = self.waiting.popleft()
-            self.running[self.workers.executor.submit(
-                execute, task.as_dict(), str(self.store.folder.resolve()))] = task
-        finished, _ = futures.wait(
-            self.running, timeout=HEARTBEAT, return_when=futures.FIRST_COMPLETED)
-        documents, is_late = [], not finished
-        for future in finished:
-            task = self.running.pop(future)
-            try:
-                future.result()
-            except SaddleringError:
-                raise  # the store cannot be written: no other task would fare better
-            except (Exception, futures.CancelledError) as problem:
-                # The result may have been written before the worker died.
-                if not self.store.has_result(task.key, task.attempt):
-                    self.lost[task.key] += 1
-                    if self.lost[task.key] < MAX_LOST_WORKERS:
-                        self.waiting.append(task)
-                        is_late = True
-                        continue
-                    self.store.write_result(document_of(task, 0.0, failure(
-                        'worker', f'{MAX_LOST_WORKERS} workers died during this session '
-                        f'({type(problem).__name__}): run the campaign with --retry')))
-            document = self.store.read_result(task.key)
-            if document is None:
-                raise CampaignError(f'{self.store.place_of(task.key)}: was reported as written '
-                                    'and is missing: give workers and coordinator the same --out '
-                                    'folder')
-            documents.append(document)
-        return documents, is_late
+    lost: dead workers by task.
+    """
+    try:
+        future.result()
+    except SaddleringError:
+        raise  # the store cannot be written: no other task would fare better
+    except (Exception, futures.CancelledError) as problem:
+        # The result may have been written before the worker died.
+        if not store.has_result(task.key, task.attempt):
+            lost[task.key] += 1
+            if lost[task.key] < MAX_LOST_WORKERS:
+                return None
+            store.write_result(document_of(task, 0.0, failure(
+                'worker', f'{MAX_LOST_WORKERS} workers died during this session '
+                f'({type(problem).__name__}): run the campaign with --retry')))
+    document = store.read_result(task.key)
+    if document is None:
+        raise CampaignError(f'{store.place_of(task.key)}: was reported as written and is missing: '
+                            'give workers and coordinator the same --out folder')
+    return document

@@ -5,7 +5,7 @@ a line a bag, as manifest.parquet and as manifest.csv; an edited CSV overrides t
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass, replace
@@ -18,7 +18,6 @@ from pathlib import Path
 from mcap.reader import SeekingReader
 
 from saddlering_ros.bags.folder import (
-    BagDirectory,
     METADATA,
     open_directory,
     plain_file,
@@ -27,7 +26,7 @@ from saddlering_ros.bags.folder import (
 )
 from saddlering_ros.campaign.store import CampaignError
 from saddlering_ros.errors import BagError, plain_number
-from saddlering_ros.files import whole_file, write_text
+from saddlering_ros.files import whole_file, write_csv
 from saddlering_ros.plain_yaml import read_regular_text
 from saddlering_ros.record.metadata import METADATA_RECORD
 
@@ -141,9 +140,6 @@ def base_of(session: Session, sessions: Sequence[Session]) -> Session | None:
     return sessions[max(earlier)[1]] if earlier else None
 
 
-# -- bags under a folder -----------------------------------------------------------------------
-
-
 def find_bags(
     folder: Path | str, on_progress: Callable[[int], None] = lambda count: None,
 ) -> list[FoundBag]:
@@ -180,10 +176,24 @@ def _places(folder: Path) -> Iterator[Path]:
 
 
 def _look_at(path: Path) -> FoundBag:
-    """The bag at `path`; a fault becomes its `problem`."""
+    """The bag at `path` by its summaries alone, no message is read; a fault is its `problem`."""
     try:
         directory = open_directory(path)
-        metadata, start = _metadata_of(directory)
+        metadata, start = dict(directory.custom_data), None
+        if directory.has_metadata and directory.path.is_dir():
+            stated = read_metadata(directory.path / METADATA).get('starting_time')
+            value = stated.get('nanoseconds_since_epoch') if isinstance(stated, dict) else None
+            start = value if isinstance(value, int) else None
+        for file in () if metadata and start is not None else directory.files:
+            # One of six unrelated types of damage; reading the bag will report it.
+            with suppress(Exception), plain_file(file) as plain, plain.open('rb') as stream:
+                reader = SeekingReader(stream)
+                for record in reader.iter_metadata():
+                    if record.name == METADATA_RECORD:
+                        metadata = {**record.metadata, **metadata}
+                summary = reader.get_summary()
+                if start is None and summary is not None and summary.statistics is not None:
+                    start = summary.statistics.message_start_time
         time = None if start is None else start / 1e9
         with suppress(ValueError):
             time = _seconds(metadata.get('date', '').strip())
@@ -192,33 +202,6 @@ def _look_at(path: Path) -> FoundBag:
         return FoundBag(path, problem=str(fault))
     except OSError as fault:
         return FoundBag(path, problem=f'{path}: cannot be read ({fault.strerror}): check the path')
-
-
-def _metadata_of(directory: BagDirectory) -> tuple[dict[str, str], int | None]:
-    """Test metadata and start [ns] by the summaries alone; no message is read."""
-    metadata, start = dict(directory.custom_data), None
-    if directory.has_metadata and directory.path.is_dir():
-        stated = read_metadata(directory.path / METADATA).get('starting_time')
-        value = stated.get('nanoseconds_since_epoch') if isinstance(stated, dict) else None
-        start = value if isinstance(value, int) else None
-    if metadata and start is not None:
-        return metadata, start
-    for file in directory.files:
-        try:
-            with plain_file(file) as plain, plain.open('rb') as stream:
-                reader = SeekingReader(stream)
-                for record in reader.iter_metadata():
-                    if record.name == METADATA_RECORD:
-                        metadata = {**record.metadata, **metadata}
-                summary = reader.get_summary()
-                if start is None and summary is not None and summary.statistics is not None:
-                    start = summary.statistics.message_start_time
-        except Exception:  # of six unrelated types; reading the bag will report its damage
-            continue
-    return metadata, start
-
-
-# -- sessions ----------------------------------------------------------------------------------
 
 
 def group_sessions(
@@ -237,44 +220,40 @@ def group_sessions(
             bag, SKIP, f'same recording as {first.path}')
         key = (str(bag.path), 'unreadable') if bag.problem else (bag.ring, bag.bench)
         groups.setdefault(key, []).append(member)
-    sessions = []
-    count: Counter[str] = Counter()
+    parts: list[list[Member]] = []
     for _, members in sorted(groups.items()):
-        for part in _parts_by_time(members, gap):
-            session = _session(part, hold_out)
-            count[session.name] += 1
-            number = count[session.name]
-            name = session.name if number == 1 else f'{session.name} ({number})'
-            sessions.append(replace(session, name=name))
+        last: float | None = None
+        members.sort(key=lambda item: (item.bag.time or -math.inf, str(item.bag.path)))
+        for place, member in enumerate(members):
+            now = member.bag.time
+            near = now == last if now is None or last is None else now - last <= gap
+            if place and near:
+                parts[-1].append(member)
+            else:
+                parts.append([member])
+            last = now
+    sessions, count = [], Counter[str]()
+    for session in (_session(part, hold_out) for part in parts):
+        count[session.name] += 1
+        number = count[session.name]
+        name = session.name if number == 1 else f'{session.name} ({number})'
+        sessions.append(replace(session, name=name))
     return sessions
 
 
-def _parts_by_time(members: Sequence[Member], gap: float) -> list[list[Member]]:
-    parts: list[list[Member]] = []
-    last: float | None = None
-    for member in sorted(members, key=lambda item: (item.bag.time or -math.inf,
-                                                    str(item.bag.path))):
-        now = member.bag.time
-        near = now == last if now is None or last is None else now - last <= gap
-        if parts and near:
-            parts[-1].append(member)
-        else:
-            parts.append([member])
-        last = now
-    return parts
-
-
 def _session(members: list[Member], hold_out: float | None) -> Session:
-    elevations = {member.bag.fact('elevation_deg') for member in members if member.role == FIT}
-    apart = [text for text in elevations if _is_elevation(text, hold_out)]
-    if len(elevations) > len(apart):
+    fitted = {member.bag.fact('elevation_deg') for member in members if member.role == FIT}
+    apart, wanted = set[str](), math.nan if hold_out is None else hold_out
+    for text in fitted:
+        with suppress(ValueError):
+            if math.isclose(plain_number(text), wanted, abs_tol=1e-6):
+                apart.add(text)
+    if fitted - apart:
         members = [
             replace(member, role=HOLD_OUT)
             if member.role == FIT and member.bag.fact('elevation_deg') in apart else member
-            for member in members
-        ]
-    first, bags = members[0].bag, [member.bag for member in members]
-    hours = []
+            for member in members]
+    first, bags, hours = members[0].bag, [member.bag for member in members], []
     for bag in bags:
         with suppress(ValueError):
             hours.append(float(bag.fact('service_hours')))
@@ -284,43 +263,24 @@ def _session(members: list[Member], hold_out: float | None) -> Session:
         any(bag.says('maintenance') for bag in bags), any(bag.says('base') for bag in bags))
 
 
-def _is_elevation(text: str, wanted: float | None) -> bool:
-    try:
-        return wanted is not None and math.isclose(plain_number(text), wanted, abs_tol=1e-6)
-    except ValueError:
-        return False
-
-
-# -- the manifest ------------------------------------------------------------------------------
-
-
 def write_manifest(folder: Path, sessions: Sequence[Session]) -> None:
     """manifest.parquet and manifest.csv in `folder`, each whole or not at all."""
     import pyarrow
     import pyarrow.parquet
 
-    rows = [
-        {
-            'bag': str(member.bag.path), 'session': session.name, 'ring': session.ring,
-            'bench': session.bench, 'date': _date(member.bag.time),
-            'test': member.bag.fact('test'), 'elevation_deg': member.bag.fact('elevation_deg'),
-            'role': member.role,
-            'service_hours': '' if session.service_hours is None else f'{session.service_hours:g}',
-            'maintenance': 'yes' if session.maintenance else '',
-            'base': 'yes' if session.is_base else '',
-            'note': member.bag.problem or member.note, 'sha256': member.bag.sha256,
-        }
-        for session in sessions for member in session.members
-    ]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator='\n')
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(folder / 'manifest.csv', text.getvalue(), CampaignError)
+    rows = [(
+        str(member.bag.path), session.name, session.ring, session.bench, _date(member.bag.time),
+        member.bag.fact('test'), member.bag.fact('elevation_deg'), member.role,
+        '' if session.service_hours is None else f'{session.service_hours:g}',
+        'yes' if session.maintenance else '', 'yes' if session.is_base else '',
+        member.bag.problem or member.note, member.bag.sha256)
+        for session in sessions for member in session.members]
+    columns = dict(zip(COLUMNS, zip(*rows, strict=True) if rows else [()] * len(COLUMNS),
+                       strict=True))
+    write_csv(folder / 'manifest.csv', columns, CampaignError)
     schema = pyarrow.schema([(name, pyarrow.string()) for name in COLUMNS])
-    table = pyarrow.Table.from_pylist(rows, schema=schema)
     with whole_file(folder / 'manifest.parquet', CampaignError) as temporary:
-        pyarrow.parquet.write_table(table, temporary)
+        pyarrow.parquet.write_table(pyarrow.table(columns, schema=schema), temporary)
 
 
 def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
@@ -335,7 +295,7 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
     if missing:
         raise CampaignError(f'{path}: has no column {missing[0]!r}: its columns are '
                             f'{", ".join(COLUMNS)}')
-    groups: dict[str, list[tuple[Member, dict[str, str]]]] = {}
+    groups: dict[str, tuple[list[Member], list[dict[str, str]]]] = {}
     for number, row in enumerate(reader, start=2):
         line = {name: (row.get(name) or '').strip() for name in COLUMNS}
         where = f'{path}: line {number}'
@@ -348,16 +308,16 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
             raise CampaignError(f'{where}: role is {role!r}: give {", ".join(ROLES)}')
         if not line['session']:
             raise CampaignError(f'{where}: session is empty: give the name of a session')
-        groups.setdefault(line['session'], []).append((Member(bag, role, line['note']), line))
-    return [_session_of_lines(path, name, lines) for name, lines in groups.items()]
+        members, lines = groups.setdefault(line['session'], ([], []))
+        members.append(Member(bag, role, line['note']))
+        lines.append(line)
+    return [_session_of_lines(path, name, *group) for name, group in groups.items()]
 
 
 def _session_of_lines(
-    path: Path, name: str, lines: list[tuple[Member, dict[str, str]]],
+    path: Path, name: str, members: Sequence[Member], lines: Sequence[Mapping[str, str]],
 ) -> Session:
-    members = tuple(member for member, _ in lines)
-    first = lines[0][1]
-    rings = {line['ring'] for _, line in lines if line['ring']}
+    first, rings = lines[0], {line['ring'] for line in lines if line['ring']}
     if len(rings) > 1:
         raise CampaignError(f'{path}: session {name!r} has bags of the rings '
                             f'{", ".join(sorted(rings))}: give each ring a session of its own')
@@ -374,8 +334,8 @@ def _session_of_lines(
                             '2026-11-20T08:00:00Z') from None
     return Session(
         name, first['ring'] or members[0].bag.ring, first['bench'] or members[0].bag.bench, time,
-        members, hours,
-        *(any(line[name].lower() in YES for _, line in lines) for name in ('maintenance', 'base')))
+        tuple(members), hours,
+        *(any(line[name].lower() in YES for line in lines) for name in ('maintenance', 'base')))
 
 
 def _seconds(text: str) -> float:

@@ -70,8 +70,8 @@ class Store:
     def prepare(self) -> None:
         """Make the folders; CampaignError where that is impossible."""
         try:
-            (self.folder / RESULTS).mkdir(parents=True, exist_ok=True)
-            self.reports.mkdir(exist_ok=True)
+            for name in (RESULTS, REPORTS):
+                (self.folder / name).mkdir(parents=True, exist_ok=True)
         except OSError as problem:
             raise CampaignError(f'{self.folder}: cannot be made ({problem.strerror}): choose '
                                 'another --out') from problem
@@ -98,8 +98,8 @@ class Store:
     def write_result(self, document: dict[str, Any]) -> None:
         """Keep a result, whole or not at all, with the hash of its content."""
         content = json.loads(json.dumps(document))
-        content[HASH] = _hash_of(content)
-        write_text(self.place_of(document['key']), json.dumps(content) + '\n', CampaignError)
+        whole = {**content, HASH: _hash_of(content)}
+        write_text(self.place_of(document['key']), json.dumps(whole) + '\n', CampaignError)
 
     def write_status(self, status: Status) -> None:
         """Print the state of the campaign."""

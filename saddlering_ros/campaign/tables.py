@@ -69,26 +69,35 @@ def results_of(
 def write_tables(store: Store, tasks: Sequence[SessionTask]) -> None:
     """verdicts.parquet, parameters.parquet and detection_limits.parquet, each whole or not."""
     for name, schema, rows_of in (
-        ('verdicts', VERDICTS, verdict_rows), ('parameters', PARAMETERS, parameter_rows),
-        ('detection_limits', LIMITS, limit_rows),
+        ('verdicts', VERDICTS, _verdict_rows), ('parameters', PARAMETERS, _parameter_rows),
+        ('detection_limits', LIMITS, _limit_rows),
     ):
-        rows = (row for task, result in results_of(store, tasks) for row in rows_of(task, result))
+        rows = ({**_session(task), **row} for task, result in results_of(store, tasks)
+                for row in rows_of(task, result, result.get('verdict') or {}))
         with whole_file(store.folder / f'{name}.parquet', CampaignError) as temporary, \
                 pyarrow.parquet.ParquetWriter(temporary, schema) as writer:
             while group := list(islice(rows, GROUP)):
                 writer.write_table(pyarrow.Table.from_pylist(group, schema=schema))
 
 
-def verdict_rows(task: SessionTask, result: Mapping[str, Any]) -> Rows:
+def _session(task: SessionTask) -> dict[str, Any]:
+    """The columns that all tables share."""
+    time = task.time
+    return {
+        'key': task.key, 'session': task.name, 'ring': task.ring, 'bench': task.bench,
+        'time': None if time is None else datetime.fromtimestamp(time, timezone.utc),
+        'service_hours': task.service_hours}
+
+
+def _verdict_rows(
+    task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
+) -> Rows:
     """The one row of a session in verdicts.parquet; of a failed one without a verdict."""
-    document = result.get('verdict') or {}
-    causes = document.get('causes', [])
-    gain = document.get('gain') or {}
-    change = result.get('change') or {}
+    gain, change = document.get('gain') or {}, result.get('change') or {}
     return [{
-        **_session(task), 'maintenance': task.maintenance, 'status': result['status'],
-        'kind': result.get('kind'), 'reason': result.get('reason'),
-        'verdict': document.get('verdict'), 'causes': [_cause(item) for item in causes],
+        'maintenance': task.maintenance, 'status': result['status'], 'kind': result.get('kind'),
+        'reason': result.get('reason'), 'verdict': document.get('verdict'),
+        'causes': [_cause(item) for item in document.get('causes', [])],
         'p_value': p_value_of(document) if document else None,
         'misfit_reduction': gain.get('fit'), 'misfit_reduction_held_out': gain.get('held_out'),
         'change': change.get('verdict'), 'change_headline': change.get('headline'),
@@ -98,31 +107,37 @@ def verdict_rows(task: SessionTask, result: Mapping[str, Any]) -> Rows:
         'bag_sha256': [bag.sha256 for bag in task.bags],
         'rig_file': task.rig or None, 'rig_sha256': task.rig_sha256 or None,
         'code': (result.get('versions') or {}).get('code'), 'seed': result['seed'],
-        'seconds': result['seconds'],
-    }]
+        'seconds': result['seconds']}]
 
 
-def parameter_rows(task: SessionTask, result: Mapping[str, Any]) -> Rows:
+def _cause(item: Mapping[str, Any]) -> dict[str, Any]:
+    name, gain = item.get('effect'), item.get('gain') or {}
+    size: Mapping[str, Any] = next(iter((item.get('parameters') or {}).values()), {})
+    return {
+        'effect': name or item.get('shape'), 'group': item.get('group') or [],
+        'size': size.get('value'), 'std': size.get('std'), 'unit': size.get('unit'),
+        'p_value': (item.get('evidence') or item).get('p_value'),
+        'misfit_reduction': gain.get('fit'), 'misfit_reduction_held_out': gain.get('held_out'),
+        'partial': bool(item.get('partial', name is None))}
+
+
+def _parameter_rows(
+    task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
+) -> Rows:
     """A row a contact parameter; its covariance is the row of the session's matrix."""
-    document = result.get('verdict') or {}
     after = (document.get('parameters') or {}).get('after') or {}
     names = [name for name in after if not name.endswith('_std')]
     covariance = result.get('covariance') or [[None] * len(names)] * len(names)
-    return [
-        {**_session(task), 'parameter': name, 'value': after[name],
-         'std': after.get(f'{name}_std'), 'covariance': list(covariance[row])}
-        for row, name in enumerate(names)
-    ]
+    return [{'parameter': name, 'value': after[name], 'std': after.get(f'{name}_std'),
+             'covariance': list(covariance[row])} for row, name in enumerate(names)]
 
 
-def limit_rows(task: SessionTask, result: Mapping[str, Any]) -> Rows:
+def _limit_rows(
+    task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
+) -> Rows:
     """A row an effect of the catalogue: the size that this session could have shown."""
-    document = result.get('verdict') or {}
-    return [
-        {**_session(task), **{name: item.get(name) for name in (
-            'effect', 'limit', 'material_limit', 'unit', 'testable')}}
-        for item in document.get('detection_limits') or []
-    ]
+    return [{name: item.get(name) for name in LIMITS.names[len(_SESSION):]}
+            for item in document.get('detection_limits') or []]
 
 
 def p_value_of(document: Mapping[str, Any]) -> float:
@@ -136,29 +151,6 @@ def p_value_of(document: Mapping[str, Any]) -> float:
     return min([float(value) for value in found if value is not None], default=1.0)
 
 
-def _session(task: SessionTask) -> dict[str, Any]:
-    time = task.time
-    return {
-        'key': task.key, 'session': task.name, 'ring': task.ring, 'bench': task.bench,
-        'time': None if time is None else datetime.fromtimestamp(time, timezone.utc),
-        'service_hours': task.service_hours,
-    }
-
-
-def _cause(item: Mapping[str, Any]) -> dict[str, Any]:
-    name = item.get('effect')
-    parameters = item.get('parameters') or {}
-    size: Mapping[str, Any] = next(iter(parameters.values()), {})
-    gain = item.get('gain') or {}
-    return {
-        'effect': name or item.get('shape'), 'group': item.get('group') or [],
-        'size': size.get('value'), 'std': size.get('std'), 'unit': size.get('unit'),
-        'p_value': (item.get('evidence') or item).get('p_value'),
-        'misfit_reduction': gain.get('fit'), 'misfit_reduction_held_out': gain.get('held_out'),
-        'partial': bool(item.get('partial', name is None)),
-    }
-
-
 def write_fleet(store: Store, tasks: Sequence[SessionTask], limits: Mapping[str, float]) -> Fleet:
     """Judge the fleet of the sessions that have a verdict; write fleet.json and report.html."""
     from saddlering_ros.fleet.page import fleet_page
@@ -167,11 +159,11 @@ def write_fleet(store: Store, tasks: Sequence[SessionTask], limits: Mapping[str,
     for task, result in results_of(store, tasks):
         if result['status'] == 'failed':
             failures.append((task.name, str(result['reason'])))
-            continue
-        figures.append(figures_of(task.as_dict(), result, p_value_of(result['verdict'])))
+        else:
+            figures.append(figures_of(task.as_dict(), result, p_value_of(result['verdict'])))
     fleet = judge_fleet(figures, limits)
-    document = fleet_document(fleet)
-    document['failures'] = [{'session': name, 'reason': reason} for name, reason in failures]
+    document = {**fleet_document(fleet), 'failures': [
+        {'session': name, 'reason': reason} for name, reason in failures]}
     write_text(store.folder / 'fleet.json', json.dumps(document, indent=1) + '\n', CampaignError)
     write_text(store.folder / 'report.html', fleet_page(fleet, failures), CampaignError)
     return fleet

@@ -28,6 +28,9 @@ BASE = 'base'
 VERDICT = 'saddlering_ros.campaign.task:session_verdict'
 """The function that judges a session; benchmarks and tests put another in its place."""
 
+PRELOADED: tuple[str, ...] = ()
+"""The computing function names its module itself."""
+
 
 @dataclass(frozen=True)
 class SessionLimits:
@@ -86,11 +89,9 @@ class SessionTask:
 
 def task_from(document: Mapping[str, Any]) -> SessionTask:
     """The task whose plain data these are."""
-    values = dict(document)
-    values['bags'] = tuple(TaskBag(**bag) for bag in values['bags'])
-    values['limits'] = SessionLimits(**values['limits'])
-    values['effects'] = tuple(values['effects'])
-    return SessionTask(**values)
+    return SessionTask(**{
+        **document, 'bags': tuple(TaskBag(**bag) for bag in document['bags']),
+        'limits': SessionLimits(**document['limits']), 'effects': tuple(document['effects'])})
 
 
 def tasks_of(
@@ -99,7 +100,7 @@ def tasks_of(
 ) -> list[SessionTask]:
     """A task a session; sessions of the same recordings, rig and settings have the same key."""
     rig_sha256 = sha256_of_file(rig) if rig is not None else ''
-    effects = _own_effects()
+    effects, program = _own_effects(), versions_in_use()
     tasks: dict[str, SessionTask] = {}
     for session in sessions:
         base = base_of(session, sessions)
@@ -110,17 +111,14 @@ def tasks_of(
         # The inputs of the result: contents and roles, not places or limits.
         identity = {
             'bags': sorted((bag.sha256 or bag.path, bag.role) for bag in bags),
-            'rig': rig_sha256, 'effects': list(effects), 'compute': compute,
-            'program': versions_in_use(), 'problem': session.problem,
-        }
+            'rig': rig_sha256, 'effects': list(effects), 'compute': compute, 'program': program,
+            'problem': session.problem}
         key = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:32]
         tasks.setdefault(key, SessionTask(
-            key=key, name=session.name, ring=session.ring, bench=session.bench, time=session.time,
-            service_hours=session.service_hours, maintenance=session.maintenance, bags=bags,
-            rig='' if rig is None else str(rig.resolve()), rig_sha256=rig_sha256,
-            limits=limits or SessionLimits(),
-            effects=effects, compute=compute, problem=session.problem, program=versions_in_use(),
-            reports='' if reports is None else str(reports.resolve())))
+            key, session.name, session.ring, session.bench, session.time, session.service_hours,
+            session.maintenance, bags, '' if rig is None else str(rig.resolve()), rig_sha256,
+            limits or SessionLimits(), effects, compute,
+            '' if reports is None else str(reports.resolve()), session.problem, program=program))
     return list(tasks.values())
 
 
@@ -129,14 +127,23 @@ def _own_effects() -> tuple[str, ...]:
     return tuple(sorted(origin.sha256 for origin in origins()))
 
 
-PRELOADED: tuple[str, ...] = ()
-"""The computing function names its module itself."""
-
-
 def run(request: dict[str, Any], on_progress: OnProgress) -> dict[str, Any]:
     """Judge the session of a task's plain data within its memory; a failure is an answer too."""
     task = task_from(request)
-    answer = _answer(task)
+    try:
+        compute = resolve_name(task.compute)
+        # Allow `memory` bytes of address space beyond those mapped already.
+        mapped = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        resource.setrlimit(resource.RLIMIT_AS, (mapped + task.limits.memory, hard))
+        answer = {'status': 'done', **compute(task)}
+    except SaddleringError as problem:
+        answer = failure('refused', problem)
+    except MemoryError:
+        answer = failure('memory', f'{task.name}: needs more than {task.limits.memory >> 20} MB: '
+                                   'give a larger --memory-limit')
+    except Exception as problem:
+        answer = failure('failed', f'{type(problem).__name__}: {problem}')
     changed = _changed(task)
     return failure('changed', f'{changed}: run the campaign again') if changed else answer
 
@@ -157,31 +164,13 @@ def _changed(task: SessionTask) -> str:
             if bag.sha256 and open_directory(bag.path).sha256() != bag.sha256:
                 return f'{bag.path} has changed since the campaign found it'
     except (OSError, SaddleringError) as problem:
-        return ' '.join(str(problem).split())
+        return str(problem)
     return ''
 
 
-def _answer(task: SessionTask) -> dict[str, Any]:
-    """The verdict on a session, or the reason why there is none."""
-    try:
-        compute = resolve_name(task.compute)
-        # Allow `size` bytes of address space beyond those mapped already.
-        mapped = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
-        _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        resource.setrlimit(resource.RLIMIT_AS, (mapped + task.limits.memory, hard))
-        return {'status': 'done', **compute(task)}
-    except SaddleringError as problem:
-        return failure('refused', ' '.join(str(problem).split()))
-    except MemoryError:
-        return failure('memory', f'{task.name}: needs more than {task.limits.memory >> 20} MB: '
-                                 'give a larger --memory-limit')
-    except Exception as problem:
-        return failure('failed', f'{type(problem).__name__}: {" ".join(str(problem).split())}')
-
-
-def failure(kind: str, reason: str) -> dict[str, Any]:
-    """Entry of a result that has no verdict."""
-    return {'status': 'failed', 'kind': kind, 'reason': reason}
+def failure(kind: str, reason: object) -> dict[str, Any]:
+    """Entry of a result that has no verdict; the reason is put on one line."""
+    return {'status': 'failed', 'kind': kind, 'reason': ' '.join(str(reason).split())}
 
 
 def session_verdict(task: SessionTask) -> dict[str, Any]:
