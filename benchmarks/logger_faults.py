@@ -273,13 +273,12 @@ def faulty(records: tuple[RawRecord, ...], sound: Tried, fault: Fault, severity:
 def as_stored(topic: RawTopic) -> RawTopic:
     """The topic as the reader has it, from messages that were stored as they came."""
     arrival = topic.stamps[0] + np.arange(len(topic)) * int(np.median(np.diff(topic.stamps)))
-    order = put_in_order(topic.topic, topic.stamps, lambda: arrival, topic.values)
+    keep, reordered, duplicates = put_in_order(
+        topic.topic, topic.stamps, lambda: arrival, topic.values)
     notes: tuple[str, ...] = ()
-    if order.reordered or order.duplicates:
-        notes = (f'{topic.topic}: {order.reordered} messages put in order, {order.duplicates} '
-                 'left out',)
-    return replace(topic, stamps=topic.stamps[order.keep], values=topic.values[order.keep],
-                   notes=notes)
+    if reordered or duplicates:
+        notes = (f'{topic.topic}: {reordered} messages put in order, {duplicates} left out',)
+    return replace(topic, stamps=topic.stamps[keep], values=topic.values[keep], notes=notes)
 
 
 def moves(old: Tried, new: Tried) -> Iterator[tuple[float, str]]:

@@ -97,17 +97,6 @@ def open_directory(path: Path | str) -> BagDirectory:
     return of_bag if len(named) == 1 else replace(of_bag, message_count=None)
 
 
-def announced(path: Path | str) -> str:
-    """Content of a bag by its metadata.yaml and the sizes of its files, before reading."""
-    try:
-        directory = open_directory(path)
-    except BagError:
-        return ''
-    count = directory.message_count
-    messages = '' if count is None else f'{count} messages, '
-    return f'{messages}{directory.size / 1e6:.1f} MB'
-
-
 @contextmanager
 def plain_file(path: Path) -> Iterator[Path]:
     """The file, or a temporary copy without the compression of whole files by rosbag2."""
@@ -175,10 +164,9 @@ def _with_information(
             f'{path}: messages are compressed with {compression!r}, which is not supported: '
             'convert the bag with "ros2 bag convert"')
     count = information.get('message_count')
-    return BagDirectory(
-        path, files, _texts(information.get('custom_data')),
-        count if isinstance(count, int) else None,
-        compression if mode == 'message' else '', True)
+    return BagDirectory(path, files, _texts(information.get('custom_data')),
+                        count if isinstance(count, int) else None,
+                        compression if mode == 'message' else '', True)
 
 
 def read_metadata(path: Path) -> dict[str, Any]:
@@ -186,12 +174,12 @@ def read_metadata(path: Path) -> dict[str, Any]:
     try:
         with path.open('rb') as file:
             text = file.read(MAX_BYTES + 1).decode('utf-8')
-        return parse_metadata(text, str(path))
     except (OSError, UnicodeDecodeError) as problem:
         raise BagError(f'{path}: cannot be read: copy the bag again') from problem
+    return _parse_metadata(text, str(path))
 
 
-def parse_metadata(text: str, where: str) -> dict[str, Any]:
+def _parse_metadata(text: str, where: str) -> dict[str, Any]:
     """The part of a rosbag2 metadata text that describes the bag."""
     try:
         document = parse_yaml(text)
@@ -201,17 +189,16 @@ def parse_metadata(text: str, where: str) -> dict[str, Any]:
     except yaml.YAMLError as problem:
         raise BagError(
             f'{where}: is not YAML: copy the bag again, or remove this file') from problem
-    if isinstance(document, dict):
-        information = document.get(INFORMATION, document)
-        if isinstance(information, dict):
-            return information
+    information = document.get(INFORMATION, document) if isinstance(document, dict) else None
+    if isinstance(information, dict):
+        return information
     raise BagError(f'{where}: does not describe a bag: copy the bag again, or remove this file')
 
 
 def custom_data_of(text: str) -> dict[str, str]:
     """custom_data of a rosbag2 metadata text, empty if there is none or the text is unreadable."""
     try:
-        return _texts(parse_metadata(text, 'metadata').get('custom_data'))
+        return _texts(_parse_metadata(text, 'metadata').get('custom_data'))
     except BagError:
         return {}
 
@@ -258,22 +245,23 @@ def find_metadata(
     rosbag2 writes itself) gives only texts that neither states, for instance after a
     reindexing, which loses custom_data from metadata.yaml.
     """
-    places = [{key: text.strip() for key, text in place.items() if text.strip()}
-              for place in (custom_data, record, recorder)]
-    first, second, _ = places
+    first, second, third = (
+        {key: text.strip() for key, text in place.items() if text.strip()}
+        for place in (custom_data, record, recorder))
     conflicts = tuple(
         f'{key} is {first[key]!r} in metadata.yaml and {second[key]!r} in the MCAP record '
         f'{metadata.METADATA_RECORD}: correct one{OVERRULE.get(key, "")}'
         for key in (*metadata.KEYS, *metadata.DETAILS) if key in first and key in second
         and not metadata.same_text(key, first[key], second[key]))
-    values = {key: text for place in reversed(places) for key, text in place.items()
+    values = {key: text for key, text in {**third, **second, **first}.items()
               if not any(line.startswith(f'{key} is ') for line in conflicts)}
     faults = []
     test, elevation = values.get('test'), values.get('elevation_deg')
-    kind, degrees = (test or '').lower(), metadata.finite_number(elevation or '')
-    if test is not None and kind not in metadata.KINDS:
+    kind = test.lower() if test is not None and test.lower() in metadata.KINDS else None
+    if test is not None and kind is None:
         faults.append(f"test is {test!r}, which is not a kind of test: give test='static' or "
                       "test='dynamic'")
+    degrees = metadata.finite_number(elevation or '')
     if degrees is not None and not LOWEST_ELEVATION <= degrees <= HIGHEST_ELEVATION:
         degrees = None
     if elevation is not None and degrees is None:
@@ -281,5 +269,5 @@ def find_metadata(
             f'elevation_deg is {elevation!r}, which is not an elevation from '
             f'{LOWEST_ELEVATION:g} to {HIGHEST_ELEVATION:g} degrees: give elevation_deg=DEG')
     details = {key: values[key] for key in metadata.DETAILS if key in values}
-    return TestMetadata(kind if kind in metadata.KINDS else None, degrees, values.get('rig', ''),
-                        values.get('run', ''), details, conflicts, tuple(faults))
+    return TestMetadata(kind, degrees, values.get('rig', ''), values.get('run', ''), details,
+                        conflicts, tuple(faults))

@@ -1,6 +1,7 @@
 """The content of a bag and all its faults, not only the first one."""
 
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
 import math
 from pathlib import Path
 from typing import Any
@@ -77,8 +78,8 @@ class BagInfo:
     load_range: tuple[float, float]
     plateaus: int | None
     sha256: str = ''
-    problems: tuple[str, ...] = field(default=())
-    notes: tuple[str, ...] = field(default=())
+    problems: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def usable(self) -> bool:
@@ -87,10 +88,8 @@ class BagInfo:
 
     def as_dict(self) -> dict[str, Any]:
         """Everything as plain numbers and text, NaN as None, for JSON."""
-        mapping = asdict(self)
-        mapping['path'] = str(self.path)
-        mapping['usable'] = self.usable
-        plain: dict[str, Any] = finite_json(mapping)
+        plain: dict[str, Any] = finite_json(
+            {**asdict(self), 'path': str(self.path), 'usable': self.usable})
         return plain
 
 
@@ -110,12 +109,11 @@ def bag_info(
     rig = rig or load_rig()
     absent = absent_topic(rig)
     raw = {}
-    for name in RIG_TOPICS:
-        if name != absent:
-            try:
-                raw[name] = raw_topic(found, name)
-            except BagError as fault:
-                problems.append(str(fault))
+    for name in [name for name in RIG_TOPICS if name != absent]:
+        try:
+            raw[name] = raw_topic(found, name)
+        except BagError as fault:
+            problems.append(str(fault))
     problems += [f'{found.path}: {problem}' for problem in facts.problems]
     problems += _faults_of_readings(found.path, raw, rig)
     run, count = None, None
@@ -139,59 +137,50 @@ def bag_info(
         size=found.size, message_count=found.message_count,
         compressions=tuple(sorted(found.compressions)),
         schema_encodings=tuple(sorted(found.schema_encodings)), facts=facts,
-        topics=_topics(found, raw, start, {} if run is None else run.quality), start=start,
+        topics=tuple(_topics(found, raw, start, {} if run is None else run.quality)), start=start,
         duration=math.nan if start is None or stop is None else (stop - start) / 1e9,
         load_range=(lowest, highest), plateaus=count, sha256=found.directory.sha256(),
         problems=tuple(dict.fromkeys(problems)), notes=tuple(notes))
 
 
-def _faults_of_readings(path: Path, raw: dict[str, RawTopic], rig: Rig) -> list[str]:
-    faults = []
+def _faults_of_readings(path: Path, raw: dict[str, RawTopic], rig: Rig) -> Iterator[str]:
     for name, topic in raw.items():
         where = f'{path}: {name}'
         try:
             readings.check_values(where, topic.stamps, topic.values)
             if name == LOAD_TOPIC:
                 readings.check_load_unit(where, topic.values, rig.limits)
-            else:
-                readings.check_probe_unit(where, topic.values, topic.min_range, topic.max_range)
-                if LOAD_TOPIC in raw:
-                    readings.check_overlap(str(path), raw[LOAD_TOPIC].stamps, name, topic.stamps)
+                continue
+            readings.check_probe_unit(where, topic.values, topic.min_range, topic.max_range)
+            if LOAD_TOPIC in raw:
+                readings.check_overlap(str(path), raw[LOAD_TOPIC].stamps, name, topic.stamps)
         except BagError as fault:
-            faults.append(str(fault))
-    return faults
+            yield str(fault)
 
 
 def _topics(
     found: Scan, raw: dict[str, RawTopic], start: int | None, quality: dict[str, TopicQuality],
-) -> tuple[TopicInfo, ...]:
+) -> Iterator[TopicInfo]:
     """The rig's topics first, then all others by name."""
-    infos = []
     for name in (*RIG_TOPICS, *sorted(set(found.topics) - set(RIG_TOPICS))):
-        scanned = found.topics.get(name)
-        if scanned is None:
+        if name not in found.topics:
             continue
+        scanned, topic = found.topics[name], raw.get(name)
         info = TopicInfo(name, ', '.join(sorted(scanned.types)), scanned.count)
-        if name in raw and start is not None:
-            info = _rig_topic(info, raw[name], start, quality.get(name))
-        infos.append(info)
-    return tuple(infos)
-
-
-def _rig_topic(
-    info: TopicInfo, raw: RawTopic, start: int, seen: TopicQuality | None,
-) -> TopicInfo:
-    before = np.flatnonzero(gap_mask(raw.stamps))
-    gaps = raw.stamps[before + 1] - raw.stamps[before]
-    lowest, highest = map(float, extremes(raw.values))
-    if seen is None:
-        is_finite = count_where(np.isfinite, raw.values) == len(raw.values)
-        seen = topic_quality(raw.stamps, raw.values) if is_finite else UNKNOWN_QUALITY
-    return replace(
-        info, rate=1e9 / float(np.median(spread_changes(raw.stamps))),
-        start=(int(raw.stamps[0]) - start) / 1e9,
-        duration=int(raw.stamps[-1] - raw.stamps[0]) / 1e9, gaps=len(gaps),
-        longest_gap=float(gaps.max(initial=0)) / 1e9, lowest=lowest, highest=highest,
-        frame_id=raw.frame_id, repeated=seen.repeated, update_rate=seen.update_rate,
-        resolution=seen.resolution, noise=seen.noise, bandwidth=seen.bandwidth,
-        spikes=int(seen.spikes.size))
+        if topic is None or start is None:
+            yield info
+            continue
+        stamps, values, seen = topic.stamps, topic.values, quality.get(name)
+        before = np.flatnonzero(gap_mask(stamps))
+        gaps = stamps[before + 1] - stamps[before]
+        lowest, highest = map(float, extremes(values))
+        if seen is None:
+            is_finite = count_where(np.isfinite, values) == len(values)
+            seen = topic_quality(stamps, values) if is_finite else UNKNOWN_QUALITY
+        yield replace(
+            info, rate=1e9 / float(np.median(spread_changes(stamps))),
+            start=(int(stamps[0]) - start) / 1e9, duration=int(stamps[-1] - stamps[0]) / 1e9,
+            gaps=len(gaps), longest_gap=float(gaps.max(initial=0)) / 1e9, lowest=lowest,
+            highest=highest, frame_id=topic.frame_id, repeated=seen.repeated,
+            update_rate=seen.update_rate, resolution=seen.resolution, noise=seen.noise,
+            bandwidth=seen.bandwidth, spikes=int(seen.spikes.size))

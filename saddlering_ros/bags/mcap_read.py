@@ -3,13 +3,14 @@
 Source of the format: the MCAP specification (https://mcap.dev/spec). The file is mapped and not
 loaded. One decompressed chunk at a time is in memory. Inside a chunk the message index is used if
 the file has one that accounts for every byte of the chunk. Otherwise the records are read one by
-one. Checksums are verified if the writer stored them.
+one. Checksums are verified if the writer stored them. The mcap package reads every message as an
+object, and takes a field that ends too early for a shorter one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 import mmap
 from pathlib import Path
@@ -71,7 +72,10 @@ class McapBlock:
 
 @dataclass
 class McapFile:
-    """One MCAP file, called `name` in messages; `blocks` completes the other fields."""
+    """One MCAP file, called `name` in messages; `blocks` completes the other fields.
+
+    share: of the file's bytes that `blocks` has passed, 0 to 1.
+    """
 
     path: Path
     name: str
@@ -80,7 +84,6 @@ class McapFile:
     compressions: set[str] = field(default_factory=set)
     message_count: int = 0
     share: float = 0.0
-    """Share of the file's bytes that `blocks` has passed, 0 to 1."""
     _schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
 
     def blocks(self) -> Iterator[McapBlock]:
@@ -88,17 +91,27 @@ class McapFile:
 
         CutOffError, a DamageError, means that the file ends there.
         """
-        with _mapped(self.path, self.name) as buffer:
-            try:
-                yield from self._blocks(buffer)
-            except (struct.error, IndexError, UnicodeDecodeError) as problem:
-                raise DamageError(
-                    f'{self.name}: a record is damaged: copy the file again') from problem
-
-    # -- the file ------------------------------------------------------------------------------
+        try:
+            with self.path.open('rb') as file:
+                buffer = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        except ValueError as problem:
+            raise DamageError(
+                f'{self.name}: the file is empty: record or copy it again') from problem
+        except OSError as problem:
+            raise BagError(
+                f'{self.name}: cannot be read ({problem.strerror}): check the path') from problem
+        try:
+            for block in self._blocks(buffer):
+                self.message_count += sum(map(len, block.messages.values()))
+                yield block
+        except (struct.error, IndexError, UnicodeDecodeError) as problem:
+            raise DamageError(
+                f'{self.name}: a record is damaged: copy the file again') from problem
+        finally:
+            with suppress(BufferError):  # views that outlive the file keep the mapping alive
+                buffer.close()
 
     def _blocks(self, buffer: mmap.mmap) -> Iterator[McapBlock]:
-        size = len(buffer)
         if buffer[:len(MAGIC)] != MAGIC:
             raise DamageError(
                 f'{self.name}: is not an MCAP file: give a bag recorded with storage mcap')
@@ -106,41 +119,39 @@ class McapFile:
         position, seen = len(MAGIC), 0
         while True:
             try:
-                opcode, start, stop = self._record(buffer, position, size)
+                opcode, start, stop = self._record(buffer, position)
             except DamageError:
-                yield self._counted(loose.block(buffer))
+                yield loose.block(buffer)
                 raise
-            self.share = stop / size
+            self.share = stop / len(buffer)
             if opcode == MESSAGE:
                 loose.add(buffer, position, stop, self)
             elif opcode == CHUNK:
-                yield self._counted(self._chunk(buffer, start, stop, size))
+                yield self._chunk(buffer, start, stop)
                 seen = _give_back(buffer, seen, stop)
             elif opcode == DATA_END:
                 break
             else:
                 self._declaration(opcode, buffer, start, stop)
             if loose.count >= BLOCK_MESSAGES:
-                yield self._counted(loose.block(buffer))
+                yield loose.block(buffer)
                 loose = _Collector()
                 seen = _give_back(buffer, seen, stop)
             position = stop
-        yield self._counted(loose.block(buffer))
+        yield loose.block(buffer)
         self._check_end(buffer, position, start, stop)
 
-    def _record(self, buffer: mmap.mmap, position: int, size: int) -> tuple[int, int, int]:
+    def _record(self, buffer: mmap.mmap, position: int) -> tuple[int, int, int]:
         """Opcode, first and past-the-last byte of the content of the record at `position`."""
-        if position + RECORD_HEAD > size:
+        size, start = len(buffer), position + RECORD_HEAD
+        if start > size:
             raise self._cut_off(size)
         opcode, length = _record_head.unpack_from(buffer, position)
-        start = position + RECORD_HEAD
-        if opcode == 0 and _only_zeros(buffer, position, size):
+        if opcode == 0 and not np.frombuffer(buffer, np.uint8, offset=position).any():
             raise self._cut_off(position)  # Rest of a growing file after a loss of power.
-        if start + length > size:
-            if buffer[size - len(MAGIC):] == MAGIC:
-                raise self._damaged(position, 'a record')  # The end is complete.
+        if start + length > size and buffer[size - len(MAGIC):] != MAGIC:
             raise self._cut_off(size)
-        if opcode == 0:
+        if start + length > size or opcode == 0:
             raise self._damaged(position, 'a record')
         return opcode, start, start + length
 
@@ -149,8 +160,7 @@ class McapFile:
         fields = _Fields(buffer, start, stop)
         if opcode == SCHEMA:
             number = fields.number(2)
-            name, encoding = fields.text(), fields.text()
-            self._schemas[number] = (name, encoding, fields.data())
+            self._schemas[number] = fields.text(), fields.text(), fields.take(fields.number(4))
         elif opcode == CHANNEL:
             number, schema = fields.number(2), fields.number(2)
             topic, encoding = fields.text(), fields.text()
@@ -167,68 +177,61 @@ class McapFile:
 
     def _check_end(self, buffer: mmap.mmap, position: int, start: int, stop: int) -> None:
         """Check the data against the statements at the end of the file."""
-        (crc,) = struct.unpack_from('<I', buffer, start)
-        if crc and crc != _checksum(buffer, position):
+        (stated,) = struct.unpack_from('<I', buffer, start)
+        crc = seen = 0
+        for begin in range(0, position if stated else 0, 1 << 20):
+            crc = zlib.crc32(buffer[begin:min(begin + (1 << 20), position)], crc)
+            seen = _give_back(buffer, seen, begin)
+        if crc != stated:
             raise self._damaged(position, 'the data (their checksum differs)')
-        size = len(buffer)
-        while True:
-            opcode, start, after = self._record(buffer, stop, size)
-            if opcode == FOOTER:
-                break
+        opcode = DATA_END
+        while opcode != FOOTER:
+            opcode, start, stop = self._record(buffer, stop)
             if opcode == STATISTICS:
                 (count,) = struct.unpack_from('<Q', buffer, start)
                 if count != self.message_count:
                     raise DamageError(
                         f'{self.name}: {self.message_count} of {count} messages are readable, a '
                         'record between them is damaged: copy the file again')
-            stop = after
-        if buffer[after:after + len(MAGIC)] != MAGIC:
-            raise self._cut_off(size)
-
-    def _counted(self, block: McapBlock) -> McapBlock:
-        self.message_count += sum(map(len, block.messages.values()))
-        return block
+        if buffer[stop:stop + len(MAGIC)] != MAGIC:
+            raise self._cut_off(len(buffer))
 
     # -- a chunk -------------------------------------------------------------------------------
 
-    def _chunk(self, buffer: mmap.mmap, start: int, stop: int, size: int) -> McapBlock:
-        _, _, uncompressed_size, crc = _chunk_head.unpack_from(buffer, start)
+    def _chunk(self, buffer: mmap.mmap, start: int, stop: int) -> McapBlock:
+        damage = self._damaged(start, 'a chunk')
+        _, _, size, crc = _chunk_head.unpack_from(buffer, start)
         fields = _Fields(buffer, start + _chunk_head.size, stop)
         compression = fields.text()
-        compressed_size = fields.number(8)
-        if fields.position + compressed_size > stop or uncompressed_size > MAX_CHUNK:
-            raise self._damaged(start, 'a chunk')
+        packed_size = fields.number(8)
+        if fields.position + packed_size > stop or size > MAX_CHUNK:
+            raise damage
         self.compressions.add(compression)
-        data = self._decompress(compression, fields.take(compressed_size), uncompressed_size,
-                                start)
-        if len(data) != uncompressed_size or (crc and crc != zlib.crc32(data)):
-            raise self._damaged(start, 'a chunk')
-        with suppress(struct.error, IndexError, UnicodeDecodeError):
-            found = self._indexed(data, self._message_index(buffer, stop, size))
-            if found is None:
-                messages = _Collector()
-                self._walk(data, 0, len(data), messages)
-                found = messages.block(data)
-            return found
-        raise self._damaged(start, 'a chunk')
-
-    def _decompress(self, compression: str, data: bytes, size: int, position: int) -> bytes:
-        if compression == '':
-            return data
+        if compression not in ('', 'zstd', 'lz4'):
+            raise BagError(
+                f'{self.name}: chunks are compressed with {compression!r}, which is not '
+                'supported: convert the bag to zstd, lz4 or no compression')
+        data = fields.take(packed_size)
         try:
             if compression == 'zstd':
-                parameters = zstandard.get_frame_parameters(data)
-                if parameters.content_size not in (zstandard.CONTENTSIZE_UNKNOWN, size):
-                    raise self._damaged(position, 'a chunk')
-                return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
-            if compression == 'lz4':
-                frame = lz4.frame.LZ4FrameDecompressor()
-                return bytes(frame.decompress(data, max_length=size))
+                stated = zstandard.get_frame_parameters(data).content_size
+                if stated not in (zstandard.CONTENTSIZE_UNKNOWN, size):
+                    raise damage
+                data = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+            elif compression == 'lz4':
+                data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
         except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as problem:
-            raise self._damaged(position, 'a chunk') from problem
-        raise BagError(
-            f'{self.name}: chunks are compressed with {compression!r}, which is not supported: '
-            'convert the bag to zstd, lz4 or no compression')
+            raise damage from problem
+        if len(data) != size or (crc and crc != zlib.crc32(data)):
+            raise damage
+        with suppress(struct.error, IndexError, UnicodeDecodeError):
+            found = self._indexed(data, _message_index(buffer, stop))
+            if found is None:
+                messages = _Collector()
+                self._walk(data, 0, size, messages)
+                found = messages.block(data)
+            return found
+        raise damage
 
     def _walk(self, data: bytes, position: int, stop: int, messages: _Collector | None = None,
               ) -> None:
@@ -260,20 +263,19 @@ class McapFile:
         offsets = offsets[order]
         sizes = take(array, offsets + 1, '<u8').astype(np.int64)
         channels = np.repeat(list(index), [len(own) for own in index.values()])[order]
-        sound = (
-            (array[offsets] == MESSAGE).all()
-            and (take(array, offsets + RECORD_HEAD, '<u2') == channels).all()
-            and (sizes >= MESSAGE_HEAD).all() and (sizes <= len(array)).all()
-        )
         edges = np.concatenate([[0], offsets + RECORD_HEAD + sizes])
         following = np.append(offsets, len(data))
-        if not sound or (following < edges).any():
+        if not (
+                (array[offsets] == MESSAGE).all()
+                and (take(array, offsets + RECORD_HEAD, '<u2') == channels).all()
+                and (sizes >= MESSAGE_HEAD).all() and (sizes <= len(array)).all()
+                and (following >= edges).all()):
             return None
-        for hole in np.flatnonzero(following > edges).tolist():
-            try:
+        try:
+            for hole in np.flatnonzero(following > edges).tolist():
                 self._walk(data, int(edges[hole]), int(following[hole]))
-            except IndexError:
-                return None
+        except IndexError:
+            return None
         if not set(index) <= set(self.channels):
             return None
         log_times = entries['log_time'].astype(np.int64)[order]
@@ -284,22 +286,6 @@ class McapFile:
                 offsets[mine] + RECORD_HEAD + MESSAGE_HEAD, sizes[mine] - MESSAGE_HEAD,
                 log_times[mine])
         return McapBlock(array, messages)
-
-    def _message_index(
-        self, buffer: mmap.mmap, position: int, size: int,
-    ) -> dict[int, NDArray[np.void]]:
-        index: dict[int, NDArray[np.void]] = {}
-        while position + RECORD_HEAD <= size:
-            opcode, length = _record_head.unpack_from(buffer, position)
-            start = position + RECORD_HEAD
-            if opcode != MESSAGE_INDEX or length < 6 or start + length > size:
-                break
-            channel, of_entries = struct.unpack_from('<HI', buffer, start)
-            if of_entries != length - 6 or of_entries % INDEX_ENTRY.itemsize or channel in index:
-                return {}
-            index[channel] = np.frombuffer(buffer[start + 6:start + length], dtype=INDEX_ENTRY)
-            position = start + length
-        return index
 
     # -- faults --------------------------------------------------------------------------------
 
@@ -312,6 +298,21 @@ class McapFile:
         return DamageError(
             f'{self.name}: {what} at byte {position} of {self.path.stat().st_size} is damaged: '
             'copy the file again')
+
+
+def _message_index(buffer: mmap.mmap, position: int) -> dict[int, NDArray[np.void]]:
+    """The entries (N,) of the message index at `position`, by channel; none if it is damaged."""
+    index: dict[int, NDArray[np.void]] = {}
+    while position + RECORD_HEAD <= len(buffer):
+        opcode, length = _record_head.unpack_from(buffer, position)
+        start, position = position + RECORD_HEAD, position + RECORD_HEAD + length
+        if opcode != MESSAGE_INDEX or length < 6 or position > len(buffer):
+            break
+        channel, size = struct.unpack_from('<HI', buffer, start)
+        if size != length - 6 or size % INDEX_ENTRY.itemsize or channel in index:
+            return {}
+        index[channel] = np.frombuffer(buffer[start + 6:position], dtype=INDEX_ENTRY)
+    return index
 
 
 class _Collector:
@@ -339,9 +340,7 @@ class _Fields:
     """The fields of a record, read one after the other; IndexError behind its end."""
 
     def __init__(self, data: bytes | mmap.mmap, start: int, stop: int) -> None:
-        self._data = data
-        self._stop = stop
-        self.position = start
+        self._data, self._stop, self.position = data, stop, start
 
     def take(self, width: int) -> bytes:
         start, self.position = self.position, self.position + width
@@ -352,43 +351,8 @@ class _Fields:
     def number(self, width: int) -> int:
         return int.from_bytes(self.take(width), 'little')
 
-    def data(self) -> bytes:
-        return self.take(self.number(4))
-
     def text(self) -> str:
-        return self.data().decode('utf-8')
-
-
-@contextmanager
-def _mapped(path: Path, name: str) -> Iterator[mmap.mmap]:
-    """The file's bytes, mapped; views that outlive the block keep the mapping alive."""
-    try:
-        with path.open('rb') as file:
-            mapping = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    except ValueError as problem:
-        raise DamageError(f'{name}: the file is empty: record or copy it again') from problem
-    except OSError as problem:
-        raise BagError(f'{name}: cannot be read ({problem.strerror}): check the path') from problem
-    try:
-        yield mapping
-    finally:
-        with suppress(BufferError):
-            mapping.close()
-
-
-def _only_zeros(buffer: mmap.mmap, start: int, stop: int) -> bool:
-    """Whether the file holds only zeros from `start` on."""
-    step = 1 << 20
-    return not any(any(buffer[place:min(place + step, stop)])
-                   for place in range(start, stop, step))
-
-
-def _checksum(buffer: mmap.mmap, stop: int) -> int:
-    crc = seen = 0
-    for start in range(0, stop, 1 << 20):
-        crc = zlib.crc32(buffer[start:min(start + (1 << 20), stop)], crc)
-        seen = _give_back(buffer, seen, start)
-    return crc
+        return self.take(self.number(4)).decode('utf-8')
 
 
 def _give_back(buffer: mmap.mmap, start: int, stop: int) -> int:

@@ -23,6 +23,7 @@ import zstandard
 from saddlering_ros.bags.mcap_read import INDEX_ENTRY, MAGIC, MESSAGE, MESSAGE_HEAD, RECORD_HEAD
 
 _MESSAGE_HEAD = struct.Struct('<BQHIQQ')
+_INDEX_HEAD = struct.Struct('<BQHI')
 _MESSAGE_RECORD = np.dtype([
     ('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'),
     ('log_time', '<u8'), ('publish_time', '<u8')])
@@ -108,17 +109,23 @@ class McapWriter:
         chunk_of = (np.cumsum(sizes[order]) - 1) // self._chunk_size
         for chunk in np.split(order, np.flatnonzero(np.diff(chunk_of)) + 1):
             starts = np.cumsum(sizes[chunk]) - sizes[chunk]
-            written, index = [b''] * len(chunk), {}
+            data, index = np.empty(sizes[chunk].sum(), np.uint8), {}
             for number in np.unique(which[chunk]).tolist():
                 block, places = blocks[number], np.flatnonzero(which[chunk] == number)
                 mine, channel = rows[chunk[places]], self._channels[block.topic].id
-                for place, record in zip(places.tolist(), _records(block, mine, channel),
-                                         strict=True):
-                    written[place] = record
+                head = np.zeros(len(mine), dtype=_MESSAGE_RECORD)
+                head['opcode'], head['channel'] = MESSAGE, channel
+                head['length'] = MESSAGE_HEAD + block.messages.shape[1]
+                head['log_time'] = head['publish_time'] = block.log_times[mine]
+                whole = np.hstack([head.view(np.uint8).reshape(len(mine), -1),
+                                      block.messages[mine]])
+                kind = np.dtype(f'V{whole.shape[1]}')
+                anywhere = np.ndarray((len(data) - kind.itemsize + 1,), kind, data, strides=(1,))
+                anywhere[starts[places]] = whole.view(kind)[:, 0]
                 index[channel] = np.empty(len(mine), dtype=INDEX_ENTRY)
                 index[channel]['log_time'] = block.log_times[mine]
                 index[channel]['offset'] = starts[places]
-            self._write_chunk(b''.join(written), index)
+            self._write_chunk(data.tobytes(), index)
 
     def _write_chunk(self, data: bytes, index: Mapping[int, NDArray[np.void]]) -> None:
         """Write message records and their places: entries (N,) of INDEX_ENTRY by channel."""
@@ -126,15 +133,15 @@ class McapWriter:
         last = max(int(entries['log_time'].max()) for entries in index.values())
         packed = self._compressor.compress(data)
         start = self._file.tell()
-        self._raw(Opcode.CHUNK, struct.pack('<QQQII4sQ', first, last, len(data), zlib.crc32(data),
-                                            4, b'zstd', len(packed)), packed)
-        length = self._file.tell() - start
+        length = self._write(
+            records.Chunk('zstd', packed, last, first, zlib.crc32(data), len(data)))
         places = {}
         for channel, entries in index.items():
             self._counts[channel] = self._counts.get(channel, 0) + len(entries)
             places[channel] = self._file.tell()
-            self._raw(Opcode.MESSAGE_INDEX, struct.pack('<HI', channel, entries.nbytes),
-                      entries.tobytes())
+            self._file.write(_INDEX_HEAD.pack(
+                Opcode.MESSAGE_INDEX, 6 + entries.nbytes, channel, entries.nbytes))
+            self._file.write(entries.tobytes())
         self._chunks.append(records.ChunkIndex(
             message_start_time=first, message_end_time=last, chunk_start_offset=start,
             chunk_length=length, message_index_offsets=places,
@@ -187,20 +194,3 @@ class McapWriter:
         builder = RecordBuilder()
         record.write(builder)
         return self._file.write(builder.end())
-
-    def _raw(self, opcode: int, *parts: bytes) -> None:
-        self._file.write(struct.pack('<BQ', opcode, sum(map(len, parts))))
-        for part in parts:
-            self._file.write(part)
-
-
-def _records(block: MessageBlock, mine: NDArray[np.int64], channel: int) -> list[bytes]:
-    """The message records of some rows (N,) of a block, without sequence numbers."""
-    head = np.zeros(len(mine), dtype=_MESSAGE_RECORD)
-    head['opcode'] = MESSAGE
-    head['length'] = MESSAGE_HEAD + block.messages.shape[1]
-    head['channel'] = channel
-    head['log_time'] = head['publish_time'] = block.log_times[mine]
-    rows = np.hstack([head.view(np.uint8).reshape(len(mine), -1), block.messages[mine]])
-    size, data = rows.shape[1], rows.tobytes()
-    return [data[start:start + size] for start in range(0, len(data), size)]

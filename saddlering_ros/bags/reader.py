@@ -1,7 +1,7 @@
 """From a bag to the arrays of a test, with every input that cannot be used named in one line."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 from pathlib import Path
 
@@ -48,25 +48,19 @@ def read_raw(
     if found.damage is not None:
         assert found.fault is not None
         raise found.fault
-    return raw_record(found, wanted, rig)
-
-
-def raw_record(found: Scan, wanted: Sequence[str], rig: Rig | None = None) -> RawRecord:
-    """The `wanted` topics of a scanned bag; BagError if a required one cannot be used."""
     absent = absent_topic(rig)
-    topics = {name: raw_topic(found, name)
-              for name in wanted if TOPICS[name].required and name != absent}
+    read = {name: raw_topic(found, name)
+            for name in wanted if TOPICS[name].required and name != absent}
     if rig is not None and absent in wanted:
-        topics[absent] = mirrored_topic(rig, topics)
+        read[absent] = mirrored_topic(rig, read)
     notes = list(found.notes)
     for name in wanted:
-        if TOPICS[name].required or name not in found.topics:
-            continue
-        try:
-            topics[name] = raw_topic(found, name)
-        except BagError as fault:
-            notes.append(f'left out: {fault}')
-    return RawRecord(found.path, topics, found.facts, tuple(notes))
+        if name in found.topics and not TOPICS[name].required:
+            try:
+                read[name] = raw_topic(found, name)
+            except BagError as fault:
+                notes.append(f'left out: {fault}')
+    return RawRecord(found.path, read, found.facts, tuple(notes))
 
 
 def read_run(
@@ -132,24 +126,24 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
             f'{where}: holds {topic.count} messages, too few for a test: check that its driver '
             'ran, and record again')
     stamps, values = topic.stamps.array(), topic.values.array()
-    order = put_in_order(where, stamps, topic.log_times.array, values)
+    keep, reordered, duplicates = put_in_order(where, stamps, topic.log_times.array, values)
     notes = []
-    if order.reordered:
-        notes.append(f'{name}: {order.reordered} messages were stored late and are sorted')
-    if order.duplicates:
-        notes.append(f'{name}: {order.duplicates} messages repeat the stamp of another and are '
-                     'left out')
+    if reordered:
+        notes.append(f'{name}: {reordered} messages were stored late and are sorted')
+    if duplicates:
+        notes.append(f'{name}: {duplicates} messages repeat the stamp of another and are left out')
     if notes:
-        stamps, values = scratch_copy(stamps[order.keep]), scratch_copy(values[order.keep])
+        stamps, values = scratch_copy(stamps[keep]), scratch_copy(values[keep])
     if len(stamps) < fewest:
         raise BagError(f'{where}: holds {len(stamps)} different stamps, too few for a test: '
                        'let the driver stamp each sample')
-    spans = topic.spans
+    spans = np.concatenate([np.empty((0, 2)), *topic.spans])
     if (spans != spans[:1]).any() and np.isfinite(spans).all():
         notes.append(f'{name}: min_range or max_range changes during the record')
     low, high = spans[0].tolist() if len(spans) else (math.nan, math.nan)
     if not found.cuts and found.damage is None:  # These numbers count the readable part.
-        topic.release()
+        for array in (topic.stamps, topic.values, topic.log_times):
+            array.clear()
     return RawTopic(
         topic=name, type=TOPICS[name].type, frame_id=topic.frame_id, stamps=stamps, values=values,
         min_range=low, max_range=high, notes=tuple(notes))
@@ -159,6 +153,7 @@ MAX_DUPLICATES = 0.01
 """Share of stamps with two different readings above which the clock stands still at times."""
 
 MAX_HOLE_NS = 1_000_000_000
+"""Time without a message [ns] that no recorder leaves which stores messages late."""
 
 MAX_BREAKS = 0.05
 """Share of messages stored before an earlier one above which the order of the file is random."""
@@ -172,22 +167,14 @@ LONGEST_LEAP_NS = 3600 * 1_000_000_000
 """Jump ahead [ns] of stamps above which they were set and not measured."""
 
 
-@dataclass(frozen=True)
-class StampOrder:
-    """Messages to keep in stamp order (indices, or a slice for all), and the changes made."""
-
-    keep: NDArray[np.int64] | slice
-    reordered: int
-    duplicates: int
-
-
 def put_in_order(
-    where: str,
-    stamps: NDArray[np.int64],
-    log_times: Callable[[], NDArray[np.int64]],
+    where: str, stamps: NDArray[np.int64], log_times: Callable[[], NDArray[np.int64]],
     values: NDArray[np.float64],
-) -> StampOrder:
+) -> tuple[NDArray[np.int64] | slice, int, int]:
     """Order of the messages (N,) of a topic by stamp, without repeated ones; BagError if none.
+
+    Returned are the messages to keep, in order of their stamps (indices, or a slice for all), and
+    the numbers of those that were stored late and of those left out.
 
     The rule. A recorder may store messages in another order than that of their creation, but a
     clock must not go back. Stamps that count as reordered are sorted. They are in order to within
@@ -203,7 +190,7 @@ def put_in_order(
         raise BagError(f'{where}: all stamps are zero: let the driver fill header.stamp')
     if len(stamps) and not count_where(lambda part: part[1:] <= part[:-1], stamps, ahead=1):
         _check_leaps(where, stamps)
-        return StampOrder(slice(None), 0, 0)
+        return slice(None), 0, 0
     lateness = _lateness(stamps)
     late = lateness > 0
     order = np.argsort(stamps, kind='stable')
@@ -211,8 +198,16 @@ def put_in_order(
         _check_late(where, stamps, log_times(), lateness, order)
     ordered = stamps[order]
     _check_leaps(where, ordered)
-    keep = _without_duplicates(where, ordered, values[order])
-    return StampOrder(order[keep], int(late.sum()), len(stamps) - int(keep.sum()))
+    repeated = np.zeros(len(ordered), dtype=bool)
+    repeated[1:] = np.diff(ordered) == 0
+    contradicting, readings = repeated.copy(), values[order]
+    contradicting[1:] &= readings[1:] != readings[:-1]
+    if contradicting.sum() > max(1.0, MAX_DUPLICATES * len(ordered)):
+        raise BagError(
+            f'{where}: {int(contradicting.sum())} of {len(ordered)} messages have the stamp of '
+            f'another message with a different reading, first {ordered[contradicting][0]} ns: the '
+            'clock stops at times; record again with a stamp for each sample')
+    return order[~repeated], int(late.sum()), int(repeated.sum())
 
 
 def _lateness(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -258,27 +253,10 @@ def _going_back(where: str, stamps: NDArray[np.int64], index: int, furthest: int
 
 
 def _check_leaps(where: str, ordered: NDArray[np.int64]) -> None:
-    if not count_where(lambda part: np.diff(part) > LONGEST_LEAP_NS, ordered, ahead=1):
-        return
-    leaps = np.diff(ordered)
-    index = int(np.argmax(leaps))
-    raise BagError(
-        f'{where}: stamps leap ahead by {leaps[index] / 1e9:.6g} s behind stamp '
-        f'{ordered[index]} ns: the clock was set, or a header.stamp was not filled; record again')
-
-
-def _without_duplicates(
-    where: str, ordered: NDArray[np.int64], values: NDArray[np.float64],
-) -> NDArray[np.bool_]:
-    """Mask of the first message of each stamp; BagError if too many others contradict it."""
-    repeated = np.zeros(len(ordered), dtype=bool)
-    repeated[1:] = np.diff(ordered) == 0
-    contradicting = repeated.copy()
-    contradicting[1:] &= values[1:] != values[:-1]
-    if contradicting.sum() > max(1.0, MAX_DUPLICATES * len(ordered)):
-        first = int(np.argmax(contradicting))
+    if count_where(lambda part: np.diff(part) > LONGEST_LEAP_NS, ordered, ahead=1):
+        leaps = np.diff(ordered)
+        index = int(np.argmax(leaps))
         raise BagError(
-            f'{where}: {int(contradicting.sum())} of {len(ordered)} messages have the stamp of '
-            f'another message with a different reading, first {ordered[first]} ns: the clock '
-            'stops at times; record again with a stamp for each sample')
-    return ~repeated
+            f'{where}: stamps leap ahead by {leaps[index] / 1e9:.6g} s behind stamp '
+            f'{ordered[index]} ns: the clock was set, or a header.stamp was not filled; record '
+            'again')

@@ -18,7 +18,6 @@ from saddlering_ros.rig import CHANNELS
 COLUMNS = ('stamp_ns', 'time', 'load', 'delta_x', 'delta_y', 'gamma', 'parity', 'validity')
 SUFFIXES = ('.csv', '.parquet')
 
-
 Columns = dict[str, NDArray[Any]]
 """The columns of a stretch of the table by their names in `COLUMNS`."""
 

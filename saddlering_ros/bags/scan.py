@@ -30,8 +30,8 @@ OnShare = Callable[[float], None]
 class ScannedTopic:
     """All messages of one topic in file order (rig topics), or their number only (others).
 
-    stamps (N,) [ns], values (N,), log_times (N,) [ns]; fault: why the messages cannot be read, if
-    so.
+    stamps (N,) [ns], values (N,), log_times (N,) [ns]; spans: the ends of the sensor's range [m]
+    as they change, (K, 2) each; fault: why the messages cannot be read, if so.
     """
 
     topic: str
@@ -42,7 +42,7 @@ class ScannedTopic:
     stamps: GrowingArray = field(default_factory=lambda: GrowingArray(np.int64))
     values: GrowingArray = field(default_factory=lambda: GrowingArray(np.float64))
     log_times: GrowingArray = field(default_factory=lambda: GrowingArray(np.int64))
-    _spans: list[NDArray[np.float64]] = field(default_factory=list)
+    spans: list[NDArray[np.float64]] = field(default_factory=list)
 
     def add(self, records: wire.Records, log_times: NDArray[np.int64]) -> None:
         """Add the content of a block."""
@@ -53,21 +53,11 @@ class ScannedTopic:
                               for name in (topic.low, topic.high)], axis=1)
             if len(spans) and (spans == spans[0]).all():
                 spans = spans[:1]
-            if not self._spans or not np.array_equal(spans[:1], self._spans[-1], equal_nan=True):
-                self._spans.append(spans)
+            if not self.spans or not np.array_equal(spans[:1], self.spans[-1], equal_nan=True):
+                self.spans.append(spans)
         self.stamps.append(records.stamps)
         self.values.append(records.fields[topic.field])
         self.log_times.append(log_times)
-
-    def release(self) -> None:
-        """Drop the readings after another object has them."""
-        for array in (self.stamps, self.values, self.log_times):
-            array.clear()
-
-    @property
-    def spans(self) -> NDArray[np.float64]:
-        """The ends of the sensor's range [m] as they change (K, 2); none for a topic without."""
-        return np.concatenate([np.empty((0, 2)), *self._spans])
 
 
 @dataclass
@@ -96,7 +86,7 @@ class Scan:
     @property
     def notes(self) -> tuple[str, ...]:
         """Faults of the bag as a whole that do not prevent its use."""
-        notes = [f'{_said(cut)}; {self.readable_part}' for cut in self.cuts]
+        notes = [str(cut).rpartition(': ')[0] + f'; {self.readable_part}' for cut in self.cuts]
         said, names = self.directory.message_count, self.directory.unlisted
         if not self.cuts and said not in (None, self.message_count):
             notes.append(f'metadata.yaml counts {said} messages and the files hold '
@@ -130,8 +120,8 @@ class Scan:
         problem = self.damage or next(iter(self.cuts), None)
         if problem is None:
             return None
-        _, _, advice = str(problem).rpartition(': ')
-        return BagError(f'{_said(problem)}; {self.readable_part}: {advice}')
+        words, _, advice = str(problem).rpartition(': ')
+        return BagError(f'{words}; {self.readable_part}: {advice}')
 
 
 def scan(
@@ -161,11 +151,6 @@ def scan(
     facts = folder.find_metadata(directory.custom_data, records, recorder)
     result.facts = replace(facts, conflicts=(*facts.conflicts, *result.contradictions))
     return result
-
-
-def _said(problem: BagError) -> str:
-    """The fault without its remedy."""
-    return str(problem).rpartition(': ')[0]
 
 
 def _scan_file(
@@ -213,13 +198,10 @@ def _take_block(result: Scan, file: McapFile, block: McapBlock, topics: Collecti
         if channel.topic not in topics:
             continue
         result.unpacked += int(messages.sizes.sum())
-        known = TOPICS.get(channel.topic)
-        if topic.fault or known is None:
-            continue
-        topic.fault = fault_of(channel, known)
+        known, data = TOPICS[channel.topic], block.data
+        topic.fault = topic.fault or fault_of(channel, known)
         if topic.fault:
             continue
-        data = block.data
         try:
             if result.directory.message_compression:
                 data, messages = _decompressed(data, messages)
@@ -262,13 +244,12 @@ def _decompressed(
         size_so_far += len(plain[-1])
         if size_so_far > MAX_CHUNK:
             raise CdrError('compressed messages are too large for topics of the rig')
-    sizes = np.array([len(message) for message in plain], dtype=np.int64)
+    sizes = np.array(list(map(len, plain)), dtype=np.int64)
     return (np.frombuffer(b''.join(plain), dtype=np.uint8),
             Messages(np.cumsum(sizes) - sizes, sizes, messages.log_times))
 
 
 _WORDS = {'f8': 'float64', 'f4': 'float32', 'u1': 'uint8'}
-
 _NESTED = {(WRENCH_TYPE, 'wrench'): 'Wrench', (VECTOR_TYPE, 'vector'): 'Vector3'}
 """Types of the fields that are messages themselves."""
 

@@ -16,15 +16,10 @@ import struct
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from saddlering_ros.record.batches import (
-    Displacements,
-    no_displacements,
-    no_samples,
-    Samples,
-    SECOND,
-)
+from saddlering_ros.record import batches
+from saddlering_ros.record.batches import Displacements, Samples, SECOND
 from saddlering_ros.record.topics import RANGE_TYPE, RigTopic, VECTOR_TYPE, WRENCH_TYPE
 from saddlering_ros.rig import CHANNELS
 
@@ -79,7 +74,6 @@ _FORMATS = {'i4': 'i', 'u4': 'I', 'u1': 'B', 'f4': 'f', 'f8': 'd'}
 MAX_FRAME_IDS = 100
 """Largest number of different lengths of frame ids in a block; a topic of the rig has one."""
 
-
 TOO_MANY_NANOSECONDS = 'a stamp has a second or more of nanoseconds'
 
 
@@ -121,12 +115,15 @@ class Records:
         return len(self.stamps)
 
 
-def take(data: NDArray[np.uint8], starts: NDArray[np.int64], dtype: str) -> NDArray[Any]:
-    """The numbers of type `dtype` that begin at each of `starts` (N,) in `data`: (N,).
+def take(data: NDArray[np.uint8], starts: NDArray[np.int64], dtype: DTypeLike) -> NDArray[Any]:
+    """The numbers or records of type `dtype` that begin at each of `starts` (N,) in `data`: (N,).
 
     IndexError if one of them would end behind the data.
     """
-    return _read(data, starts, np.dtype(dtype))
+    kind = np.dtype(dtype)
+    anywhere: NDArray[Any] = np.ndarray(
+        (max(len(data) - kind.itemsize + 1, 0),), kind, data, strides=(1,))
+    return anywhere[starts]
 
 
 def decode_list(messages: Sequence[bytes], message_type: str, names: Sequence[str]) -> Records:
@@ -183,7 +180,7 @@ def decode_records(
     frame_id = first[_HEAD:_HEAD + length].rstrip(b'\0').decode('utf-8', 'replace')
     layout = _layout(message_type, kind, length, names)
     if not (sizes < layout.itemsize).any():
-        records = _read(data, starts, layout)
+        records = take(data, starts, layout)
         if (records['kind'] == kind).all() and (records['length'] == length).all():
             return Records(_stamps_of(records), {name: records[name] for name in names}, frame_id)
     stamps = np.empty(len(starts), np.int64)
@@ -192,7 +189,7 @@ def decode_records(
         layout = _layout(message_type, kind, length, names)
         if (sizes[which] < layout.itemsize).any():
             raise CdrError(f'a message is shorter than a {message_type}')
-        records = _read(data, starts[which], layout)
+        records = take(data, starts[which], layout)
         stamps[which] = _stamps_of(records)
         for name in names:
             fields[name][which] = records[name]
@@ -224,14 +221,6 @@ def _head_of(message: bytes) -> tuple[int, int]:
         raise CdrError(f'CDR representation {kind:#06x} is not supported')
     order = _BYTE_ORDER_AND_ALIGNMENT[kind][0]
     return kind, struct.unpack_from(f'{order}I', message, ENCAPSULATION + 8)[0]
-
-
-def _read(data: NDArray[np.uint8], starts: NDArray[np.int64], layout: np.dtype[Any],
-          ) -> NDArray[Any]:
-    """Records (N,) of one layout, each of which begins at any byte."""
-    everywhere: NDArray[Any] = np.ndarray(
-        (max(len(data) - layout.itemsize + 1, 0),), layout, data, strides=(1,))
-    return everywhere[starts]
 
 
 def _stamps_of(records: NDArray[Any]) -> NDArray[np.int64]:
@@ -327,7 +316,7 @@ _OTHER_FIELDS = ('zero_stamp.sec', 'zero_stamp.nanosec', 'zero_load', 'elevation
 def decode_samples(messages: Sequence[bytes], topic: RigTopic) -> Samples:
     """Readings of a topic of the rig, with the range that the last message states."""
     if not messages:
-        return no_samples()
+        return batches.no_samples()
     found = decode_list(messages, topic.type, topic.fields)
     values = found.fields[topic.field].astype(np.float64)
     if not topic.low:
@@ -348,7 +337,7 @@ def encode_samples(samples: Samples, topic: RigTopic, frame_id: str | None = Non
 def decode_displacements(messages: Sequence[bytes]) -> Displacements:
     """A batch from saddlering_interfaces/RingDisplacement messages."""
     if not messages:
-        return no_displacements()
+        return batches.no_displacements()
     found = decode_list(messages, DISPLACEMENT_TYPE, (*CHANNELS, *_OTHER_FIELDS))
     fields = found.fields
     zero = fields['zero_stamp.sec'].astype(np.int64) * SECOND + fields['zero_stamp.nanosec']

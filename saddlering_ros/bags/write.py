@@ -7,11 +7,9 @@ time of a short bag.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass
-from enum import Enum
-from functools import lru_cache
 from pathlib import Path
 import shutil
 import tempfile
@@ -20,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from rosbags import interfaces
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 import yaml
 
@@ -43,23 +40,11 @@ RECORDED_CHUNK_SIZE = 1 << 16
 END_OF_STAMPS = 2 ** 31 * SECOND
 """Stamp [ns] from which on the 32-bit seconds of a header overflow: in January 2038."""
 
-VERSION = 9
-"""Of the form of metadata.yaml: that of Jazzy."""
-
-LIBRARY = 'saddlering_ros'
-"""Name of the writer in MCAP files."""
-
-FOLDER_RECORD = 'rosbag2'
-"""Name of the MCAP metadata record that holds the content of metadata.yaml."""
-
-_FOREVER = interfaces.QosTime(9223372036, 854775807)
-RELIABLE = interfaces.Qos(
-    interfaces.QosHistory.KEEP_LAST, 1000, interfaces.QosReliability.RELIABLE,
-    interfaces.QosDurability.VOLATILE,
-    _FOREVER, _FOREVER, interfaces.QosLiveliness.AUTOMATIC, _FOREVER, False)
-
-_DUMPER = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
-"""libyaml's where PyYAML was built with it; both write the same text."""
+_FOREVER = {'sec': 9223372036, 'nsec': 854775807}
+QOS = {'history': 'keep_last', 'depth': 1000, 'reliability': 'reliable', 'deadline': _FOREVER,
+       'lifespan': _FOREVER, 'liveliness': 'automatic', 'liveliness_lease_duration': _FOREVER,
+       'avoid_ros_namespace_conventions': False}
+"""Quality of service of every topic, less its durability."""
 
 
 @dataclass
@@ -70,66 +55,14 @@ class BagTopic:
     type: str
     definition: str
     type_hash: str
-    qos: interfaces.Qos
+    qos: dict[str, Any]
     count: int = 0
     first: int = 2 ** 63 - 1
     last: int = 0
 
 
-def declared_topics(
-    kinds: Mapping[str, str], definitions: Mapping[str, str], latched: frozenset[str],
-) -> dict[str, BagTopic]:
-    """The topics of a bag by name, with the definitions of their types."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for kind, text in definitions.items():
-        store.register(get_types_from_msg(text, kind))
-    lasting = RELIABLE._replace(durability=interfaces.QosDurability.TRANSIENT_LOCAL)
-    return {name: BagTopic(name, kind, store.generate_msgdef(kind, ros_version=2)[0],
-                           store.hash_rihs01(kind), lasting if name in latched else RELIABLE)
-            for name, kind in kinds.items()}
-
-
-def _information(
-    topics: Collection[BagTopic], custom_data: Mapping[str, str], file: str,
-) -> dict[str, Any]:
-    """The content of metadata.yaml."""
-    count = sum(topic.count for topic in topics)
-    start = min((topic.first for topic in topics), default=2 ** 63 - 1)
-    last = max((topic.last for topic in topics), default=0)
-    times = {'starting_time': {'nanoseconds_since_epoch': start},
-             'duration': {'nanoseconds': max(0, last - start)}, 'message_count': count}
-    return {
-        'version': VERSION, 'storage_identifier': 'mcap',
-        'relative_file_paths': [file], **times,
-        'topics_with_message_count': [
-            {'topic_metadata': {
-                'name': topic.name, 'type': topic.type, 'serialization_format': 'cdr',
-                'offered_qos_profiles': [_qos(topic.qos)],
-                'type_description_hash': topic.type_hash},
-             'message_count': topic.count}
-            for topic in topics],
-        'compression_format': '', 'compression_mode': '',
-        'files': [{'path': file, **times}],
-        'custom_data': dict(custom_data) or None, 'ros_distro': 'rosbags'}
-
-
-def _qos(qos: interfaces.Qos) -> dict[str, Any]:
-    texts: dict[str, Any] = qos._asdict()
-    for name, value in texts.items():
-        if isinstance(value, Enum):
-            texts[name] = value.name.lower()
-        elif isinstance(value, interfaces.QosTime):
-            texts[name] = value._asdict()
-    return texts
-
-
-@lru_cache(maxsize=8)
-def _qos_text(qos: interfaces.Qos) -> str:
-    return _text([_qos(qos)]).strip()
-
-
-class _WithoutAliases(_DUMPER):  # type: ignore[misc, valid-type]
-    """Readers refuse aliases (&id001), by which equal parts would be named."""
+class _WithoutAliases(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
+    """libyaml's where PyYAML has it; readers refuse aliases (&id001) of equal parts."""
 
     def ignore_aliases(self, data: object) -> bool:
         return True
@@ -139,18 +72,6 @@ def _text(value: object) -> str:
     text: str = yaml.dump(value, Dumper=_WithoutAliases, default_flow_style=False,
                           allow_unicode=True)
     return text
-
-
-def check_target(path: Path, overwrite: bool) -> None:
-    """Refuse a path at which something is that may not be replaced."""
-    if not path.exists():
-        return
-    if not overwrite:
-        raise BagError(f'{path}: exists already: choose another name, or give '
-                       'overwrite=True')
-    if not _is_bag(path):
-        raise BagError(f'{path}: exists and is not a bag, so that it is not replaced: choose '
-                       'another name')
 
 
 def _is_bag(path: Path) -> bool:
@@ -201,7 +122,13 @@ class BagWriter:
         overwrite: bool = False, chunk_size: int = CHUNK_SIZE, recorded: bool = False,
     ) -> None:
         self.path = Path(path)
-        self._topics = declared_topics(topics, definitions or {}, latched)
+        store = get_typestore(Stores.ROS2_JAZZY)
+        for kind, text in (definitions or {}).items():
+            store.register(get_types_from_msg(text, kind))
+        self._topics = {name: BagTopic(
+            name, kind, store.generate_msgdef(kind, ros_version=2)[0], store.hash_rihs01(kind),
+            {**QOS, 'durability': 'transient_local' if name in latched else 'volatile'})
+            for name, kind in topics.items()}
         self.metadata = dict(metadata)
         self._overwrite, self._chunk_size, self._recorded = overwrite, chunk_size, recorded
         self._failed = False
@@ -213,7 +140,12 @@ class BagWriter:
         return sum(topic.count for topic in self._topics.values())
 
     def __enter__(self) -> BagWriter:
-        check_target(self.path, self._overwrite)
+        if self.path.exists() and not self._overwrite:
+            raise BagError(f'{self.path}: exists already: choose another name, or give '
+                           'overwrite=True')
+        if self.path.exists() and not _is_bag(self.path):
+            raise BagError(f'{self.path}: exists and is not a bag, so that it is not replaced: '
+                           'choose another name')
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             if self._recorded:
@@ -224,14 +156,15 @@ class BagWriter:
                     temporary_folder(self.path.parent, f'.{self.path.name}.'))
             self._written = self._folder / self.path.name
             self._written.mkdir(mode=0o755)
-            self._file = McapWriter(self._written / f'{self.path.name}_0.mcap', LIBRARY,
+            self._file = McapWriter(self._written / f'{self.path.name}_0.mcap', 'saddlering_ros',
                                     self._chunk_size)
             self._file.add_metadata(METADATA_RECORD, self.metadata)
         except OSError as problem:
             raise BagError(self._complaint(problem)) from problem
         for topic in self._topics.values():
             self._file.add_topic(topic.name, topic.type, topic.definition, {
-                'offered_qos_profiles': _qos_text(topic.qos), 'topic_type_hash': topic.type_hash})
+                'offered_qos_profiles': _text([topic.qos]).strip(),
+                'topic_type_hash': topic.type_hash})
         return self
 
     def write(self, blocks: Sequence[MessageBlock]) -> None:
@@ -264,9 +197,8 @@ class BagWriter:
             if self._failed or (kind is not None and not self._recorded):
                 return
             with self._or_refused():
-                information = _information(self._topics.values(), self.metadata,
-                                           f'{self.path.name}_0.mcap')
-                self._file.finish({FOLDER_RECORD: {
+                information = self._information()
+                self._file.finish({'rosbag2': {
                     'serialized_metadata': _text(information).strip()}})
                 (self._written / METADATA).write_text(_text({INFORMATION: information}), 'utf-8')
                 place = put_in_place(self._written, self.path, self._overwrite)
@@ -277,6 +209,26 @@ class BagWriter:
         finally:
             self._file.abort()
             self._stack.close()
+
+    def _information(self) -> dict[str, Any]:
+        """The content of metadata.yaml."""
+        file, topics = f'{self.path.name}_0.mcap', self._topics.values()
+        start = min((topic.first for topic in topics), default=2 ** 63 - 1)
+        last = max((topic.last for topic in topics), default=0)
+        times = {'starting_time': {'nanoseconds_since_epoch': start},
+                 'duration': {'nanoseconds': max(0, last - start)}, 'message_count': self.messages}
+        return {
+            'version': 9,  # that of Jazzy
+            'storage_identifier': 'mcap', 'relative_file_paths': [file], **times,
+            'topics_with_message_count': [
+                {'topic_metadata': {
+                    'name': topic.name, 'type': topic.type, 'serialization_format': 'cdr',
+                    'offered_qos_profiles': [topic.qos],
+                    'type_description_hash': topic.type_hash},
+                 'message_count': topic.count} for topic in topics],
+            'compression_format': '', 'compression_mode': '',
+            'files': [{'path': file, **times}],
+            'custom_data': self.metadata or None, 'ros_distro': 'rosbags'}
 
     @contextmanager
     def _or_refused(self) -> Iterator[None]:

@@ -106,10 +106,7 @@ class Bar:
 
     def reading(self, path: Path | str) -> OnShare:
         """Callback that shows the share of a bag that was read."""
-        from saddlering_ros.bags.folder import announced
-
-        words = announced(path)
-        return lambda share: self.show(f'read {Path(path).name}', share, words)
+        return lambda share: self.show(f'read {Path(path).name}', share)
 
     def show(self, task: str, share: float, words: str = '') -> None:
         """Show the share of a task that is done (0 to 1); `words` describe its present step."""
