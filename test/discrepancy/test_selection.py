@@ -51,6 +51,12 @@ def test_a_look_alike_leaves_the_group_only_where_the_noise_is_well_known() -> N
     assert group_of_a_square(100) == {'square'}
 
 
+def test_an_effect_that_the_base_almost_imitates_is_tried_as_an_alternative() -> None:
+    system = Shapes(1.0, almost=LOAD + 0.08 * LOAD**2, cube=LOAD**3)
+    cause = only_cause(system, measured(system, 1e-3, {'almost': {'size': 0.8}}, seed=3))
+    assert cause.effect == 'almost'
+
+
 # --- one cause for two, two causes for none ---
 
 

@@ -51,7 +51,7 @@ from saddlering_ros.discrepancy.search.evidence import (
     SearchLog,
 )
 from saddlering_ros.discrepancy.search.lack_of_fit import half_waves
-from saddlering_ros.discrepancy.search.ranking import best_of_each, best_pairs, shortlist
+from saddlering_ros.discrepancy.search.ranking import best_of_each, best_pairs, rank, shortlist
 from saddlering_ros.discrepancy.search.signatures import effect_starts, MIN_LENGTH, Signature
 from saddlering_ros.discrepancy.search.space import in_metric, ModelSpace, refit_full_jacobian
 
@@ -241,9 +241,12 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
 def _alternatives_to(
     space: ModelSpace, name: str, less: Fit, fit: Fit, log: SearchLog
 ) -> list[Fit]:
-    """`less` with another effect in place of `name`, if that effect is a cause by itself."""
+    """`less` with another effect in place of `name`, if that effect is a cause by itself.
+
+    An effect that base parameters almost imitate is not searched, but it may be the cause.
+    """
     taken = less.misfit - fit.misfit
-    scores = space.scores(less, [name])
+    scores = rank(less, space.tangent_of(less).white, space.shown, [*less.candidate.ids, name])
     listed = shortlist(scores, 0.1 * taken, space.settings.refits)
     # Effects that were almost as good as the best one beside those of `less` are tried too.
     members = set(less.candidate.ids)

@@ -99,7 +99,8 @@ class ModelSpace:
         known_from = [noise.pairs for noise in metric.noise.values()]
         self.pairs = max(MIN_PAIRS, min(known_from))
         self.max_pairs = max(MIN_PAIRS, max(known_from))
-        self.usable = testable([*signatures, *inputs])
+        self.shown = [*signatures, *inputs]
+        self.usable = testable(self.shown)
         self.tests = LackOfFitTests(metric, self.max_pairs)
         self.log_size = float(np.log(metric.free_count))
         self.fits: dict[Key, Fit] = {}
