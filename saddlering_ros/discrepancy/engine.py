@@ -44,7 +44,7 @@ from saddlering_ros.discrepancy.verdict.naming import (
     residual_of,
 )
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, Residual, Verdict
-from saddlering_ros.discrepancy.verdict.steady_lines import find_steady_lines, find_swings
+from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
 from saddlering_ros.progress import one_blas_thread
 
 PARTIAL_SUBJECT = 0.5
@@ -57,9 +57,8 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     """Differences between the system and the runs of a problem, and their causes."""
     began, watch = clock.monotonic(), problem.watch
     start = prepare(problem)
-    swings = find_swings(start.metric, start.base, start.trials)
-    slow_lines = () if swings is None else swings.causes
-    search = search_about(start if swings is None else prepare(problem.with_runs(swings.runs)))
+    slow_lines, runs = find_slow_lines(start.metric, start.base, start.trials)
+    search = search_about(prepare(problem.with_runs(runs)) if slow_lines else start)
     observability = observed(search.begun)
     watch.progress('misfit reduction', 0.8)
     answer = _answer(search)
@@ -69,8 +68,8 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         answer = _beside_error(answer)
     space, fit, alternatives = answer.search.space, answer.search.fit, answer.search.alternatives
     judgement, published, log = answer.judgement, answer.published, search.log
-    lines = find_steady_lines(space.problem, space.trials)
-    log.immaterial += lines.immaterial
+    lines, immaterial, limits = find_steady_lines(space.problem, space.trials)
+    log.immaterial += immaterial
 
     parted = NextTest()
     if judgement.verdict == 'ambiguous':
@@ -85,7 +84,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         subject = published.fits.after if is_partial else published.fits.before
         proposer = Proposer(search.space.metric, search.space.max_pairs)
         law = proposer.law_for(subject)
-    steady = (*lines.causes, *slow_lines)
+    steady = (*lines, *slow_lines)
     verdict: Verdict = 'named' if steady and judgement.verdict == 'none' else judgement.verdict
     causes = sorted(
         (replace(cause, partial=verdict == 'unknown') for cause in (*published.causes, *steady)),
@@ -112,7 +111,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         law=law,
         residual_before=answer.before,
         residual_after=answer.after,
-        observability=replace(observability, limits=(*observability.limits, *lines.limits)),
+        observability=replace(observability, limits=(*observability.limits, *limits)),
         search=log,
         simulations=space.problem.simulations,
         seconds=clock.monotonic() - began,

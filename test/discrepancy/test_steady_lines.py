@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from saddlering_ros.discrepancy import RestSegment
-from saddlering_ros.discrepancy.verdict.lines import find_line, line_gain, LineSearch
+from saddlering_ros.discrepancy.verdict.steady_lines import find_line, line_gain, LineSearch
 
 STEP = 1e-3
 

@@ -1,4 +1,10 @@
-"""Causes that are steady lines, at rest and too slow for stretches at rest.
+"""Causes that are steady lines, such as mains pickup: at rest, and in motion where they are slow.
+
+Block means remove a line, so that it cannot be fitted with the other effects. It is searched on
+stretches at rest, at the original sampling rate. The statistic at a frequency is the sum over
+stretches of windowed power over the level of the neighbouring frequencies. Under noise of any
+smooth spectrum the statistic is an F ratio, with a Bonferroni correction over frequencies and
+channels.
 
 A line below a few hertz has few periods in a stretch at rest. Its strength while the load moves is
 the same, so that it is searched in the residual of the base fit. A ring can sway at such
@@ -13,23 +19,35 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import Evidence
-from saddlering_ros.discrepancy.search.limits import DetectionLimit
-from saddlering_ros.discrepancy.verdict.lines import (
-    amplitudes,
-    find_line,
-    Line,
-    line_gain,
-    MIN_FREQUENCY,
-    MIN_SAMPLES,
-    turns,
-)
+from saddlering_ros.discrepancy.search.limits import DetectionLimit, POWER_QUANTILE
 from saddlering_ros.discrepancy.verdict.results import Cause, Estimate
 from saddlering_ros.estimation.rest import RestSegment
+from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
+
+MIN_FREQUENCY = 8.0
+"""Frequency [Hz] below which the residual tests apply: slower swings may belong to the machine,
+and a stretch at rest has too few of their periods."""
+
+MIN_SAMPLES = 100
+"""Smallest number of samples of a stretch whose spectrum is used: three times the frequencies
+that give the level of the noise."""
+
+NEIGHBOURS = 15
+"""Independent frequencies on each side that give the level of the noise, to a fifth."""
+
+WINDOW_WIDTH = 2.0
+"""Independent frequencies that a Hann window combines into one."""
+
+ROUNDING = 1e-12
+"""Deviation from a straight line below which values are still, as a share of the largest one:
+double precision."""
 
 MAX_LINES = 3
 """Largest number of lines, searched one after the other. Chosen for cost: each is a search of all
@@ -67,11 +85,150 @@ dozen comparisons."""
 
 
 @dataclass(frozen=True)
-class SlowLine:
-    """A steady line (its plain amplitude in the channels), and where it was found."""
+class Line:
+    """A steady line: frequency [Hz], amplitude (C,) in each channel, chance under noise.
 
-    line: Line
-    segments: tuple[RestSegment, ...]
+    `own` (C,): channels in which the line alone is real; `deviation` (C,): of the amplitudes;
+    `delta_bic`: evidence with its phases counted; `step` [s] of the record in which it was
+    found.
+    """
+
+    frequency: float
+    amplitude: Array
+    deviation: Array
+    own: NDArray[np.bool_]
+    p_value: float
+    delta_bic: float
+    step: float
+
+
+@dataclass(frozen=True)
+class LineSearch:
+    """Result of the search at rest: a line or None, and the amplitude that would be found."""
+
+    line: Line | None
+    limit: float
+
+
+def find_line(
+    segments: Sequence[RestSegment], error_rate: float,
+    between: tuple[float, float] = (MIN_FREQUENCY, np.inf), min_samples: int = MIN_SAMPLES,
+) -> LineSearch:
+    """The strongest line that is real at `error_rate`, in the runs with the fastest sampling.
+
+    between: lowest and highest frequency [Hz] of the search. A channel that is still in a stretch
+    has no level of noise, and is not searched.
+    """
+    usable = [segment for segment in segments if segment.values.shape[1] >= min_samples]
+    if not usable:
+        return LineSearch(None, np.inf)
+    fastest = min(segment.step for segment in usable)
+    usable = [segment for segment in usable if segment.step < 1.05 * fastest]
+    lengths = [segment.values.shape[1] for segment in usable]
+    # Channels (C,) whose values (C, n) leave a straight line by more than rounding.
+    moving = np.all([
+        _detrended(segment.values).std(axis=1) > ROUNDING * np.abs(segment.values).max(axis=1)
+        for segment in usable], axis=0)
+    if not moving.any():
+        return LineSearch(None, np.inf)
+    step = float(np.median([segment.step for segment in usable]))
+    size = 2 * 2 ** int(np.ceil(np.log2(max(lengths))))
+    frequency = np.fft.rfftfreq(size, step)
+    power, ratio, freedom = _ratios(usable, size)
+    ratio[~moving] = 0.0
+    edge = 4.0 / (step * min(lengths))
+    inside = (frequency >= between[0]) & (frequency <= min(between[1], frequency[-1] - edge))
+    if not inside.any():
+        return LineSearch(None, np.inf)
+    trials, count = int(moving.sum()) * int(inside.sum()), len(usable)
+    # The amplitude in the quietest channel that is found nine times in ten. Under a Hann window,
+    # an amplitude a over n samples of noise s has a^2 n / (6 s^2) times the power of the noise.
+    unit = np.mean([length / (6.0 * _detrended(segment.values[moving]).var(axis=1))
+                    for length, segment in zip(lengths, usable, strict=True)], axis=0).max()
+    beyond = max(fisher_limit(error_rate / trials, 2 * count, freedom) - 1.0, 0.0)
+    beyond += POWER_QUANTILE * np.sqrt((1.0 + 2.0 * beyond) / count)
+    limit = float(np.sqrt(beyond / unit))
+    chance = fisher_chance(ratio, 2 * count, freedom) * trials
+    chance[:, ~inside] = np.inf
+    # The chance of a very strong line is 0 at several frequencies; the ratio separates them.
+    shown = np.where(inside, ratio, -np.inf)
+    channel, place = np.unravel_index(int(np.argmax(shown)), shown.shape)
+    p_value = float(chance[channel, place])
+    if p_value >= error_rate:
+        return LineSearch(None, limit)
+    around = np.log(power[channel, place - 1 : place + 2])
+    bend = around[0] - 2.0 * around[1] + around[2]
+    shift = 0.5 * (around[0] - around[2]) / bend if bend < 0.0 else 0.0
+    at = float(frequency[place] + shift / (size * step))
+    amplitude, deviation, worth = _measured(usable, at)
+    own = chance[:, place - 1 : place + 2].min(axis=1) < error_rate
+    line = Line(at, amplitude, deviation, own, min(1.0, p_value), worth, step)
+    return LineSearch(line, limit)
+
+
+def _ratios(segments: Sequence[RestSegment], size: int) -> tuple[Array, Array, float]:
+    """Summed power (C, F), power over the local level (C, F), and its degrees of freedom."""
+    powers, relative = [], []
+    for segment in segments:
+        count = segment.values.shape[1]
+        power = np.abs(np.fft.rfft(_detrended(segment.values) * np.hanning(count), size)) ** 2
+        width = 2 * int(np.ceil(NEIGHBOURS * WINDOW_WIDTH * size / count)) + 1
+        level = median_filter(power, (1, width), mode='mirror') / np.log(2.0)
+        level = np.maximum(level, 1e-300)
+        powers.append(power / level.mean(axis=1, keepdims=True))
+        relative.append(power / level)
+    freedom = 2.0 * NEIGHBOURS * len(segments)
+    return np.sum(powers, axis=0), np.mean(relative, axis=0), freedom
+
+
+def _detrended(values: Array) -> Array:
+    """Values (C, n) minus their straight line."""
+    place = np.linspace(-1.0, 1.0, values.shape[1])
+    level = values - values.mean(axis=1, keepdims=True)
+    return np.asarray(level - np.outer(level @ place / (place @ place), place))
+
+
+def _turns(segment: RestSegment, frequency: float) -> Array:
+    """Cosine and sine (n, 2) at a frequency."""
+    phase = 2.0 * np.pi * frequency * segment.step * np.arange(segment.values.shape[1])
+    return np.column_stack([np.cos(phase), np.sin(phase)])
+
+
+def _measured(segments: Sequence[RestSegment], frequency: float) -> tuple[Array, Array, float]:
+    """Amplitudes (C,) minus their bias by noise, their deviations (C,), and the delta BIC."""
+    channels = segments[0].values.shape[0]
+    total, noise, worth, weight = np.zeros(channels), np.zeros(channels), 0.0, 0
+    for segment in segments:
+        count = segment.values.shape[1]
+        values, parts, left = _fitted(segment, frequency)
+        total += count * (parts**2).sum(axis=0) - 4.0 * left
+        noise += count * left
+        weight += count
+        gain = np.log(np.maximum((values**2).mean(axis=1), 1e-300) / np.maximum(left, 1e-300))
+        worth += float(count * gain.sum() - 2.0 * channels * np.log(count))
+    amplitude = np.sqrt(np.maximum(total / weight, 0.0))
+    return amplitude, np.sqrt(2.0 * noise) / weight, worth
+
+
+def _fitted(segment: RestSegment, frequency: float) -> tuple[Array, Array, Array]:
+    """Values (C, n) of a stretch, the cosine and sine (2, C) in them, and the mean square left."""
+    values, swings = _detrended(segment.values), _turns(segment, frequency)
+    parts = np.linalg.lstsq(swings, values.T, rcond=None)[0]
+    return values, parts, ((values.T - swings @ parts) ** 2).mean(axis=0)
+
+
+def line_gain(segments: Sequence[RestSegment], frequency: float, amplitude: Array) -> float:
+    """1 - rms without / rms with the line, its phase free, over the channels with the line."""
+    before = after = 0.0
+    having = amplitude > 0.0
+    for segment in segments:
+        values, swings = _detrended(segment.values[having]), _turns(segment, frequency)
+        parts = np.linalg.lstsq(swings, values.T, rcond=None)[0]
+        size = np.maximum(np.hypot(*parts), 1e-300)
+        left = values.T - swings @ (parts * (amplitude[having] / size))
+        before += float((values**2).sum())
+        after += float((left**2).sum())
+    return max(0.0, 1.0 - float(np.sqrt(after / max(before, 1e-300))))
 
 
 @dataclass(frozen=True)
@@ -84,58 +241,47 @@ class Stretch:
     segment: RestSegment
 
 
-def find_slow_lines(
-    runs: Sequence[RunBlocks], residuals: Sequence[Array], error_rate: float,
-) -> tuple[list[SlowLine], tuple[RunBlocks, ...]]:
-    """Steady lines in the residuals (C, N) of runs, the strongest first; the runs without them."""
-    lines: list[SlowLine] = []
-    left, kept = list(residuals), tuple(runs)
-    while len(lines) < MAX_LINES:
-        stretches = stretches_of(kept, left)
-        line = (_in_whole_runs(kept, stretches, error_rate) if stretches
-                else _at_rest(kept, error_rate))
-        if line is None:
-            break
-        lines.append(line)
-        kept, left = _cleaned(kept, left, stretches, line)
-    return lines, kept
-
-
 def _in_whole_runs(
     runs: Sequence[RunBlocks], stretches: Sequence[Stretch], error_rate: float,
-) -> SlowLine | None:
-    """The strongest line of whole runs, if it is steady."""
+) -> tuple[Line, list[RestSegment]] | None:
+    """The strongest line of whole runs, if it is steady, and the stretches that show it."""
     usable = [stretch.segment for stretch in stretches]
-    longest = max(segment.values.shape[1] * segment.step for segment in usable)
+    longest = max(map(_duration, usable))
     most = MAX_SHARE * 0.5 / min(segment.step for segment in usable)
     line = find_line(usable, error_rate, (MIN_PERIODS / longest, most)).line
     if line is None or not line.own.any() or _is_driven(runs, line, error_rate):
         return None
     shown = [segment for segment in usable if segment.step * line.frequency <= 0.5 * MAX_SHARE
-             and segment.values.shape[1] * segment.step * line.frequency >= PIECE_PERIODS]
+             and _duration(segment) * line.frequency >= PIECE_PERIODS]
     at_rest = [segment for run in runs if not run.held_out for segment in run.rest]
     if not _is_steady(shown, line) or not _is_there_at_rest(at_rest, line):
         return None
     whole = float(np.sinc(line.frequency * line.step))
-    seen = replace(line, amplitude=line.amplitude / whole, deviation=line.deviation / whole)
-    return SlowLine(seen, tuple(shown))
+    return replace(
+        line, amplitude=line.amplitude / whole, deviation=line.deviation / whole), shown
 
 
-def _at_rest(runs: Sequence[RunBlocks], error_rate: float) -> SlowLine | None:
-    """The strongest line of the holds of static tests, if no run is evenly spaced."""
+def _in_holds(
+    runs: Sequence[RunBlocks], error_rate: float
+) -> tuple[Line, list[RestSegment]] | None:
+    """The strongest line of the holds of static tests, if it is steady, and the holds."""
     usable = [segment for run in runs if not run.held_out for segment in run.rest
               if segment.values.shape[1] >= MIN_HOLD_SAMPLES]
     if len(usable) < MIN_HOLDS:
         return None
-    longest = max(segment.values.shape[1] * segment.step for segment in usable)
-    least = PIECE_PERIODS / longest
+    least = PIECE_PERIODS / max(map(_duration, usable))
     line = find_line(usable, error_rate, (least, MIN_FREQUENCY), MIN_HOLD_SAMPLES).line
     if line is None or not line.own.any() or not _is_steady(usable, line):
         return None
-    return SlowLine(line, tuple(usable))
+    return line, usable
 
 
-def stretches_of(runs: Sequence[RunBlocks], values: Sequence[Array]) -> list[Stretch]:
+def _duration(segment: RestSegment) -> float:
+    """Duration [s] of a stretch."""
+    return segment.values.shape[1] * segment.step
+
+
+def _stretches_of(runs: Sequence[RunBlocks], values: Sequence[Array]) -> list[Stretch]:
     """Evenly spaced parts of runs (C, N) without a missing sample, each as a stretch."""
     stretches = []
     for number, (run, own) in enumerate(zip(runs, values, strict=True)):
@@ -147,11 +293,8 @@ def stretches_of(runs: Sequence[RunBlocks], values: Sequence[Array]) -> list[Str
             whole = np.asarray(run.present.all(axis=0))
             uneven |= ~(whole[:-1] & whole[1:])
         edges = [0, *(np.flatnonzero(uneven) + 1).tolist(), run.time.size]
-        stretches += [
-            Stretch(number, first, last, RestSegment(own[:, first:last], step))
-            for first, last in pairwise(edges)
-            if last - first >= MIN_SAMPLES
-        ]
+        stretches += [Stretch(number, first, last, RestSegment(own[:, first:last], step))
+                      for first, last in pairwise(edges) if last - first >= MIN_SAMPLES]
     return stretches
 
 
@@ -161,7 +304,7 @@ def _is_driven(runs: Sequence[RunBlocks], line: Line, error_rate: float) -> bool
     The corners of a load course that is cut short have a spectrum too, which is not steady.
     """
     drives = [next(iter(run.inputs.values()))[None, :] for run in runs]
-    usable = [stretch.segment for stretch in stretches_of(runs, drives)]
+    usable = [stretch.segment for stretch in _stretches_of(runs, drives)]
     # The least amplitude of the drive whose linear response is a share of the line.
     ranges = np.max([np.ptp(run.channels, axis=1) for run in runs], axis=0)
     shares = line.amplitude[line.own] / np.maximum(ranges[line.own], 1e-300)
@@ -169,9 +312,8 @@ def _is_driven(runs: Sequence[RunBlocks], line: Line, error_rate: float) -> bool
     for part in range(1, HARMONICS + 1):
         wanted = line.frequency / part
         swing = find_line(usable, error_rate, (0.9 * wanted, 1.1 * wanted)).line
-        if swing is None or abs(swing.frequency - wanted) >= 0.05 * wanted:
-            continue
-        if float(swing.amplitude[0]) >= least and _is_steady(usable, swing):
+        if (swing is not None and abs(swing.frequency - wanted) < 0.05 * wanted
+                and float(swing.amplitude[0]) >= least and _is_steady(usable, swing)):
             return True
     return False
 
@@ -185,16 +327,15 @@ def _is_steady(segments: Sequence[RestSegment], line: Line) -> bool:
         return False
     strengths, spreads, whole = [], [], []
     for segment in segments:
-        periods = segment.values.shape[1] * segment.step * line.frequency
+        periods = _duration(segment) * line.frequency
         pieces = max(1, min(PIECES, int(periods / PIECE_PERIODS)))
         own = []
         for part in np.array_split(np.arange(segment.values.shape[1]), pieces):
             strength, spread = _strength(replace(segment, values=segment.values[:, part]), line)
             own.append(strength)
-            strengths.append(strength)
             spreads.append(spread)
-        together, _ = _strength(segment, line)
-        whole.append(together / max(float(np.mean(own)), 1e-300))
+        strengths += own
+        whole.append(_strength(segment, line)[0] / max(float(np.mean(own)), 1e-300))
     usual = float(np.median(strengths))
     off = np.abs(np.array(strengths) - usual) - NOISE_SPREAD * np.array(spreads)
     return bool(np.all(off <= MAX_UNSTEADY * usual) and min(whole) >= 1.0 - MAX_UNSTEADY)
@@ -206,7 +347,7 @@ def _is_there_at_rest(rest: Sequence[RestSegment], line: Line) -> bool:
     whole = float(np.sinc(line.frequency * line.step))
     strengths, spreads = [], []
     for segment in rest:
-        periods = segment.values.shape[1] * segment.step * line.frequency
+        periods = _duration(segment) * line.frequency
         if periods < PIECE_PERIODS or segment.step * line.frequency > 0.4:
             continue
         strength, spread = _strength(segment, line)
@@ -214,57 +355,53 @@ def _is_there_at_rest(rest: Sequence[RestSegment], line: Line) -> bool:
         spreads.append(spread)
     if not strengths:
         return True
-    spread = NOISE_SPREAD * float(np.median(spreads))
-    return abs(float(np.median(strengths)) - usual) <= MAX_UNSTEADY * usual + spread
+    allowed = MAX_UNSTEADY * usual + NOISE_SPREAD * float(np.median(spreads))
+    return abs(float(np.median(strengths)) - usual) <= allowed
 
 
 def _strength(segment: RestSegment, line: Line) -> tuple[float, float]:
     """Amplitude over all channels with the line, and its standard deviation."""
-    size, deviation = amplitudes(segment, line.frequency)
-    own = line.own
-    return float(np.linalg.norm(size[own])), float(np.linalg.norm(deviation[own]))
+    _, parts, left = _fitted(segment, line.frequency)
+    deviation = np.sqrt(2.0 * left / segment.values.shape[1])
+    return (float(np.linalg.norm(np.hypot(*parts)[line.own])),
+            float(np.linalg.norm(deviation[line.own])))
 
 
 def _cleaned(
-    runs: Sequence[RunBlocks], residuals: Sequence[Array], stretches: Sequence[Stretch],
-    slow_line: SlowLine,
+    runs: Sequence[RunBlocks], residuals: Sequence[Array], stretches: Sequence[Stretch], line: Line
 ) -> tuple[tuple[RunBlocks, ...], list[Array]]:
     """Runs and residuals minus the line, with a phase of its own in every channel and stretch."""
     channels = [run.channels.copy() for run in runs]
     left = [residual.copy() for residual in residuals]
     for stretch in stretches:
         part = slice(stretch.first, stretch.last)
-        swing = _line_in(stretch.segment, slow_line.line)
-        channels[stretch.run][:, part] += swing  # The residual is prediction minus measurement.
+        swing = _line_in(stretch.segment, line)
+        # The residual is prediction minus measurement.
+        channels[stretch.run][:, part] += swing
         left[stretch.run][:, part] -= swing
-    cleaned = []
-    for run, own in zip(runs, channels, strict=True):
-        rest = tuple(replace(segment, values=segment.values - _line_in(segment, slow_line.line))
-                     for segment in run.rest)
-        cleaned.append(replace(run, channels=own, rest=rest))
-    return tuple(cleaned), left
+    return tuple(
+        replace(run, channels=own, rest=tuple(
+            replace(segment, values=segment.values - _line_in(segment, line))
+            for segment in run.rest))
+        for run, own in zip(runs, channels, strict=True)), left
 
 
 def _line_in(segment: RestSegment, line: Line) -> Array:
     """The line in a stretch (C, n): the best cosine and sine; 0 in channels without the line."""
-    swings = turns(segment, line.frequency)
+    swings = _turns(segment, line.frequency)
     place = np.linspace(-1.0, 1.0, segment.values.shape[1])
     shapes = np.column_stack([swings, np.ones_like(place), place])
     parts = np.linalg.lstsq(shapes, segment.values.T, rcond=None)[0][:2]
     return np.asarray((swings @ (parts * line.own)).T)
 
 
-@dataclass(frozen=True)
-class SteadyLines:
-    """Lines that are causes, lines that are too small, and the detection limit."""
+def find_steady_lines(
+    problem: Problem, trials: int
+) -> tuple[list[Cause], list[Evidence], list[DetectionLimit]]:
+    """Lines in the stretches at rest of the fitted runs, for every effect that is a line.
 
-    causes: tuple[Cause, ...]
-    immaterial: tuple[Evidence, ...]
-    limits: tuple[DetectionLimit, ...]
-
-
-def find_steady_lines(problem: Problem, trials: int) -> SteadyLines:
-    """Lines in the stretches at rest of the fitted runs, for every effect that is a line."""
+    Lines that are causes, lines that are too small, and detection limits.
+    """
     rest = [segment for run in problem.runs for segment in run.rest]
     held_out = [segment for run in problem.held_out for segment in run.rest]
     settings = problem.settings
@@ -282,62 +419,66 @@ def find_steady_lines(problem: Problem, trials: int) -> SteadyLines:
             effect.id, float(seen), search.limit, search.limit, material, effect.size.unit, seen))
         if search.line is None:
             continue
-        cause = _cause(problem, effect, search.line, rest, held_out)
+        left = None
+        if held_out:
+            left = line_gain(
+                held_out, search.line.frequency, search.line.amplitude * search.line.own)
+        cause = _cause(problem, effect, search.line, rest, left, 'at rest, its phase free')
         if cause.visible >= settings.materiality:
             causes.append(cause)
         else:
-            immaterial.append(_evidence(cause))
-    return SteadyLines(tuple(causes), tuple(immaterial), tuple(limits))
+            values = {key: number.value for key, number in cause.parameters.items()}
+            immaterial.append(Evidence(
+                step=0, effects=(cause.effect,), variants=(cause.variant,), misfit=0.0,
+                delta_bic=cause.delta_bic, p_value=cause.p_value, visible=cause.visible,
+                values={cause.effect: values}))
+    return causes, immaterial, limits
 
 
-@dataclass(frozen=True)
-class Swings:
-    """Slow steady lines that are causes, and all runs without them."""
+def find_slow_lines(
+    metric: Metric, base: Fit, trials: int
+) -> tuple[list[Cause], tuple[RunBlocks, ...]]:
+    """The material slow lines in the residual of the base fit, the strongest first.
 
-    causes: tuple[Cause, ...]
-    runs: tuple[RunBlocks, ...]
-
-
-def find_swings(metric: Metric, base: Fit, trials: int) -> Swings | None:
-    """The material slow lines in the residual of the base fit, in motion or not."""
+    With them come all runs without slow lines.
+    """
     problem = metric.problem
-    runs, settings = problem.all_runs, problem.settings
+    kept, rate = tuple(problem.all_runs), problem.settings.error_rate / trials
     effect = next((effect for effect in problem.system.effects if effect.line), None)
     if effect is None:
-        return None
+        return [], kept
     left = metric.without_nuisances(base.prediction - problem.measured)
     fitted = dict(zip([run.name for run in problem.runs], problem.by_run(left), strict=True))
     residuals = [
         fitted[run.name] if run.name in fitted
-        else problem.system.predict_many(run, [base.point])[0] - run.channels for run in runs]
-    slow_lines, cleaned = find_slow_lines(runs, residuals, settings.error_rate / trials)
-    causes = [_cause(problem, effect, own.line, own.segments, ()) for own in slow_lines]
-    causes = [replace(cause, gain=replace(cause.gain, how='in the residual, its phase free'))
-              for cause in causes]
-    material = tuple(cause for cause in causes if cause.visible >= settings.materiality)
-    return Swings(material, cleaned) if material else None
+        else problem.system.predict_many(run, [base.point])[0] - run.channels for run in kept]
+    causes: list[Cause] = []
+    while len(causes) < MAX_LINES:
+        stretches = _stretches_of(kept, residuals)
+        # If no run is evenly spaced, the holds of static tests may be.
+        found = _in_whole_runs(kept, stretches, rate) if stretches else _in_holds(kept, rate)
+        if found is None:
+            break
+        line, shown = found
+        causes.append(
+            _cause(problem, effect, line, shown, None, 'in the residual, its phase free'))
+        kept, residuals = _cleaned(kept, residuals, stretches, line)
+    return [cause for cause in causes if cause.visible >= problem.settings.materiality], kept
 
 
 def _cause(
-    problem: Problem, effect: Effect, line: Line, rest: Sequence[RestSegment],
-    held_out: Sequence[RestSegment],
+    problem: Problem, effect: Effect, line: Line, segments: Sequence[RestSegment],
+    held_out: float | None, how: str,
 ) -> Cause:
-    """The line as a cause, in the variant whose channels are closest to those with the line."""
+    """The line as a cause, in the variant whose channels are closest to those with the line.
+
+    segments: where its gain is measured; held_out: its gain on held-out runs.
+    """
     hit = {int(channel) for channel in np.flatnonzero(line.own)}
-    variant = min(range(len(effect.line)),
-                  key=lambda number: len({*effect.line[number]} ^ hit))
+    variant = min(range(len(effect.line)), key=lambda number: len({*effect.line[number]} ^ hit))
     own = line.amplitude * line.own
     largest = max(float(np.abs(weights) @ own) / problem.view_ranges[view]
                   for view, weights in problem.system.views.items())
-    left = line_gain(held_out, line.frequency, own) if held_out else None
-    gain = Gain(line_gain(rest, line.frequency, own), left, 'at rest, its phase free')
-    return Cause(
-        effect=effect.id, definition=effect, variant=variant, group=(effect.id,),
-        parameters=_parameters(effect, variant, line), p_value=line.p_value,
-        delta_bic=line.delta_bic, visible=float(largest / np.sqrt(2.0)), gain=gain)
-
-
-def _parameters(effect: Effect, variant: int, line: Line) -> dict[str, Estimate]:
     channels = np.zeros(line.amplitude.size)
     channels[list(effect.line[variant])] = 1.0
     amplitude = float(channels @ line.amplitude / channels.sum())
@@ -346,18 +487,14 @@ def _parameters(effect: Effect, variant: int, line: Line) -> dict[str, Estimate]
     lost = (2.0 * np.pi * line.frequency * line.step) ** 2 / 8.0
     deviation = float(np.hypot(deviation, lost * amplitude))
     cosine, sine, frequency = effect.ordered
-    return {
+    parameters = {
         cosine.name: Estimate(amplitude, deviation, cosine.unit),
         sine.name: Estimate(0.0, deviation, sine.unit),
         frequency.name: Estimate(line.frequency, 0.0, frequency.unit),
         **{key: Estimate(float(value), 0.0, '')
-           for key, value in effect.variants[variant].items()},
-    }
-
-
-def _evidence(cause: Cause) -> Evidence:
-    values = {key: number.value for key, number in cause.parameters.items()}
-    return Evidence(
-        step=0, effects=(cause.effect,), variants=(cause.variant,), misfit=0.0,
-        delta_bic=cause.delta_bic, p_value=cause.p_value, visible=cause.visible,
-        values={cause.effect: values})
+           for key, value in effect.variants[variant].items()}}
+    return Cause(
+        effect=effect.id, definition=effect, variant=variant, group=(effect.id,),
+        parameters=parameters, p_value=line.p_value, delta_bic=line.delta_bic,
+        visible=float(largest / np.sqrt(2.0)),
+        gain=Gain(line_gain(segments, line.frequency, own), held_out, how))
