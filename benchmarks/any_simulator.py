@@ -23,7 +23,7 @@ from machines.machine import Machine, without
 import numpy as np
 
 from saddlering_ros.discrepancy import diagnose, Diagnosis, Model
-from saddlering_ros.estimation.identifiability import WIDTH_95
+from saddlering_ros.quantities import WIDTH_95
 
 OTHERS = ('pendulum', 'cart_pole', 'four_tank', 'predator_prey')
 SIZES = (0.6, 2.0)

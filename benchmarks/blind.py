@@ -33,6 +33,7 @@ import numpy as np
 
 from saddlering_ros import diagnose
 from saddlering_ros.effects import effect as catalogued
+from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.virtual_rig.effects import find_effect
 
 SHARES = {'clean': 0.2, 'single': 0.5, 'pair': 0.15, 'outside': 0.15}
@@ -126,7 +127,7 @@ def nearest_place(hidden: dict[str, Any], places: Sequence[dict[str, Any]]) -> d
 def size_error(
     hidden: dict[str, Any], causes: Sequence[dict[str, Any]]
 ) -> tuple[float | None, bool | None]:
-    """Relative error of the size found, and whether 1.96 deviations hold the truth."""
+    """Relative error of the size found, and whether its 95 % interval holds the truth."""
     name = find_effect(hidden['effect']).parameters[0].name
     for cause in causes:
         if cause['effect'] == hidden['effect'] and name in cause['parameters']:
@@ -136,7 +137,7 @@ def size_error(
                 true = math.hypot(true, hidden['parameters']['sine'])
                 value = math.hypot(value, cause['parameters']['sine']['value'])
             apart = abs(value - true)
-            return float(apart / abs(true)), bool(apart <= 1.96 * told['std'])
+            return float(apart / abs(true)), bool(apart <= WIDTH_95 * told['std'])
     return None, None
 
 

@@ -30,8 +30,8 @@ from scipy.stats import norm
 from scipy.stats.qmc import LatinHypercube
 
 from saddlering_ros import compare
-from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.identification import Identification, IdentificationSettings, identify
+from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.record import Record
 from saddlering_ros.rig import ContactParameters, Instruments, PARAMETER_NAMES, Rig, TRUE_TO_SCALE
 from saddlering_ros.ring.roller_scatter import GAP_SCATTER, STIFFNESS_SCATTER

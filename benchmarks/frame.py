@@ -15,7 +15,7 @@ import tempfile
 import time
 from typing import Any
 
-from saddlering_ros.estimation.identifiability import WIDTH_95
+from saddlering_ros.quantities import WIDTH_95
 
 ROOT = Path(__file__).resolve().parents[1]
 ONE_THREAD = {

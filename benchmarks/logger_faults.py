@@ -24,8 +24,8 @@ from saddlering_ros.bags.reader import put_in_order
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.identification import Identification, identify
+from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.record import (
     displacement_of_run,
     LOAD_TOPIC,

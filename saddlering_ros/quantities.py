@@ -168,6 +168,9 @@ MATERIAL = 1e-3
 CHANCE = 0.01
 """Probability above which a finding counts as chance."""
 
+WIDTH_95 = 1.959963984540054
+"""Half width of a 95 % interval in standard deviations of a normal distribution."""
+
 GOOD = 2.0
 """A misfit below this multiple of the noise floor is as good as the measurement."""
 

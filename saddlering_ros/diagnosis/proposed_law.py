@@ -10,7 +10,7 @@ import yaml
 
 from saddlering_ros.discrepancy import describe, LawProposal, Term, wording
 from saddlering_ros.files import write_text
-from saddlering_ros.quantities import quantity
+from saddlering_ros.quantities import quantity, WIDTH_95
 
 TABLE_POINTS = 1025
 """Points of the table of a simple law, which resolve a hundredth of the range."""
@@ -41,7 +41,7 @@ def proposal_document(law: LawProposal | None, files: tuple[str, ...]) -> dict[s
             'parameters': {
                 name: {
                     'value': size.value, 'std': size.std, 'unit': units.get(size.unit, size.unit),
-                    'interval_95': [size.value - 1.96 * size.std, size.value + 1.96 * size.std]}
+                    'interval_95': [size.value + side * WIDTH_95 * size.std for side in (-1, 1)]}
                 for name, size in term.parameters.items()},
             'curve': {
                 'at': term.at.tolist(), 'at_unit': along, 'values': term.values.tolist(),

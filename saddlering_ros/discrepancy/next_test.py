@@ -31,6 +31,7 @@ from saddlering_ros.discrepancy.problem.system import Array, Proposal
 from saddlering_ros.discrepancy.search.evidence import alternative_floor, indistinguishable
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import ModelSpace
+from saddlering_ros.quantities import WIDTH_95
 
 DRAWS = 100
 """Number of draws with each model as the truth: a share is known to 10 % at worst (95 %)."""
@@ -74,7 +75,7 @@ class Separation:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval of the share (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209)."""
-        z, count = 1.96, self.draws
+        z, count = WIDTH_95, self.draws
         middle = (self.share + z * z / (2 * count)) / (1 + z * z / count)
         half = math.sqrt(self.share * (1 - self.share) / count + z * z / (4 * count**2))
         half *= z / (1 + z * z / count)

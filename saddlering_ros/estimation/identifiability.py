@@ -9,10 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from saddlering_ros.estimation.process import Array
-from saddlering_ros.estimation.statistics import normal_quantile
-from saddlering_ros.quantities import compact
-
-WIDTH_95 = normal_quantile(0.975)
+from saddlering_ros.quantities import compact, WIDTH_95
 
 MAX_HALF_WIDTH = {'K': float(np.log(1.5)), 'n': 0.5 * (10.0 / 9.0 - 1.0), 'D': float(np.log(2.0))}
 """Widest half 95 % interval, in (ln K, n, ln D), of a parameter that counts as determined.

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import fdtr, fdtrc, fdtri, ndtri
+from scipy.special import fdtr, fdtrc, fdtri
 
 from saddlering_ros.estimation.process import Array, mean_correlation, mean_variance
 
@@ -57,11 +57,6 @@ def fisher_share_below(ratio: Any, between: Any, within: Any) -> Any:
 def fisher_limit(chance: float, between: float, within: float) -> float:
     """Return the ratio that an F-distributed one exceeds with probability `chance`."""
     return float(fdtri(between, within, 1.0 - chance))
-
-
-def normal_quantile(share: float) -> float:
-    """Return the value below which a standard normal variable lies with probability `share`."""
-    return float(ndtri(share))
 
 
 MIN_PAIRS = 4

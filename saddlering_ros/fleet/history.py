@@ -30,6 +30,7 @@ from saddlering_ros.fleet.statistics import (
     LEVEL,
     SessionFigures,
 )
+from saddlering_ros.quantities import WIDTH_95
 
 DIFFUSE = 1e4
 """Standard deviation of an unknown value, in usual standard deviations of a reading."""
@@ -127,7 +128,7 @@ class History:
     def coverage(self) -> float:
         """Share of readings inside the 95 % interval predicted for them, NaN without any."""
         seen = self.surprises[np.isfinite(self.surprises)]
-        return float(np.mean(np.abs(seen) < 1.96)) if seen.size else float('nan')
+        return float(np.mean(np.abs(seen) < WIDTH_95)) if seen.size else float('nan')
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,11 @@ from saddlering_ros.estimation.identifiability import (
     reason_misfit,
     reason_one_elevation,
     reason_unequal,
-    WIDTH_95,
 )
 from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.identification.objective import predict, Refinement, WeightedObjective
+from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.rig import PARAMETER_NAMES, probes_to_displacement, Rig
 from saddlering_ros.ring.roller_scatter import scatter_columns, SimulatedCourse
 

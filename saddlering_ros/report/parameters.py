@@ -10,7 +10,7 @@ from saddlering_ros.diagnosis.ring_wording import causes_of, VerdictDocument
 from saddlering_ros.identification.result import INTERVALS
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
-from saddlering_ros.quantities import compact, quantity, span
+from saddlering_ros.quantities import compact, quantity, span, WIDTH_95
 from saddlering_ros.report.curves import Array
 from saddlering_ros.rig import (
     PARAMETER_NAMES,
@@ -91,8 +91,8 @@ def before_and_after(
 
 
 def interval(value: float, std: float | None) -> str:
-    """Value plus and minus 1.96 standard deviations, which holds it 95 times in 100."""
-    return span(value - 1.96 * std, value + 1.96 * std) if std else '–'
+    """The 95 % interval about a value; a dash without a standard deviation."""
+    return span(value - WIDTH_95 * std, value + WIDTH_95 * std) if std else '–'
 
 
 def _per_millimetre(values: Mapping[str, float]) -> list[tuple[str, str]]:

@@ -82,13 +82,13 @@ def causes_to_messages(document: Mapping[str, Any]) -> list[msg.DiagnosedCause]:
         if 'effect' not in cause:
             continue
         items = cause['parameters']
-        values = np.array([item['value'] for item in items.values()], np.float64)
-        stds = np.array([_number(item['std']) for item in items.values()])
+        ends = [item['interval'] or [item['value']] * 2 for item in items.values()]
         found.append(msg.DiagnosedCause(
             effect=cause['effect'], group=list(cause['group']), parameter_names=list(items),
-            units=[item['unit'] for item in items.values()], values=values.tolist(),
-            stds=stds.tolist(), lower=(values - 1.96 * stds).tolist(),
-            upper=(values + 1.96 * stds).tolist(),
+            units=[item['unit'] for item in items.values()],
+            values=[item['value'] for item in items.values()],
+            stds=[_number(item['std']) for item in items.values()],
+            lower=[low for low, _ in ends], upper=[high for _, high in ends],
             p_value=_number(cause['evidence'].get('p_value')),
             delta_bic=_number(cause['evidence'].get('delta_bic')),
             misfit_reduction_fit=_number(cause['gain'].get('fit')),

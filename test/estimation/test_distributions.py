@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from saddlering_ros.estimation.statistics import (
-    fisher_chance,
-    fisher_limit,
-    fisher_share_below,
-    normal_quantile,
-)
+from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit, fisher_share_below
+from saddlering_ros.quantities import WIDTH_95
 
 ROOT = Path(__file__).resolve().parents[2] / 'saddlering_ros'
 RATIOS = np.array([-1.0, 0.0, 0.5, 2.0, 50.0, np.inf])
@@ -27,8 +23,8 @@ def test_the_tails_of_ratios_are_those_of_scipy(between, within):
         assert fisher_limit(chance, between, within) == same.isf(chance)
 
 
-def test_the_quantiles_are_those_of_scipy():
-    assert normal_quantile(0.975) == stats.norm.ppf(0.975)
+def test_an_interval_of_95_percent_is_as_wide_as_that_of_scipy():
+    assert stats.norm.ppf(0.975) == WIDTH_95
 
 
 @pytest.mark.parametrize('layer', ['estimation', 'identification', 'discrepancy', 'diagnosis',

@@ -6,10 +6,10 @@ import pytest
 
 from benchmarks.examiner import draw_truth
 from saddlering_ros.bags import read_run
-from saddlering_ros.estimation.identifiability import WIDTH_95
 from saddlering_ros.identification import IdentificationSettings, identify, SwarmSettings
 from saddlering_ros.identification.objective import WeightedObjective
 from saddlering_ros.identification.uncertainty import roller_effects
+from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES
 
 SEED = 4

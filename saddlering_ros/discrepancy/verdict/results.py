@@ -13,7 +13,7 @@ from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual, ShapeTest, SlowResidual
 from saddlering_ros.discrepancy.search.limits import Observability
-from saddlering_ros.estimation.identifiability import WIDTH_95
+from saddlering_ros.quantities import WIDTH_95
 
 Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
 
