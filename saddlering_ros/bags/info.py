@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.bags.reader import raw_topic
 from saddlering_ros.bags.scan import OnShare, Scan, scan
 from saddlering_ros.doubts import readings
@@ -21,7 +22,7 @@ from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.quality import topic_quality, TopicQuality, UNKNOWN_QUALITY
 from saddlering_ros.record.record import RawRecord, RawTopic
 from saddlering_ros.record.scratch import count_where, extremes, spread_changes
-from saddlering_ros.record.topics import LOAD_TOPIC, RIG_TOPICS
+from saddlering_ros.record.topics import LOAD_TOPIC, RIG_TOPICS, TOPICS
 from saddlering_ros.rig import load_rig, Rig
 
 
@@ -102,7 +103,7 @@ def bag_info(
     `test`, `elevation` [rad], `rig` (default: as of `load_rig`) and `on_progress` as in
     `read_run`.
     """
-    found = scan(path, on_progress=on_progress)
+    found = scan(open_directory(path), TOPICS, on_progress)
     facts = found.facts.overruled(test, None if elevation is None else math.degrees(elevation))
     problems = [] if found.damage is None else [str(found.fault)]
     notes: list[str] = []

@@ -44,7 +44,10 @@ def read_raw(
     if unknown:
         raise BagError(
             f'{path}: {min(unknown)} is not a topic of the rig: give some of {", ".join(TOPICS)}')
-    found = scan(path, wanted, on_progress)
+    return _raw_record(scan(open_directory(path), wanted, on_progress), wanted, rig)
+
+
+def _raw_record(found: Scan, wanted: Sequence[str], rig: Rig | None) -> RawRecord:
     if found.damage is not None:
         assert found.fault is not None
         raise found.fault
@@ -74,7 +77,8 @@ def read_run(
     that look swapped, stuck, dead or of the wrong polarity on it. `on_progress` receives the
     share of the bag's bytes that was read.
     """
-    record = read_raw(path, on_progress=on_progress, rig=rig)
+    directory = open_directory(path)
+    record = _raw_record(scan(directory, TOPICS, on_progress), tuple(TOPICS), rig)
     facts = usable_facts(record.path, record.facts, test, elevation)
     if elevation is None and ELEVATION.name in record.topics:
         assert facts.elevation_deg is not None
@@ -83,7 +87,7 @@ def read_run(
             raise BagError(
                 f'{record.path}: elevation_deg is {facts.elevation_deg:g} and {ELEVATION.name} '
                 f'measured {measured:.2f} deg: give elevation_deg=DEG')
-    run = replace(run_of_record(record, facts, rig), sha256=open_directory(path).sha256())
+    run = replace(run_of_record(record, facts, rig), sha256=directory.sha256())
     run = run if elevation is None else replace(run, elevation=float(elevation))
     if rig is not None:
         run.notes.extend(map(str, findings_on_rig(rig, run, record)))

@@ -125,16 +125,12 @@ class Scan:
 
 
 def scan(
-    path: Path | str, topics: Collection[str] | None = None,
-    on_progress: OnShare = lambda share: None,
+    directory: BagDirectory, topics: Collection[str], on_progress: OnShare = lambda share: None,
 ) -> Scan:
-    """Read the bag at `path`, decoding the rig's `topics` (None: all of them) among all others.
+    """Read a bag, decoding the rig's `topics` among all others.
 
-    `on_progress` gets the share of its bytes that was read, after each block. Raises BagError
-    only where there is no bag to read at all.
+    `on_progress` gets the share of its bytes that was read, after each block.
     """
-    wanted = TOPICS if topics is None else topics
-    directory = folder.open_directory(path)
     result = Scan(directory)
     whole = max(1, directory.size)
     records: dict[str, str] = {}
@@ -142,7 +138,7 @@ def scan(
     try:
         for file in directory.files:
             try:
-                _scan_file(result, file, wanted, records, recorder,
+                _scan_file(result, file, topics, records, recorder,
                            lambda so_far: on_progress(min(1.0, so_far / whole)))
             except CutOffError as cut:
                 result.cuts.append(cut)
