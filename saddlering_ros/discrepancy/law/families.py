@@ -23,12 +23,9 @@ from saddlering_ros.memory_operators import Direction, Plays, Relaxations
 LOAD, DIRECTION, RATE, TIME = 'load', 'direction', 'rate', 'time'
 ANGLE, HYSTERESIS = 'angle', 'hysteresis'
 
-LOAD_PIECES, DIRECTION_PIECES, RATE_PIECES, TIME_PIECES, ANGLE_WAVES = 32, 12, 10, 24, 8
-"""Pieces of the splines and waves of the harmonics. The penalty on roughness decides how smooth a
-curve is; the pieces only have to be finer than any structure that is described."""
-
-PIECES = {LOAD: LOAD_PIECES, DIRECTION: DIRECTION_PIECES, RATE: RATE_PIECES, TIME: TIME_PIECES}
-"""By coordinate; any other one has half of those of the load."""
+PIECES, OTHER_PIECES, ANGLE_WAVES = {LOAD: 32, DIRECTION: 12, RATE: 10, TIME: 24}, 16, 8
+"""Pieces of the splines by coordinate and of any other one, and waves of the harmonics. A penalty
+on roughness decides how smooth a curve is; the pieces only have to be finer than any structure."""
 
 PLAYS = 10
 """Number of plays, evenly spaced on a log scale between the REACHES."""
@@ -130,8 +127,7 @@ class Misfit:
     @cached_property
     def slopes(self) -> Array:
         """Stacked change (n, P) of the prediction by each base parameter."""
-        return np.concatenate(
-            [run.slopes.reshape(-1, run.slopes.shape[2]) for run in self.runs])
+        return np.concatenate([run.slopes.reshape(-1, run.slopes.shape[2]) for run in self.runs])
 
     @cached_property
     def base(self) -> Array:
@@ -142,12 +138,8 @@ class Misfit:
     @cached_property
     def residual(self) -> Array:
         """The whitened residual (n,) minus its part by base parameters."""
-        plain = np.concatenate([run.residual.ravel() for run in self.runs])
-        return self._freed(self.whiten(plain[:, None]))[:, 0]
-
-    def _freed(self, white: Array) -> Array:
-        """Whitened columns minus their part by base parameters."""
-        return np.asarray(white - self.base @ (self.base.T @ white))
+        white = self.whiten(np.concatenate([run.residual.ravel() for run in self.runs])[:, None])
+        return np.asarray(white - self.base @ (self.base.T @ white))[:, 0]
 
     def plain(self, target: str, shapes: Sequence[Array]) -> Array:
         """Stacked columns (n, k) of an addition of `shapes` (N, k) by run to a target."""
@@ -156,7 +148,8 @@ class Misfit:
 
     def columns(self, target: str, shapes: Sequence[Array]) -> Array:
         """The same, whitened and without the part by base parameters."""
-        return self._freed(self.whiten(self.plain(target, shapes)))
+        white = self.whiten(self.plain(target, shapes))
+        return np.asarray(white - self.base @ (self.base.T @ white))
 
 
 @dataclass(frozen=True)
@@ -181,8 +174,7 @@ def spline_columns(at: Array, span: tuple[float, float], pieces: int) -> Array:
     from scipy.interpolate import BSpline  # late: most diagnoses propose no law
 
     low, high = span
-    step = (high - low) / pieces
-    knots = low + step * np.arange(-3, pieces + 4)
+    knots = low + (high - low) / pieces * np.arange(-3, pieces + 4)
     inside = np.clip(at, low, high - 1e-9 * (high - low))
     return np.asarray(BSpline.design_matrix(inside, knots, 3).toarray())
 
@@ -201,9 +193,8 @@ def _roughness(pieces: int) -> Array:
 
 def span_of(runs: Sequence[ObservedRun], name: str) -> tuple[float, float]:
     """Range of a coordinate over the runs."""
-    return (
-        min(float(run.coordinates[name].min()) for run in runs),
-        max(float(run.coordinates[name].max()) for run in runs))
+    seen = [run.coordinates[name] for run in runs]
+    return min(float(one.min()) for one in seen), max(float(one.max()) for one in seen)
 
 
 def blocks_of(runs: tuple[ObservedRun, ...]) -> list[ShapeFamily]:
@@ -218,9 +209,9 @@ def blocks_of(runs: tuple[ObservedRun, ...]) -> list[ShapeFamily]:
     if DIRECTION in names and any(np.ptp(run.coordinates[DIRECTION]) > 0.0 for run in runs):
         shapes = tuple(
             run.coordinates[DIRECTION][:, None]
-            * spline_columns(run.coordinates[LOAD], loads, DIRECTION_PIECES) for run in runs)
+            * spline_columns(run.coordinates[LOAD], loads, PIECES[DIRECTION]) for run in runs)
         blocks.append(
-            ShapeFamily(DIRECTION, 'curve', shapes, _roughness(DIRECTION_PIECES), loads))
+            ShapeFamily(DIRECTION, 'curve', shapes, _roughness(PIECES[DIRECTION]), loads))
     if RATE in names and span_of(runs, RATE)[0] < span_of(runs, RATE)[1]:
         step = min(float(np.median(np.diff(run.coordinates[TIME]))) for run in runs)
         longest = max(float(np.ptp(run.coordinates[TIME])) for run in runs)
@@ -241,7 +232,7 @@ def blocks_of(runs: tuple[ObservedRun, ...]) -> list[ShapeFamily]:
 
 def _curve(runs: tuple[ObservedRun, ...], name: str) -> ShapeFamily:
     """A smooth curve over a coordinate."""
-    span, pieces = span_of(runs, name), PIECES.get(name, LOAD_PIECES // 2)
+    span, pieces = span_of(runs, name), PIECES.get(name, OTHER_PIECES)
     shapes = tuple(spline_columns(run.coordinates[name], span, pieces) for run in runs)
     return ShapeFamily(name, 'curve', shapes, _roughness(pieces), span)
 
@@ -270,17 +261,10 @@ class BlockFit:
 
     def refitted(self, misfit: Misfit, wanted: Array) -> BlockFit:
         """The same family on the same target, fitted to another residual (n,)."""
-        return _fit_block(misfit, self.target, self.block, self.white, wanted)
+        return fit_block(misfit, self.target, self.block, self.white, wanted)
 
 
-def ranked_fits(misfit: Misfit, blocks: Sequence[ShapeFamily], wanted: Array) -> list[BlockFit]:
-    """Every family on every target, the one that predicts most first."""
-    fits = [_fit_block(misfit, target, block, misfit.columns(target, block.shapes), wanted)
-            for block in blocks for target in misfit.runs[0].targets]
-    return sorted(fits, key=lambda fit: -fit.predicted)
-
-
-def _fit_block(
+def fit_block(
     misfit: Misfit, target: str, block: ShapeFamily, white: Array, wanted: Array
 ) -> BlockFit:
     """`block` on `target`, its whitened columns (n, k) fitted to a whitened residual (n,)."""
@@ -318,8 +302,5 @@ def _solve(block: ShapeFamily, matrix: Array, slope: Array) -> Array:
     kept = values > 1e-12 * values[-1]
     root = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
     target = (vectors[:, kept].T @ slope) / np.sqrt(values[kept])
-    sides = []
-    for sign in (1.0, -1.0):
-        solution, left = nnls(root, sign * target)
-        sides.append((left, sign * solution))
-    return np.asarray(min(sides, key=lambda side: side[0])[1])
+    (up, left_up), (down, left_down) = (nnls(root, sign * target) for sign in (1.0, -1.0))
+    return np.asarray(up if left_up <= left_down else -down)

@@ -13,15 +13,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from saddlering_ros.discrepancy.law import families
-from saddlering_ros.discrepancy.law.families import (
-    BlockFit,
-    DIRECTION,
-    HYSTERESIS,
-    LOAD,
-    Misfit,
-    RATE,
-    TIME,
-)
+from saddlering_ros.discrepancy.law.families import BlockFit, DIRECTION, LOAD, Misfit, TIME
 from saddlering_ros.discrepancy.problem.system import Array
 
 Coordinates = Mapping[str, Array]
@@ -54,15 +46,8 @@ class Form:
 
     @property
     def searched(self) -> list[int]:
-        """Positions of the shape parameters that are searched.
-
-        The scale of a power follows from its size.
-        """
+        """Positions of the searched shape parameters: the scale of a power follows its size."""
         return [1] if self.name == 'power' else list(range(len(self.shapes)))
-
-    @property
-    def count(self) -> int:
-        return len(self.amplitudes) + len(self.shapes)
 
     def columns(self, coordinates: Coordinates, shape: Shape) -> Array:
         """The law (N, m) along a run, one column for each amplitude."""
@@ -72,25 +57,14 @@ class Form:
         if self.name == 'exponential memory':
             constant = np.array([max(abs(shape[0]), 1e-300)])
             return families.relaxations(coordinates[TIME], coordinates[LOAD], constant)
-        if self.coordinate == DIRECTION:
-            curve = np.column_stack(self.curve(coordinates[LOAD], shape))
-            return np.asarray(curve * coordinates[DIRECTION][:, None])
-        return np.column_stack(self.curve(coordinates[self.coordinate], shape))
+        along = LOAD if self.coordinate == DIRECTION else self.coordinate
+        curve = np.column_stack(self.curve(coordinates[along], shape))
+        return curve * coordinates[DIRECTION][:, None] if along != self.coordinate else curve
 
 
 def _apart(value: float) -> float:
     """The number, limited to a smallest absolute value."""
     return value if abs(value) > 1e-300 else 1e-300
-
-
-def _power(u: Array, shape: Shape) -> list[Array]:
-    scale, exponent = max(abs(shape[0]), 1e-300), float(np.clip(shape[1], 0.05, 8.0))
-    return [np.sign(u) * np.abs(u / scale) ** exponent]
-
-
-def _sine(u: Array, shape: Shape) -> list[Array]:
-    phase = 2.0 * np.pi * u / _apart(shape[0])
-    return [np.sin(phase), np.cos(phase)]
 
 
 def _scales(low: float, high: float) -> list[float]:
@@ -104,7 +78,10 @@ def _places(low: float, high: float) -> list[float]:
 
 
 CURVES = (
-    Form('power', ('size',), ('scale*', 'exponent'), 'size (u / scale)^exponent', _power,
+    Form('power', ('size',), ('scale*', 'exponent'), 'size (u / scale)^exponent',
+         lambda u, shape: [
+             np.sign(u)
+             * np.abs(u / max(abs(shape[0]), 1e-300)) ** float(np.clip(shape[1], 0.05, 8.0))],
          lambda low, high: product(
              [max(abs(low), abs(high))], (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0))),
     Form('saturation', ('size',), ('scale*',), 'size tanh(u / scale)',
@@ -119,7 +96,8 @@ CURVES = (
          lambda low, high: product(
              _places(low, high), [share * (high - low) for share in (0.01, 0.04, 0.12)])),
     Form('sine', ('sine', 'cosine'), ('spacing*',),
-         'sine sin(2 pi u / spacing) + cosine cos(2 pi u / spacing)', _sine,
+         'sine sin(2 pi u / spacing) + cosine cos(2 pi u / spacing)',
+         lambda u, shape: [turn(2.0 * np.pi * u / _apart(shape[0])) for turn in (np.sin, np.cos)],
          lambda low, high: [
              (float((high - low) / waves),) for waves in np.geomspace(0.6, 12.0, 28)]),
     Form('dead zone', ('slope',), ('at*',), 'slope max(0, u - at)',
@@ -135,30 +113,18 @@ PLAY = Form('play', ('size',), ('reach*',),
             'size z, z the load less a play of half width reach, over reach', lambda u, _: [u],
             lambda low, high: [
                 (float(share * (high - low)),) for share in np.geomspace(0.004, 0.5, 12)],
-            HYSTERESIS)
+            families.HYSTERESIS)
 
 MEMORY = Form('exponential memory', ('slope',), ('lag_s',),
               'slope (load less its first-order lag of time constant lag)', lambda u, _: [u],
               lambda low, high: [
                   (float(low * (high / low) ** share),) for share in np.linspace(0.0, 1.0, 12)],
-              RATE)
-
-
-def _forms_of(coordinate: str, kind: str) -> list[Form]:
-    """The simple laws for a family of one coordinate and kind."""
-    if coordinate == DIRECTION:
-        return [replace(form, coordinate=DIRECTION, words=f'direction * {form.words}')
-                for form in (*CURVES, CONSTANT)]
-    special = {'plays': [PLAY], 'relaxation': [MEMORY]}
-    return special.get(kind, [replace(form, coordinate=coordinate) for form in CURVES])
+              families.RATE)
 
 
 @dataclass(frozen=True)
 class LawParameter:
-    """One number of a law with its standard deviation.
-
-    unit: of the number, in terms of target and coordinate.
-    """
+    """One number of a law with its standard deviation; unit: in those of target and coordinate."""
 
     value: float
     std: float
@@ -194,8 +160,8 @@ class Term:
             plays = families.stop_operators(coordinates[LOAD], self.at) / self.at
             return np.asarray(plays @ self.values)
         if self.law == 'relaxation':
-            memory = families.relaxations(coordinates[TIME], coordinates[LOAD], self.at)
-            return np.asarray(memory @ self.values)
+            lags = families.relaxations(coordinates[TIME], coordinates[LOAD], self.at)
+            return np.asarray(lags @ self.values)
         along = LOAD if self.coordinate == DIRECTION else self.coordinate
         curve = np.interp(coordinates[along], self.at, self.values)
         return curve * coordinates[DIRECTION] if self.coordinate == DIRECTION else curve
@@ -213,15 +179,21 @@ def match_law(misfit: Misfit, fit: BlockFit, wanted: Array) -> Term:
         size = misfit.size
         return size * float(np.log(max(left, 1e-300) / size)) + count * float(np.log(size))
 
-    left = float(wanted @ wanted) - fit.taken
-    begun = [(*_on_grid(misfit, fit, form, wanted), form)
-             for form in _forms_of(fit.block.coordinate, fit.block.kind)]
-    begun.sort(key=lambda law: bic(law[0], law[2].count))
-    ends = [(*_refined(misfit, fit, form, wanted, own, shape), form)
-            for own, shape, form in begun[:MAX_REFINED]]
-    own, shape, form = min(ends, key=lambda law: bic(law[0], law[2].count))
-    if bic(own, form.count) <= bic(left, fit.freedom):
-        return _law_term(misfit, fit, form, shape, wanted)
+    def price(law: tuple[float, Array, Form]) -> float:
+        left, _, form = law
+        return bic(left, len(form.amplitudes) + len(form.shapes))
+
+    left, along = float(wanted @ wanted) - fit.taken, fit.block.coordinate
+    forms = {'plays': [PLAY], 'relaxation': [MEMORY]}.get(
+        fit.block.kind, [replace(form, coordinate=along) for form in CURVES])
+    if along == DIRECTION:
+        forms = [replace(form, coordinate=along, words=f'direction * {form.words}')
+                 for form in (*CURVES, CONSTANT)]
+    begun = sorted(((*_on_grid(misfit, fit, form, wanted), form) for form in forms), key=price)
+    best = min(((*_refined(misfit, fit, form, wanted, own, shape), form)
+                for own, shape, form in begun[:MAX_REFINED]), key=price)
+    if price(best) <= bic(left, fit.freedom):
+        return _law_term(misfit, fit, best[2], best[1], wanted)
     return _curve_term(misfit, fit, left)
 
 
@@ -263,12 +235,12 @@ def _refined(
         shape[free] = start[free] * np.exp(move) if np.all(start[free]) else start[free] + move
         return shape
 
+    still = np.zeros(len(free))
     minimum = minimize(
-        lambda move: _left(_columns(misfit, fit.target, form, [moved_by(move)]), wanted),
-        np.zeros(len(free)), method='Nelder-Mead',
-        options={
+        lambda move: _left(_columns(misfit, fit.target, form, [moved_by(move)]), wanted), still,
+        method='Nelder-Mead', options={
             'maxfev': 60, 'xatol': 1e-4, 'fatol': 1e-7 * max(least, 1e-300),
-            'initial_simplex': np.vstack([np.zeros(len(free)), 0.1 * np.eye(len(free))])})
+            'initial_simplex': np.vstack([still, 0.1 * np.eye(len(free))])})
     if minimum.fun >= least:
         return least, start
     return float(minimum.fun), moved_by(minimum.x)
@@ -306,8 +278,7 @@ def _law_term(misfit: Misfit, fit: BlockFit, form: Form, shape: Array, wanted: A
                 np.zeros(at.size), np.zeros(at.size), form)
     if fit.block.memory is not None:
         return term
-    along = dict.fromkeys((LOAD, RATE, TIME, families.ANGLE, fit.block.coordinate), at)
-    along[DIRECTION] = np.ones(at.size)
+    along = {**dict.fromkeys((LOAD, fit.block.coordinate), at), DIRECTION: np.ones(at.size)}
     own = form.columns(along, shape)
     of_sizes = covariance[:own.shape[1], :own.shape[1]]
     variance = np.einsum('ni,ij,nj->n', own, of_sizes, own)
@@ -328,7 +299,7 @@ def _curve_term(misfit: Misfit, fit: BlockFit, left: float) -> Term:
     if block.kind == 'harmonics':
         basis = families.harmonics(at)
     else:
-        pieces = families.PIECES.get(block.coordinate, families.LOAD_PIECES // 2)
+        pieces = families.PIECES.get(block.coordinate, families.OTHER_PIECES)
         basis = families.spline_columns(at, block.span, pieces)
     variance = np.einsum('ni,ij,nj->n', basis, covariance, basis)
     return Term(fit.target, block.coordinate, 'curve', 'a smooth curve, given as a table', {}, at,

@@ -14,28 +14,11 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from saddlering_ros.discrepancy.law.families import (
-    BlockFit,
-    blocks_of,
-    DIRECTION,
-    direction_of,
-    HYSTERESIS,
-    LOAD,
-    Misfit,
-    ObservedRun,
-    ranked_fits,
-    RATE,
-    span_of,
-    TIME,
-)
+from saddlering_ros.discrepancy.law import families
+from saddlering_ros.discrepancy.law.families import BlockFit, DIRECTION, LOAD, Misfit, ObservedRun
 from saddlering_ros.discrepancy.law.matching import match_law, Term
-from saddlering_ros.discrepancy.problem.fits import (
-    Fit,
-    mean_square,
-    neighbours,
-    plain_fits,
-    tangent,
-)
+from saddlering_ros.discrepancy.problem import fits
+from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, System
 
@@ -99,10 +82,9 @@ class LawProposal:
 
     def addition(self, run: ObservedRun) -> Array:
         """The part of the law in the channels (C, N) of a run."""
-        added = np.zeros(run.residual.shape)
-        for term in self.terms:
-            added += run.added(term.target, term.evaluate(run.coordinates)[:, None])[:, :, 0]
-        return added
+        return np.asarray(np.zeros(run.residual.shape) + sum(
+            run.added(term.target, term.evaluate(run.coordinates)[:, None])[:, :, 0]
+            for term in self.terms))
 
     def judged_by(self, fitted: Outcomes, held_out: Outcomes) -> LawProposal:
         """The same law with the gains of these mean squares."""
@@ -124,9 +106,12 @@ def propose_law(
     """The best law of at most two families, or None if none passes the test."""
     wanted = misfit.residual
     total = float(wanted @ wanted)
-    ranked = ranked_fits(misfit, blocks_of(misfit.runs), wanted)
-    trials = len(ranked)
-    first = ranked[0]
+    # Every family on every target, the one that predicts most first.
+    ranked = sorted(
+        (families.fit_block(misfit, target, block, misfit.columns(target, block.shapes), wanted)
+         for block in families.blocks_of(misfit.runs) for target in misfit.runs[0].targets),
+        key=lambda fit: -fit.predicted)
+    trials, first = len(ranked), ranked[0]
     p_value = first.p_value(misfit.degrees, trials)
     if p_value > error_rate or first.predicted < MIN_SHARE * total:
         return None
@@ -143,8 +128,7 @@ def propose_law(
         chosen.sort(key=lambda fit: -fit.taken)
     terms = tuple(match_law(misfit, fit, _left(wanted, chosen, number))
                   for number, fit in enumerate(chosen))
-    unexplained = _unexplained(misfit, terms)
-    move, white_left = _base_move(misfit, unexplained)
+    unexplained, move, white_left = _beside_base(misfit, terms)
     law = LawProposal(
         terms=terms, share=1.0 - float(white_left @ white_left) / total, p_value=p_value,
         reasons=tuple(_reasons(misfit, ranked, terms, held_out)))
@@ -158,35 +142,35 @@ def propose_law(
     return law.judged_by(fitted, held)
 
 
-def _left(wanted: Array, fits: Sequence[BlockFit], without: int | None = None) -> Array:
+def _left(wanted: Array, chosen: Sequence[BlockFit], without: int | None = None) -> Array:
     """What families, all but that at an index, leave of a whitened residual (n,)."""
     left = wanted.copy()
-    for number, fit in enumerate(fits):
+    for number, fit in enumerate(chosen):
         if number != without:
             left -= fit.white @ fit.coefficients
     return left
 
 
-def _unexplained(misfit: Misfit, terms: Sequence[Term]) -> list[Array]:
-    """Plain residual (C, N) of each run without the part of all terms."""
+def _beside_base(misfit: Misfit, terms: Sequence[Term]) -> tuple[list[Array], Array, Array]:
+    """What terms leave, and the change of base parameters (P,) beside them.
+
+    First the plain residual (C, N) of each run without the part of all terms, and last the
+    whitened residual (n,) without that of the base parameters either.
+    """
     total = np.zeros(misfit.size)
     for term in terms:
         shapes = [term.evaluate(run.coordinates)[:, None] for run in misfit.runs]
         total += misfit.plain(term.target, shapes)[:, 0]
     ends = np.cumsum([run.residual.size for run in misfit.runs])
-    return [run.residual - part.reshape(run.residual.shape)
-            for run, part in zip(misfit.runs, np.split(total, ends[:-1]), strict=True)]
-
-
-def _base_move(misfit: Misfit, unexplained: list[Array]) -> tuple[Array, Array]:
-    """Change of base parameters (P,) beside the law, and the whitened residual (n,)."""
+    unexplained = [run.residual - part.reshape(run.residual.shape)
+                   for run, part in zip(misfit.runs, np.split(total, ends[:-1]), strict=True)]
     plain = np.concatenate([part.ravel() for part in unexplained])
     joined = misfit.whiten(np.column_stack([plain, misfit.slopes]))
     white, columns = joined[:, 0], joined[:, 1:]
     # Bound-scaled parameters have a prior of one range, so that idle ones stay.
     gram = columns.T @ columns + np.eye(columns.shape[1])
     move = np.linalg.solve(gram, columns.T @ white)
-    return np.asarray(move), np.asarray(white - columns @ move)
+    return unexplained, np.asarray(move), np.asarray(white - columns @ move)
 
 
 def _reasons(
@@ -196,8 +180,8 @@ def _reasons(
     best = ranked[0]
     reasons: list[str] = []
     for term in terms:
-        along = LOAD if term.coordinate in (DIRECTION, HYSTERESIS) else term.coordinate
-        low, high = span_of(misfit.runs, along)
+        along = LOAD if term.coordinate in (DIRECTION, families.HYSTERESIS) else term.coordinate
+        low, high = families.span_of(misfit.runs, along)
         slack = BEYOND * (high - low)
         reasons += [
             f'{run.name} (held out) has a {along} outside the fitted range' for run in held_out
@@ -205,18 +189,18 @@ def _reasons(
             or run.coordinates[along].max() > high + slack]
     as_good = [fit for fit in ranked
                if fit is not best and fit.predicted >= ALIKE * best.predicted]
-    coordinates = {other.block.coordinate for other in as_good} - {best.block.coordinate}
+    along = best.block.coordinate
+    coordinates = {other.block.coordinate for other in as_good} - {along}
     reasons += [
-        f'{name} explains nearly as much as {best.block.coordinate} (within 10 %): these runs do '
-        'not tell the two apart' for name in sorted(coordinates)]
-    targets = {other.target for other in as_good
-               if other.block.coordinate == best.block.coordinate}
+        f'{name} explains nearly as much as {along} (within 10 %): these runs do not tell the two '
+        'apart' for name in sorted(coordinates)]
+    targets = {other.target for other in as_good if other.block.coordinate == along}
     targets -= {best.target, *(term.target for term in terms)}
     reasons += [
         f'an addition to {name} explains nearly as much as an addition to {best.target} (within '
-        '10 %): these runs do not tell the two apart'
-        for name in sorted(targets)]
-    fastest = [float(np.abs(run.coordinates.get(RATE, np.zeros(1))).max()) for run in misfit.runs]
+        '10 %): these runs do not tell the two apart' for name in sorted(targets)]
+    fastest = [float(np.abs(run.coordinates.get(families.RATE, np.zeros(1))).max())
+               for run in misfit.runs]
     moving = [rate for rate in fastest if rate > 0.0]
     if len(moving) < 2 or max(moving) < 1.5 * min(moving):
         reasons.append('all runs have one rate of loading: whether the law depends on the rate is '
@@ -230,7 +214,8 @@ def describe(term: Term) -> str:
     """One sentence on a term."""
     words = {
         LOAD: 'the load', DIRECTION: 'the direction of the load times a curve over the load',
-        RATE: 'the rate of the load', TIME: 'time', HYSTERESIS: 'the history of the load'}
+        families.RATE: 'the rate of the load', families.TIME: 'time',
+        families.HYSTERESIS: 'the history of the load'}
     along = words.get(term.coordinate, term.coordinate)
     return f'{term.target} has an addition that follows {along}: {term.law} ({term.words})'
 
@@ -278,11 +263,11 @@ class Proposer:
         """The law that the residual of a fit shows, with the slopes of its prediction."""
         problem = self.metric.problem
         base = problem.system.base_parameters
-        slopes = problem.by_run(tangent(self.metric, fit).plain)
+        slopes = problem.by_run(fits.tangent(self.metric, fit).plain)
         residuals = problem.by_run(problem.measured - fit.prediction)
         fitted = [_observed(problem.system, run, fit.point, residual, slope)
                   for run, residual, slope in zip(problem.runs, residuals, slopes, strict=True)]
-        asked, steps = neighbours(
+        asked, steps = fits.neighbours(
             fit.candidate.parameters(base), fit.theta_unit, range(fit.theta_unit.size))
         points = [fit.candidate.point(base, place) for place in asked]
         held = []
@@ -299,7 +284,7 @@ class Proposer:
         problem = self.metric.problem
         runs = [replace(run, channels=run.channels - law.addition(self._plain(run, fit)))
                 for run in problem.runs]
-        return plain_fits(problem.with_runs(runs), [fit])[0]
+        return fits.plain_fits(problem.with_runs(runs), [fit])[0]
 
     def _judged(self, law: LawProposal, subject: Fit, beside: Fit) -> LawProposal:
         """The law with the gains of both models' own predictions."""
@@ -323,7 +308,7 @@ class Proposer:
     def _mean_square(self, run: ObservedRun, residual: Array) -> float:
         problem = self.metric.problem
         own = next(given for given in problem.all_runs if given.name == run.name)
-        return mean_square(problem, [own], [residual])
+        return fits.mean_square(problem, [own], [residual])
 
 
 def _observed(
@@ -344,14 +329,14 @@ def _observed(
         more = system.targets(run, point)
         targets.update(more)
         begin, from_start = system.start_of(run), frozenset(more)
-    coordinates = {TIME: run.time - begin}
+    coordinates = {families.TIME: run.time - begin}
     if run.inputs:
         first, *others = run.inputs
         drive, direction, rate = run.inputs[first], run.direction, run.rate
         if direction is None:
-            direction = direction_of(drive, DIRECTION_BAND * float(np.ptp(drive)))
+            direction = families.direction_of(drive, DIRECTION_BAND * float(np.ptp(drive)))
         if rate is None:
             rate = np.gradient(drive, run.time)
-        further = {name: run.inputs[name] for name in others}
-        coordinates = {**further, LOAD: drive, **coordinates, DIRECTION: direction, RATE: rate}
+        coordinates = {**{name: run.inputs[name] for name in others}, LOAD: drive, **coordinates,
+                       DIRECTION: direction, families.RATE: rate}
     return ObservedRun(run.name, coordinates, targets, residual, slopes, from_start)
