@@ -11,7 +11,7 @@ of its content.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 import hashlib
 import io
@@ -31,7 +31,6 @@ import numpy as np
 
 UNUSED_DAYS = 60.0
 """Code that no process has loaded for so long [days] is removed."""
-
 
 DIGEST_BYTES = 32
 """A file of kept code ends in the SHA-256 of all before it."""
@@ -61,8 +60,8 @@ class Compiler:
     @property
     def folder(self) -> Path | None:
         """Where the code is kept; None if no folder can be written to."""
-        return _first_writable(self.digest, self._beside, os.environ.get('NUMBA_CACHE_DIR', ''),
-                               os.environ.get('XDG_CACHE_HOME', ''), os.environ.get('HOME', ''))
+        return _first_writable(self.digest, self._beside, *(
+            os.environ.get(name, '') for name in ('NUMBA_CACHE_DIR', 'XDG_CACHE_HOME', 'HOME')))
 
 
 def digest_of(sources: Sequence[str | Path]) -> str:
@@ -92,7 +91,12 @@ def _first_writable(digest: str, source: Path, numba_folder: str, cache_home: st
             tempfile.TemporaryFile(dir=folder).close()
         except OSError:
             continue
-        _note_use(folder)
+        now = time.time()
+        with suppress(OSError):  # another process may have removed one first
+            os.utime(folder)
+            for other in place.glob('kept-*'):
+                if now - other.stat().st_mtime > 86400.0 * UNUSED_DAYS:
+                    shutil.rmtree(other, ignore_errors=True)
         return folder
     return None
 
@@ -109,18 +113,6 @@ def _is_of_this_user_alone(folder: Path) -> bool:
         if was_open or of_file.st_uid != os.geteuid() or not stat.S_ISREG(of_file.st_mode):
             shutil.rmtree(file) if stat.S_ISDIR(of_file.st_mode) else file.unlink()
     return True
-
-
-def _note_use(folder: Path) -> None:
-    """Mark a folder as used today and remove those that have not been used for long."""
-    now = time.time()
-    try:
-        os.utime(folder)
-        for other in folder.parent.glob('kept-*'):
-            if now - other.stat().st_mtime > 86400.0 * UNUSED_DAYS:
-                shutil.rmtree(other, ignore_errors=True)
-    except OSError:
-        return  # another process removed it first
 
 
 @cache

@@ -3,6 +3,9 @@
 from collections.abc import Collection, Iterable
 import difflib
 
+UNUSABLE = 2
+"""Exit status of a command or node whose arguments or input cannot be used."""
+
 
 class SaddleringError(ValueError):
     """An error that the user can correct; the message is one line: fault, place, remedy.

@@ -20,8 +20,6 @@ from typing import Any
 from saddlering_ros import __version__
 from saddlering_ros.errors import SaddleringError
 
-PACKAGE = 'saddlering_ros'
-
 
 class PathError(SaddleringError):
     """A file shipped with the package is not where an install puts it."""
@@ -38,10 +36,10 @@ def share_directory() -> Path:
         return source
     prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
     for prefix in filter(None, prefixes):
-        share = Path(prefix) / 'share' / PACKAGE
+        share = Path(prefix) / 'share' / 'saddlering_ros'
         if (share / 'package.xml').is_file():
             return share
-    raise PathError(f'{PACKAGE}: config and bags not found under {sys.prefix}/share; '
+    raise PathError(f'saddlering_ros: config and bags not found under {sys.prefix}/share; '
                     'source the workspace (install/setup.bash), or install the package again')
 
 
@@ -98,8 +96,7 @@ def resolved(path: Path) -> Path:
         return Path(os.path.abspath(path))
 
 
-_AT_FDCWD = -100
-_NO_REPLACE, _EXCHANGE = 1, 2
+_AT_FDCWD, _NO_REPLACE, _EXCHANGE = -100, 1, 2
 
 RANDOM_LETTERS = 8
 """By which the names of temporary files differ (tempfile.mkstemp)."""
@@ -169,9 +166,8 @@ def temporary_folder(parent: Path, prefix: str) -> Iterator[Path]:
 def _sweep(parent: Path, prefix: str, suffix: str) -> None:
     """Remove the files of writers that were killed: a living writer holds a lock."""
     for left in parent.iterdir():
-        middle = left.name[len(prefix):len(left.name) - len(suffix)]
         if not (left.name.startswith(prefix) and left.name.endswith(suffix)
-                and len(middle) == RANDOM_LETTERS):
+                and len(left.name) == len(prefix) + RANDOM_LETTERS + len(suffix)):
             continue
         with suppress(OSError):
             if time.time() - left.stat().st_mtime < MIN_AGE:
@@ -282,25 +278,18 @@ def versions_in_use() -> dict[str, str]:
     """Versions of this package, of Python and of the libraries that compute, by name."""
     from importlib import metadata  # which takes longer than all else that `--help` needs
 
-    found = {'saddlering_ros': __version__, 'code': code_hash(),
-             'python': platform.python_version()}
-    for name in COMPUTING:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue  # a library an environment does without
-    return found
+    return {'saddlering_ros': __version__, 'code': code_hash(),
+            'python': platform.python_version(),
+            **{name: metadata.version(name) for name in COMPUTING}}
 
 
 @lru_cache(maxsize=1)
 def code_hash() -> str:
     """The first 16 digits of a SHA-256 over the package's own Python files, names included."""
     folder = Path(__file__).parent
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob('*.py')):
-        name = path.relative_to(folder).as_posix()
-        digest.update(f'{sha256_of_file(path)}  {name}\n'.encode())
-    return digest.hexdigest()[:16]
+    lines = [f'{sha256_of_file(path)}  {path.relative_to(folder).as_posix()}\n'
+             for path in sorted(folder.rglob('*.py'))]
+    return hashlib.sha256(''.join(lines).encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -337,8 +326,8 @@ class Provenance:
 
 def sha256_of_files(paths: Iterable[Path]) -> str:
     """One SHA-256 for several files of a folder: `sha256sum * | sha256sum` there (LC_ALL=C)."""
-    ordered = sorted(paths, key=lambda path: path.name)
-    lines = [f'{sha256_of_file(path)}  {path.name}\n' for path in ordered]
+    lines = [f'{sha256_of_file(path)}  {path.name}\n'
+             for path in sorted(paths, key=lambda path: path.name)]
     return hashlib.sha256(''.join(lines).encode()).hexdigest()
 
 

@@ -73,44 +73,33 @@ def read_strict_yaml(path: Path | str, error: type[SaddleringError]) -> Any:
     try:
         return parse_strict_yaml(text)
     except YamlRefused as problem:
-        line = f', line {problem.line}' if problem.line is not None else ''
+        line = '' if problem.line is None else f', line {problem.line}'
         raise error(f'{path}{line}: {problem.reason}') from problem
     except yaml.YAMLError as problem:
-        mark = getattr(problem, 'problem_mark', None)
-        line = f', line {mark.line + 1}' if mark is not None else ''
-        reason = getattr(problem, 'problem', None)
+        mark, reason = (getattr(problem, name, None) for name in ('problem_mark', 'problem'))
+        line = '' if mark is None else f', line {mark.line + 1}'
         beside = f' ({reason})' if reason else ''
         raise error(f'{path}{line}: is not YAML{beside}: correct the file') from problem
 
 
-def _read_at_once(path: Path, error: type[SaddleringError], limit: int) -> bytes:
-    """The first `limit` + 1 bytes of a regular file; never waits for data.
-
-    Some files below /proc are regular by their kind, and a read of them never ends.
-    """
-    _refuse_irregular(path, path.stat().st_mode, error)
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    with open(handle, 'rb', buffering=0) as file:
-        _refuse_irregular(path, os.fstat(handle).st_mode, error)  # it may be another one by now
-        data = b''
-        while len(data) <= limit and (part := file.read(limit + 1 - len(data))) != b'':
-            if part is None:
-                raise error(f'{path}: cannot be read (it waits for data): give the path of a '
-                            'regular file')
-            data += part
-    return data
-
-
-def _refuse_irregular(path: Path, mode: int, error: type[SaddleringError]) -> None:
-    if not stat.S_ISREG(mode):
-        kind = 'a directory' if stat.S_ISDIR(mode) else 'a pipe or device'
-        raise error(f'{path}: cannot be read ({kind}): give the path of a regular file')
-
-
 def read_regular_text(path: Path, error: type[SaddleringError], limit: int = MAX_BYTES) -> str:
-    """The text of a regular file of at most `limit` bytes; `error` with one line otherwise."""
+    """The text of a regular file of at most `limit` bytes; `error` with one line otherwise.
+
+    It never waits for data. Some files below /proc are regular by their kind, and a read of them
+    never ends.
+    """
     try:
-        data = _read_at_once(path, error, limit)
+        mode = path.stat().st_mode
+        if not stat.S_ISREG(mode):
+            kind = 'a directory' if stat.S_ISDIR(mode) else 'a pipe or device'
+            raise error(f'{path}: cannot be read ({kind}): give the path of a regular file')
+        handle, data = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), b''
+        with open(handle, 'rb', buffering=0) as file:
+            while len(data) <= limit and (part := file.read(limit + 1 - len(data))) != b'':
+                if part is None:
+                    raise error(f'{path}: cannot be read (it waits for data): give the path of a '
+                                'regular file')
+                data += part
         if len(data) > limit:
             raise error(f'{path}: is larger than {limit >> 20} MB, the limit for such files: '
                         'check the path')
@@ -145,8 +134,8 @@ class _Safety:
         if isinstance(event, yaml.AliasEvent):
             raise YamlRefused('holds an alias (*name), which is not accepted: write the value '
                               'out', event)
-        if isinstance(event, yaml.ScalarEvent) and len(event.value) > LONGEST_NUMBER and \
-                _NUMBER.fullmatch(event.value):
+        if isinstance(event, yaml.ScalarEvent) and len(event.value) > LONGEST_NUMBER and (
+                _NUMBER.fullmatch(event.value)):
             raise YamlRefused(f'holds a number of more than {LONGEST_NUMBER} digits: '
                               'shorten it', event)
         self._depth += isinstance(event, yaml.CollectionStartEvent)

@@ -13,11 +13,6 @@ import time as clock
 
 from saddlering_ros.errors import Cancelled
 
-__all__ = [
-    'Cancelled', 'IsCancelled', 'OnProgress', 'Progress', 'SearchStep', 'Watch', 'check',
-    'one_blas_thread', 'show_progress',
-]
-
 
 @dataclass(frozen=True, slots=True)
 class SearchStep:
@@ -91,7 +86,7 @@ class Watch:
     is_cancelled: IsCancelled | None = None
     stage: str = field(default='', init=False)
     share: float = field(default=0.0, init=False)
-    began: float = field(default_factory=lambda: clock.monotonic(), init=False)
+    began: float = field(default_factory=clock.monotonic, init=False)
     told: float = field(default=0.0, init=False)
 
     def progress(self, stage: str, share: float) -> None:
@@ -121,10 +116,7 @@ def one_blas_thread() -> Iterator[None]:
     The matrices of a fit are small: more threads wait for each other, and they take processors
     from the simulator, which uses all of them by itself.
     """
-    try:
-        from threadpoolctl import threadpool_limits
-    except ModuleNotFoundError:  # only the speed depends on it
-        yield
-        return
+    from threadpoolctl import threadpool_limits
+
     with threadpool_limits(limits=1, user_api='blas'):
         yield

@@ -12,26 +12,16 @@ from pathlib import Path
 import re
 from typing import Any, NoReturn, TYPE_CHECKING
 
+from saddlering_ros import errors, files
 from saddlering_ros.cli._terminal import Bar
 from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError, whole_number
-from saddlering_ros.files import (
-    BAG_FILES,
-    bag_folder,
-    check_ending,
-    FileConflict,
-    PAGE_ENDINGS,
-    resolved,
-    same_file,
-    spare_bags,
-    spare_files,
-)
+from saddlering_ros.files import FileConflict
 
 if TYPE_CHECKING:
     from saddlering_ros import Bag, Rig
     from saddlering_ros.record import Record
     from saddlering_ros.rig import ParameterSet
 
-UNUSABLE = 2
 MAX_DOMAIN = 232
 """The ports of a higher domain do not exist (DDS wire protocol, 9.6.1)."""
 
@@ -72,7 +62,8 @@ class OneLineParser(argparse.ArgumentParser):
             given = re.findall(r"[^\s',]+", choice[3])
             message = (f'{choice[1]}: there is no {choice[2]!r}{did_you_mean(choice[2], given)} '
                        f'({", ".join(given)})')
-        self.exit(UNUSABLE, f'{self.prog}: {" ".join(message.split())}; see {self.prog} --help\n')
+        line = f'{self.prog}: {" ".join(message.split())}; see {self.prog} --help\n'
+        self.exit(errors.UNUSABLE, line)
 
 
 class HelpFormatter(argparse.HelpFormatter):
@@ -132,12 +123,11 @@ class Within:
 
     def __init__(self, kind: type[int] | type[float], low: float, high: float = math.inf,
                  unit: str = '') -> None:
-        self.low, self.high, self.unit = low, high, unit
-        self.read = plain_number if kind is float else whole_number
+        self.low, self.high, self.unit, self.kind = low, high, unit, kind
         self.__name__ = kind.__name__  # of a message of argparse
 
     def __call__(self, text: str) -> float:
-        return self.read(text)
+        return plain_number(text) if self.kind is float else whole_number(text)
 
 
 def check_ranges(args: argparse.Namespace) -> None:
@@ -197,41 +187,36 @@ class _Named:
     words: str
     role: Role
 
-    def bags(self) -> Iterator[_Named]:
-        """The bags of a path: the folder that it is, or those below it, or the file."""
-        if self.role is not bags_below:
-            yield _Named(bag_folder(self.path), self.words, self.role)
-            return
-        for file in sorted(self.path.rglob(BAG_FILES[0])):
-            yield _Named(file.parent, str(file.parent), self.role)
-
 
 def check_files(args: argparse.Namespace) -> None:
     """FileConflict if an output is an input, lies in a bag that is read, or is given twice."""
     named = [path for action in getattr(args, 'arguments', ()) if isinstance(action.type, Role)
              for path in _named(args, action)]
     outputs = [path for path in named if path.role.is_written]
-    files = [path for path in named if not (path.role.is_written or path.role.is_bag)]
-    bags = [bag for path in named if path.role.is_bag for bag in path.bags()]
-    files_and_words = [(file.path, file.words) for file in files]
+    read = [(one.path, one.words) for one in named if not (one.role.is_written or one.role.is_bag)]
+    bags = [(files.bag_folder(one.path), one.words) for one in named
+            if one.role.is_bag and one.role is not bags_below]
+    bags += [(file.parent, str(file.parent)) for one in named if one.role is bags_below
+             for file in sorted(one.path.rglob(files.BAG_FILES[0]))]
+    sources = [*read, *bags]
     if os.environ.get('SADDLERING_EFFECTS'):
         from saddlering_ros.effects import own_files
 
-        files_and_words += [(file, f'{file} (SADDLERING_EFFECTS)') for file in own_files()]
+        read += [(file, f'{file} (SADDLERING_EFFECTS)') for file in own_files()]
     for number, output in enumerate(outputs):
         for other in outputs[:number]:
-            if same_file(output.path, other.path):
+            if files.same_file(output.path, other.path):
                 raise FileConflict(f'{output.words} and {other.words} are the same file: choose '
                                    'two files')
-        spare_files(output.path, output.words, files_and_words)
-        spare_bags(output.path, output.words, [(bag.path, bag.words) for bag in bags])
-        if output.role is not folder_filled:
-            for source in [*files, *bags]:
-                if any(same_file(folder, output.path) for folder in resolved(source.path).parents):
-                    raise FileConflict(f'{output.words} is the folder that holds {source.words}, '
-                                       'which is read: choose another place')
+        files.spare_files(output.path, output.words, read)
+        files.spare_bags(output.path, output.words, bags)
+        for source, words in sources if output.role is not folder_filled else ():
+            if any(files.same_file(folder, output.path)
+                   for folder in files.resolved(source).parents):
+                raise FileConflict(f'{output.words} is the folder that holds {words}, which is '
+                                   'read: choose another place')
         if output.role is page_written:
-            check_ending(output.path, PAGE_ENDINGS, FileConflict)
+            files.check_ending(output.path, files.PAGE_ENDINGS, FileConflict)
 
 
 def _named(args: argparse.Namespace, action: argparse.Action) -> Iterator[_Named]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
+import sys
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -20,8 +22,6 @@ PIPED_WIDTH = 160  # so that no row of a table is broken in a file
 
 def stdout_console() -> Console:
     """The console on standard output: as wide as the terminal, or wide enough in a pipe."""
-    import sys
-
     from rich.console import Console
 
     if sys.stdout.isatty():
@@ -46,8 +46,6 @@ def show_table(
 
 def tell_json(args: argparse.Namespace, told: Any) -> bool:
     """Write `told` to the place of --json, if given; whether this is standard output."""
-    import json
-
     from saddlering_ros.files import write_text
 
     if args.json is None:
@@ -77,8 +75,6 @@ class Bar:
     """One line per stage on a terminal; no output elsewhere."""
 
     def __enter__(self) -> Bar:
-        import sys
-
         self._progress: Any = None
         self._tasks: dict[str, Any] = {}
         if sys.stderr.isatty():

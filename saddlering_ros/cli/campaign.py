@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
+import sys
+import time
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
@@ -66,7 +69,6 @@ def run(args: argparse.Namespace) -> int:
     """Find, group, show, compute, compact, judge the fleet."""
     if str(args.folder) == STATUS and args.store is not None:
         return _show_status(args.store)
-    import json
 
     from saddlering_ros.campaign import sessions, task
     from saddlering_ros.campaign.store import CampaignError, Store
@@ -133,8 +135,6 @@ def _print_plan(sessions: list[Session]) -> None:
 
 
 def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Store) -> Status:
-    import sys
-
     from saddlering_ros.campaign.running import dask_workers, local_workers, run_campaign
 
     workers = local_workers(args.jobs) if args.scheduler is None else dask_workers(args.scheduler)
@@ -148,8 +148,6 @@ def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Stor
 
 
 def _show_status(folder: Path) -> int:
-    import time
-
     from saddlering_ros.campaign.store import Store
 
     status = Store(folder).read_status()

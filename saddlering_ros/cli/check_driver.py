@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import math
+import sys
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
@@ -33,9 +35,6 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Listen, check, print; status 2 if a fault is found."""
-    import math
-    import sys
-
     from saddlering_ros.doubts.driver import check_driver
     from saddlering_ros.doubts.finding import FAULT
     from saddlering_ros.rig import load_rig

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
+import sys
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
@@ -17,8 +19,6 @@ if TYPE_CHECKING:
     from saddlering_ros.bags.samples import Columns, SamplesSummary
     from saddlering_ros.record import Record
     from saddlering_ros.rig import ZeroReading
-
-PER_MILLION = 1e6
 
 KINDS = {'displacement': 'measured', 'simulate': 'simulated',
          'residual': 'measured minus simulated'}
@@ -98,8 +98,6 @@ def _deliver(
 ) -> None:
     """Write the requested files; without --out or --json on stdout, print a summary."""
     from collections import deque
-    import math
-    import sys
 
     from saddlering_ros.bags.samples import csv_lines, SamplesSummary, write_samples
     from saddlering_ros.files import origins_of, Provenance
@@ -138,8 +136,6 @@ def _print_summary(
     args: argparse.Namespace, run: Record, seen: SamplesSummary, zero: ZeroReading,
     notes: list[str],
 ) -> None:
-    import math
-
     from saddlering_ros.rig import load_rig, MICRO_UNITS
 
     console = stdout_console()
@@ -151,7 +147,7 @@ def _print_summary(
                   f'{"" if zero.near_preload else " (not near the preload)"}')
     show_table(
         ('channel', 'lowest', 'highest', 'at peak load', 'last', 'unit'),
-        [(name, *('not known' if math.isnan(of[name]) else f'{of[name] * PER_MILLION:.2f}'
+        [(name, *('not known' if math.isnan(of[name]) else f'{1e6 * of[name]:.2f}'
                   for of in (seen.lowest, seen.highest, seen.at_peak, seen.last)), unit)
          for name, unit in MICRO_UNITS.items() if seen.count])
     doubtful = ', '.join(f'{count} {words}' for words, count in seen.validity.items()

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from dataclasses import dataclass
+import json
 import math
+import os
 from pathlib import Path
+import sys
+import tempfile
+import time
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
@@ -22,13 +28,6 @@ if TYPE_CHECKING:
 
 IDENTIFY_AT = 50.0
 """Elevation [deg] of the published identification; the others verify."""
-
-JUDGED = ('delta_x', 'delta_y', 'gamma')
-SCRATCH_PREFIX = 'saddlering_demo_run_'
-"""Of the folder for recordings; one of a killed demo is removed by the next."""
-
-FOUND_BY = 'Before the diagnosis. The missing cause biases these contact parameters.'
-
 
 COMMANDS = (Command(
     'demo', 'run all steps with live nodes, and write a report',
@@ -79,7 +78,8 @@ class Story:
     @property
     def misfit(self) -> tuple[float, float]:
         """Live misfit over runs and channels before and after the diagnosis, a share of range."""
-        found = [run['channels'][name] for run in self.runs for name in JUDGED]
+        found = [run['channels'][name] for run in self.runs
+                 for name in ('delta_x', 'delta_y', 'gamma')]
         before = sum((item['nrmse_before'] or 0.0)**2 for item in found)
         after = sum((item['nrmse_after'] or 0.0)**2 for item in found)
         return math.sqrt(before / len(found)), math.sqrt(after / len(found))
@@ -93,11 +93,6 @@ class Story:
 
 def run(args: argparse.Namespace) -> int:
     """Run the demo, write its folder, print a summary."""
-    import contextlib
-    import os
-    import sys
-    import tempfile
-
     from saddlering_ros.files import share_directory, temporary_folder
     from saddlering_ros.quantities import percent
     from saddlering_ros.rig import RIG_VARIABLE
@@ -110,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
         raise SaddleringError(f'{there}: cannot be written to: choose another place (--out)')
     fitted, held_out = planned(args.bags or share_directory() / 'bags')
     with (contextlib.redirect_stdout(sys.stderr if args.json == '-' else sys.stdout),
-          temporary_folder(Path(tempfile.gettempdir()), SCRATCH_PREFIX) as scratch):
+          temporary_folder(Path(tempfile.gettempdir()), 'saddlering_demo_run_') as scratch):
         story = tell(fitted, held_out, scratch)
         files = write_all(story, args.out, args.command_line)
     if tell_json(args, numbers_of(story)):
@@ -150,8 +145,6 @@ def planned(folder: Path) -> tuple[list[Bag], list[Bag]]:
 
 def tell(fitted: list[Bag], held_out: list[Bag], scratch: Path) -> Story:
     """All steps in the order in which a test engineer does them by hand."""
-    import time
-
     from saddlering_ros import diagnose, identify
     from saddlering_ros.report.curves import curves_of_run
     from saddlering_ros.ros.launcher import Domain
@@ -299,8 +292,6 @@ def live_chapter(story: Story) -> str:
 
 def write_all(story: Story, folder: Path, command: str) -> list[Path]:
     """Write everything beside `folder` first, then move it in, at one go; the paths."""
-    import json
-
     from saddlering_ros.files import temporary_folder
     from saddlering_ros.pages.html import pictures_of
     from saddlering_ros.report import parameters, write_diagnosis_report
@@ -311,11 +302,12 @@ def write_all(story: Story, folder: Path, command: str) -> list[Path]:
         page, _ = write_diagnosis_report(
             story.diagnosed.found, staging / 'report.html', command,
             (live_chapter(story),
-             parameters.identified(story.identified.to_json(), FOUND_BY)))
+             parameters.identified(story.identified.to_json(), 'Before the diagnosis. The missing '
+                                   'cause biases these contact parameters.')))
         for name, data in pictures_of(page.read_text(encoding='utf-8')).items():
             (staging / f'{name}.png').write_bytes(data)
-        numbers = json.dumps(numbers_of(story), indent=2)
-        (staging / 'numbers.json').write_text(numbers + '\n', encoding='utf-8')
+        (staging / 'numbers.json').write_text(
+            json.dumps(numbers_of(story), indent=2) + '\n', encoding='utf-8')
         story.identified.save_parameters(staging / 'parameters_identified.yaml')
         story.diagnosed.save_parameters(staging / 'parameters_extended.yaml')
         files = sorted(staging.iterdir())

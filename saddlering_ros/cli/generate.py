@@ -14,20 +14,6 @@ if TYPE_CHECKING:
     from saddlering_ros.rig import ContactParameters, Rig
     from saddlering_ros.virtual_rig.recording import TestPlan
 
-def _effect_option(parser: argparse.ArgumentParser) -> argparse.Action:
-    """The option of an effect, with the completions that the shell offers after it."""
-    def effects(**_: object) -> list[str]:
-        from saddlering_ros.virtual_rig.effects import EFFECTS
-
-        return [f'{name}=' for name in sorted(EFFECTS)]
-
-    effect = option(
-        '--effect', 'an effect to hide in the bag (SI units; may be repeated); NAME alone gives a '
-        'typical size on the rig; see --list-effects', action='append', default=[],
-        metavar='NAME[.PARAM]=VALUE')(parser)
-    setattr(effect, 'completer', effects)  # noqa: B010  # read by argcomplete
-    return effect
-
 
 COMMANDS = (Command(
     'generate', 'record a test of the virtual rig as a bag',
@@ -36,7 +22,9 @@ COMMANDS = (Command(
         option('--test', 'kind of test', choices=('static', 'dynamic')),
         option('--elevation', 'elevation of the barrel', type=Within(float, -10.0, 90.0),
                metavar='DEG'),
-        _effect_option,
+        option('--effect', 'an effect to hide in the bag (SI units; may be repeated); NAME alone '
+               'gives a typical size on the rig; see --list-effects', action='append', default=[],
+               metavar='NAME[.PARAM]=VALUE'),
         option('--form', 'physical form of an effect that has several', action='append',
                default=[], metavar='NAME=FORM'),
         option('--list-effects', 'list all effects, their parameters and forms',

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
+import sys
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
@@ -45,8 +47,6 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Draft a map, or write the bag and print its content."""
-    import sys
-
     from saddlering_ros.files import write_text
     from saddlering_ros.importing.calibration import ImportingError
     from saddlering_ros.importing.draft import draft_map
@@ -70,8 +70,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    import sys
-
     from saddlering_ros.files import spare_files
     from saddlering_ros.importing.calibration import ImportingError
     from saddlering_ros.importing.clock import words_of
@@ -139,8 +137,6 @@ def _doubts(args: argparse.Namespace, result: ImportResult, rig: Rig) -> list[st
 
 
 def _reading(name: str, value: float, rig: Rig) -> str:
-    import math
-
     if name.startswith('eddy'):
         return f'{value * 1e3:.4f} mm'
     if name == 'elevation':

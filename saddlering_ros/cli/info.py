@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import math
+import sys
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
@@ -27,8 +29,6 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Show every bag; status 2 if one of them cannot be used."""
-    import sys
-
     from saddlering_ros.bags import bag_info
     from saddlering_ros.rig import load_rig
 
@@ -59,8 +59,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print_info(bag: str, info: BagInfo, rig: Rig) -> None:
-    import math
-
     from rich.table import Table
     from rich.text import Text
 
@@ -103,8 +101,6 @@ def _print_info(bag: str, info: BagInfo, rig: Rig) -> None:
 
 
 def _topic_row(topic: TopicInfo, rig: Rig) -> tuple[str, ...]:
-    import math
-
     name = printable(topic.topic), printable(topic.type)
     if math.isnan(topic.rate):
         return (*name, str(topic.count), *[''] * 6)

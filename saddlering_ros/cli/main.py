@@ -19,12 +19,10 @@ from typing import Any
 
 from saddlering_ros import __version__, cli
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.errors import printable, SaddleringError
+from saddlering_ros.errors import printable, SaddleringError, UNUSABLE
 
-DONE = 0
 OUR_FAILURE = 1
-INTERRUPTED = 128 + signal.SIGINT
-READER_GONE = 128 + signal.SIGPIPE
+INTERRUPTED, READER_GONE = 128 + signal.SIGINT, 128 + signal.SIGPIPE
 
 Run = Callable[[argparse.Namespace], int]
 
@@ -34,15 +32,11 @@ UNUSABLE_FILE = frozenset({
 })
 """Operating system errors that mean the user named a file that cannot be used."""
 
-
-ENDING = ('SIGTERM', 'SIGHUP')
 RETRY = 0.01
 """Seconds after which a signal that came at a bad moment is taken up again."""
 
 CALLED_BACK = frozenset({'_numba_unpickle', 'typeof_pyval'})
 """Functions of numba that compiled code calls."""
-
-_COMPILER = f'{os.sep}numba{os.sep}'
 
 EXAMPLES = (
     ('saddlering demo', 'all steps, on the shipped bags'),
@@ -82,17 +76,24 @@ def build_parser() -> tuple[arguments.OneLineParser, dict[str, tuple[arguments.C
 
 
 def run_reporting(run: Run, args: argparse.Namespace) -> int:
-    """Run one subcommand; print an error as one line; return the exit status."""
+    """Run one subcommand; print an error as one line; return the exit status.
+
+    A command without --rig takes the rig file of the project, named on standard error.
+    """
     try:
         if getattr(args, 'rig', '') is None and os.environ.get('SADDLERING_RIG'):
-            _take_rig_of_project(args)
+            from saddlering_ros.rig import load_rig, rig_file_of_project, short_digest
+
+            args.rig = rig_file_of_project()
+            print(f'saddlering {args.command}: rig: {args.rig} (SADDLERING_RIG), hash '
+                  f'{short_digest(load_rig(args.rig).digest)}', file=sys.stderr)
         arguments.check_ranges(args)
         arguments.check_files(args)
         status = run(args)
         sys.stdout.flush()
         return status
     except SaddleringError as error:
-        return _complain(str(error), arguments.UNUSABLE, args)
+        return _complain(str(error), UNUSABLE, args)
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
@@ -106,18 +107,9 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
     except Exception as error:
         if (isinstance(error, OSError) and error.filename is not None
                 and error.errno in UNUSABLE_FILE):
-            return _complain(f'{error.filename}: {error.strerror}', arguments.UNUSABLE, args)
+            return _complain(f'{error.filename}: {error.strerror}', UNUSABLE, args)
         hint = '' if args.traceback else ' (--traceback shows the place)'
         return _complain(f'failed: {type(error).__name__}: {error}{hint}', OUR_FAILURE, args)
-
-
-def _take_rig_of_project(args: argparse.Namespace) -> None:
-    """Give a command without --rig the rig file of the project, and name it on standard error."""
-    from saddlering_ros.rig import load_rig, rig_file_of_project, short_digest
-
-    args.rig = rig_file_of_project()
-    print(f'saddlering {args.command}: rig: {args.rig} (SADDLERING_RIG), hash '
-          f'{short_digest(load_rig(args.rig).digest)}', file=sys.stderr)
 
 
 def open_closed_streams() -> None:
@@ -171,8 +163,8 @@ def leave_by_exception() -> None:
     does not check whether that raised: an exception there ends in a segmentation fault. There the
     signal is put off by some milliseconds.
     """
-    for name in ENDING:
-        signal.signal(getattr(signal, name), _leave)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _leave)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
 
@@ -180,7 +172,8 @@ def leave_by_exception() -> None:
 def _leave(number: int, frame: FrameType | None) -> None:
     inner = frame
     while inner is not None:  # whether compiled code waits for one of the frames to return
-        if inner.f_code.co_name in CALLED_BACK and _COMPILER in inner.f_code.co_filename:
+        code = inner.f_code
+        if code.co_name in CALLED_BACK and f'{os.sep}numba{os.sep}' in code.co_filename:
             signal.signal(signal.SIGALRM, lambda _, later: _leave(number, later))
             signal.setitimer(signal.ITIMER_REAL, RETRY)
             return

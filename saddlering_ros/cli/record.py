@@ -1,6 +1,11 @@
 """`saddlering record`: the topics of the rig and of the nodes, recorded as a bag."""
 
 import argparse
+import atexit
+import signal
+import sys
+import threading
+import time
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Command, option, Within
@@ -30,12 +35,6 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Record until a signal ends it, which is how a recording ends: status 0."""
-    import atexit
-    import signal
-    import sys
-    import threading
-    import time
-
     from saddlering_ros.live.recorder import recording
     from saddlering_ros.record import TestMetadata
     from saddlering_ros.rig import load_rig

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import os
 from pathlib import Path
+import sys
+import time
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
@@ -66,10 +70,6 @@ def run(args: argparse.Namespace) -> int:
 
 def play(args: argparse.Namespace) -> dict[str, Any]:
     """Replay a bag to nodes of its own; what was replayed and recorded, as plain data."""
-    import contextlib
-    import sys
-    import time
-
     from saddlering_ros.bags import read_raw
     from saddlering_ros.doubts.comparison import refuse_other_hash
     from saddlering_ros.doubts.readings import absent_topic
@@ -133,9 +133,6 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
 
     NodeError if the clock leaves before that, or the replay does not start.
     """
-    import sys
-    import time
-
     from saddlering_ros.ros.launcher import last_line
     from saddlering_ros.ros.names import NodeError
 
@@ -172,8 +169,6 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
 
 def _wait_for_all(recorder: Any, sent: dict[str, int]) -> None:
     """Wait until the recorder has every sample of every topic; NodeError if some do not come."""
-    import time
-
     from saddlering_ros.ros.names import NodeError
 
     deadline = time.monotonic() + LAST_MESSAGES
@@ -186,8 +181,6 @@ def _wait_for_all(recorder: Any, sent: dict[str, int]) -> None:
 
 def _recording(args: argparse.Namespace, facts: TestMetadata, domain: int) -> Any:
     """The recorder, which keeps the facts of the test that is replayed."""
-    import os
-
     from saddlering_ros.live.recorder import recording
     from saddlering_ros.ros.launcher import prepare_transport
     from saddlering_ros.ros.names import namespace_of

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import sys
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
@@ -37,8 +38,6 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Draft, draw, check; status 2 if a bag speaks against the rig."""
-    import sys
-
     from saddlering_ros.doubts.comparison import rig_in_words
     from saddlering_ros.files import write_text
     from saddlering_ros.rig import load_rig, RigError

@@ -96,7 +96,7 @@ class ActionNode(Node):
         self._hardware_id = names.rig_name(self, self.settings.text('hardware_id'))
         self.stopping = False
         self._answered: deque[float] = deque()
-        self._busy = threading.Lock()
+        self.busy = threading.Lock()
         self._stage, self._last = 'idle', 'no goal yet'
         self._level = OK
         self._worker = Worker('saddlering_ros.jobs.requests')
@@ -109,10 +109,8 @@ class ActionNode(Node):
             goal_callback=self._on_goal, cancel_callback=lambda _: CancelResponse.ACCEPT,
             goal_service_qos_profile=MANY_REQUESTS, cancel_service_qos_profile=MANY_REQUESTS,
             result_service_qos_profile=MANY_REQUESTS)
-        served = self.resolve_service_name(self.NAME)
-        self.get_logger().info(f'serves {served}; bags from {self.bag_root}')
-
-    # --- for subclasses ---
+        self.get_logger().info(
+            f'serves {self.resolve_service_name(self.NAME)}; bags from {self.bag_root}')
 
     def request(self, goal: Any) -> Any:
         """Input of the job; SaddleringError for a goal that cannot be used."""
@@ -127,15 +125,11 @@ class ActionNode(Node):
         for name, value in answer.fields.items():
             setattr(result, name, value)
 
-    # --- bags ---
-
     def bags(self, named: Sequence[str]) -> tuple[str, ...]:
         """The bags of a goal as paths below bag_root, with every file they consist of."""
         if len(named) > MAX_BAGS:
             raise NodeError(f'the goal names {len(named)} bags: give at most {MAX_BAGS}')
         return tuple(str(parameters.bag_below(self.bag_root, name)) for name in named)
-
-    # --- the life of a goal ---
 
     def _pace(self) -> None:
         """Let a moment pass between answers: a client's queue of them holds ten by default."""
@@ -147,12 +141,12 @@ class ActionNode(Node):
 
     def _on_goal(self, goal: Any) -> GoalResponse:
         self._pace()
-        if self.is_busy() or self.stopping:
+        if self.busy.locked() or self.stopping:
             self.get_logger().warning(
                 f'goal rejected: another goal is running ({self._stage}); cancel that goal or '
                 'wait')
             return GoalResponse.REJECT
-        self._busy.acquire()
+        self.busy.acquire()
         return GoalResponse.ACCEPT
 
     async def _execute(self, goal_handle: ServerGoalHandle) -> Any:
@@ -175,7 +169,7 @@ class ActionNode(Node):
             goal_handle.abort()
         finally:
             self._stage = 'idle'
-            self._busy.release()
+            self.busy.release()
         return result
 
     def _work(self, goal_handle: ServerGoalHandle, request: Any, future: Future) -> None:
@@ -211,8 +205,7 @@ class ActionNode(Node):
         self._level = OK
         if outcome.kind == DONE:
             self.fill(result, outcome.answer)
-            result.status = result.SUCCEEDED
-            result.message = outcome.answer.words
+            result.status, result.message = result.SUCCEEDED, outcome.answer.words
             goal_handle.succeed()
             if (found := outcome.answer.parameters) is not None:
                 result.parameters = parameters_to_message(found, self.get_clock().now().to_msg())
@@ -234,10 +227,8 @@ class ActionNode(Node):
 
     def _diagnose(self) -> None:
         status = TaskStatus(self._level, self._stage, {'last goal': self._last})
-        message = to_message(
-            names.diagnostic_name(self), [
-                (f'/{self.NAME}', status), ('rig', self._agreement.report(1.0))],
-            self._hardware_id)
+        message = to_message(names.diagnostic_name(self), [
+            (f'/{self.NAME}', status), ('rig', self._agreement.report(1.0))], self._hardware_id)
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
@@ -246,10 +237,6 @@ class ActionNode(Node):
         self._worker.close()
         self._server.destroy()
         super().destroy_node()
-
-    def is_busy(self) -> bool:
-        """Whether a goal is running."""
-        return self._busy.locked()
 
 
 def serve(make: Any, args: Sequence[str] | None = None) -> int:
@@ -264,8 +251,8 @@ def serve(make: Any, args: Sequence[str] | None = None) -> int:
         while not told.is_set() and node.context.ok():
             executor.spin_once(timeout_sec=0.1)
         node.stopping = True
-        if node.is_busy():
-            for wanted, seconds in ((node.is_busy, 1.0), (lambda: True, FAREWELL)):
+        if node.busy.locked():
+            for wanted, seconds in ((node.busy.locked, 1.0), (lambda: True, FAREWELL)):
                 deadline = time.monotonic() + seconds
                 while wanted() and time.monotonic() < deadline:
                     executor.spin_once(timeout_sec=0.02)

@@ -18,8 +18,8 @@ import sys
 import threading
 from typing import Any
 
-from saddlering_ros.errors import SaddleringError
-from saddlering_ros.progress import Cancelled, IsCancelled, OnProgress
+from saddlering_ros.errors import Cancelled, SaddleringError
+from saddlering_ros.progress import IsCancelled, OnProgress
 from saddlering_ros.ros.launcher import follow_lifeline, LIFELINE
 
 POLL = 0.02

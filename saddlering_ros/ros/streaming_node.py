@@ -23,7 +23,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from saddlering_interfaces.msg import ReplayProgress
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import SaddleringError, UNUSABLE
 from saddlering_ros.ros import diagnostics, launcher, parameters, raw_topics
 from saddlering_ros.ros.diagnostics import OK, Task, TaskStatus
 from saddlering_ros.ros.messages import progress_of
@@ -254,7 +254,6 @@ class StreamingNode(LifecycleNode):
         self._diagnostics.publish(message)
 
 
-UNUSABLE = 2
 REFUSALS = ('RCLError', 'UnknownROSArgsError', 'InvalidNodeNameException',
             'RCLInvalidROSArgsError', 'InvalidNamespaceException')
 """Errors by which rclpy refuses a command line (--ros-args, a parameter file it cannot read)."""

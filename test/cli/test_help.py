@@ -79,9 +79,9 @@ def completed(line):
 @pytest.mark.parametrize(('line', 'offered'), [
     ('saddlering ident', {'identify'}),
     ('saddlering validate bag --test ', {'static', 'dynamic'}),
-    ('saddlering generate out --effect radial_f', {'radial_friction='}),
+    ('saddlering generate out --eff', {'--effect'}),
 ])
-def test_the_tab_key_completes_commands_options_and_effects(line, offered):
+def test_the_tab_key_completes_commands_options_and_choices(line, offered):
     assert offered <= set(completed(line))
 
 
