@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring.kernels import courses, integration, tangents
-from saddlering_ros.ring.kernels.row_tangents import LAW, record_width
+from saddlering_ros.ring.kernels.row_tangents import LAW, LAWS, PLAIN_LAW
 from saddlering_ros.ring.model import (
     columns,
     EXTENSION_FIELDS,
@@ -118,7 +118,7 @@ def simulate_path(model: Model, rows: Rows, time: Floats, load: Floats, zero_loa
     grows: tangents by parameters of growing damping will be asked for.
     """
     grows = grows or bool(model['damping_penetration_share'][0])
-    width = record_width(grows)
+    width = LAWS + 5 * (LAW if grows else PLAIN_LAW)
     motion, readings = np.empty((time.size, 3)), np.empty((time.size, 4))
     room = 2 + int(np.maximum(1.0, np.ceil(np.diff(time) / max_step)).sum())
     while True:

@@ -83,7 +83,6 @@ class RingSimulator:
 
     def reset(self, *, zero_anywhere: bool = False) -> None:
         """Begin anew; the next samples open a new zero window (`zero_anywhere`: at any load)."""
-        self.iterations = 0
         self._lost = False
         self.zero: ZeroReading | None = None
         self._window = ZeroWindow(self._rig, anywhere=zero_anywhere)
@@ -101,6 +100,11 @@ class RingSimulator:
     def failed_steps(self) -> int:
         """Number of steps in which Newton did not converge."""
         return int(self._state[at.FAILED_STEPS])
+
+    @property
+    def iterations(self) -> int:
+        """Number of Newton iterations since the zero."""
+        return int(self._state[at.ITERATIONS])
 
     @property
     def pending(self) -> int:
@@ -171,8 +175,8 @@ class RingSimulator:
         if self._additions is not None:
             load, added = self._additions.push(time, load)
         motion, increments = np.empty((time.size, 3)), np.empty((time.size, 4))
-        self.iterations += integration.advance(self._m, self._rows, self._uniform, self._state,
-                                               time, load, self._max_step, motion, increments)
+        integration.advance(self._m, self._rows, self._uniform, self._state, time, load,
+                            self._max_step, motion, increments)
         if self._lost:
             increments[:] = np.nan
         return np.ascontiguousarray((increments if added is None else increments + added).T)

@@ -40,8 +40,8 @@ def one_roller(p: float, rate: float, share: float, exponent: float,
     rows = np.zeros((3, 3, places))
     rows[:, 2] = FAR_OFF
     rows[0, :, 0] = 0.0, 1.0, 0.0
-    sums = contact.row_sums(rows.reshape(-1), 0, np.uint64(places), False, p, 0.0, rate, 0.0, K, N,
-                            D, (share, exponent), levelling, 0.0)
+    sums = contact.row_sums(rows.reshape(-1), 0, np.uint64(places), False,
+                            (p, 0.0, rate, 0.0), (K, N, D), (share, exponent), levelling, 0.0)
     return sums[0], sums[2], sums[5]
 
 

@@ -29,13 +29,16 @@ def test_the_vectorised_power_is_the_libraries_power_to_1e_12(exponent: float) -
 
 
 def test_places_of_the_layout_do_not_overlap_their_arrays_ends() -> None:
-    assert layout.LAGGED_TWICE + 4 == layout.LAST_FORCE
-    assert layout.LAST_DAMPING + 5 == layout.STEP_ERROR
-    assert layout.FRACTION + 1 == layout.STATE_SIZE
+    assert layout.FRACTION + 1 == layout.ZERO_LOAD
+    assert layout.BRACKET_Z + 2 == layout.MEASURED_LOAD + layout.LOAD_STATES == layout.FRICTION_Z
+    assert layout.FRICTION_Z + 6 == layout.Q
+    assert layout.LAST_FORCE + 3 == layout.LAST_STIFFNESS
+    assert layout.LAST_DAMPING + 5 == layout.LAGGED
+    assert layout.LAGGED_TWICE + 4 == layout.STATE_SIZE
+    assert layout.DAMPING + 5 == layout.FORCE
     assert layout.MOTION + 3 == layout.TOUCHING
     assert layout.TOUCHING + 3 == layout.LOAD_BACKUP
-    assert layout.CYLINDER_Z + 2 == layout.BRACKET_Z
-    assert layout.LOAD_BACKUP + 4 == layout.BACKUP
+    assert layout.LOAD_BACKUP + layout.LOAD_STATES == layout.BACKUP
 
 
 def test_kernels_import_from_their_own_folder_only() -> None:

@@ -199,7 +199,7 @@ def test_a_step_that_newton_cannot_take_is_taken_in_parts(monkeypatch):
     loads = np.concatenate([rest, jumps, rest])
     _, probes = pushed(simulator, np.arange(loads.size) / 20.0, loads)
 
-    failed = [number for number, (_, used) in enumerate(tried) if used == -1]
+    failed = [number for number, (_, used) in enumerate(tried) if used == integration.FAILED]
     assert len(failed) > 10
     assert all(tried[number + 1][0] == tried[number][0] / 4.0
                for number in failed if (number - 1) not in failed)

@@ -12,8 +12,3 @@ state `s` and the work array `w` are flat; `layout` defines their indices. All f
 the GIL. Kernels import from this folder only, because the hash of its files identifies the
 compiled code.
 """
-
-from saddlering_ros.ring.kernels.equilibrium import static_batch
-from saddlering_ros.ring.kernels.integration import advance, run_batch, start
-
-__all__ = ['advance', 'run_batch', 'start', 'static_batch']

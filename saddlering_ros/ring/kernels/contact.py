@@ -24,69 +24,90 @@ MIN_FORCE = 1e-15
 such a force."""
 
 
-@kernel(fastmath=FAST, **INNER)
-def in_contact(rows: Any, base: Any, stride: Any, rollers: Any, uniform: Any, a: Any, b: Any,
-               guess: Any) -> Any:
-    """First roller and number of rollers of an interval that holds all rollers in contact.
+@kernel(**INNER)
+def row_motions(m: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any, v2: Any) -> Any:
+    """(a, b, da, db) of upper, lower and radial row at motion q and its rate v.
 
-    guess: the number at which the search starts. The number of the last call is the best guess,
+    A roller penetrates by a + b cos - gap, at a rate of da + db cos.
+    """
+    radius, height = m.radius, m.radial_row_height
+    return ((q1, -radius * q2, v1, -radius * v2), (-q1, radius * q2, -v1, radius * v2),
+            (0.0, q0 + height * q2, 0.0, v0 + height * v2))
+
+
+@kernel(**INNER)
+def row_laws(m: Any) -> Any:
+    """(K, n, D) of upper, lower and radial row."""
+    return ((m.K1 * m.upper_row_stiffness, m.n1, m.D1), (m.K1 * m.lower_row_stiffness, m.n1, m.D1),
+            (m.K2 * m.radial_row_stiffness, m.n2, m.D2))
+
+
+@kernel(**INNER)
+def row_rollers(m: Any) -> Any:
+    """Numbers of rollers of upper, lower and radial row."""
+    axial = np.uint64(m.axial_rollers)
+    return axial, axial, np.uint64(m.radial_rollers)
+
+
+@kernel(fastmath=FAST, **INNER)
+def in_contact(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any,
+               guess: Any) -> Any:
+    """Places of cosines, weights and gaps of an interval with all rollers in contact; its length.
+
+    guess: the length at which the search starts. The length of the last call is the best guess,
     because the ends of the contact move little in a step.
     """
     zero, one, two = np.uint64(0), np.uint64(1), np.uint64(2)
+    stride = np.uint64(rows.size) // np.uint64(9)
+    base = np.uint64(row) * np.uint64(3) * stride
     gaps = base + two * stride
+    first = count = zero
     if uniform:
         edge = rows[gaps] - a
-        if abs(b) <= edge:
-            return zero, zero
-        count = min(guess, rollers)
-        if b >= 0.0:
-            while count < rollers and b * rows[base + count] > edge:
-                count += one
-            while count > zero and not b * rows[base + count - one] > edge:
-                count -= one
-            return zero, count
-        last = base + rollers - one
-        while count < rollers and b * rows[last - count] > edge:
-            count += one
-        while count > zero and not b * rows[last + one - count] > edge:
-            count -= one
-        return rollers - count, count
-    first = rollers
-    end = zero
-    for j in range(rollers):
-        if a + b * rows[base + j] > rows[gaps + j]:
-            if first == rollers:
-                first = j
-            end = j + one
-    if end == zero:
-        return zero, zero
-    return first, end - first
+        if abs(b) > edge:
+            count = min(np.uint64(guess), rollers)
+            if b >= 0.0:
+                while count < rollers and b * rows[base + count] > edge:
+                    count += one
+                while count > zero and not b * rows[base + count - one] > edge:
+                    count -= one
+            else:
+                last = base + rollers - one
+                while count < rollers and b * rows[last - count] > edge:
+                    count += one
+                while count > zero and not b * rows[last + one - count] > edge:
+                    count -= one
+                first = rollers - count
+    else:
+        for j in range(rollers):
+            if a + b * rows[base + j] > rows[gaps + j]:
+                if count == zero:
+                    first = j
+                count = j + one - first
+    return base + first, base + stride + first, gaps + first, count
 
 
 @kernel(fastmath=FAST, **INNER)
-def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da: Any, db: Any,
-             stiffness: Any, exponent: Any, damping: Any, growing: Any, saturation: Any,
-             guess: Any) -> Any:
+def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, motion: Any, law: Any, growing: Any,
+             saturation: Any, guess: Any) -> Any:
     """Force sums of one row with penetration p = a + b cos - gap and rate dp/dt = da + db cos.
 
     Returns sum F, sum F cos; stiffness sums k, k cos, k cos^2 with k = dF/dp; damping sums d,
     d cos, d cos^2 with d = dF/d(dp/dt); and the number of rollers in contact, which is the guess
-    of the next call. growing: None, or (share, m) of the damping that grows as p^m, or as
-    p^exponent for m = 0. saturation: None, or L of the growth p^m / (1 + (p L)^m). The function is
-    compiled for each combination, so that an unused law costs nothing. rows: flat array of
-    `model`; every row ends with rollers that carry no load, so that the loop runs over whole
-    vectors.
+    of the next call. motion: (a, b, da, db); law: (K, n, D). growing: None, or (share, m) of the
+    damping that grows as p^m, or as p^n for m = 0. saturation: None, or L of the growth
+    p^m / (1 + (p L)^m). The function is compiled for each combination, so that an unused law costs
+    nothing. rows: flat array of `model`; every row ends with rollers that carry no load, so that
+    the loop runs over whole vectors.
     """
     widest_vectors()
-    stride = np.uint64(rows.size) // np.uint64(9)
-    base = np.uint64(row) * np.uint64(3) * stride
-    first, touching = in_contact(rows, base, stride, rollers, uniform, a, b, np.uint64(guess))
+    a, b, da, db = motion
+    stiffness, exponent, damping = law
+    cosines, weights, gaps, touching = in_contact(rows, row, rollers, uniform, a, b, guess)
     s0 = s1 = k0 = k1 = k2 = d0 = d1 = d2 = 0.0
     if touching == np.uint64(0):
         return s0, s1, k0, k1, k2, d0, d1, d2, 0.0
     count = (touching + np.uint64(7)) & ~np.uint64(7)
-    cosines = base + first
-    weights, gaps = cosines + stride, cosines + np.uint64(2) * stride
     constant, growth, factor, steepness, turn = damping, 0.0, 0.0, 0.0, 0.0
     if growing is not None:
         share, growth = growing
@@ -135,48 +156,40 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da
     return s0, s1, k0, k1, k2, d0, d1, d2, float(touching)
 
 
-@kernel(fastmath=FAST, **INNER)
-def row_energy(rows: Any, row: Any, rollers: Any, a: Any, b: Any, stiffness: Any,
-               exponent: Any) -> Any:
-    """Elastic energy of one row, sum K p^(n+1)/(n+1), at penetrations p = a + b cos - gap."""
-    stride = np.uint64(rows.size) // np.uint64(9)
-    base = np.uint64(row) * np.uint64(3) * stride
-    energy = 0.0
-    for j in range(rollers):
-        p = max(a + b * rows[base + j] - rows[base + np.uint64(2) * stride + j], 1e-30)
-        energy += rows[base + stride + j] * stiffness * power(p, exponent + 1.0)
-    return energy / (exponent + 1.0)
+@kernel(**INNER)
+def keep_matrix(m: Any, sum0: Any, sum1: Any, sum2: Any, radial: Any, w: Any, place: Any) -> Any:
+    """Set a matrix of w by sums of slopes: axial rows times 1, cos, cos^2, radial row cos^2."""
+    radius, height = m.radius, m.radial_row_height
+    w[place] = radial
+    w[place + 1] = height * radial
+    w[place + 2] = sum0
+    w[place + 3] = -radius * sum1
+    w[place + 4] = radius * radius * sum2 + height * height * radial
+
+
+@kernel(**INNER)
+def keep_force(m: Any, up0: Any, up1: Any, low0: Any, low1: Any, radial: Any, w: Any) -> Any:
+    """Set w[FORCE] by sum F and sum F cos of the axial rows, sum F cos of the radial row."""
+    w[at.FORCE] = -radial
+    w[at.FORCE + 1] = low0 - up0
+    w[at.FORCE + 2] = m.radius * (up1 - low1) - m.radial_row_height * radial
 
 
 @kernel(**INNER)
 def forces_of_rows(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
                    v2: Any, growing: Any, saturation: Any, w: Any) -> Any:
     """`ring_forces` for growing and saturating damping, or None, as in `row_sums`."""
-    radius, height = m.radius, m.radial_row_height
-    axial, radial = np.uint64(m.axial_rollers), np.uint64(m.radial_rollers)
-    w0 = at.TOUCHING
-    _, s1, _, _, k2, _, _, d2, w[w0 + 2] = row_sums(
-        rows, 2, radial, uniform[2], 0.0, q0 + height * q2, 0.0, v0 + height * v2,
-        m.K2 * m.radial_row_stiffness, m.n2, m.D2, growing, saturation, w[w0 + 2])
-    up0, up1, ku0, ku1, ku2, du0, du1, du2, w[w0] = row_sums(
-        rows, 0, axial, uniform[0], q1, -radius * q2, v1, -radius * v2,
-        m.K1 * m.upper_row_stiffness, m.n1, m.D1, growing, saturation, w[w0])
-    low0, low1, kl0, kl1, kl2, dl0, dl1, dl2, w[w0 + 1] = row_sums(
-        rows, 1, axial, uniform[1], -q1, radius * q2, -v1, radius * v2,
-        m.K1 * m.lower_row_stiffness, m.n1, m.D1, growing, saturation, w[w0 + 1])
-    w[at.FORCE] = -s1
-    w[at.FORCE + 1] = low0 - up0
-    w[at.FORCE + 2] = radius * (up1 - low1) - height * s1
-    w[at.STIFFNESS] = k2
-    w[at.STIFFNESS + 1] = height * k2
-    w[at.STIFFNESS + 2] = ku0 + kl0
-    w[at.STIFFNESS + 3] = -radius * (ku1 + kl1)
-    w[at.STIFFNESS + 4] = radius * radius * (ku2 + kl2) + height * height * k2
-    w[at.DAMPING] = d2
-    w[at.DAMPING + 1] = height * d2
-    w[at.DAMPING + 2] = du0 + dl0
-    w[at.DAMPING + 3] = -radius * (du1 + dl1)
-    w[at.DAMPING + 4] = radius * radius * (du2 + dl2) + height * height * d2
+    motions, laws, rollers = row_motions(m, q0, q1, q2, v0, v1, v2), row_laws(m), row_rollers(m)
+    t = at.TOUCHING
+    _, s1, _, _, k2, _, _, d2, w[t + 2] = row_sums(
+        rows, 2, rollers[2], uniform[2], motions[2], laws[2], growing, saturation, w[t + 2])
+    up0, up1, ku0, ku1, ku2, du0, du1, du2, w[t] = row_sums(
+        rows, 0, rollers[0], uniform[0], motions[0], laws[0], growing, saturation, w[t])
+    low0, low1, kl0, kl1, kl2, dl0, dl1, dl2, w[t + 1] = row_sums(
+        rows, 1, rollers[1], uniform[1], motions[1], laws[1], growing, saturation, w[t + 1])
+    keep_force(m, up0, up1, low0, low1, s1, w)
+    keep_matrix(m, ku0 + kl0, ku1 + kl1, ku2 + kl2, k2, w, at.STIFFNESS)
+    keep_matrix(m, du0 + dl0, du1 + dl1, du2 + dl2, d2, w, at.DAMPING)
 
 
 @kernel(**INNER)
@@ -197,17 +210,22 @@ def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: 
                        m.damping_penetration_saturation, w)
 
 
-@kernel(**INNER)
+@kernel(fastmath=FAST, **INNER)
 def elastic_energy(m: Any, rows: Any, q0: Any, q1: Any, q2: Any) -> Any:
-    """Elastic energy [J] of all rollers at motion q."""
-    radius, height = m.radius, m.radial_row_height
-    axial, radial = np.uint64(m.axial_rollers), np.uint64(m.radial_rollers)
-    return (row_energy(rows, 2, radial, 0.0, q0 + height * q2,
-                       m.K2 * m.radial_row_stiffness, m.n2)
-            + row_energy(rows, 0, axial, q1, -radius * q2,
-                         m.K1 * m.upper_row_stiffness, m.n1)
-            + row_energy(rows, 1, axial, -q1, radius * q2,
-                         m.K1 * m.lower_row_stiffness, m.n1))
+    """Elastic energy [J] of all rollers at motion q, sum K p^(n+1)/(n+1)."""
+    motions, laws, rollers = row_motions(m, q0, q1, q2, 0.0, 0.0, 0.0), row_laws(m), row_rollers(m)
+    stride = np.uint64(rows.size) // np.uint64(9)
+    total = 0.0
+    for row in range(3):
+        a, b, _, _ = motions[row]
+        stiffness, exponent, _ = laws[row]
+        base = np.uint64(row) * np.uint64(3) * stride
+        energy = 0.0
+        for j in range(rollers[row]):
+            p = max(a + b * rows[base + j] - rows[base + np.uint64(2) * stride + j], 1e-30)
+            energy += rows[base + stride + j] * stiffness * power(p, exponent + 1.0)
+        total += energy / (exponent + 1.0)
+    return total
 
 
 SQRT_HALF_BITS = 0x3FE6A09E667F3BCD

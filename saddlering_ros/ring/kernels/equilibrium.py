@@ -51,7 +51,7 @@ def system(m: Any, a: Any, k: Any, d: Any, c0: Any, rubbing: Any) -> Any:
 
 @kernel(**INNER)
 def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: Any) -> Any:
-    """(iterations or -1, q) of static equilibrium under w[EXTERNAL], starting at (x, y, tilt).
+    """(found, q) of static equilibrium under w[EXTERNAL], starting at (x, y, tilt).
 
     The elastic energy is convex. Newton with backtracking on the total energy therefore converges
     from any start. A small spring holds directions without stiffness (free play).
@@ -61,18 +61,18 @@ def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: A
     ring_forces(m, rows, uniform, x, y, tilt, 0.0, 0.0, 0.0, w)
     scale = abs(e0) + abs(e1) + abs(e2) / radius + 1.0
     if not scale < 1e300:
-        return -1, x, y, tilt
+        return False, x, y, tilt
     for iteration in range(200):
         r0, r1, r2 = e0 + w[at.FORCE], e1 + w[at.FORCE + 1], e2 + w[at.FORCE + 2]
         largest = max(abs(r0), abs(r1), abs(r2) / radius)
         if largest <= 1e-11 * scale:
-            return iteration, x, y, tilt
+            return True, x, y, tilt
         soft = 1e-9 * m.K1 if iteration < 100 else 1e-6 * m.K1
         found, step0, step1, step2 = solve3(
             w[at.STIFFNESS] + soft, w[at.STIFFNESS + 1], w[at.STIFFNESS + 2] + soft,
             w[at.STIFFNESS + 3], w[at.STIFFNESS + 4] + soft * radius * radius, r0, r1, r2)
         if not found:
-            return -1, x, y, tilt
+            return False, x, y, tilt
         longest = max(abs(step0), abs(step1), abs(step2) * radius)
         shrink = min(1.0, 2e-4 / longest) if longest > 0.0 else 1.0
         step0, step1, step2 = step0 * shrink, step1 * shrink, step2 * shrink
@@ -92,49 +92,45 @@ def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: A
             factor *= 0.5
         if not accepted:
             # Rounding ends the descent. The residual is judged by the size of the load.
-            return (iteration if largest <= 1e-7 * scale else -1), x, y, tilt
+            return largest <= 1e-7 * scale, x, y, tilt
         x, y, tilt = x + factor * step0, y + factor * step1, tilt + factor * step2
         if factor * longest * shrink < 1e-15:
             break
     largest = max(abs(e0 + w[at.FORCE]), abs(e1 + w[at.FORCE + 1]),
                   abs(e2 + w[at.FORCE + 2]) / radius)
-    return (200 if largest <= 1e-7 * scale else -1), x, y, tilt
+    return largest <= 1e-7 * scale, x, y, tilt
+
+
+@kernel(**OUTER)
+def static_batch(models: Any, rows: Any, uniform: Any, load: Any, q_out: Any) -> Any:
+    """Equilibrium of each model (B,) at each load (N,) in order, or NaN; q_out (B, N, 3).
+
+    The last equilibrium and its stiffness predict the next.
+    """
+    w = np.zeros(at.WORK_SIZE)
+    for b in range(models.shape[0]):
+        r = b if rows.shape[0] > 1 else 0
+        static_run(models[b], rows[r], uniform[r], load, w, q_out[b])
 
 
 @kernel(**INNER)
 def static_run(m: Any, rows: Any, uniform: Any, load: Any, w: Any, q_out: Any) -> Any:
-    """Equilibrium at each load (N,), or NaN; the last one and its stiffness predict the next."""
-    failed = 0
-    x = y = tilt = 0.0
-    anew = True
+    """`static_batch` of one model."""
+    found, x, y, tilt = False, 0.0, 0.0, 0.0
     for n in range(load.size):
         old0, old1, old2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
         load_at_ring(m, load[n], 0.0, 0.0, w)
-        if anew:
-            x = math.copysign(0.5 * m.radial_clearance + 1e-5, w[at.EXTERNAL])
-            y = math.copysign(0.5 * m.axial_clearance + 1e-5, w[at.EXTERNAL + 1])
-        else:
-            k, radius = at.STIFFNESS, m.radius
-            found, step0, step1, step2 = solve3(
+        if found:
+            k = at.STIFFNESS
+            near, step0, step1, step2 = solve3(
                 w[k], w[k + 1], w[k + 2], w[k + 3], w[k + 4], w[at.EXTERNAL] - old0,
                 w[at.EXTERNAL + 1] - old1, w[at.EXTERNAL + 2] - old2)
-            if found and max(abs(step0), abs(step1), abs(step2) * radius) < 2e-5:
+            if near and max(abs(step0), abs(step1), abs(step2) * m.radius) < 2e-5:
                 x, y, tilt = x + step0, y + step1, tilt + step2
-        used, x, y, tilt = equilibrium(m, rows, uniform, w, x, y, tilt)
+        else:
+            x = math.copysign(0.5 * m.radial_clearance + 1e-5, w[at.EXTERNAL])
+            y = math.copysign(0.5 * m.axial_clearance + 1e-5, w[at.EXTERNAL + 1])
+        found, x, y, tilt = equilibrium(m, rows, uniform, w, x, y, tilt)
         q_out[n, 0], q_out[n, 1], q_out[n, 2] = x, y, tilt
-        anew = used < 0
-        if anew:
-            failed += 1
+        if not found:
             q_out[n, :] = math.nan
-    return failed
-
-
-@kernel(**OUTER)
-def static_batch(m: Any, rows: Any, uniform: Any, load: Any, q_out: Any) -> Any:
-    """Equilibrium of each parameter set m (B, M) at each load (N,), in order; q_out (B, N, 3)."""
-    w = np.zeros(at.WORK_SIZE)
-    failed = 0
-    for b in range(m.shape[0]):
-        r = b if rows.shape[0] > 1 else 0
-        failed += static_run(m[b], rows[r], uniform[r], load, w, q_out[b])
-    return failed

@@ -5,30 +5,17 @@ from typing import Any
 
 import numpy as np
 
+from saddlering_ros.ring.kernels import extension_laws as laws
 from saddlering_ros.ring.kernels import layout as at
+from saddlering_ros.ring.kernels import row_tangents
 from saddlering_ros.ring.kernels.equilibrium import differences, equilibrium, solve3, system
-from saddlering_ros.ring.kernels.extension_laws import (
-    advance_friction,
-    advance_series,
-    friction_force,
-    load_at_ring,
-    read_probes,
-    series_motion,
-)
 from saddlering_ros.ring.kernels.layout import INNER, kernel, OUTER
-from saddlering_ros.ring.kernels.row_tangents import (
-    forces_of_step,
-    keep_record,
-    keep_sums,
-    matrices,
-    PARTS,
-    ring_tangents,
-)
 
 STEP_TOLERANCE = 5e-11
 """Largest last Newton update [m]. Convergence is quadratic: the next would be below 1e-12 m."""
 
 MAX_ITERATIONS = 60
+"""Newton needs one or two; a step with more has met a kink and is tried in parts."""
 
 MAX_STEP_ERROR = 5e-8
 """Largest estimated error [m] of a step. A step with more is divided, down to MIN_FRACTION."""
@@ -45,11 +32,8 @@ MIN_DAMPING_SHARE = 1e-8
 
 MIN_FRACTION = 1.0 / 256.0
 
-TOO_COARSE = -2
-"""Return value of a step with an error that is larger than allowed."""
-
-FRICTION_STATES = 4
-"""States of friction in the load path: two of the cylinder, two of the bracket."""
+SOLVED, FAILED, TOO_COARSE = 0, -1, -2
+"""Results of a step; that of TOO_COARSE has a larger error than allowed."""
 
 MAX_PREDICTION = 5e-6
 """Largest predicted change [m] that is used. Beyond it, the step starts from the old rate."""
@@ -71,7 +55,7 @@ def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) 
     for i in range(3):
         s[at.Q_OLD + i] = s[at.Q + i]
     take_zero(m, s, true_load, time, w)
-    return found >= 0
+    return found
 
 
 @kernel(**INNER)
@@ -80,13 +64,13 @@ def load_at_rest(m: Any, s: Any, load: Any, w: Any) -> Any:
     s[at.CYLINDER_Z] = s[at.CYLINDER_Z + 1] = m.cylinder_friction.initial
     s[at.BRACKET_Z] = s[at.BRACKET_Z + 1] = m.bracket_play.initial
     s[at.MEASURED_LOAD] = s[at.HIGHEST_LOAD] = load
-    return load_at_ring(m, load, m.cylinder_friction.initial, m.bracket_play.initial, w)
+    return laws.load_at_ring(m, load, m.cylinder_friction.initial, m.bracket_play.initial, w)
 
 
 @kernel(**INNER)
 def take_zero(m: Any, s: Any, true_load: Any, time: Any, w: Any) -> Any:
     """Let the probes read zero at the motion at rest under true_load [N] at `time`."""
-    series_motion(m, s, w)
+    laws.series_motion(m, s, w)
     for i in range(3):
         s[at.CREEP + i] = s[at.CREEP_INPUT + i] = w[at.MOTION + i]
         w[at.MOTION + i] *= 1.0 + (m.creep_radial if i == 0 else m.creep_axial)
@@ -98,26 +82,13 @@ def take_zero(m: Any, s: Any, true_load: Any, time: Any, w: Any) -> Any:
 
 
 @kernel(**INNER)
-def predict_with_friction(m: Any, s: Any, h: Any, c0: Any, past: Any, w: Any) -> Any:
-    """`predict` with friction, whose slope depends on the travel: two passes."""
-    trusted, x, y, tilt = False, h * s[at.V], h * s[at.V + 1], h * s[at.V + 2]
-    for _ in range(2):
-        _, _, rubbing0 = friction_force(m.radial_friction, s, 0, x)
-        _, _, rubbing1 = friction_force(m.axial_friction, s, 1, y)
-        _, _, rubbing2 = friction_force(m.tilt_friction, s, 2, tilt)
-        trusted, x, y, tilt = predict(m, s, c0, past, (rubbing0, rubbing1, rubbing2), w)
-    return trusted, x, y, tilt
-
-
-@kernel(**INNER)
-def predict(m: Any, s: Any, c0: Any, past: Any, rubbing: Any, w: Any) -> Any:
+def predict(m: Any, s: Any, h: Any, c0: Any, c1: Any, c2: Any, friction: Any, w: Any) -> Any:
     """Predict the change (3,) from the last state by its stiffness and damping, without forces.
 
     Solves m a + K (q - q_old) + D (v - v_old) = external + F_old for the step's difference
-    formulas v = c0 q + ..., a = c0 v + .... The first value is False if the change is too large.
-    rubbing: slopes of friction against delta_x, delta_y and gamma.
+    formulas v = c0 q + ..., a = c0 v + .... The slope of friction depends on the travel, which a
+    first pass gives. The first value is False if the change is too large.
     """
-    c1, c2 = past
     b0 = c0 * s[at.Q] + c1 * s[at.Q] + c2 * s[at.Q_OLD]
     b1 = c0 * s[at.Q + 1] + c1 * s[at.Q + 1] + c2 * s[at.Q_OLD + 1]
     b2 = c0 * s[at.Q + 2] + c1 * s[at.Q + 2] + c2 * s[at.Q_OLD + 2]
@@ -130,9 +101,16 @@ def predict(m: Any, s: Any, c0: Any, past: Any, rubbing: Any, w: Any) -> Any:
     r1 = w[at.EXTERNAL + 1] + s[at.LAST_FORCE + 1] - m.mass * a1 - s[d + 2] * j1 - s[d + 3] * j2
     r2 = (w[at.EXTERNAL + 2] + s[at.LAST_FORCE + 2] - m.inertia * a2
           - s[d + 1] * j0 - s[d + 3] * j1 - s[d + 4] * j2)
-    found, x, y, tilt = solve3(*system(m, s, at.LAST_STIFFNESS, d, c0, rubbing), r0, r1, r2)
-    size = max(abs(x), abs(y), abs(tilt) * m.radius)
-    return found and size < MAX_PREDICTION, x, y, tilt
+    found, x, y, tilt = False, h * s[at.V], h * s[at.V + 1], h * s[at.V + 2]
+    rubbing0 = rubbing1 = rubbing2 = 0.0
+    for _ in range(2 if friction else 1):
+        if friction:
+            _, _, rubbing0 = laws.friction_force(m.radial_friction, s, 0, x)
+            _, _, rubbing1 = laws.friction_force(m.axial_friction, s, 1, y)
+            _, _, rubbing2 = laws.friction_force(m.tilt_friction, s, 2, tilt)
+        found, x, y, tilt = solve3(
+            *system(m, s, at.LAST_STIFFNESS, d, c0, (rubbing0, rubbing1, rubbing2)), r0, r1, r2)
+    return found and max(abs(x), abs(y), abs(tilt) * m.radius) < MAX_PREDICTION, x, y, tilt
 
 
 @kernel(**INNER)
@@ -141,7 +119,7 @@ def keep_step(m: Any, s: Any, h: Any, c0: Any, p: Any, past: Any, q: Any, fricti
     """Make the solved step the state, and keep its forces and slopes for `predict`."""
     if friction:
         for i, element in enumerate((m.radial_friction, m.axial_friction, m.tilt_friction)):
-            advance_friction(element, s, at.FRICTION_Z + 2 * i, q[i] - s[at.Q + i])
+            laws.advance_friction(element, s, at.FRICTION_Z + 2 * i, q[i] - s[at.Q + i])
     for i in range(3):
         v = c0 * q[i] + p[i]
         inertia = m.inertia if i == 2 else m.mass
@@ -160,49 +138,46 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
     """One BDF2 step of h seconds (backward Euler after a start or a jump in h).
 
     The unknown is q; v and a follow from the difference formulas. friction: whether the ring has
-    friction. Returns the iterations; -1 if Newton fails; TOO_COARSE if the error exceeds `allowed`
-    [m]. After a failure the state is unchanged.
+    friction. Returns SOLVED, FAILED if Newton fails, TOO_COARSE if the error exceeds `allowed`
+    [m]. Unless it is solved the state is unchanged.
     """
     c0, c1, c2 = differences(h, s[at.STEP_OLD])
-    second_order = c2 != 0.0
     p0 = c1 * s[at.Q] + c2 * s[at.Q_OLD]
     p1 = c1 * s[at.Q + 1] + c2 * s[at.Q_OLD + 1]
     p2 = c1 * s[at.Q + 2] + c2 * s[at.Q_OLD + 2]
     past0 = c1 * s[at.V] + c2 * s[at.V_OLD]
     past1 = c1 * s[at.V + 1] + c2 * s[at.V_OLD + 1]
     past2 = c1 * s[at.V + 2] + c2 * s[at.V_OLD + 2]
-    trusted, move0, move1, move2 = False, 0.0, 0.0, 0.0
-    if second_order and friction:
-        trusted, move0, move1, move2 = predict_with_friction(m, s, h, c0, (c1, c2), w)
-    elif second_order:
-        trusted, move0, move1, move2 = predict(m, s, c0, (c1, c2), (0.0, 0.0, 0.0), w)
-    if second_order and not trusted:
-        ahead = min(h, 0.01)
-        move0, move1, move2 = ahead * s[at.V], ahead * s[at.V + 1], ahead * s[at.V + 2]
+    move0 = move1 = move2 = 0.0
+    if c2 != 0.0:
+        trusted, move0, move1, move2 = predict(m, s, h, c0, c1, c2, friction, w)
+        if not trusted:
+            ahead = min(h, 0.01)
+            move0, move1, move2 = ahead * s[at.V], ahead * s[at.V + 1], ahead * s[at.V + 2]
     q0, q1, q2 = s[at.Q] + move0, s[at.Q + 1] + move1, s[at.Q + 2] + move2
     previous, damp = 1e300, 1.0
     for iteration in range(MAX_ITERATIONS):
         v0, v1, v2 = c0 * q0 + p0, c0 * q1 + p1, c0 * q2 + p2
-        forces_of_step(m, rows, uniform, (q0, q1, q2), (v0, v1, v2), recorder, w)
+        row_tangents.forces_of_step(m, rows, uniform, (q0, q1, q2), (v0, v1, v2), recorder, w)
         r0 = w[at.EXTERNAL] + w[at.FORCE] - m.mass * (c0 * v0 + past0)
         r1 = w[at.EXTERNAL + 1] + w[at.FORCE + 1] - m.mass * (c0 * v1 + past1)
         r2 = w[at.EXTERNAL + 2] + w[at.FORCE + 2] - m.inertia * (c0 * v2 + past2)
         rubbing0 = rubbing1 = rubbing2 = 0.0
         if friction:
-            held, rubbing0, _ = friction_force(m.radial_friction, s, 0, q0 - s[at.Q])
+            held, rubbing0, _ = laws.friction_force(m.radial_friction, s, 0, q0 - s[at.Q])
             r0 -= held
-            held, rubbing1, _ = friction_force(m.axial_friction, s, 1, q1 - s[at.Q + 1])
+            held, rubbing1, _ = laws.friction_force(m.axial_friction, s, 1, q1 - s[at.Q + 1])
             r1 -= held
-            held, rubbing2, _ = friction_force(m.tilt_friction, s, 2, q2 - s[at.Q + 2])
+            held, rubbing2, _ = laws.friction_force(m.tilt_friction, s, 2, q2 - s[at.Q + 2])
             r2 -= held
         found, step0, step1, step2 = solve3(
             *system(m, w, at.STIFFNESS, at.DAMPING, c0, (rubbing0, rubbing1, rubbing2)),
             r0, r1, r2)
         if not found:
-            return -1
+            return FAILED
         size = max(abs(step0), abs(step1), abs(step2) * m.radius)
         if not size < 1e300:
-            return -1
+            return FAILED
         # A long Newton step can cycle about a kink: halve the step until the update shrinks.
         damp = max(0.1, 0.5 * damp) if size > 0.9 * previous else min(1.0, 2.0 * damp)
         limit = min(damp, 1e-4 / size) if size > 1e-4 else damp
@@ -213,9 +188,10 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
             if error > allowed:
                 return TOO_COARSE
             s[at.STEP_ERROR] = error
+            s[at.ITERATIONS] += iteration + 1.0
             keep_step(m, s, h, c0, (p0, p1, p2), (past0, past1, past2), (q0, q1, q2), friction, w)
-            return iteration + 1
-    return -1
+            return SOLVED
+    return FAILED
 
 
 @kernel(**INNER)
@@ -258,66 +234,60 @@ def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, fri
 
     The load is linear in between. The first fraction is the fraction at which the last step
     ended. A fraction is halved if its error is too large, and doubled if its error is small
-    enough, so that BDF2 continues. Returns the iterations and the load at the ring [N]. recorder:
-    None, or that of `recording.keep_record`.
+    enough, so that BDF2 continues. Returns the load at the ring [N]. recorder: None, or that of
+    `row_tangents.keep_record`.
     """
     before = s[at.MEASURED_LOAD]
-    fraction = s[at.FRACTION]
-    done, iterations, true_load = 0.0, 0, 0.0
+    fraction, done, true_load = s[at.FRACTION], 0.0, 0.0
     largest = MAX_STEP_ERROR * max(1.0, h / USUAL_STEP) ** 3
     while done < 1.0:
-        for i in range(FRICTION_STATES):
-            w[at.LOAD_BACKUP + i] = s[at.CYLINDER_Z + i]
-        highest, measured = s[at.HIGHEST_LOAD], s[at.MEASURED_LOAD]
+        for i in range(at.LOAD_STATES):
+            w[at.LOAD_BACKUP + i] = s[at.MEASURED_LOAD + i]
         reached = done + fraction
         aim = load if reached >= 1.0 else before + (load - before) * reached
         true_load = take_load(m, s, aim, w)
         allowed = largest if fraction > MIN_FRACTION else math.inf
-        used = robust_step(m, rows, uniform, s, h * fraction, friction, allowed, recorder, w)
-        if used == TOO_COARSE:
-            for i in range(FRICTION_STATES):
-                s[at.CYLINDER_Z + i] = w[at.LOAD_BACKUP + i]
-            s[at.HIGHEST_LOAD], s[at.MEASURED_LOAD] = highest, measured
+        result = robust_step(m, rows, uniform, s, h * fraction, friction, allowed, recorder, w)
+        if result == TOO_COARSE:
+            for i in range(at.LOAD_STATES):
+                s[at.MEASURED_LOAD + i] = w[at.LOAD_BACKUP + i]
             fraction *= 0.5
             continue
-        if used < 0:
+        if result == FAILED:
             restart_at_rest(m, rows, uniform, s, w)
-        iterations += max(used, 0)
         done = reached
         if recorder is not None:
-            keep_record(m, recorder, h * fraction, aim, s, w)
+            row_tangents.keep_record(m, recorder, h * fraction, aim, s, w)
         # A step of twice the length has eight times the error.
         if (fraction < 1.0 and s[at.STEP_ERROR] < 0.05 * largest
                 and done % (2.0 * fraction) == 0.0):
             fraction *= 2.0
     s[at.FRACTION] = fraction
-    return iterations, true_load
+    return true_load
 
 
 @kernel(**INNER)
 def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, allowed: Any,
                 recorder: Any, w: Any) -> Any:
     """One implicit step; if Newton fails at a kink, the same step in 4, 16 ... 4096 parts."""
-    used = implicit_step(m, rows, uniform, s, h, friction, allowed, recorder, w)
-    if used != -1:
-        return used
+    result = implicit_step(m, rows, uniform, s, h, friction, allowed, recorder, w)
+    if result != FAILED:
+        return result
     for i in range(at.STATE_SIZE):
         w[at.BACKUP + i] = s[i]
     pieces = 1
     while pieces < 4096:
         pieces *= 4
-        used = 0
         for _ in range(pieces):
-            more = implicit_step(m, rows, uniform, s, h / pieces, friction, math.inf, recorder, w)
-            if more < 0:
-                used = -1
+            result = implicit_step(m, rows, uniform, s, h / pieces, friction, math.inf, recorder,
+                                   w)
+            if result == FAILED:
                 break
-            used += more
-        if used >= 0:
-            return used
+        if result == SOLVED:
+            return SOLVED
         for i in range(at.STATE_SIZE):
             s[i] = w[at.BACKUP + i]
-    return -1
+    return FAILED
 
 
 @kernel(**INNER)
@@ -326,7 +296,7 @@ def restart_at_rest(m: Any, rows: Any, uniform: Any, s: Any, w: Any) -> Any:
     s[at.FAILED_STEPS] += 1.0
     s[at.STEP_OLD] = 0.0
     found, x, y, tilt = equilibrium(m, rows, uniform, w, s[at.Q], s[at.Q + 1], s[at.Q + 2])
-    if found >= 0:
+    if found:
         s[at.Q], s[at.Q + 1], s[at.Q + 2] = x, y, tilt
     for i in range(3):
         s[at.V + i] = s[at.V_OLD + i] = 0.0
@@ -339,12 +309,12 @@ def take_load(m: Any, s: Any, measured: Any, w: Any) -> Any:
     change = measured - s[at.MEASURED_LOAD]
     z_cylinder = z_bracket = 0.0
     if m.cylinder_friction.limit != 0.0:
-        z_cylinder = advance_friction(m.cylinder_friction, s, at.CYLINDER_Z, change)
+        z_cylinder = laws.advance_friction(m.cylinder_friction, s, at.CYLINDER_Z, change)
     if m.bracket_play.limit != 0.0:
-        z_bracket = advance_friction(m.bracket_play, s, at.BRACKET_Z, change)
+        z_bracket = laws.advance_friction(m.bracket_play, s, at.BRACKET_Z, change)
     s[at.MEASURED_LOAD] = measured
     s[at.HIGHEST_LOAD] = max(s[at.HIGHEST_LOAD], measured)
-    return load_at_ring(m, measured, z_cylinder, z_bracket, w)
+    return laws.load_at_ring(m, measured, z_cylinder, z_bracket, w)
 
 
 @kernel(**INNER)
@@ -352,14 +322,13 @@ def follow(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_st
            q_out: Any, d_out: Any, recorder: Any, w: Any) -> Any:
     """Advance state s over the samples time (N,), load (N,); q_out (N, 3) and d_out (N, 4) filled.
 
-    The state itself gives a sample that is not later than the state. Returns the number of Newton
-    iterations. s[FAILED_STEPS] counts the steps that did not converge; their samples are NaN, and
-    the state restarts there at equilibrium. Nodes and commands call this function, for one sample
-    or for a million.
+    The state itself gives a sample that is not later than the state. s[ITERATIONS] counts Newton
+    iterations, s[FAILED_STEPS] the steps that did not converge; their samples are NaN, and the
+    state restarts there at equilibrium. Nodes and commands call this function, for one sample or
+    for a million.
     """
     friction = (m.radial_friction.limit != 0.0 or m.axial_friction.limit != 0.0
                 or m.tilt_friction.limit != 0.0)
-    iterations = 0
     true_load = take_load(m, s, s[at.MEASURED_LOAD], w)
     for n in range(time.size):
         before = s[at.FAILED_STEPS]
@@ -372,19 +341,16 @@ def follow(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_st
                 measured = load[n]
                 if k < substeps:
                     measured = load_old + (load[n] - load_old) * k / substeps
-                used, true_load = careful_step(m, rows, uniform, s, h, measured, friction,
-                                               recorder, w)
-                iterations += used
+                true_load = careful_step(m, rows, uniform, s, h, measured, friction, recorder, w)
             s[at.TIME] = time[n]
-        series_motion(m, s, w)
-        advance_series(m, s, w, max(total, 0.0))
-        read_probes(m, s, w, true_load, time[n], max(total, 0.0), d_out, n)
+        laws.series_motion(m, s, w)
+        laws.advance_series(m, s, w, max(total, 0.0))
+        laws.read_probes(m, s, w, true_load, time[n], max(total, 0.0), d_out, n)
         for i in range(3):
             q_out[n, i] = s[at.Q + i]
         if s[at.FAILED_STEPS] != before:
             q_out[n, :] = math.nan
             d_out[n, :] = math.nan
-    return iterations
 
 
 @kernel(**OUTER)
@@ -397,8 +363,8 @@ def start(models: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any) ->
 def advance(models: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, max_step: Any,
             q_out: Any, d_out: Any) -> Any:
     """`follow` for models (1,)."""
-    return follow(models[0], rows, uniform, s, time, load, max_step, q_out, d_out, None,
-                  np.zeros(at.WORK_SIZE))
+    follow(models[0], rows, uniform, s, time, load, max_step, q_out, d_out, None,
+           np.zeros(at.WORK_SIZE))
 
 
 @kernel(**OUTER)
@@ -409,26 +375,26 @@ def run_recorded(models: Any, rows: Any, uniform: Any, time: Any, load: Any, zer
     grows: with the sums of growing damping.
     """
     m = models[0]
-    s, w, parts = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE), np.zeros((3, PARTS))
+    s, w = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE)
+    parts = np.zeros((3, row_tangents.PARTS))
     recorder = (records, parts, np.zeros(3), grows)
-    found = rest(m, rows, uniform, s, time[0], zero_load, w)
-    ring_tangents(m, rows, uniform, s[at.Q:at.Q + 3], s[at.V:at.V + 3], grows, parts)
-    matrices(m, parts, w)
+    rest(m, rows, uniform, s, time[0], zero_load, w)
+    q, v = s[at.Q:at.Q + 3], s[at.V:at.V + 3]
+    row_tangents.ring_tangents(m, rows, uniform, q, v, grows, parts, w)
     records[0] = 0.0
-    keep_sums(records[0], parts, w)
+    row_tangents.keep_sums(records[0], parts, w)
     follow(m, rows, uniform, s, time, load, max_step, q_out, d_out, recorder, w)
-    return found and s[at.FAILED_STEPS] == 0.0
 
 
 @kernel(**OUTER)
 def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: Any,
               max_step: Any, q_out: Any, d_out: Any) -> Any:
-    """Simulate each parameter set of m (B, M) over one record; the number with failed steps.
+    """Simulate each of the models m (B,) over one record.
 
     Samples that did not converge are NaN. rows (R, 9 J), uniform (R, 3) with R = B or 1;
     q_out (B, N, 3), d_out (B, N, 4).
     """
-    s, w, failed = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE), 0
+    s, w = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE)
     for b in range(m.shape[0]):
         r = b if rows.shape[0] > 1 else 0
         found = rest(m[b], rows[r], uniform[r], s, time[0], zero_load, w)
@@ -436,6 +402,3 @@ def run_batch(m: Any, rows: Any, uniform: Any, time: Any, load: Any, zero_load: 
         if not found:
             q_out[b] = math.nan
             d_out[b] = math.nan
-        if not found or s[at.FAILED_STEPS] > 0.0:
-            failed += 1
-    return failed

@@ -8,50 +8,28 @@ from typing import Any
 
 from saddlering_ros import compiled
 
-# State of a running simulation
-TIME = 0
-START_TIME = 1
-STEP_OLD = 2
-FAILED_STEPS = 3
-MEASURED_LOAD = 4
-HIGHEST_LOAD = 5
-ZERO_LOAD = 6
-ZERO_FORCE_X = 7
-Q = 8
-Q_OLD = 11
-V = 14
-V_OLD = 17
-ZERO = 20
-CYLINDER_Z = 23
-BRACKET_Z = 25
-FRICTION_Z = 27  # two states each of the frictions against delta_x, delta_y and gamma
-CREEP = 33
-CREEP_INPUT = 36
-RESONANCE = 39
-RESONANCE_RATE = 42
-RESONANCE_INPUT = 45
-LAGGED = 48
-LAG_INPUT = 52
-LAGGED_TWICE = 56
-# Forces (3) of the last step, and entries 00, 02, 11, 12, 22 of stiffness and damping
-LAST_FORCE = 60
-LAST_STIFFNESS = 63
-LAST_DAMPING = 68
-# Estimated error of the last step [m]; its length as a share of the requested step
-STEP_ERROR = 73
-FRACTION = 74
-STATE_SIZE = 75
+# State of a running simulation. STEP_ERROR: estimated error of the last step [m]; FRACTION: its
+# length as a share of the requested step. The load path has states from MEASURED_LOAD on.
+TIME, START_TIME, STEP_OLD, FAILED_STEPS, ITERATIONS, STEP_ERROR, FRACTION = range(7)
+ZERO_LOAD, ZERO_FORCE_X, MEASURED_LOAD, HIGHEST_LOAD = range(7, 11)
+CYLINDER_Z, BRACKET_Z = range(11, 15, 2)
+LOAD_STATES = 6
+FRICTION_Z = 15  # two states each of the frictions against delta_x, delta_y and gamma
+# Three numbers each. LAST_FORCE and the next two are those of the last step.
+(Q, Q_OLD, V, V_OLD, ZERO, CREEP, CREEP_INPUT, RESONANCE, RESONANCE_RATE, RESONANCE_INPUT,
+ LAST_FORCE) = range(21, 54, 3)
+# Entries 00, 02, 11, 12, 22
+LAST_STIFFNESS, LAST_DAMPING = range(54, 64, 5)
+# One number for each probe
+LAGGED, LAG_INPUT, LAGGED_TWICE = range(64, 76, 4)
+STATE_SIZE = 76
 
 # Work array of one kernel call
-FORCE = 0
-STIFFNESS = 3
-DAMPING = 8
-EXTERNAL = 13
-RESOLVED = 16
-MOTION = 19
+STIFFNESS, DAMPING = range(0, 10, 5)
+FORCE, EXTERNAL, RESOLVED, MOTION = range(10, 22, 3)
 TOUCHING = 22        # rollers in contact of each row at the last sum
-LOAD_BACKUP = 25     # states of friction in the load path
-BACKUP = 29          # copy of the state
+LOAD_BACKUP = 25     # copy of the states of the load path
+BACKUP = 31          # copy of the state
 WORK_SIZE = BACKUP + STATE_SIZE
 
 kernel = compiled.Compiler(Path(__file__).parent)

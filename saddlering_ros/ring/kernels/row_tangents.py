@@ -10,18 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from saddlering_ros.ring.kernels import contact
 from saddlering_ros.ring.kernels import layout as at
-from saddlering_ros.ring.kernels.contact import (
-    DAMPING_REFERENCE,
-    exp2_of,
-    in_contact,
-    log2_of,
-    MIN_FORCE,
-    power,
-    RAMP,
-    ring_forces,
-    widest_vectors,
-)
 from saddlering_ros.ring.kernels.layout import FAST, INNER, kernel
 
 LAW = 6
@@ -34,26 +24,20 @@ LN2 = math.log(2.0)
 
 
 @kernel(fastmath=FAST, **INNER)
-def row_tangents(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any, da: Any,
-                 db: Any, law: Any, growing: Any, saturation: Any, part: Any) -> Any:
-    """Fill part (PARTS,) of one row; penetration, rate and law as in `contact.row_sums`.
-
-    law (K, n, D); growing: None or (share, exponent); saturation: None or the parameter.
-    """
-    widest_vectors()
+def row_tangents(rows: Any, row: Any, rollers: Any, uniform: Any, motion: Any, law: Any,
+                 growing: Any, saturation: Any, part: Any) -> Any:
+    """Fill part (PARTS,) of one row; the other arguments are those of `contact.row_sums`."""
+    contact.widest_vectors()
+    a, b, da, db = motion
     stiffness, exponent, damping = law
-    stride = np.uint64(rows.size) // np.uint64(9)
-    base = np.uint64(row) * np.uint64(3) * stride
-    first, touching = in_contact(rows, base, stride, rollers, uniform, a, b,
-                                 np.uint64(part[PARTS - 1]))
+    cosines, weights, gaps, touching = contact.in_contact(rows, row, rollers, uniform, a, b,
+                                                  part[PARTS - 1])
     for i in range(PARTS - 1):
         part[i] = 0.0
     part[PARTS - 1] = float(touching)
     if touching == np.uint64(0):
         return
     count = (touching + np.uint64(7)) & ~np.uint64(7)
-    cosines = base + first
-    weights, gaps = cosines + stride, cosines + np.uint64(2) * stride
     k0 = k1 = k2 = d0 = d1 = d2 = 0.0
     e0 = e1 = n0 = n1 = c0 = c1 = s0 = s1 = m0 = m1 = l0 = l1 = 0.0
     share, growth, factor, steepness, turn = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -61,8 +45,8 @@ def row_tangents(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any
     if growing is not None:
         share, growth = growing
         growth = growth if growth > 0.0 else exponent
-        constant = DAMPING_REFERENCE ** (-growth)
-        factor_slope = -math.log(DAMPING_REFERENCE) * constant
+        constant = contact.DAMPING_REFERENCE ** (-growth)
+        factor_slope = -math.log(contact.DAMPING_REFERENCE) * constant
         if saturation is not None:
             turn = saturation ** growth
             level_log = math.log(saturation)
@@ -70,20 +54,20 @@ def row_tangents(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any
             factor_slope += turn * level_log
         factor = constant + turn
         factor_slope /= factor
-        steepness = 1.0 / (RAMP * max(1.0 - growth, 1e-20))
+        steepness = 1.0 / (contact.RAMP * max(1.0 - growth, 1e-20))
     for j in range(count):
         c = rows[cosines + j]
         p = max(a + b * c - rows[gaps + j], 1e-30)
         rate = da + db * c
-        binary = log2_of(p)
+        binary = contact.log2_of(p)
         natural = LN2 * binary
-        relative = exp2_of((exponent - 1.0) * binary)
-        u = min(p * (1.0 / RAMP), 1.0)
+        relative = contact.exp2_of((exponent - 1.0) * binary)
+        u = min(p * (1.0 / contact.RAMP), 1.0)
         shape = (1.0 - share) * (u * u * (3.0 - 2.0 * u))
-        shape_slope = (1.0 - share) * (6.0 / RAMP) * (u - u * u)
+        shape_slope = (1.0 - share) * (6.0 / contact.RAMP) * (u - u * u)
         by_share = by_exponent = by_saturation = 0.0
         if growing is not None:
-            rising = exp2_of((growth - 1.0) * binary)
+            rising = contact.exp2_of((growth - 1.0) * binary)
             slope, log_slope = growth, factor_slope + natural
             if saturation is not None:
                 level = 1.0 / (1.0 + turn * rising * p)
@@ -98,7 +82,7 @@ def row_tangents(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any
             grown = rising * p * fade
             by_share = damping * rate * (grown - u * u * (3.0 - 2.0 * u))
             by_exponent = damping * rate * share * (
-                grown * log_slope + rising * p * swing * (steepness * RAMP))
+                grown * log_slope + rising * p * swing * (steepness * contact.RAMP))
             by_saturation *= damping * rate * share * grown
             shape += share * grown
             shape_slope += share * rising * (slope * fade + swing)
@@ -106,7 +90,7 @@ def row_tangents(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any
         d = damping * shape
         force = stiffness * elastic + d * rate
         k = exponent * stiffness * relative + damping * shape_slope * rate
-        carries = rows[weights + j] if force > MIN_FORCE else 0.0
+        carries = rows[weights + j] if force > contact.MIN_FORCE else 0.0
         k *= carries
         d *= carries
         elastic *= carries
@@ -138,89 +122,86 @@ def row_tangents(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any
 
 @kernel(**INNER)
 def rows_tangents(m: Any, rows: Any, uniform: Any, q: Any, v: Any, growing: Any, saturation: Any,
-                  parts: Any) -> Any:
-    """Fill parts (3, PARTS) of upper, lower and radial row at motion q (3,) and its rate v."""
-    radius, height = m.radius, m.radial_row_height
-    axial, radial = np.uint64(m.axial_rollers), np.uint64(m.radial_rollers)
-    row_tangents(rows, 0, axial, uniform[0], q[1], -radius * q[2], v[1], -radius * v[2],
-                 (m.K1 * m.upper_row_stiffness, m.n1, m.D1), growing, saturation, parts[0])
-    row_tangents(rows, 1, axial, uniform[1], -q[1], radius * q[2], -v[1], radius * v[2],
-                 (m.K1 * m.lower_row_stiffness, m.n1, m.D1), growing, saturation, parts[1])
-    row_tangents(rows, 2, radial, uniform[2], 0.0, q[0] + height * q[2], 0.0,
-                 v[0] + height * v[2], (m.K2 * m.radial_row_stiffness, m.n2, m.D2), growing,
-                 saturation, parts[2])
+                  parts: Any, w: Any) -> Any:
+    """`ring_tangents` for growing and saturating damping, or None, as in `contact.row_sums`."""
+    motions = contact.row_motions(m, q[0], q[1], q[2], v[0], v[1], v[2])
+    laws, rollers = contact.row_laws(m), contact.row_rollers(m)
+    for row in range(3):
+        row_tangents(rows, row, rollers[row], uniform[row], motions[row], laws[row], growing,
+                     saturation, parts[row])
+    for place, i in ((at.STIFFNESS, 0), (at.DAMPING, 3)):
+        contact.keep_matrix(m, parts[0, i] + parts[1, i], parts[0, i + 1] + parts[1, i + 1],
+                    parts[0, i + 2] + parts[1, i + 2], parts[2, i + 2], w, place)
 
 
 @kernel(**INNER)
-def ring_tangents(m: Any, rows: Any, uniform: Any, q: Any, v: Any, grows: Any,
-                  parts: Any) -> Any:
-    """`rows_tangents` with the damping law of the model; `grows` if a direction changes it."""
+def ring_tangents(m: Any, rows: Any, uniform: Any, q: Any, v: Any, grows: Any, parts: Any,
+                  w: Any) -> Any:
+    """Fill parts (3, PARTS) of upper, lower and radial row, w[STIFFNESS] and w[DAMPING].
+
+    The ring has motion q (3,) and its rate v; grows: whether a direction changes the law of
+    growing damping.
+    """
     growing = (m.damping_penetration_share, m.damping_penetration_exponent)
     if not grows:
-        rows_tangents(m, rows, uniform, q, v, None, None, parts)
+        rows_tangents(m, rows, uniform, q, v, None, None, parts, w)
     elif m.damping_penetration_saturation == 0.0:
-        rows_tangents(m, rows, uniform, q, v, growing, None, parts)
+        rows_tangents(m, rows, uniform, q, v, growing, None, parts, w)
     else:
-        rows_tangents(m, rows, uniform, q, v, growing, m.damping_penetration_saturation, parts)
+        rows_tangents(m, rows, uniform, q, v, growing, m.damping_penetration_saturation, parts, w)
 
 
 @kernel(fastmath=FAST, **INNER)
 def roller_forces(rows: Any, row: Any, rollers: Any, motion: Any, m: Any, law: Any,
                   each: Any) -> Any:
-    """Fill each (2, J) with forces and slopes dF/dp of single rollers; the rollers in contact.
+    """Fill each (2, J) with forces and slopes dF/dp of single rollers; their places and number.
 
-    motion: (a, b, da, db) as in `contact.row_sums`. Returns the first roller in contact, and the
-    number of rollers from there to the last one.
+    motion and law as in `contact.row_sums`; the places are those of `contact.in_contact`.
     """
-    widest_vectors()
+    contact.widest_vectors()
     stiffness, exponent, damping = law
     a, b, da, db = motion
-    stride = np.uint64(rows.size) // np.uint64(9)
-    base = np.uint64(row) * np.uint64(3) * stride
-    first, count = in_contact(rows, base, stride, np.uint64(rollers), False, a, b, np.uint64(0))
-    cosines, gaps = base + first, base + np.uint64(2) * stride + first
+    cosines, weights, gaps, count = contact.in_contact(rows, row, rollers, False, a, b, 0.0)
     share, growth = m.damping_penetration_share, m.damping_penetration_exponent
     constant = (1.0 - share) * damping
     for j in range(count):
         c = rows[cosines + j]
         p = max(a + b * c - rows[gaps + j], 1e-30)
-        relative = power(p, exponent - 1.0)
+        relative = contact.power(p, exponent - 1.0)
         rate = constant * (da + db * c)
-        u = min(p * (1.0 / RAMP), 1.0)
+        u = min(p * (1.0 / contact.RAMP), 1.0)
         each[0, j] = stiffness * relative * p + rate * (u * u * (3.0 - 2.0 * u))
-        each[1, j] = exponent * stiffness * relative + rate * (6.0 / RAMP) * (u - u * u)
+        each[1, j] = exponent * stiffness * relative + rate * (6.0 / contact.RAMP) * (u - u * u)
     if share == 0.0:
-        return first, count
+        return cosines, weights, gaps, count
     growth = growth if growth > 0.0 else exponent
     turn = 0.0
     if m.damping_penetration_saturation > 0.0:
         turn = m.damping_penetration_saturation ** growth
-    factor = damping * share * (DAMPING_REFERENCE ** (-growth) + turn)
-    steepness = 1.0 / (RAMP * max(1.0 - growth, 1e-20))
+    factor = damping * share * (contact.DAMPING_REFERENCE ** (-growth) + turn)
+    steepness = 1.0 / (contact.RAMP * max(1.0 - growth, 1e-20))
     for j in range(count):
         c = rows[cosines + j]
         p = max(a + b * c - rows[gaps + j], 1e-30)
-        rising = power(p, growth - 1.0)
+        rising = contact.power(p, growth - 1.0)
         level = 1.0 / (1.0 + turn * rising * p)
         rising *= factor * level * (da + db * c)
         w = min(p * steepness, 1.0)
         fade = w * w * (3.0 - 2.0 * w)
         each[0, j] += rising * p * fade
         each[1, j] += rising * (growth * level * fade + 6.0 * w * (w - w * w))
-    return first, count
+    return cosines, weights, gaps, count
 
 
 @kernel(fastmath=FAST, **INNER)
-def row_geometry(rows: Any, change: Any, row: Any, first: Any, count: Any, each: Any) -> Any:
+def row_geometry(rows: Any, change: Any, places: Any, each: Any) -> Any:
     """Change of sum F and sum F cos of a row by a change (9 J,) of weights and gaps."""
-    stride = np.uint64(rows.size) // np.uint64(9)
-    cosines = np.uint64(row) * np.uint64(3) * stride + first
-    weights, gaps = cosines + stride, cosines + np.uint64(2) * stride
+    cosines, weights, gaps, count = places
     s0 = s1 = 0.0
     for j in range(count):
         force = each[0, j]
         by = change[weights + j] * force - rows[weights + j] * each[1, j] * change[gaps + j]
-        by = by if force > MIN_FORCE else 0.0
+        by = by if force > contact.MIN_FORCE else 0.0
         s0 += by
         s1 += by * rows[cosines + j]
     return s0, s1
@@ -235,19 +216,15 @@ def forces_by_geometry(m: Any, rows: Any, geometry: Any, moves: Any, q: Any, v: 
     work array.
     """
     radius, height = m.radius, m.radial_row_height
-    rollers = (int(m.axial_rollers), int(m.axial_rollers), int(m.radial_rollers))
-    motions = ((q[1], -radius * q[2], v[1], -radius * v[2]),
-               (-q[1], radius * q[2], -v[1], radius * v[2]),
-               (0.0, q[0] + height * q[2], 0.0, v[0] + height * v[2]))
-    laws = ((m.K1 * m.upper_row_stiffness, m.n1, m.D1), (m.K1 * m.lower_row_stiffness, m.n1, m.D1),
-            (m.K2 * m.radial_row_stiffness, m.n2, m.D2))
+    motions = contact.row_motions(m, q[0], q[1], q[2], v[0], v[1], v[2])
+    laws, rollers = contact.row_laws(m), contact.row_rollers(m)
     for row in range(3):
         if not moves[:, row].any():
             continue
-        first, count = roller_forces(rows, row, rollers[row], motions[row], m, laws[row], each)
+        places = roller_forces(rows, row, rollers[row], motions[row], m, laws[row], each)
         for j in range(geometry.shape[0]):
             if moves[j, row]:
-                s0, s1 = row_geometry(rows, geometry[j], row, first, count, each)
+                s0, s1 = row_geometry(rows, geometry[j], places, each)
                 if row == 2:
                     by[0, j] -= s1
                     by[2, j] -= height * s1
@@ -276,32 +253,14 @@ def forces_by_law(m: Any, sums: Any, law: Any, by: Any) -> Any:
             by[2, j] += up1 * upper - low1 * lower - height * radial
 
 
-@kernel(**INNER)
-def matrices(m: Any, parts: Any, w: Any) -> Any:
-    """Set w[STIFFNESS] and w[DAMPING] from parts (3, PARTS), as `contact.ring_forces` does."""
-    radius, height = m.radius, m.radial_row_height
-    for place, i in ((at.STIFFNESS, 0), (at.DAMPING, 3)):
-        w[place] = parts[2, i + 2]
-        w[place + 1] = height * parts[2, i + 2]
-        w[place + 2] = parts[0, i] + parts[1, i]
-        w[place + 3] = -radius * (parts[0, i + 1] + parts[1, i + 1])
-        w[place + 4] = (radius * radius * (parts[0, i + 2] + parts[1, i + 2])
-                        + height * height * parts[2, i + 2])
-
-
 STEP = 5
 """First numbers of a record: length [s], measured load [N] and q of a step."""
 
-MATRICES = 10
-"""Numbers that follow: entries of stiffness and damping as in `layout`."""
+LAWS = STEP + 10
+"""First place of a record with sums for parameters of a law; before it, stiffness and damping."""
 
 PLAIN_LAW = 3
 """Number of the parameters of a law that change a force without growing damping."""
-
-
-def record_width(grows: bool) -> int:
-    """Numbers of a record; `grows`: with those of growing damping."""
-    return STEP + MATRICES + 5 * (LAW if grows else PLAIN_LAW)
 
 
 @kernel(**INNER)
@@ -313,22 +272,19 @@ def forces_of_step(m: Any, rows: Any, uniform: Any, q: Any, v: Any, recorder: An
     of the tangents are made in the same pass; the forces then differ by rounding.
     """
     if recorder is None:
-        ring_forces(m, rows, uniform, q[0], q[1], q[2], v[0], v[1], v[2], w)
+        contact.ring_forces(m, rows, uniform, q[0], q[1], q[2], v[0], v[1], v[2], w)
     else:
         _, parts, last, grows = recorder
         for i in range(3):
             last[i] = v[i]
-        ring_tangents(m, rows, uniform, q, v, grows, parts)
-        matrices(m, parts, w)
+        ring_tangents(m, rows, uniform, q, v, grows, parts, w)
         upper, lower = m.K1 * m.upper_row_stiffness, m.K1 * m.lower_row_stiffness
         up0 = upper * parts[0, 6] + m.D1 * parts[0, 10]
         up1 = upper * parts[0, 7] + m.D1 * parts[0, 11]
         low0 = lower * parts[1, 6] + m.D1 * parts[1, 10]
         low1 = lower * parts[1, 7] + m.D1 * parts[1, 11]
-        s1 = m.K2 * m.radial_row_stiffness * parts[2, 7] + m.D2 * parts[2, 11]
-        w[at.FORCE] = -s1
-        w[at.FORCE + 1] = low0 - up0
-        w[at.FORCE + 2] = m.radius * (up1 - low1) - m.radial_row_height * s1
+        radial = m.K2 * m.radial_row_stiffness * parts[2, 7] + m.D2 * parts[2, 11]
+        contact.keep_force(m, up0, up1, low0, low1, radial, w)
 
 
 @kernel(**INNER)
@@ -361,8 +317,8 @@ def keep_sums(record: Any, parts: Any, w: Any) -> Any:
     for i in range(5):
         record[STEP + i] = w[at.STIFFNESS + i]
         record[STEP + 5 + i] = w[at.DAMPING + i]
-    for i in range((record.size - STEP - MATRICES) // 5):
-        place = STEP + MATRICES + 5 * i
+    for i in range((record.size - LAWS) // 5):
+        place = LAWS + 5 * i
         record[place], record[place + 1] = parts[0, 6 + 2 * i], parts[0, 7 + 2 * i]
         record[place + 2], record[place + 3] = parts[1, 6 + 2 * i], parts[1, 7 + 2 * i]
         record[place + 4] = parts[2, 7 + 2 * i]

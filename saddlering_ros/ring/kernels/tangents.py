@@ -22,17 +22,12 @@ from saddlering_ros.ring.kernels.row_tangents import (
     forces_by_geometry,
     forces_by_law,
     keep_sums,
-    MATRICES,
-    matrices,
+    LAWS,
     PARTS,
-    record_width,
+    PLAIN_LAW,
     ring_tangents,
     STEP,
 )
-
-PLAIN_WIDTH = record_width(False)
-LAWS = STEP + MATRICES
-"""First place of a record with sums for parameters of a law."""
 
 
 @kernel(fastmath=FAST, **INNER)
@@ -223,12 +218,11 @@ def keep_rubbing(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, 
 def static_tangents(models: Any, rows: Any, uniform: Any, law: Any, path: Any, out: Any) -> Any:
     """Fill out (N, 3, P) with changes of equilibria path (N, 3) by law (3, LAW, P)."""
     m = models[0]
-    parts, w, record = np.zeros((3, PARTS)), np.zeros(at.WORK_SIZE), np.zeros(PLAIN_WIDTH)
+    parts, w, record = np.zeros((3, PARTS)), np.zeros(at.WORK_SIZE), np.zeros(LAWS + 5 * PLAIN_LAW)
     still, by = np.zeros(3), np.zeros((3, law.shape[2]))
     soft = 1e-9 * m.K1
     for n in range(path.shape[0]):
-        ring_tangents(m, rows, uniform, path[n], still, False, parts)
-        matrices(m, parts, w)
+        ring_tangents(m, rows, uniform, path[n], still, False, parts, w)
         keep_sums(record, parts, w)
         by[:] = 0.0
         forces_by_law(m, record[LAWS:], law, by)
