@@ -42,7 +42,7 @@ noise that it leaves when it is half as often right, and the power of that share
 chance falls. Maximum likelihood on 571 draws of docs/benchmarks (0.975, 0.384 and 2.26), of which
 a quarter has the true law taken out."""
 
-LEAST_RIGHT, MORE_RIGHT = 0.1, 0.54
+MIN_RIGHT, SHARE_RIGHT = 0.1, 0.54
 """How often causes that are not established hold the true one if they take nothing, and how much
 more often if they take all of the misfit. Maximum likelihood on 462 such verdicts of the draws of
 docs/benchmarks (0.11 and 0.52 on the older half, 0.09 and 0.57 on the other). What they take tells
@@ -251,7 +251,7 @@ def probabilities_of(
         return {'none': NOTHING, 'unknown': 1.0 - NOTHING}
     chance = SUREST / (1.0 + (max(1.0 - taken, 0.0) / HALF_LEFT) ** STEEPNESS)
     if verdict == 'unknown':
-        chance = LEAST_RIGHT + MORE_RIGHT * min(max(taken, 0.0), 1.0)
+        chance = MIN_RIGHT + SHARE_RIGHT * min(max(taken, 0.0), 1.0)
     powers = [cause.visible**2 for cause in causes]
     answer: dict[str, float] = {}
     for cause, power in zip(causes, powers, strict=True):
