@@ -33,8 +33,7 @@ from saddlering_ros.record import (
     RawRecord,
     RawTopic,
 )
-from saddlering_ros.record.metadata import TestMetadata
-from saddlering_ros.record.record import Record
+from saddlering_ros.record.record import Record, TestMetadata
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig.physics import PhysicalRig
 from saddlering_ros.virtual_rig.recording import record_test, TestPlan

@@ -10,7 +10,7 @@ import numpy as np
 
 from saddlering_ros.bags import write_bag
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, RawRecord, RawTopic, Record
-from saddlering_ros.record.metadata import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import (
     ContactParameters,
     default_rig,

@@ -18,7 +18,7 @@ from rigs import as_read, sized_rig
 
 from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.readings import run_of_record
-from saddlering_ros.record.metadata import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig.integrator import Scatter
 from saddlering_ros.virtual_rig.physics import PhysicalRig

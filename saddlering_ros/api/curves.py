@@ -17,8 +17,7 @@ from saddlering_ros.files import bag_folder, Provenance, spare_bags
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
 from saddlering_ros.record.batches import join
 from saddlering_ros.record.displacement import measured_stretches
-from saddlering_ros.record.residual import residual_stretches
-from saddlering_ros.record.simulation import simulated_stretches
+from saddlering_ros.record.residual import residual_stretches, simulated_stretches
 from saddlering_ros.rig import CHANNELS, MICRO_UNITS
 
 if TYPE_CHECKING:

@@ -14,8 +14,17 @@ import zstandard
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import sha256_of_file, sha256_of_files, temporary_folder
 from saddlering_ros.plain_yaml import MAX_BYTES, parse_yaml, YamlRefused
-from saddlering_ros.record import metadata
-from saddlering_ros.record.metadata import HIGHEST_ELEVATION, LOWEST_ELEVATION, TestMetadata
+from saddlering_ros.record.record import (
+    DETAILS,
+    finite_number,
+    HIGHEST_ELEVATION,
+    KEYS,
+    KINDS,
+    LOWEST_ELEVATION,
+    METADATA_RECORD,
+    same_text,
+    TestMetadata,
+)
 
 METADATA = 'metadata.yaml'
 INFORMATION = 'rosbag2_bagfile_information'
@@ -250,24 +259,24 @@ def find_metadata(
         for place in (custom_data, record, recorder))
     conflicts = tuple(
         f'{key} is {first[key]!r} in metadata.yaml and {second[key]!r} in the MCAP record '
-        f'{metadata.METADATA_RECORD}: correct one{OVERRULE.get(key, "")}'
-        for key in (*metadata.KEYS, *metadata.DETAILS) if key in first and key in second
-        and not metadata.same_text(key, first[key], second[key]))
+        f'{METADATA_RECORD}: correct one{OVERRULE.get(key, "")}'
+        for key in (*KEYS, *DETAILS) if key in first and key in second
+        and not same_text(key, first[key], second[key]))
     values = {key: text for key, text in {**third, **second, **first}.items()
               if not any(line.startswith(f'{key} is ') for line in conflicts)}
     faults = []
     test, elevation = values.get('test'), values.get('elevation_deg')
-    kind = test.lower() if test is not None and test.lower() in metadata.KINDS else None
+    kind = test.lower() if test is not None and test.lower() in KINDS else None
     if test is not None and kind is None:
         faults.append(f"test is {test!r}, which is not a kind of test: give test='static' or "
                       "test='dynamic'")
-    degrees = metadata.finite_number(elevation or '')
+    degrees = finite_number(elevation or '')
     if degrees is not None and not LOWEST_ELEVATION <= degrees <= HIGHEST_ELEVATION:
         degrees = None
     if elevation is not None and degrees is None:
         faults.append(
             f'elevation_deg is {elevation!r}, which is not an elevation from '
             f'{LOWEST_ELEVATION:g} to {HIGHEST_ELEVATION:g} degrees: give elevation_deg=DEG')
-    details = {key: values[key] for key in metadata.DETAILS if key in values}
+    details = {key: values[key] for key in DETAILS if key in values}
     return TestMetadata(kind, degrees, values.get('rig', ''), values.get('run', ''), details,
                         conflicts, tuple(faults))

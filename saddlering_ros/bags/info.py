@@ -17,10 +17,9 @@ from saddlering_ros.doubts.readings import absent_topic, mirrored_topic, run_of_
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import finite_json
 from saddlering_ros.record.batches import gap_mask
-from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.quality import topic_quality, TopicQuality, UNKNOWN_QUALITY
-from saddlering_ros.record.record import RawRecord, RawTopic
+from saddlering_ros.record.record import RawRecord, RawTopic, TestMetadata
 from saddlering_ros.record.scratch import count_where, extremes, spread_changes
 from saddlering_ros.record.topics import LOAD_TOPIC, RIG_TOPICS, TOPICS
 from saddlering_ros.rig import load_rig, Rig

@@ -14,8 +14,7 @@ from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.readings import absent_topic, MIN_SAMPLES, mirrored_topic, run_of_record
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.batches import JITTER_NS
-from saddlering_ros.record.metadata import TestMetadata
-from saddlering_ros.record.record import RawRecord, RawTopic, Record
+from saddlering_ros.record.record import RawRecord, RawTopic, Record, TestMetadata
 from saddlering_ros.record.scratch import count_where, extremes, scratch_copy
 from saddlering_ros.record.topics import ELEVATION, PROBE_TOPICS, TOPICS
 from saddlering_ros.rig import OPPOSITE, Rig

@@ -14,7 +14,7 @@ from saddlering_ros.bags.folder import BagDirectory
 from saddlering_ros.bags.mcap_read import CutOffError, MAX_CHUNK, McapBlock, McapFile, MESSAGE_HEAD
 from saddlering_ros.bags.wire import CdrError, McapChannel, Messages
 from saddlering_ros.errors import BagError
-from saddlering_ros.record.metadata import KEYS, METADATA_RECORD, same_text, TestMetadata
+from saddlering_ros.record.record import KEYS, METADATA_RECORD, same_text, TestMetadata
 from saddlering_ros.record.scratch import extremes, GrowingArray
 from saddlering_ros.record.topics import RIG_TOPICS, RigTopic, TOPICS, VECTOR_TYPE, WRENCH_TYPE
 

@@ -27,7 +27,7 @@ from saddlering_ros.bags.wire import encode
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import exchange, rename_without_replacing, settle, temporary_folder
 from saddlering_ros.record.batches import SECOND
-from saddlering_ros.record.metadata import METADATA_RECORD, TestMetadata
+from saddlering_ros.record.record import METADATA_RECORD, TestMetadata
 from saddlering_ros.record.topics import LOAD, PROBES, RigTopic, TOPICS
 from saddlering_ros.rig import Probes
 

@@ -28,7 +28,7 @@ from saddlering_ros.campaign.store import CampaignError
 from saddlering_ros.errors import BagError, plain_number
 from saddlering_ros.files import whole_file, write_csv
 from saddlering_ros.plain_yaml import read_regular_text
-from saddlering_ros.record.metadata import METADATA_RECORD
+from saddlering_ros.record.record import METADATA_RECORD
 
 FIT, HOLD_OUT, SKIP = 'fit', 'hold_out', 'skip'
 ROLES = (FIT, HOLD_OUT, SKIP)

@@ -63,8 +63,7 @@ def run(args: argparse.Namespace) -> int:
     """Read, compute and deliver stretch by stretch."""
     from saddlering_ros.bags.samples import check_table_path, displacement_columns
     from saddlering_ros.record.displacement import measured_stretches
-    from saddlering_ros.record.residual import residual_stretches
-    from saddlering_ros.record.simulation import simulated_stretches
+    from saddlering_ros.record.residual import residual_stretches, simulated_stretches
     from saddlering_ros.rig import load_rig
 
     if args.out == '-' and args.json == '-':

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.discrepancy import direction_of, RestSegment, RunBlocks
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.estimation.rest import quiet_stretches, stretches_at_rest
-from saddlering_ros.estimation.rounding import probe_rounding
+from saddlering_ros.estimation.rest import probe_rounding, quiet_stretches, stretches_at_rest
 from saddlering_ros.estimation.statistics import span_means
 from saddlering_ros.record import displacement_of_run, MeasuredRun, plateaus, Record
 from saddlering_ros.record.quality import white_noise

@@ -42,7 +42,7 @@ from saddlering_ros.rig import (
     Rig,
     with_absent,
 )
-from saddlering_ros.rig.zeroing import WINDOW_SECONDS
+from saddlering_ros.rig.geometry import WINDOW_SECONDS
 from saddlering_ros.ring.roller_scatter import sound_deviation
 
 Array = NDArray[np.float64]

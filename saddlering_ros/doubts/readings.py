@@ -25,7 +25,6 @@ from saddlering_ros.record.guard import (
     SampleGuard,
     sound_samples,
 )
-from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.quality import (
     filter_lag,
     median_of_known,
@@ -33,7 +32,7 @@ from saddlering_ros.record.quality import (
     topic_quality,
     TopicQuality,
 )
-from saddlering_ros.record.record import RawRecord, RawTopic, Record
+from saddlering_ros.record.record import RawRecord, RawTopic, Record, TestMetadata
 from saddlering_ros.record.scratch import count_where, extremes, spread
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 from saddlering_ros.rig import load_rig, LoadLimits, mirrored_gap, Rig, TONNE

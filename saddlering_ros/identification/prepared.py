@@ -19,8 +19,12 @@ from saddlering_ros.estimation.noise import (
     sampling_class,
 )
 from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError
-from saddlering_ros.estimation.rest import quiet_stretches, RestSegment, stretches_at_rest
-from saddlering_ros.estimation.rounding import probe_rounding
+from saddlering_ros.estimation.rest import (
+    probe_rounding,
+    quiet_stretches,
+    RestSegment,
+    stretches_at_rest,
+)
 from saddlering_ros.estimation.statistics import filled
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.record import displacement_of_run, MeasuredRun, Plateaus, plateaus, Record

@@ -18,7 +18,7 @@ from saddlering_ros.importing.mapping import ChannelMap, ImportMap, instruments_
 from saddlering_ros.importing.preview import Course
 from saddlering_ros.importing.source import open_sources
 from saddlering_ros.record.batches import SECOND
-from saddlering_ros.record.metadata import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import RANGE_TYPE
 from saddlering_ros.rig import Rig
 

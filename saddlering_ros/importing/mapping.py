@@ -14,7 +14,7 @@ from saddlering_ros.importing.calibration import Calibration, ImportingError, Un
 from saddlering_ros.importing.clock import CountedTime, DatedTime, FileTime, start_of, TimeSource
 from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.record.batches import SECOND
-from saddlering_ros.record.metadata import DETAILS
+from saddlering_ros.record.record import DETAILS
 from saddlering_ros.record.topics import RANGE_TYPE, RigTopic, TOPICS
 from saddlering_ros.rig import OPPOSITE
 

@@ -15,7 +15,7 @@ from saddlering_ros.live.traces import TestCurves
 from saddlering_ros.monitoring.monitor import FOLLOWS
 from saddlering_ros.quantities import signed
 from saddlering_ros.record.batches import SECOND
-from saddlering_ros.record.metadata import TestMetadata
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.ros.messages import to_stamp
 

@@ -30,8 +30,8 @@ from saddlering_ros.live.traces import Traces
 from saddlering_ros.monitoring.noise import materiality, sound_motion
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import BRIDGED, DOUBTFUL_LOAD, NOT_KNOWN
-from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.quality import white_noise
+from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import ELEVATION, LOAD, PROBES, RigTopic
 from saddlering_ros.rig import (
     CHANNELS,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.rig import ParameterSet, Rig
-from saddlering_ros.rig.zeroing import STEADY_SHARE
+from saddlering_ros.rig.geometry import STEADY_SHARE
 from saddlering_ros.ring.simulator import static_response
 
 Array = NDArray[np.float64]

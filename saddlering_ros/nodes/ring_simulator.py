@@ -16,7 +16,7 @@ from saddlering_ros.monitoring.expected import Expected, ExpectedMotion
 from saddlering_ros.nodes.ring_displacement import FLUSH_AFTER as GUARD_FLUSH_AFTER
 from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.batches import Displacements
-from saddlering_ros.record.simulation import SimulationStream
+from saddlering_ros.record.residual import SimulationStream
 from saddlering_ros.record.topics import LOAD
 from saddlering_ros.rig import (
     parameters_from_mapping,

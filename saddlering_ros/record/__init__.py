@@ -3,9 +3,15 @@
 from saddlering_ros.record.aligner import Aligner
 from saddlering_ros.record.batches import align, seconds_array
 from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
-from saddlering_ros.record.metadata import TestMetadata
 from saddlering_ros.record.plateaus import plateau_means, PlateauMeans, Plateaus, plateaus
-from saddlering_ros.record.record import condensed, fit_limit, RawRecord, RawTopic, Record
+from saddlering_ros.record.record import (
+    condensed,
+    fit_limit,
+    RawRecord,
+    RawTopic,
+    Record,
+    TestMetadata,
+)
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
 
 __all__ = [

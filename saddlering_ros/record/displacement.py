@@ -27,9 +27,9 @@ from saddlering_ros.rig import (
     ZeroReading,
     ZeroWindow,
 )
-from saddlering_ros.rig.zeroing import BLOCK as ZERO_BLOCK
-from saddlering_ros.rig.zeroing import Samples as ZeroSamples
-from saddlering_ros.rig.zeroing import zero_of_blocks
+from saddlering_ros.rig.geometry import BLOCK as ZERO_BLOCK
+from saddlering_ros.rig.geometry import Samples as ZeroSamples
+from saddlering_ros.rig.geometry import zero_of_blocks
 
 UNHEARD_AFTER = 0.15
 """Time [s] for which a node must have received nothing of a probe before the stamps of the others

@@ -29,6 +29,9 @@ from saddlering_ros.rig.geometry import (
     ResolvedLoad,
     size_factor,
     with_absent,
+    zero_of_record,
+    ZeroReading,
+    ZeroWindow,
 )
 from saddlering_ros.rig.instruments import Instruments
 from saddlering_ros.rig.parameter_file import (
@@ -55,7 +58,6 @@ from saddlering_ros.rig.units import (
     stiffness_per_millimetre,
     TONNE,
 )
-from saddlering_ros.rig.zeroing import zero_of_record, ZeroReading, ZeroWindow
 
 __all__ = [
     'CHANNELS', 'FORCE_UNITS', 'FULL_SCALE_LOAD', 'MICRO_UNITS', 'OPPOSITE', 'PARAMETER_NAMES',

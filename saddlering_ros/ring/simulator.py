@@ -63,7 +63,7 @@ class RingSimulator:
     """The state of the ring at each load sample, from batches of any size; a record is one batch.
 
     rig, parameters with their effects, elevation [rad]; max_step [s] is the longest time step.
-    Samples wait until the zero window (rig.zeroing) closes, and are then returned together. After
+    Samples wait until the zero window (rig.geometry) closes, and are then returned together. After
     that each push returns its own samples, unless a negative clock offset needs later loads.
     """
 

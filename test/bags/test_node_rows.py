@@ -15,7 +15,7 @@ from saddlering_ros.cli.main import main
 from saddlering_ros.record.batches import BRIDGED, DOUBTFUL_LOAD, join
 from saddlering_ros.record.displacement import DisplacementStream, measured_rows, zero_of_run
 from saddlering_ros.record.guard import Samples
-from saddlering_ros.record.simulation import SimulationStream
+from saddlering_ros.record.residual import SimulationStream
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import (
     default_rig,

@@ -149,7 +149,7 @@ def test_a_step_that_does_not_converge_is_left_out_of_the_residual_and_told(
             found.displacement.gamma[5] = np.nan
             yield replace(found, failed_steps=1)
 
-    monkeypatch.setattr('saddlering_ros.record.simulation.simulate_in_blocks', stumbling)
+    monkeypatch.setattr('saddlering_ros.record.residual.simulate_in_blocks', stumbling)
     assert main(['residual', str(BAG), '--params', str(parameters), '--out', str(out)]) == 0
     assert 'did not converge in 1 steps' in capsys.readouterr().out
     assert 'nan' not in out.read_text()
@@ -161,7 +161,7 @@ def test_a_run_in_stretches_gives_the_same_table_to_the_last_bit(
     whole, parts = tmp_path / 'whole.csv', tmp_path / 'parts.csv'
     words = [command, str(BAG), '--params', str(parameters), '--out']
     assert main([*words, str(whole)]) == 0
-    monkeypatch.setattr('saddlering_ros.record.simulation.BLOCK', 257)
+    monkeypatch.setattr('saddlering_ros.record.residual.BLOCK', 257)
     assert main([*words, str(parts)]) == 0
     assert parts.read_bytes() == whole.read_bytes()
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saddlering_ros.estimation.rounding import hidden_rounding, probe_rounding, rounding_record
+from saddlering_ros.estimation.rest import hidden_rounding, probe_rounding, rounding_record
 from saddlering_ros.record import PROBE_TOPICS, Record
 from saddlering_ros.record.quality import topic_quality
 

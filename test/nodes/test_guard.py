@@ -8,8 +8,7 @@ import pytest
 from saddlering_ros.record.batches import BRIDGED, Displacements, DOUBTFUL_LOAD, join, Samples
 from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.guard import load_limits, probe_limits, SampleGuard
-from saddlering_ros.record.residual import ResidualStream
-from saddlering_ros.record.simulation import SimulationStream
+from saddlering_ros.record.residual import ResidualStream, SimulationStream
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 
 RIG = default_rig()

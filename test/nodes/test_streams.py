@@ -9,8 +9,7 @@ from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.batches import Displacements, join, Samples
 from saddlering_ros.record.displacement import displacement_of_run, DisplacementStream
-from saddlering_ros.record.residual import ResidualStream
-from saddlering_ros.record.simulation import SimulationStream
+from saddlering_ros.record.residual import ResidualStream, SimulationStream
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 

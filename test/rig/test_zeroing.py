@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.rig import default_rig, TONNE, zero_of_record, ZeroWindow
-from saddlering_ros.rig.zeroing import MIN_SAMPLES, MIN_WINDOW_SECONDS, WINDOW_SECONDS
+from saddlering_ros.rig.geometry import MIN_SAMPLES, MIN_WINDOW_SECONDS, WINDOW_SECONDS
 
 RIG = default_rig()
 

@@ -14,7 +14,7 @@ import readable_ring as reference
 from saddlering_ros.effects import catalogue
 from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.guard import ReadingLimits, SampleGuard
-from saddlering_ros.record.simulation import SimulationStream
+from saddlering_ros.record.residual import SimulationStream
 from saddlering_ros.rig import (
     Carriage,
     ContactParameters,
