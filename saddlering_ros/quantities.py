@@ -18,6 +18,9 @@ DIGITS, RAISED_DIGITS = '-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'
 MIN_SHARE = 1e-5
 """Smallest share that is printed."""
 
+MAX_LOG = 600.0
+"""Largest logarithm of an evidence that is counted: e^709 is the largest number."""
+
 
 def quantity(
     value: float | None, unit: str = '', std: float | None = None, digits: int = 3,

@@ -8,43 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.comparison.difference import (
-    in_doubt,
-    left_between,
-    noise_power,
-    with_main_cause,
-)
-from saddlering_ros.comparison.maker import common_loads, judged_wear, maker_figures, MakerFigures
+from saddlering_ros import discrepancy
+from saddlering_ros.comparison import maker, sessions
+from saddlering_ros.comparison.maker import MakerFigures
 from saddlering_ros.comparison.series import ChangeSeries, series_of
-from saddlering_ros.comparison.sessions import (
-    CONTACT_CHANGE,
-    EARLIER,
-    LATER,
-    PERSISTENT_MODEL_ERROR,
-    QUANTITIES,
-    SESSION,
-    SETTINGS,
-    TwoSessions,
-)
-from saddlering_ros.diagnosis.next_test import confirming, for_group, propose
+from saddlering_ros.comparison.sessions import CONTACT_CHANGE, LATER, QUANTITIES, TwoSessions
+from saddlering_ros.diagnosis import next_test, rig_dimensions
 from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRecord
-from saddlering_ros.diagnosis.rig_dimensions import assumed_notes, certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.ring_wording import title_of
 from saddlering_ros.diagnosis.verdict import limit_entry
-from saddlering_ros.discrepancy import (
-    Assumptions,
-    Cause,
-    diagnose_system,
-    Diagnosis,
-    Estimate,
-    observed,
-    prepare,
-    Problem,
-    Settings,
-    space_beside_error,
-    tangent,
-)
+from saddlering_ros.discrepancy import Cause, Diagnosis, Estimate, Problem
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Provenance
@@ -52,8 +26,7 @@ from saddlering_ros.identification import identify
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.quantities import finite_json, quantity
 from saddlering_ros.record import Record
-from saddlering_ros.rig import Instruments, PARAMETER_NAMES, Rig
-from saddlering_ros.rig.instruments import difference_of, NAMES, stated_by
+from saddlering_ros.rig import instruments, PARAMETER_NAMES, Rig
 
 DRAWN_DATES = 'virtual rig'
 """Bags of the virtual rig state this as their rig; their dates are drawn."""
@@ -102,7 +75,7 @@ class Change:
     @property
     def wear_judged(self) -> list[dict[str, Any]]:
         """The wear beside the limits of the rig file."""
-        return [] if self.maker is None else judged_wear(
+        return [] if self.maker is None else maker.judged_wear(
             self.maker[1].wear_since(self.maker[0]), self.rig.wear_limits)
 
     @property
@@ -120,20 +93,16 @@ class Change:
 
     def to_json(self) -> dict[str, Any]:
         """The verdict document of the change."""
-        found = self.diagnosis
-        reach = _seen(found)
+        found, misfits = self.diagnosis, _misfits(self.diagnosis)
         document = {
-            'verdict': self.verdict,
-            'headline': self.headline,
-            'complete': found.complete,
+            'verdict': self.verdict, 'headline': self.headline, 'complete': found.complete,
             'remainder': [vars(rest) for rest in found.remainder],
-            'probabilities': found.probabilities,
-            'stability': found.stability,
+            'probabilities': found.probabilities, 'stability': found.stability,
             'causes': [] if self.verdict == 'none' else [cause.entry() for cause in found.causes],
             'runs': [
                 {'bag': str(record.test_run.path), 'session': session, 'held_out': False,
                  'elevation_deg': math.degrees(record.test_run.elevation),
-                 'test': record.test_run.test, 'channels': reach[record.run.name]}
+                 'test': record.test_run.test, 'channels': misfits[record.run.name]}
                 for session, records in (('before', self.before), ('after', self.after))
                 for record in records],
             'parameters': {
@@ -149,13 +118,10 @@ class Change:
                 'before': self.maker[0].as_dict(), 'after': self.maker[1].as_dict(),
                 'wear': self.maker[1].wear_since(self.maker[0]), 'limits': self.wear_judged},
             'series': None if self.series is None else self.series.to_json(),
-            'notes': list(self.notes),
-            'proposal': None,
+            'notes': list(self.notes), 'proposal': None,
             'provenance': Provenance(tuple(
                 record.test_run.origin for record in (*self.before, *self.after))).as_dict(),
-            'seed': self.seed,
-            'seconds': found.seconds,
-        }
+            'seed': self.seed, 'seconds': found.seconds}
         answer: dict[str, Any] = finite_json(document)
         return answer
 
@@ -192,33 +158,33 @@ def compare_records(
         doubts |= check_sessions(first, second)[1]
     watch = Watch('compare', on_progress, is_cancelled)
     names = ['before', *(f'session {number + 2}' for number in range(len(between))), 'after']
-    sessions: dict[str, tuple[PreparedRecord, ...]] = {}
+    prepared: dict[str, tuple[PreparedRecord, ...]] = {}
     for session, records in zip(names, every, strict=True):
         built = [build_record(rig, record, held_out=False) for record in records]
         # Bags of two sessions often share their names.
-        sessions[session] = tuple(
+        prepared[session] = tuple(
             replace(one, run=replace(one.run, name=f'{session} {number}: {one.run.name}'))
             for number, one in enumerate(built, start=1))
-    earlier, later = sessions['before'], sessions['after']
+    earlier, later = prepared['before'], prepared['after']
     watch.progress('contact parameters', 0.0)
     start = dict(zip(PARAMETER_NAMES, identify(
         list(before), rig, is_cancelled=is_cancelled).parameters.contact.to_array(), strict=True))
     renewed, said = renewed_between(before, after)
     system = TwoSessions(RingSystem(rig), frozenset(item.run.name for item in earlier), renewed)
-    fitted = [item.run for item in (*earlier, *later)]
-    found = diagnose_system(Problem(
-        system, fitted, replace(SETTINGS, seed=seed),
-        assumptions=Assumptions(model_error=PERSISTENT_MODEL_ERROR, proposes_law=False,
-                                is_persistent=True),
-        start=start, proposals=propose(rig, [item.run for item in later]),
+    found = discrepancy.diagnose_system(Problem(
+        system, [item.run for item in (*earlier, *later)], replace(sessions.SETTINGS, seed=seed),
+        assumptions=discrepancy.Assumptions(
+            model_error=sessions.PERSISTENT_MODEL_ERROR, proposes_law=False, is_persistent=True),
+        start=start, proposals=next_test.propose(rig, [item.run for item in later]),
         watch=Watch('diagnose', on_progress, is_cancelled)))
     notes += [*said, *check_set([*earlier, *later], rig), *found.warnings,
-              *certificate_notes(rig, found.causes), *assumed_notes(rig)]
+              *rig_dimensions.certificate_notes(rig, found.causes),
+              *rig_dimensions.assumed_notes(rig)]
     contact = contact_of_sessions(found, system)
-    left = left_between(found, system)
-    found = with_main_cause(
+    left = sessions.left_between(found, system)
+    found = sessions.with_main_cause(
         replace(found, causes=tuple(_as_change(cause) for cause in found.causes)), left)
-    found = in_doubt(found) if doubts and found.verdict != 'none' else found
+    found = sessions.in_doubt(found) if doubts and found.verdict != 'none' else found
     if not found.complete:
         notes.append(f'{100.0 * left:.2g} % of range differs between the sessions and fits no '
                      'cause: it may be the interplay of the change with errors that both share')
@@ -226,7 +192,7 @@ def compare_records(
     return Change(
         found, earlier, later, contact, _limits_alone(rig, later, start, seed, watch),
         _maker(rig, before, after), (*doubts, *notes), _next_test(found, doubts), rig, seed,
-        series_of(rig, sessions, start, watch) if between else None)
+        series_of(rig, prepared, start, watch) if between else None)
 
 
 def check_sessions(
@@ -269,15 +235,15 @@ def check_sessions(
 
 def renewed_between(
     before: Sequence[Record], after: Sequence[Record],
-) -> tuple[Instruments, list[str]]:
+) -> tuple[instruments.Instruments, list[str]]:
     """What was calibrated between the sessions by the certificates in their bags, and a note."""
     (first, old), (second, new) = (
-        stated_by((record.details.get('instruments', '') for record in records), name)
+        instruments.stated_by((record.details.get('instruments', '') for record in records), name)
         for name, records in (('before', before), ('after', after)))
     if (first, old) == (second, new):
-        return Instruments(), []
-    renewed = difference_of(first, second)
-    names = [name for name in NAMES if name not in renewed.not_stated]
+        return instruments.Instruments(), []
+    renewed = instruments.difference_of(first, second)
+    names = [name for name in instruments.NAMES if name not in renewed.not_stated]
     return renewed, [f'{", ".join(names)}: calibrated between the sessions (certificates '
                      f'{old or "not named"}, then {new or "not named"}): a change within both '
                      'certificates is not accused'] if names else []
@@ -285,11 +251,12 @@ def renewed_between(
 
 def _as_change(cause: Cause) -> Cause:
     """The cause with the change of its size, after minus before."""
-    parameters = {name: item for name, item in cause.parameters.items() if name != SESSION}
+    parameters = {name: item for name, item in cause.parameters.items()
+                  if name != sessions.SESSION}
     if cause.effect == CONTACT_CHANGE:
         name = QUANTITIES[round(parameters.pop('quantity').value)]
         return replace(cause, parameters={name: parameters['change']})
-    if cause.parameters[SESSION].value == EARLIER:
+    if cause.parameters[sessions.SESSION].value == sessions.EARLIER:
         size = cause.definition.size.name
         parameters[size] = replace(parameters[size], value=-parameters[size].value)
     return replace(cause, parameters=parameters)
@@ -301,12 +268,10 @@ def _next_test(found: Diagnosis, doubts: Mapping[str, str]) -> str | None:
         return next(iter(doubts.values()))
     groups = [cause.group for cause in found.causes if len(cause.group) > 1]
     if found.verdict == 'ambiguous' and groups:
-        sentence = for_group(groups[0], found.separations)
+        sentence = next_test.for_group(groups[0], found.separations)
         return (sentence or found.causes[0].definition.settled_by).replace(
             CONTACT_CHANGE, name_of(CONTACT_CHANGE).lower())
-    if found.verdict == 'named':
-        return confirming(found.causes[0].effect, ())
-    return None
+    return next_test.confirming(found.causes[0].effect, ()) if found.verdict == 'named' else None
 
 
 def _limits_alone(
@@ -317,12 +282,12 @@ def _limits_alone(
     A misfit of this session that is more than noise is error of the model there, as in its
     diagnosis: nothing in one session tells it from a cause of the same size.
     """
-    space = prepare(Problem(RingSystem(rig), [record.run for record in later],
-                            Settings(seed=seed), start=start,
-                            watch=replace(watch, on_progress=None)))
+    space = discrepancy.prepare(Problem(
+        RingSystem(rig), [record.run for record in later], discrepancy.Settings(seed=seed),
+        start=start, watch=replace(watch, on_progress=None)))
     if space.leaves_misfit(space.base):
-        space, _, _ = space_beside_error(space, space.base)
-    return {item.effect: item.limit for item in observed(space).limits}
+        space, _, _ = discrepancy.space_beside_error(space, space.base)
+    return {item.effect: item.limit for item in discrepancy.observed(space).limits}
 
 
 def contact_of_sessions(
@@ -334,23 +299,20 @@ def contact_of_sessions(
     own: errors that both sessions share are marginalised, and so is the size of every cause but a
     change of the contact law itself.
     """
-    metric, fit = found.fits.metric, found.fits.after
-    problem = metric.problem
-    parameters = system.base_parameters
-    count = len(parameters)
-    changes = tangent(metric, fit).plain
+    metric, fit, parameters = found.fits.metric, found.fits.after, system.base_parameters
+    problem, count = metric.problem, len(parameters)
+    changes = discrepancy.tangent(metric, fit).plain
     is_later = np.zeros(problem.size, dtype=bool)
     for index, _, part in problem.slices:
         is_later[part] = system.session_of(problem.runs[index]) == LATER
-    shared = changes[:, :count]
     own = [changes[:, part] for effect, _, part in fit.candidate.slices(count)
            if effect.id != CONTACT_CHANGE]
-    of_session = [np.where(there[:, None], shared, 0.0) for there in (~is_later, is_later)]
+    of_session = [np.where(there[:, None], changes[:, :count], 0.0)
+                  for there in (~is_later, is_later)]
     columns = metric.whiten(np.hstack([*of_session, *own]))
     residual = metric.whiten(problem.measured - fit.prediction)
     # The whole range of a parameter is one standard deviation of its prior, as in every fit.
-    precision = columns.T @ columns + np.eye(columns.shape[1])
-    covariance = np.linalg.inv(precision)
+    covariance = np.linalg.inv(columns.T @ columns + np.eye(columns.shape[1]))
     step = covariance @ (columns.T @ residual)
     answers = {}
     moved = fit.point.effects.get(CONTACT_CHANGE)
@@ -362,14 +324,15 @@ def contact_of_sessions(
         earlier, later = np.array([value, value * changed.get(item.name, 1.0)]) + (
             slope * step[places])
         both = slope**2 * covariance[np.ix_(places, places)]
-        spread = both[0, 0] + both[1, 1] - 2.0 * both[0, 1]
-        answers[item.name] = (Estimate(float(earlier), math.sqrt(both[0, 0]), item.unit),
-                              Estimate(float(later), math.sqrt(both[1, 1]), item.unit),
-                              Estimate(float(later - earlier), math.sqrt(spread), item.unit))
+        first, second, difference = (
+            Estimate(float(size), math.sqrt(power), item.unit) for size, power in (
+                (earlier, both[0, 0]), (later, both[1, 1]),
+                (later - earlier, both[0, 0] + both[1, 1] - 2.0 * both[0, 1])))
+        answers[item.name] = first, second, difference
     return answers
 
 
-def _seen(found: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
+def _misfits(found: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
     """Misfit of each run and channel without and with the causes, errors of both sessions removed.
 
     rms values over the measured range of the channel, as in every verdict document.
@@ -383,7 +346,7 @@ def _seen(found: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
         seen = [problem.view_residuals(residual, view) for residual in residuals]
         for run, before, after in zip(problem.runs, *seen, strict=True):
             span = max(float(np.ptp(weights @ run.channels)), 1e-12)
-            noise = math.sqrt(noise_power(found, run, weights))
+            noise = math.sqrt(sessions.noise_power(found, run, weights))
             answers[run.name][view] = {
                 'nrmse_before': math.sqrt(problem.mean_square(before, run, view)) / span,
                 'nrmse_after': math.sqrt(problem.mean_square(after, run, view)) / span,
@@ -399,6 +362,7 @@ def _maker(
         for second in after:
             alike = abs(first.elevation - second.elevation) < math.radians(0.5)
             if first.test == second.test == 'static' and alike and not rig.probes.absent:
-                loads = common_loads(first, second)
-                return maker_figures(rig, first, loads), maker_figures(rig, second, loads)
+                loads = maker.common_loads(first, second)
+                return (maker.maker_figures(rig, first, loads),
+                        maker.maker_figures(rig, second, loads))
     return None

@@ -18,32 +18,17 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from saddlering_ros.comparison.difference import DEFINITION
-from saddlering_ros.comparison.sessions import (
-    CONTACT_CHANGE,
-    PERSISTENT_MODEL_ERROR,
-    QUANTITIES,
-    SETTINGS,
-    TwoSessions,
-)
+from saddlering_ros import discrepancy
+from saddlering_ros.comparison import sessions
+from saddlering_ros.comparison.sessions import Array, QUANTITIES
 from saddlering_ros.diagnosis.records import PreparedRecord
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.discrepancy import (
-    Assumptions,
-    model_error_columns,
-    ModelErrorPrior,
-    noise_metric,
-    nuisance_columns,
-    Point,
-    Problem,
-)
+from saddlering_ros.discrepancy import Point
 from saddlering_ros.effects import catalogue
 from saddlering_ros.progress import Watch
+from saddlering_ros.quantities import MAX_LOG
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
-
-Array = NDArray[np.float64]
 
 CHANGED = 100.0
 """E-value from which the ring has changed: reached by one unchanged ring in a hundred at most,
@@ -51,9 +36,6 @@ however many sessions it has."""
 
 CONTACT_STEP = 0.05
 """Spread of a change of K or D as a share, and the step by which its shape is differenced."""
-
-MAX_LOG = 600.0
-"""Largest logarithm of an e-value that is stated: larger ones are no numbers any more."""
 
 UNSEEN = 1e-6
 """Information on a size that a session does not show at all; a thousand spreads are its error."""
@@ -180,35 +162,37 @@ class ChangeSeries:
 
 
 def series_of(
-    rig: Rig, sessions: Mapping[str, Sequence[PreparedRecord]], start: Mapping[str, float],
+    rig: Rig, prepared: Mapping[str, Sequence[PreparedRecord]], start: Mapping[str, float],
     watch: Watch,
 ) -> ChangeSeries:
     """The series of sessions by name, the base session first; start: its contact law."""
-    base, *later = sessions
-    system = TwoSessions(RingSystem(rig), frozenset(record.run.name for record in sessions[base]))
-    problem = Problem(
-        system, [record.run for records in sessions.values() for record in records], SETTINGS,
-        Assumptions(model_error=PERSISTENT_MODEL_ERROR), start, watch=watch)
+    base, *later = prepared
+    system = sessions.TwoSessions(
+        RingSystem(rig), frozenset(record.run.name for record in prepared[base]))
+    problem = discrepancy.Problem(
+        system, [record.run for records in prepared.values() for record in records],
+        sessions.SETTINGS,
+        discrepancy.Assumptions(model_error=sessions.PERSISTENT_MODEL_ERROR), start, watch=watch)
     own_errors = problem.with_runs([
         replace(record.run, group=f'{name} {record.run.group}')
-        for name, records in sessions.items() for record in records])
+        for name, records in prepared.items() for record in records])
     law = np.array([start[name] for name in PARAMETER_NAMES])
     moved = [Point(law * (1.0 + CONTACT_STEP * (np.array(PARAMETER_NAMES) == name)))
              for name in PARAMETER_NAMES]
     predicted = problem.predict([Point(law), *moved])
     prediction, contact = predicted[:, 0], predicted[:, 1:] - predicted[:, :1]
-    nuisances = nuisance_columns(problem, Point(law), prediction)
+    nuisances = discrepancy.nuisance_columns(problem, Point(law), prediction)
     ranges = np.array([item.high - item.low for item in system.base_parameters])
     shapes = np.hstack([
         nuisances[:, nuisances.shape[1] - len(system.persistent):],
         contact[:, [PARAMETER_NAMES.index(name) for name in QUANTITIES]]])
-    errors = np.hstack([nuisances, model_error_columns(own_errors, ModelErrorPrior()),
-                        contact * ranges / (CONTACT_STEP * law)])
-    whiten = noise_metric(problem).whiten_noise
-    errors, shapes, residual = whiten(errors), whiten(shapes), whiten(
-        problem.measured - prediction)
+    errors = np.hstack([
+        nuisances, discrepancy.model_error_columns(own_errors, discrepancy.ModelErrorPrior()),
+        contact * ranges / (CONTACT_STEP * law)])
+    errors, shapes, residual = map(discrepancy.noise_metric(problem).whiten_noise, (
+        errors, shapes, problem.measured - prediction))
     sums = []
-    for records in sessions.values():
+    for records in prepared.values():
         names = {record.run.name for record in records}
         rows = np.concatenate([np.arange(part.start, part.stop)
                                for index, _, part in problem.slices
@@ -220,8 +204,8 @@ def series_of(
         size = catalogue()[effect].parameters[0]
         parameter, unit, spread = size.name, size.unit, values[size.name] - size.neutral
     else:
-        effect, unit, spread = CONTACT_CHANGE, '1', CONTACT_STEP
+        effect, unit, spread = sessions.CONTACT_CHANGE, '1', CONTACT_STEP
         parameter = QUANTITIES[found.kind - len(system.persistent)]
-    deviations = np.hypot(found.deviations, DEFINITION * found.sizes)
+    deviations = np.hypot(found.deviations, sessions.DEFINITION * found.sizes)
     return ChangeSeries((base, *later), found, effect, parameter, unit, spread * found.sizes,
                         spread * deviations)

@@ -58,7 +58,7 @@ def alarm_as_page(message: RingAlarm) -> dict[str, Any]:
     unit = 'rad' if message.channel == 'gamma' else 'm'
     return {**shown, 'channel': str(message.channel), 'size': signed(message.size, unit),
             'since': to_stamp(message.since), 'before': round(before, 3),
-            'why': FOLLOWS.get(message.follows, ''), 'guess': str(message.first_guess)}
+            'why': FOLLOWS.get(message.follows, ('', ''))[0], 'guess': str(message.first_guess)}
 
 
 def with_link(

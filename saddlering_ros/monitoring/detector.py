@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.quantities import MAX_LOG
 
 Array = NDArray[np.float64]
 
@@ -42,8 +43,6 @@ SIZES = np.geomspace(0.06, 4.0, 10)
 
 MAX_BEYOND = 6.0
 """A block counts for no more than this beyond materiality: one wild block is not a change."""
-
-MAX_LOG = 600.0  # e^709 is the largest float
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ class Raised:
     """A latched alarm in the units of its channel.
 
     stamp, since [ns]: of the alarm and of the likely onset; size [m or rad]: mean residual since
-    then; evidence: its logarithm; follows: a key of FIRST_GUESSES, '' if too short to tell.
+    then; evidence: its logarithm; follows: a key of FOLLOWS, '' if too short to tell.
     """
 
     channel: str
@@ -89,8 +89,7 @@ class Raised:
     @property
     def first_guess(self) -> str:
         """Frequent causes of a residual that follows this."""
-        return FIRST_GUESSES.get(self.follows, 'too short to tell: it is judged again as the test '
-                                               'goes on, and when the load has turned')
+        return FOLLOWS[self.follows][1]
 
 
 @dataclass(frozen=True)
@@ -124,9 +123,7 @@ class Monitor:
         self._learner = RestLearner(rest_band, settings.block)
         self.alarm: Raised | None = None
         self.lapses: list[Lapse] = []
-        self.changes = 0
-        self.blocks = 0
-        self.seconds = 0.0
+        self.changes, self.blocks, self.seconds = 0, 0, 0.0
         self.materiality = np.zeros(len(CHANNELS))
         self._begin_anew()
 
@@ -216,8 +213,6 @@ class Monitor:
         if self._count == self.rest.samples:
             self._judge(self.rest.block)
 
-    # --- assumptions ---
-
     def _check_continuity(self, last: Sample, sample: Sample) -> None:
         """Begin anew after a new zero, a new elevation or a pause."""
         reasons = []
@@ -249,8 +244,6 @@ class Monitor:
         if self._watch is not None:
             self._watch.reset()
 
-    # --- learning ---
-
     def _learn(self, sample: Sample) -> None:
         found = self._learner.step(sample.stamp, sample.residual, sample.load)
         if found is None:
@@ -271,8 +264,6 @@ class Monitor:
             self._lapse(f'the noise is read from {found.seconds:.1f} s of rest: rest for '
                         f'{SHORT_REST:g} s before the load moves, else the rate of false alarms '
                         'is not sure', is_lasting=True)
-
-    # --- watching ---
 
     def _judge(self, block: float) -> None:
         """Judge a whole block, of `block` seconds."""
@@ -297,11 +288,10 @@ class Monitor:
                 self.changes += 1
             return
         found = self._watch.step(mean[:-1], self.materiality)
-        grew = self._watch.noise_grew
-        if grew and not self._noise_grew:
+        grew, self._noise_grew = self._noise_grew, self._watch.noise_grew
+        if self._noise_grew and not grew:
             self._lapse('the noise is far larger than it was at rest: the rate of false alarms is '
                         'not sure')
-        self._noise_grew = grew
         if found is not None:
             self._onset = (found.channel, index - (found.block - found.since))
             self.alarm = self._described(
@@ -351,19 +341,29 @@ def watch(monitor: Monitor, samples: Iterable[Sample]) -> Monitor:
     return monitor
 
 
-FIRST_GUESSES = {
-    'load': 'stiffness or exponent of a contact row, geometry, or the gain of a probe or of the '
-            'load cell',
-    'rate': 'damping, or a delay between load and probes',
-    'direction': 'friction or play in a row, or hysteresis of the load cell',
-    'time': 'drift of a probe, of the temperature or of the load cell',
-    'offset': 'a probe that slipped or was touched, or a zero that was not at rest',
-    'one direction': 'friction or play in a row, hysteresis of the load cell, or a probe that '
-                     'slipped: the load has moved in one direction only since then',
-    'unclear': 'none of load, rate, direction and time alone: record the test and run '
-               '`saddlering diagnose`',
+FOLLOWS = {
+    '': ('', 'too short to tell: it is judged again as the test goes on, and when the load has '
+             'turned'),
+    'load': ('the difference follows the load', 'stiffness or exponent of a contact row, geometry,'
+             ' or the gain of a probe or of the load cell'),
+    'rate': ('the difference follows the rate of the load',
+             'damping, or a delay between load and probes'),
+    'direction': ('the difference follows the direction of the load',
+                  'friction or play in a row, or hysteresis of the load cell'),
+    'time': ('the difference follows time',
+             'drift of a probe, of the temperature or of the load cell'),
+    'offset': ('the difference is an offset', 'a probe that slipped or was touched, or a zero that'
+               ' was not at rest'),
+    'one direction': (
+        'the difference is an offset while the load moves in one direction',
+        'friction or play in a row, hysteresis of the load cell, or a probe that slipped: the '
+        'load has moved in one direction only since then'),
+    'unclear': (
+        'the difference follows neither load, rate, direction nor time',
+        'none of load, rate, direction and time alone: record the test and run `saddlering '
+        'diagnose`'),
 }
-"""Frequent causes of a residual that follows each of these."""
+"""What a residual follows, in words, and the frequent causes of one that does."""
 
 MIN_BLOCKS = 10
 STEADY_SHARE = 0.35
@@ -378,7 +378,7 @@ SPAN = 2
 
 
 def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> str:
-    """Which key of FIRST_GUESSES the residual (N,) follows; '' if it is too short for a guess.
+    """Which key of FOLLOWS the residual (N,) follows; '' if it is too short for a guess.
 
     It is too short for load against time while the load moves in one direction: both only grow.
 
@@ -405,16 +405,6 @@ def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> 
     return best if strength.get(best, 0.0) > MIN_CORRELATION else 'unclear'
 
 
-FOLLOWS = {
-    'load': 'the difference follows the load', 'time': 'the difference follows time',
-    'rate': 'the difference follows the rate of the load',
-    'direction': 'the difference follows the direction of the load',
-    'offset': 'the difference is an offset',
-    'one direction': 'the difference is an offset while the load moves in one direction',
-    'unclear': 'the difference follows neither load, rate, direction nor time',
-}
-
-
 def alarm_words(alarm: Raised, origin: int | None = None) -> str:
     """An alarm in one line; with seconds since `origin` [ns] where it is given."""
     delay = quantity(1e-9 * (alarm.stamp - alarm.since), 's')
@@ -425,9 +415,8 @@ def alarm_words(alarm: Raised, origin: int | None = None) -> str:
     size = signed(alarm.size, 'rad' if alarm.channel == 'gamma' else 'm')
     words = (f'{found}: {alarm.channel} has differed from its model by {size} in the mean since '
              'then')
-    if alarm.follows:
-        words += f'; {FOLLOWS[alarm.follows]}; first guess: {alarm.first_guess}'
-    return words
+    follows, guess = FOLLOWS[alarm.follows]
+    return f'{words}; {follows}; first guess: {guess}' if follows else words
 
 
 def state_words(monitor: Monitor) -> str:

@@ -9,17 +9,14 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.noise import noise_alone
 from saddlering_ros.estimation.rest import BLOCK_SECONDS, MIN_SAMPLES, MIN_SECONDS, Rest
-from saddlering_ros.monitoring.detector import block_noise, BlockNoise
+from saddlering_ros.monitoring.detector import Array, block_noise, BlockNoise
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring.simulator import static_response
-
-Array = NDArray[np.float64]
 
 MAX_REST = 20.0
 """A rest is read no longer than this [s]; then watching begins, whether the load moves or not."""
@@ -151,7 +148,7 @@ LOADS = 26
 """Loads at which the motion is looked at: a channel may turn back on the way to full scale."""
 
 
-def sound_motion(rig: Rig, contact: ContactParameters, elevation: float) -> NDArray[np.float64]:
+def sound_motion(rig: Rig, contact: ContactParameters, elevation: float) -> Array:
     """Motion of the model from preload to full scale, (3, LOADS) [m, m, rad].
 
     elevation: of the load [rad].
@@ -162,7 +159,7 @@ def sound_motion(rig: Rig, contact: ContactParameters, elevation: float) -> NDAr
 
 def materiality(
     rig: Rig, contact: ContactParameters, elevation: float, percent: float = DEFAULT_PERCENT
-) -> NDArray[np.float64]:
+) -> Array:
     """`percent` of the range of each channel from preload to full scale, (3,) [m, m, rad].
 
     elevation: of the load [rad].

@@ -43,10 +43,13 @@ class AlarmStream:
     """
 
     def __init__(self, rig: Rig, settings: MonitorSettings, percent: float) -> None:
-        self._rig, self._percent = rig, percent
         self._contact: ContactParameters | None = None
-        self.monitor = Monitor(settings, rig.limits.rest_band, self._materiality,
-                               least_wander(rig))
+
+        def allowed(elevation: float) -> NDArray[np.float64]:
+            assert self._contact is not None
+            return materiality(rig, self._contact, elevation, percent)
+
+        self.monitor = Monitor(settings, rig.limits.rest_band, allowed, least_wander(rig))
         self.counters = AlarmCounters()
         self._forget()
 
@@ -74,28 +77,6 @@ class AlarmStream:
 
     def push(self, residual: Displacements, load: Samples) -> None:
         """Take a batch of either stream."""
-        self._keep(residual, load)
-        if self._contact is None or not len(self._residual) or not len(self._stamps):
-            return
-        batch = self._residual
-        place = np.searchsorted(self._stamps, batch.stamps)
-        inside = np.minimum(place, len(self._stamps) - 1)
-        found = self._stamps[inside] == batch.stamps
-        due = found | (batch.stamps < self._stamps[-1])
-        self.counters.without_load += int((due & ~found).sum())
-        for sample in residual_samples(batch.pick(found), self._loads[inside[found]]):
-            self.monitor.step(sample)
-        self._residual = batch.pick(np.flatnonzero(~due))
-        if found.any():
-            until = int(batch.stamps[found].max())
-            after = int(np.searchsorted(self._stamps, until, side='right'))
-            self._stamps, self._loads = self._stamps[after:], self._loads[after:]
-
-    def _materiality(self, elevation: float) -> NDArray[np.float64]:
-        assert self._contact is not None
-        return materiality(self._rig, self._contact, elevation, self._percent)
-
-    def _keep(self, residual: Displacements, load: Samples) -> None:
         if len(load):
             if len(self._stamps) and self._stamps[-1] - load.stamps[0] > batches.JITTER_NS:
                 self._forget()
@@ -111,6 +92,21 @@ class AlarmStream:
             surplus = max(0, len(together) - MAX_WAITING)
             self.counters.overflow += surplus
             self._residual = together.pick(np.arange(surplus, len(together)))
+        if self._contact is None or not len(self._residual) or not len(self._stamps):
+            return
+        batch = self._residual
+        place = np.searchsorted(self._stamps, batch.stamps)
+        inside = np.minimum(place, len(self._stamps) - 1)
+        found = self._stamps[inside] == batch.stamps
+        due = found | (batch.stamps < self._stamps[-1])
+        self.counters.without_load += int((due & ~found).sum())
+        for sample in residual_samples(batch.pick(found), self._loads[inside[found]]):
+            self.monitor.step(sample)
+        self._residual = batch.pick(np.flatnonzero(~due))
+        if found.any():
+            until = int(batch.stamps[found].max())
+            after = int(np.searchsorted(self._stamps, until, side='right'))
+            self._stamps, self._loads = self._stamps[after:], self._loads[after:]
 
 
 def residual_samples(batch: Displacements, loads: NDArray[np.float64]) -> Iterator[Sample]:

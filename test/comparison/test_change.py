@@ -15,22 +15,20 @@ from saddlering_ros.comparison.change import (
     ComparisonError,
     renewed_between,
 )
-from saddlering_ros.comparison.difference import (
-    DEFINITION,
-    in_doubt,
-    left_between,
-    with_main_cause,
-)
 from saddlering_ros.comparison.maker import common_loads, judged_wear, maker_figures, MakerFigures
 from saddlering_ros.comparison.series import ChangeSeries, Evidence
 from saddlering_ros.comparison.sessions import (
     beside,
     CONTACT_CHANGE,
+    DEFINITION,
     EARLIER,
+    in_doubt,
     LATER,
+    left_between,
     seen_in,
     SESSION,
     TwoSessions,
+    with_main_cause,
 )
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.ring_wording import title_of
