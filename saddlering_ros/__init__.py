@@ -6,11 +6,15 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from saddlering_ros.api.comparison import compare, ComparisonResult
     from saddlering_ros.api.curves import Curves, displacement, residual, simulate
-    from saddlering_ros.api.functions import diagnose, identify, validate
+    from saddlering_ros.api.functions import compare, diagnose, identify, validate
     from saddlering_ros.api.inputs import Bag, read_bag
-    from saddlering_ros.api.results import DiagnosisResult, IdentificationResult, ValidationResult
+    from saddlering_ros.api.results import (
+        ComparisonResult,
+        DiagnosisResult,
+        IdentificationResult,
+        ValidationResult,
+    )
     from saddlering_ros.errors import Cancelled, SaddleringError
     from saddlering_ros.identification import IdentificationSettings, SwarmSettings
     from saddlering_ros.progress import Progress, show_progress
@@ -19,7 +23,7 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 
 _PLACES = {
-    'compare': 'api.comparison', 'ComparisonResult': 'api.comparison',
+    'compare': 'api.functions', 'ComparisonResult': 'api.results',
     'diagnose': 'api.functions', 'identify': 'api.functions', 'validate': 'api.functions',
     'Curves': 'api.curves', 'displacement': 'api.curves', 'residual': 'api.curves',
     'simulate': 'api.curves', 'IdentificationSettings': 'identification',

@@ -78,13 +78,12 @@ class Curves(inputs.Tabular):
     def plot(self) -> Plot:
         """delta_x, delta_y and gamma over time."""
         from saddlering_ros.api.results import Plot
-        from saddlering_ros.pages.charts import draw
         from saddlering_ros.report.figures import over_time
 
         kept = slice(None, None, max(1, len(self) // MAX_DRAWN))
         channels = {name: np.asarray(getattr(self, name))[kept] for name in CHANNELS[:3]}
         title = f'{self.bag.name}: {self.kind}'
-        return Plot(draw(over_time(self.time[kept], channels, title)), self._spare_bag)
+        return Plot(over_time(self.time[kept], channels, title), self._spare_bag)
 
     def _spare_bag(self, output: Path) -> None:
         spare_bags(output, str(output), [(bag_folder(self.bag.path), str(self.bag.path))])

@@ -1,13 +1,19 @@
-"""The three computations of the API: identify, validate, diagnose."""
+"""The computations of the API: identify, validate, diagnose, compare."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from saddlering_ros import diagnosis, identification
 from saddlering_ros.api import inputs
 from saddlering_ros.api.inputs import BagLike, ParametersLike, RigLike, runs_of
-from saddlering_ros.api.results import DiagnosisResult, IdentificationResult, ValidationResult
+from saddlering_ros.api.results import (
+    ComparisonResult,
+    DiagnosisResult,
+    IdentificationResult,
+    ValidationResult,
+)
+from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification import IdentificationSettings, SwarmSettings
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
@@ -110,3 +116,36 @@ def diagnose(
     if on_progress is not None:
         on_progress(Progress('diagnose', 'verdict', 1.0))
     return DiagnosisResult((*fitted, *held_out), given.rig, given.files, answer)
+
+
+def compare(
+    before: BagLike | Iterable[BagLike], after: BagLike | Iterable[BagLike], *,
+    between: Sequence[Iterable[BagLike]] = (), rig: RigLike = None, seed: int = 0,
+    trust_rig: bool = False, on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
+) -> ComparisonResult:
+    """What changed in one ring from the bags of one session to those of a later one.
+
+    What both sessions have (unequal rollers, waviness, errors of the rig file and of the
+    simulator, gains of the instruments) is measured by the earlier session and cancels. The
+    sessions may have different tests. between: sessions between the two, in order of time; the
+    result then has the evidence of the whole series, which may be read after every session. The
+    other arguments are those of `diagnose`.
+    """
+    from saddlering_ros.comparison.change import compare_records
+
+    inputs.check_whole('seed', seed, 0)
+    given = inputs.inputs_of(before, hold_out=after, rig=rig, trust_rig=trust_rig,
+                             on_progress=on_progress, is_cancelled=is_cancelled,
+                             names=('before', 'after'))
+    refuse_repeats(runs_of([*given.bags, *given.held_out]))
+    earlier, later = inputs.for_fits(given.bags, given.held_out)
+    others = [inputs.for_fits(inputs.inputs_of(
+        bags, rig=given.rig, trust_rig=trust_rig, on_progress=on_progress,
+        is_cancelled=is_cancelled, names=('between', '')).bags)[0] for bags in between]
+    change = compare_records(
+        runs_of(earlier), runs_of(later), rig=given.rig,
+        between=[runs_of(bags) for bags in others], seed=seed,
+        on_progress=on_progress, is_cancelled=is_cancelled)
+    used = [*earlier, *(bag for bags in others for bag in bags), *later]
+    return ComparisonResult(tuple(used), given.rig, given.files, change)

@@ -1,4 +1,4 @@
-"""Results of identification, validation and diagnosis as objects that print, plot and save."""
+"""Results of the computations as objects that print, plot and save."""
 
 from __future__ import annotations
 
@@ -40,8 +40,9 @@ from saddlering_ros.rig import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from saddlering_ros.comparison.change import Change
+    from saddlering_ros.pages.charts import Chart
     from saddlering_ros.report.curves import RunCurves
-
 
 PLOT_SUFFIXES = ('.png', '.svg', '.pdf')
 
@@ -50,11 +51,18 @@ PLOT_SUFFIXES = ('.png', '.svg', '.pdf')
 class Plot:
     """A figure: a notebook shows it, `save` writes it, `figure` is matplotlib's own object.
 
-    spare: refuses a path that is an input of the result.
+    chart: what it shows; spare: refuses a path that is an input of the result.
     """
 
-    figure: Figure
+    chart: Chart = field(repr=False)
     spare: Callable[[Path], None] = field(repr=False)
+
+    @cached_property
+    def figure(self) -> Figure:
+        """The figure, for changes by hand."""
+        from saddlering_ros.pages.charts import draw
+
+        return draw(self.chart)
 
     def save(self, path: Path | str) -> None:
         """Write a PNG, SVG or PDF, as the name ends."""
@@ -190,14 +198,13 @@ class IdentificationResult(ParametricResult):
 
     def columns(self) -> dict[str, list[Any]]:
         """One row per parameter: value, std, 95 % interval or None, unit, note."""
-        found, rows = self.found, []
-        for name, std in zip(PARAMETER_NAMES, found.std, strict=True):
-            low, high = found.intervals[name] or (None, None)
-            rows.append({
-                'parameter': name, 'value': float(getattr(found.parameters.contact, name)),
-                'std': float(std) if found.determined[name] else None, 'low': low, 'high': high,
-                'unit': PARAMETER_UNITS[name], 'note': found.reasons.get(name, '')})
-        return columns_of(rows)
+        found = self.found
+        return columns_of([
+            {'parameter': name, 'value': float(getattr(found.parameters.contact, name)),
+             'std': float(std) if found.determined[name] else None,
+             **dict(zip(('low', 'high'), found.intervals[name] or (None, None), strict=True)),
+             'unit': PARAMETER_UNITS[name], 'note': found.reasons.get(name, '')}
+            for name, std in zip(PARAMETER_NAMES, found.std, strict=True)])
 
     def plot(self) -> Plot:
         """Measured and simulated with these parameters, for the fitted bags."""
@@ -229,12 +236,11 @@ class ValidationResult(Result):
 
     def columns(self) -> dict[str, list[Any]]:
         """One row per run and channel, with every number of `validate --json`."""
-        skipped = {'iso18571_parts'}
         return columns_of([
             {'bag': run.name, 'test': run.test, 'elevation_deg': float(np.degrees(run.elevation)),
-             'channel': channel,
-             **{key: value for key, value in vars(figures).items() if key not in skipped}}
-            for run in self.found.runs for channel, figures in run.channels.items()])
+             'channel': channel, **figures} for run in self.found.runs
+            for channel, figures in zip(run.channels, _without(
+                [vars(item) for item in run.channels.values()], 'iso18571_parts'), strict=True)])
 
     def _curves(self) -> list[RunCurves]:
         from saddlering_ros.report.reports import curves_of_validation
@@ -248,12 +254,11 @@ class ValidationResult(Result):
 
     def plot(self) -> Plot:
         """Measured and simulated, one column per run: static runs over load, dynamic over time."""
-        from saddlering_ros.pages.charts import draw
         from saddlering_ros.report import figures
 
         curves = self._curves()
         static = [item for item in curves if item.test == 'static']
-        return Plot(draw(figures.comparison((static or curves)[:3])), self._spare_inputs)
+        return Plot(figures.comparison((static or curves)[:3]), self._spare_inputs)
 
     def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
         from saddlering_ros.report import write_validation_report
@@ -330,7 +335,7 @@ class DiagnosisResult(ParametricResult):
     def _tables(self) -> dict[str, Callable[[], Columns]]:
         from saddlering_ros.report.curves import curve_columns, curves_of
 
-        said = self.document
+        said: Mapping[str, Any] = self.document
         return {
             'candidates': lambda: columns_of([
                 {**item, 'effects': ' + '.join(item['effects'])}
@@ -339,7 +344,7 @@ class DiagnosisResult(ParametricResult):
             'misfit': lambda: columns_of([
                 {**{key: run[key] for key in ('bag', 'test', 'elevation_deg', 'held_out')},
                  'channel': name, **item}
-                for run in _mappings(said['runs']) for name, item in run['channels'].items()]),
+                for run in said['runs'] for name, item in run['channels'].items()]),
             'probabilities': lambda: {
                 'outcome': list(said.get('probabilities') or {}),
                 'probability': list((said.get('probabilities') or {}).values())},
@@ -348,11 +353,10 @@ class DiagnosisResult(ParametricResult):
 
     def plot(self) -> Plot:
         """Misfit of every run and channel before and after, beside the noise."""
-        from saddlering_ros.pages.charts import draw
         from saddlering_ros.report import figures
 
-        return Plot(draw(figures.misfit(
-            self.document['runs'], is_extended=bool(self.causes))), self._spare_inputs)
+        return Plot(figures.misfit(self.document['runs'], is_extended=bool(self.causes)),
+                    self._spare_inputs)
 
     def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
         from saddlering_ros.report import write_diagnosis_report
@@ -383,9 +387,50 @@ class DiagnosisResult(ParametricResult):
         return f'Verdict: {self.verdict}. {headline(self.document)}'
 
 
-def _mappings(entries: Sequence[Any]) -> Sequence[Mapping[str, Any]]:
-    """Typed entries of a document as plain mappings."""
-    return entries
+@dataclass(frozen=True, repr=False)
+class ComparisonResult(Result):
+    """What changed between two sessions; `change` holds every figure."""
+
+    change: Change
+
+    @property
+    def verdict(self) -> str:
+        """'none', 'named', 'ambiguous' or 'unknown', of the change."""
+        return self.change.verdict
+
+    @property
+    def headline(self) -> str:
+        """The verdict in one sentence."""
+        return self.change.headline
+
+    def summary(self) -> str:
+        """Verdict, changes with their errors, contact law, figures of makers, notes."""
+        from saddlering_ros.report.change import change_text
+
+        return change_text(self.change)
+
+    def columns(self) -> dict[str, list[Any]]:
+        """One row per parameter of each cause: the change, its std, unit and p-value."""
+        names = ('effect', 'parameter', 'change', 'std', 'unit', 'p_value')
+        rows = [(cause.effect, name, item.value, item.std, item.unit, cause.p_value)
+                for cause in self.change.diagnosis.causes
+                for name, item in cause.parameters.items()]
+        return {name: [row[place] for row in rows] for place, name in enumerate(names)}
+
+    def plot(self) -> Plot:
+        """The change of the later runs over the load."""
+        from saddlering_ros.report.change import change_chart
+
+        return Plot(change_chart(self.change), self._spare_inputs)
+
+    def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
+        from saddlering_ros.report.change import write_change_page
+
+        write_change_page(self.change, path, command)
+        return (path,)
+
+    def _document(self) -> dict[str, Any]:
+        return self.change.to_json()
 
 
 def _without(entries: Sequence[Any], left_out: str) -> list[dict[str, Any]]:

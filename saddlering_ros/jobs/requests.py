@@ -78,8 +78,7 @@ class DiagnosisRequest:
 
     def run(self, on_progress: OnProgress) -> Answer:
         """Diagnose, or compare with the earlier session."""
-        from saddlering_ros.api.comparison import compare
-        from saddlering_ros.api.functions import diagnose
+        from saddlering_ros.api.functions import compare, diagnose
 
         if self.before:
             change = compare(self.before, self.bags, rig=self.rig, seed=self.seed,

@@ -107,15 +107,19 @@ def commands(lines: Sequence[str]) -> str:
 
 
 def paragraph(text: str, kind: str = '') -> str:
-    """A paragraph of plain text; a percentage is not broken between lines."""
-    return f'<p{_class(kind)}>{escape(text)}</p>'.replace(' %', '\u00a0%')
+    """A paragraph of plain text, empty without one; a percentage is not broken between lines."""
+    return f'<p{_class(kind)}>{escape(text)}</p>'.replace(' %', '\u00a0%') if text else ''
+
+
+def verdict(kind: str, *parts: str) -> str:
+    """The frame at the head of a page with what has been found; kind: the verdict."""
+    return f'<div class="verdict {kind}">' + '\n'.join(filter(None, parts)) + '</div>'
 
 
 def bullets(lines: Sequence[str]) -> str:
     """A list of plain lines; empty if there are none."""
-    if not lines:
-        return ''
-    return '<ul>' + ''.join(f'<li>{escape(line)}</li>' for line in lines) + '</ul>'
+    items = ''.join(f'<li>{escape(line)}</li>' for line in lines)
+    return f'<ul>{items}</ul>' if items else ''
 
 
 def folded(title: str, *parts: str) -> str:

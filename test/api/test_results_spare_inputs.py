@@ -5,7 +5,6 @@ from pathlib import Path
 import shutil
 from types import SimpleNamespace
 
-from matplotlib.figure import Figure
 import pytest
 
 from saddlering_ros import read_bag
@@ -14,6 +13,7 @@ from saddlering_ros.api.results import DiagnosisResult, Plot, Result, Validation
 from saddlering_ros.cli._arguments import check_files
 from saddlering_ros.cli.main import build_parser
 from saddlering_ros.files import FileConflict, Origin
+from saddlering_ros.pages.charts import Chart
 from saddlering_ros.rig import default_rig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -86,7 +86,7 @@ def test_an_output_that_is_no_path_is_refused_in_one_line():
     with pytest.raises(ApiError, match='path is of type int'):
         result.save(3)
     with pytest.raises(ApiError, match='path is None'):
-        Plot(Figure(), result._spare_inputs).save(None)
+        Plot(Chart((), 4.0, 3.0), result._spare_inputs).save(None)
 
 
 def test_a_plot_is_not_saved_over_an_input(place):
@@ -94,7 +94,7 @@ def test_a_plot_is_not_saved_over_an_input(place):
     picture = place / 'plot.png'
     picture.write_text('mine')
     result = _Summary((), rig, (Origin(str(picture)),))
-    plot = Plot(Figure(), result._spare_inputs)
+    plot = Plot(Chart((), 4.0, 3.0), result._spare_inputs)
     with pytest.raises(FileConflict, match='plot'):
         plot.save(picture)
     plot.save(place / 'other.png')

@@ -15,7 +15,7 @@ from rosnet import Client, Driver, wait_until
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingParameters
-from saddlering_ros.api import comparison
+from saddlering_ros.api import functions
 from saddlering_ros.bags import write_bag
 from saddlering_ros.jobs import requests
 from saddlering_ros.record import TestMetadata
@@ -230,7 +230,7 @@ def test_a_change_fills_the_result_of_the_action(monkeypatch: Any) -> None:
                     'material_limit': 0.02, 'testable': True, 'one_session': 0.05}]}
     change = SimpleNamespace(verdict='none', headline='Nothing changed.',
                              to_json=lambda: document)
-    monkeypatch.setattr(comparison, 'compare', lambda before, after, **options: change)
+    monkeypatch.setattr(functions, 'compare', lambda before, after, **options: change)
     answer = requests.run(requests.DiagnosisRequest(
         ('later',), ('earlier',), (), default_rig(), '', 0), lambda progress: None)
     assert answer.parameters is None
