@@ -55,88 +55,55 @@ def consistency_tests(
     metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResidual, pairs: int
 ) -> list[ShapeTest]:
     """Every family of these runs; the number of families is counted in the p-values."""
-    families = _Families(metric.problem, fit, tangent).all()
+    families = _families(metric.problem, fit, tangent)
     tests = [
-        test
-        for name, columns in families.items()
-        if (test := _Test(metric, fit, tangent, columns).result(name, slow, pairs)) is not None
-    ]
+        test for name, columns in families.items()
+        if (test := _tested(metric, fit, tangent, name, columns, slow, pairs)) is not None]
     return [replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests]
 
 
-class _Families:
-    """Families of shapes about a fit, each evaluated for one channel of one run at a time."""
+def _families(problem: Problem, fit: Fit, tangent: Tangent) -> dict[str, Columns]:
+    """Shapes about a fit by their kind, each evaluated for one channel of one run at a time."""
+    runs, slices, plain = problem.runs, problem.slices, tangent.plain
+    channels = len(problem.system.channel_names)
+    predicted = problem.by_run(fit.prediction)
+    seen = [_places([run[row] for run in predicted]) for row in range(channels)]
+    shared = [name for name in runs[0].inputs if all(name in run.inputs for run in runs)]
+    states = [*seen, *(_places([run.inputs[name] for run in runs]) for name in shared)]
+    times = [[np.pi * (run.time - run.time[0]) / np.ptp(run.time) for run in runs]]
 
-    def __init__(self, problem: Problem, fit: Fit, tangent: Tangent) -> None:
-        self._problem, self._plain = problem, tangent.plain
-        self._runs, self._names = problem.runs, problem.system.channel_names
-        self._base = len(problem.system.base_parameters)
-        self._changes = changes_of_effects(problem, fit)
-        predicted = problem.by_run(fit.prediction)
-        self._seen = [_places([run[row] for run in predicted]) for row in range(len(self._names))]
-        shared = [
-            name for name in self._runs[0].inputs if all(name in run.inputs for run in self._runs)]
-        given = [_places([run.inputs[name] for run in self._runs]) for name in shared]
-        self._states = [*self._seen, *given]
-        self._times = [np.pi * (run.time - run.time[0]) / np.ptp(run.time) for run in self._runs]
+    def over(shapes: Array, states: Sequence[Sequence[Array]], waves: int) -> Columns:
+        """Shapes (n, k) times cosines over each state, which has an array (N,) for each run."""
+        return lambda slot: np.hstack([
+            shapes[slices[slot][2]] * np.cos(wave * places[slices[slot][0]])[:, None]
+            for places in states for wave in range(1, waves + 1)])
 
-    def all(self) -> dict[str, Columns]:
-        """The families by the kind of their shapes."""
-        families: dict[str, Columns] = {
-            'state, as the parameters act': lambda slot: self._over_states(
-                slot, self._sensitivities(slot)[:, : self._base], PARAMETER_WAVES),
-            'time, as the parameters act': lambda slot: self._over_time(
-                slot, self._sensitivities(slot)[:, : self._base], PARAMETER_TIMES),
-            'the predicted state': self._of_channels,
-        }
-        if len(self._runs) > 1:
-            families['the runs, as the parameters act'] = lambda slot: self._one_of(
-                slot, self._problem.slices[slot][0], len(self._runs))
-        if len(self._names) > 1:
-            families['the channels, as the parameters act'] = lambda slot: self._one_of(
-                slot, self._problem.slices[slot][1], len(self._names))
-        if self._changes.size:
-            families['state, as the cause acts'] = lambda slot: self._over_states(
-                slot, self._own(self._changes, slot), CAUSE_WAVES)
-            families['time, as the cause acts'] = lambda slot: self._over_time(
-                slot, self._own(self._changes, slot), CAUSE_TIMES)
-        return families
+    def one_of(kind: int, count: int) -> Columns:
+        """The sensitivities in one of `count` runs (kind 0) or channels (1), not in the last."""
+        return lambda slot: np.asarray(
+            np.kron(np.eye(count)[slices[slot][kind], :-1], plain[slices[slot][2]]))
 
-    def _own(self, stacked: Array, slot: int) -> Array:
-        return np.asarray(stacked[self._problem.slices[slot][2]])
-
-    def _sensitivities(self, slot: int) -> Array:
-        return self._own(self._plain, slot)
-
-    def _over_states(self, slot: int, shapes: Array, waves: int) -> Array:
-        run = self._problem.slices[slot][0]
-        return np.hstack([
-            shapes * np.cos(wave * places[run])[:, None]
-            for places in self._states
-            for wave in range(1, waves + 1)
-        ])
-
-    def _over_time(self, slot: int, shapes: Array, waves: int) -> Array:
-        time = self._times[self._problem.slices[slot][0]]
-        return np.hstack([
-            shapes * np.cos(wave * time)[:, None] for wave in range(1, waves + 1)])
-
-    def _one_of(self, slot: int, number: int, count: int) -> Array:
-        """The sensitivities in one of `count` runs or channels, and none in the last."""
-        own = self._sensitivities(slot)
-        whole = np.zeros((own.shape[0], count - 1, own.shape[1]))
-        if number < count - 1:
-            whole[:, number] = own
-        return whole.reshape(own.shape[0], -1)
-
-    def _of_channels(self, slot: int) -> Array:
+    def of_channels(slot: int) -> Array:
         """Shapes over the predicted channels, in this channel of any run."""
-        run, channel, _ = self._problem.slices[slot]
+        run, channel, _ = slices[slot]
         waves = np.arange(1, STATE_WAVES + 1)
-        own = np.hstack([np.cos(places[run][:, None] * waves) for places in self._seen])
-        whole = np.zeros((own.shape[0], len(self._names), own.shape[1]))
-        whole[:, channel] = own
-        return whole.reshape(own.shape[0], -1)
+        own = np.hstack([np.cos(places[run][:, None] * waves) for places in seen])
+        return np.asarray(np.kron(np.eye(channels)[channel], own))
+
+    sensitivities = plain[:, : len(problem.system.base_parameters)]
+    families: dict[str, Columns] = {
+        'state, as the parameters act': over(sensitivities, states, PARAMETER_WAVES),
+        'time, as the parameters act': over(sensitivities, times, PARAMETER_TIMES),
+        'the predicted state': of_channels}
+    if len(runs) > 1:
+        families['the runs, as the parameters act'] = one_of(0, len(runs))
+    if channels > 1:
+        families['the channels, as the parameters act'] = one_of(1, channels)
+    if fit.candidate.effects:
+        changes = changes_of_effects(problem, fit)
+        families['state, as the cause acts'] = over(changes, states, CAUSE_WAVES)
+        families['time, as the cause acts'] = over(changes, times, CAUSE_TIMES)
+    return families
 
 
 def _places(values: Sequence[Array]) -> list[Array]:
@@ -146,64 +113,45 @@ def _places(values: Sequence[Array]) -> list[Array]:
     return [np.pi * (state - low) / max(high - low, 1e-300) for state in values]
 
 
-@dataclass(frozen=True)
-class _Products:
-    """Products of whitened shapes with each other, the tangents (k, p) and the residual (k,)."""
+def _tested(
+    metric: Metric, fit: Fit, tangent: Tangent, name: str, columns: Columns, slow: SlowResidual,
+    pairs: int,
+) -> ShapeTest | None:
+    """The test of one family; None if the sensitivities of the model imitate every shape.
 
-    gram: Array
-    tangents: Array
-    residual: Array
-
-
-class _Test:
-    """One family beside the sensitivities of the model."""
-
-    def __init__(self, metric: Metric, fit: Fit, tangent: Tangent, columns: Columns) -> None:
-        self._metric, self._tangent, self._columns = metric, tangent, columns
-        self._products = _products(metric, fit, tangent, columns)
-
-    def result(self, name: str, slow: SlowResidual, pairs: int) -> ShapeTest | None:
-        """The test of the family; None if the parameters imitate every shape.
-
-        Noise that is learnt from fast parts of a residual can be too large at slow times.
-        The slow structure of the residual bounds its level from above.
-        """
-        products = self._products
-        lengths = np.sqrt(np.maximum(np.diag(products.gram), 1e-300))
-        white = self._tangent.white
-        inverse = np.linalg.pinv(white.T @ white, rcond=1e-10, hermitian=True)
-        imitated = inverse @ products.tangents.T
-        gram = (products.gram - products.tangents @ imitated) / np.outer(lengths, lengths)
-        values, vectors = np.linalg.eigh(gram)
-        kept = values > MIN_LEFT
-        count = int(kept.sum())
-        if not count:
-            return None
-        root = vectors[:, kept] / np.sqrt(values[kept])
-        inner = root.T @ (products.residual / lengths)
-        statistic = float(inner @ inner)
-        rest = max(slow.dimensions - count, 1)
-        left = (slow.excess + slow.dimensions - statistic) / rest
-        level = min(1.0, max(left, MIN_LEVEL)) if slow.dimensions > count else 1.0
-        p_value = float(fisher_chance(statistic / count / level, count, pairs))
-        weights = (root @ inner) / lengths
-        view, size = self._largest(weights, imitated @ weights)
-        beyond = max(statistic - count * level, 0.0) / max(statistic, 1e-300)
-        return ShapeTest(view, name, p_value, statistic, count, size * beyond**0.5)
-
-    def _largest(self, weights: Array, imitated: Array) -> tuple[str, float]:
-        """The view in which the fitted shapes are largest, and their rms share of its range."""
-        problem = self._metric.problem
-        shape = np.empty(problem.size)
-        for slot, (_, _, part) in enumerate(problem.slices):
-            shape[part] = self._columns(slot) @ weights - self._tangent.plain[part] @ imitated
-        sizes = {view: max(problem.view_sizes(shape, view)) for view in problem.system.views}
-        view = max(sizes, key=lambda name: sizes[name])
-        return view, sizes[view]
+    Noise that is learnt from fast parts of a residual can be too large at slow times. The slow
+    structure of the residual bounds its level from above.
+    """
+    gram, tangents, residual = _products(metric, fit, tangent, columns)
+    lengths = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(tangent.white.T @ tangent.white, rcond=1e-10, hermitian=True)
+    imitated = inverse @ tangents.T
+    values, vectors = np.linalg.eigh((gram - tangents @ imitated) / np.outer(lengths, lengths))
+    kept = values > MIN_LEFT
+    count = int(kept.sum())
+    if not count:
+        return None
+    root = vectors[:, kept] / np.sqrt(values[kept])
+    inner = root.T @ (residual / lengths)
+    statistic = float(inner @ inner)
+    left = (slow.excess + slow.dimensions - statistic) / max(slow.dimensions - count, 1)
+    level = min(1.0, max(left, MIN_LEVEL)) if slow.dimensions > count else 1.0
+    p_value = float(fisher_chance(statistic / count / level, count, pairs))
+    weights = (root @ inner) / lengths
+    problem = metric.problem
+    shape = np.concatenate([
+        columns(slot) @ weights - tangent.plain[part] @ (imitated @ weights)
+        for slot, (_, _, part) in enumerate(problem.slices)])
+    sizes = {view: max(problem.view_sizes(shape, view)) for view in problem.system.views}
+    view = max(sizes, key=lambda name: sizes[name])
+    beyond = max(statistic - count * level, 0.0) / max(statistic, 1e-300)
+    return ShapeTest(view, name, p_value, statistic, count, sizes[view] * beyond**0.5)
 
 
-def _products(metric: Metric, fit: Fit, tangent: Tangent, columns: Columns) -> _Products:
-    """Products of the shapes of a family, whitened one channel of one run at a time."""
+def _products(
+    metric: Metric, fit: Fit, tangent: Tangent, columns: Columns
+) -> tuple[Array, Array, Array]:
+    """Products of whitened shapes with each other (k, k), the tangents (k, p) and the residual."""
     shared = metric.shared
     count = columns(0).shape[1]
     gram, residual = np.zeros((count, count)), np.zeros(count)
@@ -216,11 +164,10 @@ def _products(metric: Metric, fit: Fit, tangent: Tangent, columns: Columns) -> _
         residual += white.T @ fit.whitened[part]
         along += white.T @ shared.directions[part]
     shrink = shared.shrink
-    return _Products(
-        np.asarray(gram - (along * (2.0 * shrink - shrink**2)) @ along.T),
-        np.asarray(tangents - along @ (shrink[:, None] * (shared.directions.T @ tangent.white))),
-        np.asarray(residual - along @ (shrink * (shared.directions.T @ fit.whitened))),
-    )
+    return (
+        gram - (along * (2.0 * shrink - shrink**2)) @ along.T,
+        tangents - along @ (shrink[:, None] * (shared.directions.T @ tangent.white)),
+        residual - along @ (shrink * (shared.directions.T @ fit.whitened)))
 
 
 @dataclass(frozen=True)
