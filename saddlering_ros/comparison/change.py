@@ -208,9 +208,15 @@ def check_sessions(
     rings = [{record.details.get('ring') or record.rig for record in records} - {''}
              for records in (before, after)]
     if len(rings[0] | rings[1]) > 1:
-        raise ComparisonError(
-            f'before is of {", ".join(sorted(rings[0]))} and after of '
-            f'{", ".join(sorted(rings[1]))}: compare sessions of one ring')
+        remedy = 'compare sessions of one ring'
+        stated = [{record.details.get('ring', '') for record in records} - {''}
+                  for records in (before, after)]
+        for silent, own, other in (('before', *stated), ('after', *stated[::-1])):
+            if not own and len(other) == 1:
+                remedy = (f'{silent} states no ring: if it is the same, add ring: {min(other)} to '
+                          'the metadata of its bags')
+        raise ComparisonError(f'before is of {", ".join(sorted(rings[0]))} and after of '
+                              f'{", ".join(sorted(rings[1]))}: {remedy}')
     dated = all(record.rig != DRAWN_DATES for record in (*before, *after))
     times = [[int(record.stamps[0]) for record in records] for records in (before, after)]
     if dated and min(times[0]) > max(times[1]):

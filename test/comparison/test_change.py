@@ -234,7 +234,9 @@ def test_sessions_that_are_no_pair_are_refused_in_one_line(before):
                                 ([before[0], later[1]], [before[1], later[0]], 'own time'),
                                 (before, [], 'after: no bags'),
                                 (before, other, 'is of SR-1 and after of SR-2: .* one ring'),
-                                (before, named, 'one ring'),
+                                (before, named, 'before states no ring: .* add ring: SR-2 to'),
+                                ([replace(record, details={'ring': 'A'}) for record in before],
+                                 named, 'is of A and after of SR-2: compare sessions of one'),
                                 (before, [later[0], other[1]], 'after of SR-1, SR-2: ')):
         with pytest.raises(ComparisonError, match=said) as refusal:
             compare_records(first, second, rig=RIG)
