@@ -57,13 +57,13 @@ def run(args: argparse.Namespace) -> int:
     if args.map is not None and args.map.exists():
         raise ImportingError(f'{args.map}: exists already, and a draft does not replace it: '
                              'choose another name')
-    draft = draft_map(open_sources(args.files))
+    text, seen = draft_map(open_sources(args.files))
     if args.map is None:
-        print(*draft.seen, sep='\n', file=sys.stderr)
-        print(draft.text, end='')
+        print(*seen, sep='\n', file=sys.stderr)
+        print(text, end='')
         return 0
-    write_text(args.map, draft.text, ImportingError)
-    print(*draft.seen, sep='\n')
+    write_text(args.map, text, ImportingError)
+    print(*seen, sep='\n')
     print(f'written: {args.map}; complete every TODO in it, then: saddlering import '
           f'{" ".join(map(str, args.files))} --map {args.map} --out BAG')
     return 0
@@ -73,9 +73,8 @@ def _import(args: argparse.Namespace) -> int:
     from saddlering_ros.files import spare_files
     from saddlering_ros.importing.calibration import ImportingError
     from saddlering_ros.importing.clock import words_of
-    from saddlering_ros.importing.convert import import_files
+    from saddlering_ros.importing.convert import import_files, save_preview
     from saddlering_ros.importing.mapping import read_map
-    from saddlering_ros.importing.preview import save_preview
     from saddlering_ros.rig import load_rig
 
     if args.map is None or args.out is None:

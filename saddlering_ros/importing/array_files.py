@@ -61,12 +61,10 @@ class Hdf5Source(Source):
         if isinstance(which, str):
             values = dataset.fields(which)[part] if which else dataset[part]
         else:
-            values = dataset[which, part] if dataset.shape[1] > dataset.shape[0] \
-                else dataset[part, which]
-        if values.dtype.kind not in 'SUO':
-            return np.asarray(values)
-        return np.array([value.decode('utf-8', 'replace') if isinstance(value, bytes)
-                         else str(value) for value in values], dtype=object)
+            is_wide = dataset.shape[1] > dataset.shape[0]
+            values = dataset[which, part] if is_wide else dataset[part, which]
+        return np.asarray(values) if values.dtype.kind not in 'SUO' else np.array(
+            [_text(value) for value in values], dtype=object)
 
     def _visit(self, name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith('#') or (item.size or 0) < 2:
@@ -74,10 +72,8 @@ class Hdf5Source(Source):
         if item.dtype.names:
             for field in item.dtype.names:
                 self._add(f'{name}/{field}', name, field, item.dtype[field])
-        elif item.ndim == 1:
-            self._add(name, name, '', item.dtype)
-        elif item.ndim == 2 and 1 in item.shape:
-            self._add(name, name, 0, item.dtype)
+        elif item.ndim == 1 or (item.ndim == 2 and 1 in item.shape):
+            self._add(name, name, '' if item.ndim == 1 else 0, item.dtype)
         elif item.ndim == 2:
             for index in range(min(*item.shape, MAX_COLUMNS)):
                 self._add(f'{name}:{index + 1}', name, index, item.dtype)
@@ -92,11 +88,14 @@ class Hdf5Source(Source):
         units = [item.attrs.get(key) for key in _UNITS]
         unit = next((value for value in units if isinstance(value, (bytes, str))), '')
         self.columns += (Column(
-            name, unit.decode('utf-8', 'replace') if isinstance(unit, bytes) else unit, rows,
-            TEXT if is_text else NUMBER,
+            name, _text(unit), rows, TEXT if is_text else NUMBER,
             tuple(map(str, self._values(name, slice(0, min(rows, 3))))),
             # /path with a leading slash, with dots as MATLAB writes it, and the last part
             others=(f'/{name}', name.replace('/', '.'), name.rpartition('/')[2])),)
+
+
+def _text(value: object) -> str:
+    return value.decode('utf-8', 'replace') if isinstance(value, bytes) else str(value)
 
 
 class Matlab73Source(Hdf5Source):

@@ -68,12 +68,10 @@ _SAME = {'µm': 'um', 'μm': 'um', 'µs': 'us', 'μs': 'us', 'sec': 's', 'inch':
 
 def unit_of(name: object, where: str) -> Unit:
     """The unit of that name; ImportingError if it is not known."""
-    found = known_unit(name)
-    if found is None:
-        raise ImportingError(
-            f'{where} is {name!r}, which is not a known unit{did_you_mean(str(name), _UNITS)}'
-            f' (known: {", ".join(_UNITS)})')
-    return found
+    if (found := known_unit(name)) is not None:
+        return found
+    raise ImportingError(f'{where} is {name!r}, which is not a known unit'
+                         f'{did_you_mean(str(name), _UNITS)} (known: {", ".join(_UNITS)})')
 
 
 def known_unit(name: object) -> Unit | None:
@@ -150,8 +148,11 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
             raise ImportingError(f'{path}, line {number}: has {len(cells)} columns: a '
                                  'calibration table has two columns, the reading and the quantity')
         try:
-            rows.append([_finite(cell if delimiter == ',' else cell.replace(',', '.'))
-                         for cell in cells])
+            row = [plain_number(cell if delimiter == ',' else cell.replace(',', '.'))
+                   for cell in cells]
+            if not np.isfinite(row).all():
+                raise ValueError(line)
+            rows.append(row)
         except ValueError as problem:
             if number > 1:
                 raise ImportingError(f'{path}, line {number}: {line!r} is not two numbers: '
@@ -170,13 +171,6 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
                              'least two lines: sort the table')
     readings, values = zip(*sorted(rows), strict=True)
     return Table(unit, readings, values, path)
-
-
-def _finite(text: str) -> float:
-    number = plain_number(text)
-    if not np.isfinite(number):
-        raise ValueError(text)
-    return number
 
 
 def _unit_in(cell: str) -> Unit | None:

@@ -1,6 +1,7 @@
 """From the time of a file to stamps: nanoseconds since 1970-01-01 UTC, exact to the last."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone, tzinfo
 from decimal import Decimal, InvalidOperation
@@ -64,7 +65,10 @@ class CountedTime:
         scale = self.unit.factor * SECOND
         if numbers.dtype.kind not in 'fi':
             texts = [str(cell).strip().replace(',', '.') for cell in numbers]
-            numbers = np.array([_float(text) for text in texts])
+            numbers = np.full(len(texts), np.nan)
+            for row, text in enumerate(texts):
+                with suppress(ValueError):
+                    numbers[row] = plain_number(text)
             seconds = np.abs(numbers) * float(self.unit.factor)
             if np.nanmax(seconds, initial=0.0) >= EXACT_UP_TO:
                 return np.array([self._of_text(text) for text in texts], dtype=np.int64)
@@ -105,12 +109,10 @@ class DatedTime:
         if self.format == FILE:
             raise ImportingError(f"column {self.columns[0]} holds no dates of the file's own "
                                  'kind: give format: iso, or like "%d.%m.%Y %H:%M:%S"')
-        texts = cells[0].tolist() if len(cells) == 1 else [
-            ' '.join(map(str, row)) for row in zip(*(c.tolist() for c in cells), strict=True)]
         known: dict[str, int] = {}
-        result = np.empty(len(texts), dtype=np.int64)
-        for row, text in enumerate(texts):
-            base, fraction = _parted(str(text).strip())
+        result = np.empty(len(rows), dtype=np.int64)
+        for row, texts in enumerate(zip(*(column.tolist() for column in cells), strict=True)):
+            base, fraction = _parted(' '.join(map(str, texts)).strip())
             if base not in known:
                 known[base] = self._whole_seconds(base)
             result[row] = MISSING if known[base] == MISSING else known[base] + fraction
@@ -145,10 +147,8 @@ def zone_of(name: object, where: str) -> tzinfo:
     if offset:
         span = timedelta(hours=int(offset[2]), minutes=int(offset[3]))
         return timezone(span if offset[1] == '+' else -span)
-    if text.upper() in ('UTC', 'Z', 'GMT'):
-        return timezone.utc
     try:
-        return ZoneInfo(text)
+        return timezone.utc if text.upper() in ('UTC', 'Z', 'GMT') else ZoneInfo(text)
     except (ZoneInfoNotFoundError, ValueError, OSError) as problem:
         raise ImportingError(f'{where} is {text!r}, which is not a known time zone: give UTC, a '
                              'name like Europe/Berlin, or +01:00') from problem
@@ -190,19 +190,10 @@ def words_of(stamp: int) -> str:
 def _parted(text: str) -> tuple[str, int]:
     """The text without its fraction of a second, and the fraction [ns]."""
     found = _FRACTION.match(text)
-    if found is None:
-        return text, 0
-    return found[1] + found[3], int(found[2][:9].ljust(9, '0'))
+    return (text, 0) if found is None else (found[1] + found[3], int(found[2][:9].ljust(9, '0')))
 
 
 def _nanoseconds(moment: datetime, zone: tzinfo | None) -> int:
     """The stamp of a moment; zone: where it has none of its own."""
     span = (moment if moment.tzinfo else moment.replace(tzinfo=zone)) - _EPOCH
     return span // timedelta(microseconds=1) * 1000
-
-
-def _float(text: str) -> float:
-    try:
-        return plain_number(text)
-    except ValueError:
-        return float('nan')

@@ -1,7 +1,7 @@
-"""Conversion of measured files by a map into bags, for `saddlering import`."""
+"""Conversion of measured files by a map into bags, for `saddlering import`, and its picture."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import groupby, zip_longest
 from operator import itemgetter
 from pathlib import Path
@@ -9,24 +9,65 @@ import re
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.errors import BagError, did_you_mean, plain_number
+from saddlering_ros.files import whole_file
 from saddlering_ros.importing.calibration import ImportingError
+from saddlering_ros.importing.clock import words_of
 from saddlering_ros.importing.feed import Feed, feeds_of, Part, Samples
-from saddlering_ros.importing.mapping import ChannelMap, ImportMap, instruments_text
-from saddlering_ros.importing.preview import Course
+from saddlering_ros.importing.mapping import ImportMap, instruments_text
 from saddlering_ros.importing.source import open_sources
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import RANGE_TYPE
-from saddlering_ros.rig import Rig
+from saddlering_ros.rig import FORCE_UNITS, Rig
 
 UNDATED = 10 * 365 * 86400 * SECOND
 """A stamp before 1980 [ns] comes of a time without a date: no rig was recorded then."""
 
+MAX_RUNS, MAX_POINTS, POINTS_PER_BLOCK = 6, 4096, 256
+"""Of a picture: runs, points of a channel (more than pixels), and points of a block that was read;
+each point has its extremes."""
+
+_COLOURS = {'hydraulic_load': '#333333', 'eddy_current_1': '#0072B2', 'eddy_current_2': '#D55E00',
+            'eddy_current_3': '#009E73', 'eddy_current_4': '#CC79A7'}
+
 Progress = Callable[[int], None]
 """Called with the number of samples written so far."""
+
+
+@dataclass
+class Course:
+    """A channel: how many samples, the stamps [ns] of its ends, and stretches for a picture.
+
+    stamps: the first [ns] of each stretch; lowest, highest: its extreme values.
+    """
+
+    count: int = 0
+    first: int = 0
+    last: int = 0
+    stamps: list[int] = field(default_factory=list)
+    lowest: list[float] = field(default_factory=list)
+    highest: list[float] = field(default_factory=list)
+
+    def add(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        """Add a block of samples (N,)."""
+        if not len(stamps):
+            return
+        self.first = self.first if self.count else int(stamps[0])
+        self.last = int(stamps[-1])
+        self.count += len(stamps)
+        starts = np.unique(np.linspace(0, len(stamps), POINTS_PER_BLOCK + 1).astype(int)[:-1])
+        self.stamps += stamps[starts].tolist()
+        self.lowest += np.minimum.reduceat(values, starts).tolist()
+        self.highest += np.maximum.reduceat(values, starts).tolist()
+        if len(self.stamps) > MAX_POINTS:
+            even = len(self.stamps) // 2 * 2
+            self.stamps = self.stamps[:even:2]
+            self.lowest = np.minimum(self.lowest[:even:2], self.lowest[1:even:2]).tolist()
+            self.highest = np.maximum(self.highest[:even:2], self.highest[1:even:2]).tolist()
 
 
 @dataclass(frozen=True)
@@ -79,7 +120,13 @@ def import_files(
         texts['instruments'] = stated
     if rig is not None:
         texts['rig_hash'] = rig.digest
-    ranges = {channel.name: _range(channel, rig) for channel in mapping.channels}
+    ranges = {channel.name: channel.range for channel in mapping.channels}
+    for channel in mapping.channels:
+        if channel.topic.type == RANGE_TYPE and not channel.range:
+            if rig is None:
+                raise ImportingError(f'channels.{channel.name}: the range of the probe is not '
+                                     'stated: give range: [low, high] in metres, or --rig')
+            ranges[channel.name] = rig.probes.min_range, rig.probes.max_range
     runs: list[ImportedRun] = []
     by_run = [groupby(feed.parts(), key=itemgetter(0)) for feed in feeds]
     for streams in zip_longest(*by_run):
@@ -148,15 +195,6 @@ def _metadata(
                              ) from problem
 
 
-def _range(channel: ChannelMap, rig: Rig | None) -> tuple[float, ...]:
-    if channel.topic.type != RANGE_TYPE or channel.range:
-        return channel.range
-    if rig is None:
-        raise ImportingError(f'channels.{channel.name}: the range of the probe is not stated: '
-                             'give range: [low, high] in metres, or --rig')
-    return rig.probes.min_range, rig.probes.max_range
-
-
 def _merged(feeds: Sequence[tuple[Feed, Iterator[Part]]]) -> Iterator[Samples]:
     """The samples of one run of all channels, in order of time, block by block."""
     waiting = {name: (np.empty(0, dtype=np.int64), np.empty(0))
@@ -182,3 +220,41 @@ def _merged(feeds: Sequence[tuple[Feed, Iterator[Part]]]) -> Iterator[Samples]:
             taken[name] = stamps[:end], values[:end]
             waiting[name] = stamps[end:], values[end:]
         yield taken
+
+
+def save_preview(path: Path, runs: Sequence[ImportedRun], rig: Rig) -> None:
+    """Write the picture (PNG, SVG or PDF, by the suffix) of the first MAX_RUNS runs.
+
+    rig: whose unit of forces the picture has.
+    """
+    from matplotlib.figure import Figure
+
+    shown = list(runs[:MAX_RUNS])
+    figure = Figure(figsize=(max(7.5, 4.0 * len(shown)), 5.0), layout='constrained')
+    axes = figure.subplots(2, len(shown), squeeze=False, sharex='col')
+    for run, (load, gaps) in zip(shown, axes.T, strict=True):
+        for name in (name for name in _COLOURS if name in run.courses):
+            course, is_load = run.courses[name], name == 'hydraulic_load'
+            time = (np.array(course.stamps) - run.start) / SECOND
+            band = np.array([course.lowest, course.highest])
+            band /= FORCE_UNITS[rig.force_unit] if is_load else 1e-3
+            plot = load if is_load else gaps
+            plot.fill_between(time, *band, color=_COLOURS[name], alpha=0.35, linewidth=0)
+            plot.plot(time, band.mean(axis=0), color=_COLOURS[name], linewidth=0.9,
+                      label=name.replace('eddy_current_', 'probe '))
+        facts = run.metadata
+        load.set_title(f'{run.path.name}: {facts.test}, {facts.elevation_deg:g} deg\n'
+                       f'from {words_of(run.start)}', fontsize=9)
+        gaps.set_xlabel('time [s]')
+    axes[0, 0].set_ylabel(f'load [{rig.force_unit}]')
+    axes[1, 0].set_ylabel('gap [mm]')
+    axes[1, 0].legend(fontsize=8, loc='best')
+    for plot in axes.flat:
+        plot.grid(color='#dddddd', linewidth=0.6)
+    kind = path.suffix.lstrip('.').lower() or 'png'
+    with whole_file(path, ImportingError) as temporary:
+        try:
+            figure.savefig(temporary, format=kind, dpi=120)
+        except ValueError as problem:
+            raise ImportingError(f'{path}: this kind of figure is not supported: give a name '
+                                 'that ends in .png, .svg or .pdf') from problem

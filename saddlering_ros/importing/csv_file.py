@@ -177,8 +177,9 @@ class CsvSource(Source):
             raise ImportingError(f'{path}: has no data from line {shape.first_line} on')
         widths = [len(row) for row in data]
         width = max(set(widths), key=widths.count)
-        names = _cells(rows, shape.header_line, width)
-        units = [unit.strip('[]()') for unit in _cells(rows, shape.units_line, width)]
+        names, units = (
+            ([cell.strip() for row in rows[line - 1:line] for cell in row if line]
+             + [''] * width)[:width] for line in (shape.header_line, shape.units_line))
         seen: Counter[str] = Counter()
         for index, (heading, unit) in enumerate(zip(names, units, strict=True)):
             name = heading or f'column {index + 1}'
@@ -190,7 +191,7 @@ class CsvSource(Source):
             numeric = [is_number(cell.replace(shape.thousands, ''), shape.decimal)
                        for cell in cells if cell.strip()]
             self.columns += (Column(
-                unique, unit or (bracketed[2] if bracketed else ''), None,
+                unique, unit.strip('[]()') or (bracketed[2] if bracketed else ''), None,
                 NUMBER if 2 * sum(numeric) > len(numeric) else TEXT, tuple(cells[:3]),
                 others=(*((plain[1],) if plain and plain[1] else ()), f'#{index + 1}')),)
         for name, count in seen.items():
@@ -310,12 +311,6 @@ class CsvSource(Source):
         if thousands:
             texts = compute.replace_substring(texts, thousands, '')
         return compute.replace_substring(texts, ',', '.') if decimal == ',' else texts
-
-
-def _cells(rows: Sequence[Sequence[str]], line: int, width: int) -> list[str]:
-    """The cells of a line of headings, '' where it is too short or 0 for none."""
-    cells = [cell.strip() for row in rows[line - 1:line] for cell in row] if line else []
-    return (cells + [''] * width)[:width]
 
 
 def _texts(cells: pa.Array) -> NDArray[np.object_]:

@@ -1,18 +1,11 @@
 """A first map made from the files' own columns, to be completed by hand."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 import json
 import re
 
-from saddlering_ros.importing.calibration import (
-    FORCE,
-    known_unit,
-    LENGTH,
-    measures,
-    PRESSURE,
-    TIME,
-)
+from saddlering_ros.importing import calibration
+from saddlering_ros.importing.calibration import FORCE, known_unit, LENGTH, measures, PRESSURE
 from saddlering_ros.importing.clock import parse_moment, words_of
 from saddlering_ros.importing.mapping import REQUIRED, TO_DO
 from saddlering_ros.importing.source import Column, MOMENT, NUMBER, Source, TEXT
@@ -41,16 +34,11 @@ test:
 """
 
 
-@dataclass(frozen=True)
-class Draft:
-    """A proposed map as YAML text, and observations, a line each."""
+def draft_map(sources: Sequence[Source]) -> tuple[str, list[str]]:
+    """A map proposed from the columns of the files, as YAML, and what was seen, a line each.
 
-    text: str
-    seen: tuple[str, ...]
-
-
-def draft_map(sources: Sequence[Source]) -> Draft:
-    """A map proposed from the columns of the files; unknown entries stand as TODO."""
+    Unknown entries stand as TODO.
+    """
     columns = [column for source in sources for column in source.columns]
     lines = []
     for settings in [source.settings for source in sources if source.settings][:1]:
@@ -62,7 +50,7 @@ def draft_map(sources: Sequence[Source]) -> Draft:
         entries = _channel(name, chosen[name], sources) if name in chosen else \
             [f'column: {TO_DO}', f'unit: {TO_DO}']
         lines.append(f'  {name}: {{{", ".join(entries)}}}')
-    return Draft(_HEAD + '\n'.join(lines) + '\n' + _TEST, tuple(_seen(sources)))
+    return _HEAD + '\n'.join(lines) + '\n' + _TEST, list(_seen(sources))
 
 
 def _seen(sources: Sequence[Source]) -> Iterator[str]:
@@ -88,7 +76,6 @@ def _quoted(value: object) -> str:
 
 
 def _is_called(column: Column, pattern: re.Pattern[str]) -> bool:
-    """Whether its name without the groups before it fits the pattern."""
     return bool(pattern.search(column.name.rpartition('/')[2]))
 
 
@@ -112,12 +99,11 @@ def _time(columns: Sequence[Column]) -> list[str]:
 
 
 def _counted(columns: Sequence[Column]) -> list[Column]:
-    """Columns that count a time."""
     return [column for column in columns if column.kind == NUMBER and _is_called(column, _TIME)]
 
 
 def _unit_of_time(column: Column) -> str:
-    return column.unit if measures(column.unit, TIME) else TO_DO
+    return column.unit if measures(column.unit, calibration.TIME) else TO_DO
 
 
 def _is_date(text: str) -> bool:
@@ -135,8 +121,9 @@ def _dated(columns: Sequence[Column]) -> list[str]:
     first = (day or clock)[0].samples[0]
     form = '"%d.%m.%Y %H:%M:%S"' if _DAY_FIRST.match(first) else 'iso'
     lines = [f'column: [{names}]' if day and clock else f'column: {names}', f'format: {form}']
-    has_zone = bool(re.search(r'(Z|[+-]\d\d:?\d\d)\s*$', first))
-    return lines if has_zone else [*lines, f'zone: {TO_DO}              # UTC, Europe/Berlin, ..']
+    if not re.search(r'(Z|[+-]\d\d:?\d\d)\s*$', first):
+        lines.append(f'zone: {TO_DO}              # UTC, Europe/Berlin, ..')
+    return lines
 
 
 def _chosen(columns: Sequence[Column]) -> dict[str, Column]:
@@ -155,7 +142,6 @@ def _chosen(columns: Sequence[Column]) -> dict[str, Column]:
 
 
 def _channel(name: str, column: Column, sources: Sequence[Source]) -> list[str]:
-    """The entries of a channel."""
     unit = known_unit(column.unit)
     entries = [f'column: {_quoted(column.name)}', f'unit: {unit.name if unit else TO_DO}']
     is_load = name == 'hydraulic_load'
@@ -170,13 +156,10 @@ def _channel(name: str, column: Column, sources: Sequence[Source]) -> list[str]:
         entries += [f'scale: {TO_DO}', f'scale_unit: {TO_DO}']
     if not is_load:
         entries.append(f'range: {TO_DO}')
-    for source in sources:
-        if column not in source.columns or column.timing is not None:
-            continue
-        # Where a table has several times, that of a channel is the one to the left of it.
-        times = _counted(source.columns[:source.columns.index(column)])
-        if len(times) > 1:
-            entries.append(f'time: {{column: {_quoted(times[-1].name)}, '
-                           f'unit: {_unit_of_time(times[-1])}}}')
-            break
+    table = next(source.columns for source in sources if column in source.columns)
+    # Where a table has several times, that of a channel is the one to the left of it.
+    times = _counted(table[:table.index(column)]) if column.timing is None else []
+    if len(times) > 1:
+        entries.append(f'time: {{column: {_quoted(times[-1].name)}, '
+                       f'unit: {_unit_of_time(times[-1])}}}')
     return entries

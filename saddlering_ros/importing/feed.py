@@ -22,7 +22,6 @@ MAX_LEFT_OUT = 0.01
 LARGEST = float(np.finfo(np.float32).max)
 """Messages of probes hold 32-bit numbers."""
 
-
 Samples = dict[str, tuple[Stamps, Floats]]
 """Stamps and readings in SI, by channel."""
 
@@ -145,13 +144,13 @@ class Feed:
                 rows += len(stamps)
                 bad = np.flatnonzero(stamps == clock.MISSING)
                 if len(bad):  # a table pads its shorter columns with rows of empty cells
-                    empty = np.logical_and.reduce([_is_empty(cells) for cells in block.values()])
-                    bad = bad[~empty[bad]]
+                    bad = bad[[not all(_is_empty(cells[row]) for cells in block.values())
+                               for row in bad]]
                 if len(bad):
                     left_out += len(bad)
                     shown = ' '.join(str(block[name][bad[0]]) for name in piece.time.columns)
-                    words = f'does not fit {piece.time.format}' \
-                        if isinstance(piece.time, DatedTime) else 'is no number'
+                    words = (f'does not fit {piece.time.format}'
+                             if isinstance(piece.time, DatedTime) else 'is no number')
                     piece.source.warn('rows with an unreadable time are left out', len(bad),
                                       f'row {first + bad[0] + 1}, {shown!r} {words}')
                 good = np.flatnonzero(stamps != clock.MISSING)
@@ -189,7 +188,9 @@ class Feed:
                     yield part
         else:
             cells = block[piece.split_column][rows].tolist()
-            labels = np.array([_label(cell) for cell in cells], dtype=object)
+            labels = np.array([
+                str(cell).strip() if not isinstance(cell, float) else
+                '' if np.isnan(cell) else f'{cell:g}' for cell in cells], dtype=object)
             starts = np.flatnonzero(labels[1:] != labels[:-1]) + 1
             for part, label in zip(np.split(rows, starts), labels[[0, *starts]], strict=True):
                 if label == '':
@@ -258,15 +259,6 @@ def _in_si(
     return np.where(usable, values, np.nan)
 
 
-def _is_empty(cells: NDArray[np.generic]) -> NDArray[np.bool_]:
-    if cells.dtype.kind == 'f':
-        return np.asarray(np.isnan(cells))
-    if cells.dtype.kind == 'O':
-        return np.array([not str(cell).strip() for cell in cells], dtype=bool)
-    return np.zeros(len(cells), dtype=bool)
-
-
-def _label(cell: object) -> str:
-    if isinstance(cell, float):
-        return '' if np.isnan(cell) else f'{cell:g}'
-    return str(cell).strip()
+def _is_empty(cell: object) -> bool:
+    return bool(np.isnan(cell)) if isinstance(cell, float) else (
+        isinstance(cell, str) and not cell.strip())

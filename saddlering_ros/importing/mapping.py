@@ -24,8 +24,7 @@ CHANNELS: dict[str, RigTopic] = {name.rpartition('/')[2]: topic for name, topic 
 REQUIRED = tuple(name for name, topic in CHANNELS.items() if topic.required)
 
 RADIAL = tuple(f'eddy_current_{number}' for number in OPPOSITE)
-ABSENT = 'absent'
-"""In place of a radial probe that the rig does not have (rig.probes.absent)."""
+"""Channels that may be `absent`, if the rig does not have this probe (rig.probes.absent)."""
 
 QUANTITIES = {'N': calibration.FORCE, 'm': calibration.LENGTH, 'rad': calibration.ANGLE}
 """Quantity of a topic, by its unit in the bag."""
@@ -44,7 +43,6 @@ UNCERTAINTIES = {'load': ('gain', 'offset', 'nonlinearity'),
 TEST_KEYS = ('test', 'elevation_deg', 'rig', 'run',
              *(key for key in DETAILS
                if not key.startswith(('import', 'rig_hash', 'instruments'))))
-AREA_KEYS = ('piston_area', 'rod_area')
 NUMBERS = {'piston_area': 0.0, 'rod_area': 0.0, 'polarity': 1.0, 'delay': 0.0}
 
 
@@ -121,7 +119,7 @@ def read_map(path: Path) -> ImportMap:
     if missing:
         raise ImportingError(f'{where}: channels.{missing[0]} is missing: a bag needs '
                              f'{", ".join(REQUIRED)}')
-    absent = [name for name in RADIAL if given[name] == ABSENT]
+    absent = [name for name in RADIAL if given[name] == 'absent']
     if len(absent) == len(RADIAL):
         raise ImportingError(f'{where}: channels.{absent[0]} and channels.{absent[1]} are both '
                              'absent, and delta_x needs one of them')
@@ -159,9 +157,6 @@ def _section(value: Any, file: str, name: str, known: Sequence[str] = ()) -> Map
     return value
 
 
-# -- time --------------------------------------------------------------------------------------
-
-
 def _time(given: Any, file: str, name: str) -> TimeSource:
     section, where = _section(given, file, name, TIME_KEYS), f'{file}: {name}'
     zone = clock.zone_of(section['zone'], f'{where}.zone') if 'zone' in section else None
@@ -196,9 +191,6 @@ def _time(given: Any, file: str, name: str) -> TimeSource:
     return CountedTime((names[0],), unit, start or 0)
 
 
-# -- channels ----------------------------------------------------------------------------------
-
-
 def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
     where, topic = f'{file}: channels.{name}', CHANNELS[name]
     section = _section(given, file, f'channels.{name}', CHANNEL_KEYS)
@@ -212,10 +204,10 @@ def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
                for key, usual in NUMBERS.items()}
     if ('rod_area' in section) != ('rod_pressure' in section):
         raise ImportingError(f'{where}: rod_pressure and rod_area belong together: give both')
-    piston, rod = (numbers[key] for key in AREA_KEYS)
-    for key in AREA_KEYS:
-        if key in section and not 0.0 < numbers[key] < 10.0:
-            raise ImportingError(f'{where}.{key} is {numbers[key]:g}: give an area in m2')
+    areas = piston, rod = numbers['piston_area'], numbers['rod_area']
+    for key, area in zip(('piston_area', 'rod_area'), areas, strict=True):
+        if key in section and not 0.0 < area < 10.0:
+            raise ImportingError(f'{where}.{key} is {area:g}: give an area in m2')
     if rod and not piston:
         raise ImportingError(f'{where}: rod_area needs piston_area: give both, in m2')
     if piston and found.unit.quantity != calibration.PRESSURE:
@@ -245,7 +237,7 @@ def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
               else None),
         file=str(section.get('file', '*')), delay=numbers['delay'], polarity=numbers['polarity'],
         range=_range(section.get('range'), topic, f'{where}.range'),
-        rod_pressure=str(section.get('rod_pressure', '')), areas=(piston, rod),
+        rod_pressure=str(section.get('rod_pressure', '')), areas=areas,
         uncertainty=uncertainty)
 
 
@@ -274,8 +266,8 @@ def _calibration(section: Mapping[str, Any], unit: Unit, where: str, folder: Pat
         if 'offset' in section:
             raise ImportingError(f'{where}: an offset cannot be combined with a table: add it to '
                                  'the table')
-        value_unit = unit_of(section['table_unit'], f'{where}.table_unit') \
-            if 'table_unit' in section else None
+        value_unit = (unit_of(section['table_unit'], f'{where}.table_unit')
+                      if 'table_unit' in section else None)
         return calibration.read_table(folder / str(section['table']), unit, value_unit)
     if 'polynomial' in section:
         numbers = section['polynomial']
@@ -322,9 +314,6 @@ def _number(value: Any, where: str) -> float:
     if not math.isfinite(number):
         raise ImportingError(f'{where} is {value!r}: give a finite number')
     return number
-
-
-# -- test and split ----------------------------------------------------------------------------
 
 
 def _test(given: Any, file: str, name: str) -> dict[str, str]:

@@ -30,8 +30,7 @@ MAX_BLOCK = 1 << 28
 MAX_BLOCKS = 1_000_000
 """A list of more blocks has no end."""
 
-_FIXED, _MASTER, _VIRTUAL_MASTER = 0, 2, 3
-_TIME = 1
+_FIXED, _MASTER, _VIRTUAL_MASTER, _TIME = 0, 2, 3, 1
 _NUMBERS = {0: '<u', 1: '>u', 2: '<i', 3: '>i', 4: '<f', 5: '>f'}
 _ALL_INVALID, _HAS_INVALID_BIT = 1, 2
 _CONVERSIONS = (0, 1, 2, 4, 5)
@@ -51,13 +50,11 @@ class MdfBlocks:
     """Reads the blocks of a file."""
 
     def __init__(self, path: Path) -> None:
-        self._where = str(path)
+        self._where, self._size = str(path), path.stat().st_size
         self._file = path.open('rb')
-        self._size = path.stat().st_size
-
-    def start(self) -> bytes:
-        """The bytes before the header block."""
-        return self._file.read(HEADER_PLACE)
+        version = self._file.read(HEADER_PLACE)[8:12].decode('ascii', 'replace')
+        if not version.startswith('4'):
+            raise ImportingError(f'{path}: is of MDF version {version.strip()}: save it as MDF 4')
 
     def block(self, place: int, *ids: str) -> MdfBlock:
         """The block at `place`, which must be one of `ids`."""
@@ -98,15 +95,22 @@ class MdfBlocks:
             return
         name, length, _ = self._head(place)
         if name == '##DT':
-            yield from self._plain(place + _HEAD.size, length - _HEAD.size)
+            for begin in range(place + _HEAD.size, place + length, 1 << 22):
+                self._file.seek(begin)
+                size = min(1 << 22, place + length - begin)
+                piece = self._file.read(size)
+                if piece:
+                    yield piece
+                if len(piece) < size:
+                    raise self.damaged('its records end too early')
         elif name == '##DZ':
             yield self._unzipped(self.block(place))
         elif name == '##HL':
             yield from self.pieces(self.block(place).links[0])
         elif name == '##DL':
             for block in self.chain(place, '##DL'):
-                for piece in block.links[1:]:
-                    yield from self.pieces(piece)
+                for link in block.links[1:]:
+                    yield from self.pieces(link)
         else:
             raise ImportingError(f'{self._where}: its records are kept as {name}, which is not '
                                  'read: save the file as MDF 4.10 with sorted records')
@@ -124,16 +128,6 @@ class MdfBlocks:
             raise self.damaged('a link does not lead to a block')
         return name.decode('ascii', 'replace'), length, links
 
-    def _plain(self, place: int, length: int) -> Iterator[bytes]:
-        while length > 0:
-            self._file.seek(place)
-            piece = self._file.read(min(length, 1 << 22))
-            if not piece:
-                raise self.damaged('its records end too early')
-            length -= len(piece)
-            place += len(piece)
-            yield piece
-
     def _unzipped(self, block: MdfBlock) -> bytes:
         kind, parameter, size, packed = struct.unpack_from('<xxBxIQQ', block.data)
         if size > MAX_BLOCK:
@@ -146,9 +140,8 @@ class MdfBlocks:
             raise self.damaged('zipped records end too early')
         if kind == 0 or not parameter:
             return data
-        rows = size // parameter
-        table = np.frombuffer(data, np.uint8, rows * parameter).reshape(parameter, rows)
-        return table.T.tobytes() + data[rows * parameter:]
+        rows = size // parameter  # the bytes of all records are sorted by their place in them
+        return _table(data, rows, parameter).T.tobytes() + data[rows * parameter:]
 
 
 @dataclass(frozen=True)
@@ -188,9 +181,8 @@ class _Channel:
         size = part.shape[1]
         if self.bit == 0 and self.bits in (8, 16, 32, 64):
             return part.view(f'{self.kind}{size}')[:, 0]
-        order = range(size) if self.kind[0] == '<' else range(size - 1, -1, -1)
         whole = np.zeros(len(part), dtype=np.uint64)
-        for shift, byte in enumerate(order):
+        for shift, byte in enumerate(range(size) if self.kind[0] == '<' else range(size)[::-1]):
             whole |= part[:, byte].astype(np.uint64) << np.uint64(8 * shift)
         whole = (whole >> np.uint64(self.bit)) & np.uint64((1 << self.bits) - 1)
         if self.kind[1] == 'u':
@@ -201,12 +193,10 @@ class _Channel:
     def _converted(self, raw: NDArray[Any]) -> NDArray[np.float64]:
         kind, values = self.conversion
         numbers = raw.astype(np.float64)
-        if kind == 1:
-            offset, factor = values[:2]
-            return numbers * factor + offset if (offset, factor) != (0.0, 1.0) else numbers
+        if kind == 1 and values[:2] != (0.0, 1.0):
+            return numbers * values[1] + values[0]
         if kind == 2:
-            above, below = values[:3], values[3:6]
-            return np.asarray(np.polyval(above, numbers) / np.polyval(below, numbers))
+            return np.asarray(np.polyval(values[:3], numbers) / np.polyval(values[3:6], numbers))
         if kind == 4:
             return np.asarray(np.interp(numbers, values[0::2], values[1::2]))
         if kind == 5:
@@ -223,9 +213,6 @@ class MdfSource(Source):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._blocks = MdfBlocks(path)
-        version = self._blocks.start()[8:12].decode('ascii', 'replace')
-        if not version.startswith('4'):
-            raise ImportingError(f'{path}: is of MDF version {version.strip()}: save it as MDF 4')
         self._channels: dict[str, _Channel] = {}
         try:
             header = self._blocks.block(HEADER_PLACE, '##HD')
@@ -263,8 +250,6 @@ class MdfSource(Source):
                       'properly')
             yield _table(left, group.record, count)
 
-    # -- the description -----------------------------------------------------------------------
-
     def _read_data_group(self, block: MdfBlock, number: int, start: int | None) -> int:
         """Read the channels of a data group; how many groups of records it has, 0 or 1."""
         prefix = block.data[0]
@@ -285,7 +270,7 @@ class MdfSource(Source):
             kind, sync = channel.data[0], channel.data[1]
             if kind == _VIRTUAL_MASTER and sync == _TIME:
                 how, values, _ = self._conversion(channel.links[4])
-                first, period = (values[0], values[1]) if how == 1 else (0.0, 1.0)
+                first, period = values[:2] if how == 1 else (0.0, 1.0)
                 timing = Timing(start, first, period)
             elif kind == _MASTER and sync == _TIME:
                 timing = Timing(start, column=f'{number}/{self._blocks.text(channel.links[2])}')
@@ -298,10 +283,10 @@ class MdfSource(Source):
     ) -> None:
         kind, _, form, bit, offset, bits, flags, invalid = struct.unpack_from(
             '<BBBBIIII', block.data)
-        if kind not in (_FIXED, _MASTER) or form not in _NUMBERS or not 0 < bits <= 64 \
-                or block.links[1] or flags & _ALL_INVALID:
-            return
-        if form in (4, 5) and (bit or bits not in (16, 32, 64)):
+        is_float = form in (4, 5)
+        if (kind not in (_FIXED, _MASTER) or form not in _NUMBERS or not 0 < bits <= 64
+                or block.links[1] or flags & _ALL_INVALID
+                or (is_float and (bit or bits not in (16, 32, 64)))):
             return
         text = self._blocks.text(block.links[2])
         how, values, unit = self._conversion(block.links[4])

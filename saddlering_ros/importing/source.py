@@ -126,11 +126,10 @@ def open_sources(
 
     csv_shape: entries of a map on the shape of its text files.
     """
-    seen: set[Path] = set()
-    for file in files:
-        if resolved(file) in seen:
+    places = [resolved(file) for file in files]
+    for number, file in enumerate(files):
+        if places[number] in places[:number]:
             raise ImportingError(f'{file}: is given twice: give each file once')
-        seen.add(resolved(file))
     sources: list[Source] = []
     for path in files:
         module, name = _reader(path)

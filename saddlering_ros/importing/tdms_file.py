@@ -48,21 +48,20 @@ class TdmsSource(Source):
             raise ImportingError(f'{self.path}: channel {name} cannot be read ({problem}): save '
                                  'the file again') from problem
         kind = self.column(name).kind
-        if kind == source.MOMENT:
-            return _nanoseconds(values)
-        return np.asarray(values, dtype=object) if kind == source.TEXT \
-            else source.as_numbers(values)
+        if kind == source.MOMENT:  # as seconds since 1904 and fractions of 2^-64 s
+            high = (np.asarray(values.second_fractions) >> np.uint64(32)).astype(np.int64)
+            fraction = (high * 1_000_000_000 + (1 << 31)) >> 32
+            return np.asarray((values.seconds + _LABVIEW) * 1_000_000_000 + fraction, np.int64)
+        return np.asarray(values, object) if kind == source.TEXT else source.as_numbers(values)
 
     def _column(self, name: str) -> Column:
         channel = self._channels[name]
-        rows = len(channel)
-        kinds = {'TimeStamp': source.MOMENT, 'String': source.TEXT}
+        given, kinds = channel.properties, {'TimeStamp': source.MOMENT, 'String': source.TEXT}
         kind = kinds.get(getattr(channel.data_type, '__name__', ''), source.NUMBER)
-        first = channel.read_data(0, min(rows, 3)) if rows else []
-        unit = (channel.properties.get('unit_string', '') or
-                channel.properties.get('NI_UnitDescription', ''))
-        return Column(name, str(unit), rows, kind, tuple(map(str, first)),
-                      _timing(channel.properties), (channel.name,))
+        first = channel.read_data(0, min(len(channel), 3)) if len(channel) else []
+        unit = str(given.get('unit_string', '') or given.get('NI_UnitDescription', ''))
+        return Column(name, unit, len(channel), kind, tuple(map(str, first)), _timing(given),
+                      (channel.name,))
 
     @contextmanager
     def _log_as_warnings(self) -> Iterator[None]:
@@ -79,13 +78,6 @@ class TdmsSource(Source):
         finally:
             for logger, handlers in zip(loggers, before, strict=True):
                 logger.handlers = handlers
-
-
-def _nanoseconds(moments: Any) -> NDArray[np.int64]:
-    """Moments, as seconds since 1904 and fractions of 2^-64 s, to the nearest nanosecond."""
-    high = (np.asarray(moments.second_fractions) >> np.uint64(32)).astype(np.int64)
-    fraction = (high * 1_000_000_000 + (1 << 31)) >> 32
-    return np.asarray((moments.seconds + _LABVIEW) * 1_000_000_000 + fraction, dtype=np.int64)
 
 
 def _timing(properties: Any) -> Timing | None:

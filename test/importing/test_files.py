@@ -26,10 +26,9 @@ from scipy.io import savemat
 from saddlering_ros.bags import read_raw
 from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.clock import DatedTime, MISSING
-from saddlering_ros.importing.convert import import_files
+from saddlering_ros.importing.convert import import_files, save_preview
 from saddlering_ros.importing.draft import draft_map
 from saddlering_ros.importing.mapping import read_map
-from saddlering_ros.importing.preview import save_preview
 from saddlering_ros.importing.source import open_sources
 from saddlering_ros.rig import default_rig
 
@@ -142,13 +141,13 @@ def test_a_draft_keeps_what_it_knows_and_is_refused_until_completed(tmp_path: Pa
     path = tmp_path / 'a.csv'
     head = 'Zeit [s];Kraft [kN];Weg1 [V];Weg2 [V];Weg3 [V];Weg4 [V]\n'
     path.write_text(head + ''.join(f'{i / 100};{i}.5;1;2;3;4\n' for i in range(30)))
-    draft = draft_map(open_sources([path]))
-    assert 'hydraulic_load: {column: "Kraft [kN]", unit: kN}' in draft.text
-    assert 'eddy_current_3: {column: "Weg3 [V]", unit: V, scale: TODO' in draft.text
-    (tmp_path / 'map.yaml').write_text(draft.text)
+    draft, _ = draft_map(open_sources([path]))
+    assert 'hydraulic_load: {column: "Kraft [kN]", unit: kN}' in draft
+    assert 'eddy_current_3: {column: "Weg3 [V]", unit: V, scale: TODO' in draft
+    (tmp_path / 'map.yaml').write_text(draft)
     with pytest.raises(ImportingError, match='is still TODO: state it'):
         read_map(tmp_path / 'map.yaml')
-    completed = draft.text.replace('scale: TODO, scale_unit: TODO', 'scale: 0.2, scale_unit: mm/V')
+    completed = draft.replace('scale: TODO, scale_unit: TODO', 'scale: 0.2, scale_unit: mm/V')
     for old, new in (('range: TODO', 'range: [0, 0.002]'), ('test: TODO', 'test: static'),
                      ('deg: TODO', 'deg: 30')):
         completed = completed.replace(old, new)

@@ -116,7 +116,7 @@ def test_the_draft_gives_each_channel_the_time_beside_it_and_the_pressure_of_the
         f'Weg{i} [mm]' for i in range(1, 5))
     rows = [f'{i / 100};{i};1;' + (f'{i / 10};1;1;1;1' if i < 10 else ';;;;') for i in range(99)]
     path.write_text('\n'.join([head, *rows]) + '\n')
-    text = draft_map(open_sources([path])).text
+    text, _ = draft_map(open_sources([path]))
     assert 'piston_area: TODO, rod_pressure: "p Stange [bar]", rod_area: TODO' in text
     load, probe = (next(line for line in text.splitlines() if name in line)
                    for name in ('hydraulic_load', 'eddy_current_2'))
