@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 import json
+from threading import Lock
 from typing import Any, TYPE_CHECKING
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
@@ -20,13 +20,12 @@ from saddlering_ros.ros.names import DIAGNOSE, IDENTIFY
 if TYPE_CHECKING:
     from saddlering_ros.diagnosis.ring_wording import VerdictDocument
 
-
 SERVICES = {'zero': 'ring_displacement/zero', 'start': 'replay_clock/play',
             'pause': 'replay_clock/pause'}
 """Relative names: in the namespace of the page's node."""
 
-
 ACTIONS = {'identify': (IDENTIFY, IdentifyRing), 'diagnose': (DIAGNOSE, DiagnoseRing)}
+ENDED = {GoalStatus.STATUS_SUCCEEDED: 'done', GoalStatus.STATUS_CANCELED: 'canceled'}
 RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
 
 
@@ -40,13 +39,16 @@ class Commands:
 
     def ask(self, name: str) -> bool:
         """Call a service without waiting for it; whether it has a server."""
+        def note(future: Any) -> None:
+            answer = future.result()
+            self._answers[name] = str(answer.message) or ('done' if answer.success else 'refused')
+
         client = self._clients[name]
         if not client.service_is_ready():
             self._answers[name] = 'no node offers it now'
             return False
         self._answers[name] = 'asked'
-        client.call_async(Trigger.Request()).add_done_callback(
-            lambda future: self._note(name, future))
+        client.call_async(Trigger.Request()).add_done_callback(note)
         return True
 
     def as_page(self) -> dict[str, dict[str, Any]]:
@@ -55,12 +57,8 @@ class Commands:
                        'words': self._answers.get(name, '')}
                 for name, client in self._clients.items()}
 
-    def _note(self, name: str, future: Any) -> None:
-        answer = future.result()
-        self._answers[name] = str(answer.message) or ('done' if answer.success else 'refused')
 
-
-@dataclass
+@dataclass(frozen=True)
 class Job:
     """One goal of an action as the page shows it; share 0 to 1; elapsed and left [s]."""
 
@@ -76,60 +74,62 @@ class Job:
     title: str = ''
 
 
-Change = Callable[[Job | None], Job | None]
-"""The next state of a goal, from the last one."""
-
-
 class Action:
-    """One action as a bystander sees it: goals, feedback, results, and the way to cancel."""
+    """One action as a bystander sees it: its last goal `job`, and the way to cancel.
 
-    def __init__(self, node: Node, name: str, change: Callable[[str, Change], None]) -> None:
-        self._node, self._name, self._change = node, name, partial(change, name)
-        path, kind = ACTIONS[name]
-        self._path, self._kind = path, kind
-        node.create_subscription(GoalStatusArray, f'{path}/_action/status', self._on_status,
+    lock: under which `job` changes.
+    """
+
+    def __init__(self, node: Node, name: str, lock: Lock) -> None:
+        path, self._kind = ACTIONS[name]
+        self.job: Job | None = None
+        self._node, self._name, self._lock, self._asked = node, name, lock, ''
+        self._status = f'{path}/_action/status'
+        node.create_subscription(GoalStatusArray, self._status, self._on_status,
                                  qos_profile_action_status_default)
-        node.create_subscription(kind.Impl.FeedbackMessage, f'{path}/_action/feedback',
+        node.create_subscription(self._kind.Impl.FeedbackMessage, f'{path}/_action/feedback',
                                  self._on_feedback, 10)
-        self._cancel = node.create_client(kind.Impl.CancelGoalService,
+        self._cancel = node.create_client(self._kind.Impl.CancelGoalService,
                                           f'{path}/_action/cancel_goal')
-        self._result = node.create_client(kind.Impl.GetResultService, f'{path}/_action/get_result')
-        self._asked = ''
+        self._result = node.create_client(self._kind.Impl.GetResultService,
+                                          f'{path}/_action/get_result')
 
     def cancel(self) -> bool:
         """Cancel all goals (the zero id means all)."""
         if not self._cancel.service_is_ready():
             return False
         self._cancel.call_async(self._kind.Impl.CancelGoalService.Request())
-        self._change(lambda job: replace(job, stage='canceling') if job is not None else None)
+        with self._lock:
+            self.job = self.job and replace(self.job, stage='canceling')
         return True
 
     def look_after(self) -> None:
         """Notice that the server is gone."""
-        if self._node.count_publishers(f'{self._path}/_action/status'):
-            return
-        self._change(lambda job: replace(job, state='lost', words='its server is gone')
-                     if job is not None and job.state == 'running' else None)
+        is_there = self._node.count_publishers(self._status)
+        with self._lock:
+            if not is_there and self.job is not None and self.job.state == 'running':
+                self.job = replace(self.job, state='lost', words='its server is gone')
 
     def _on_status(self, message: GoalStatusArray) -> None:
         for status in message.status_list:
             if status.status in RUNNING:
-                self._notice(bytes(status.goal_info.goal_id.uuid).hex())
+                self._notice(bytes(status.goal_info.goal_id.uuid))
 
-    def _notice(self, goal: str) -> None:
+    def _notice(self, goal: bytes) -> None:
         """A goal is running: show it, and request its result."""
-        self._change(lambda job: job if job is not None and job.goal == goal else Job(goal))
-        if self._asked == goal or not self._result.service_is_ready():
+        with self._lock:
+            if self.job is None or self.job.goal != goal.hex():
+                self.job = Job(goal.hex())
+        if self._asked == goal.hex() or not self._result.service_is_ready():
             return
-        self._asked = goal
+        self._asked = goal.hex()
         request = self._kind.Impl.GetResultService.Request()
-        request.goal_id.uuid = np.frombuffer(bytes.fromhex(goal), np.uint8)
+        request.goal_id.uuid = np.frombuffer(goal, np.uint8)
         self._result.call_async(request).add_done_callback(
-            lambda future: self._on_result(goal, future.result()))
+            lambda future: self._on_result(goal.hex(), future.result()))
 
     def _on_feedback(self, message: Any) -> None:
-        goal = bytes(message.goal_id.uuid).hex()
-        self._notice(goal)
+        self._notice(bytes(message.goal_id.uuid))
         said = message.feedback
         if self._name == 'identify':
             share = said.iteration / max(said.iterations, 1)
@@ -137,20 +137,21 @@ class Action:
         else:
             share, words = said.progress, ''
         left = said.elapsed * (1.0 - share) / share if share > 0.05 else None
-        self._change(lambda job: job if job is None or job.state != 'running' else replace(
-            job, stage=said.stage, share=float(share), words=words, elapsed=float(said.elapsed),
-            left=left))
+        with self._lock:
+            if self.job is not None and self.job.state == 'running':
+                self.job = replace(self.job, stage=said.stage, share=float(share), words=words,
+                                   elapsed=float(said.elapsed), left=left)
 
     def _on_result(self, goal: str, response: Any) -> None:
-        state = {GoalStatus.STATUS_SUCCEEDED: 'done', GoalStatus.STATUS_CANCELED: 'canceled'}.get(
-            response.status, 'failed')
-        result = response.result
+        result, state = response.result, ENDED.get(response.status, 'failed')
         ended = Job(goal, state, stage='', share=1.0, words=str(result.message))
         if state == 'done':
             ended = (with_diagnosis(ended, json.loads(result.verdict_json))
                      if self._name == 'diagnose' else
                      with_identification(ended, json.loads(result.report_json)))
-        self._change(lambda job: ended if job is None or job.goal == goal else None)
+        with self._lock:
+            if self.job is None or self.job.goal == goal:
+                self.job = ended
 
 
 def with_diagnosis(job: Job, document: VerdictDocument) -> Job:

@@ -188,31 +188,24 @@ async def _events(watcher: Watcher, boot: str, request: web.Request) -> web.Stre
     response = web.StreamResponse(headers={
         'Content-Type': 'text/event-stream', 'Cache-Control': 'no-store'})
     await response.prepare(request)
-    said, shown, version, turn, silent = '', '', -1, -1, 0
+    said, version, turn, silent = {'state': '', 'now': ''}, -1, -1, 0
     await response.write(b'retry: 1000\n\n')
     with suppress(ConnectionError):  # the browser has left
         while True:
-            state = json.dumps(watcher.state())
-            if state != said:
-                said = state
-                await _send(response, 'state', state)
-            now = json.dumps(watcher.now())
-            if now != shown:
-                shown = now
-                await _send(response, 'now', now)
+            events = {'state': json.dumps(watcher.state()), 'now': json.dumps(watcher.now())}
+            events = {event: data for event, data in events.items() if data != said[event]}
+            said |= events
             rows = watcher.rows(version, turn)
             if rows is not None:
                 version, turn = rows['version'], rows['turn']
-                await _send(response, 'rows', json.dumps({'boot': boot, **rows}))
+                events['rows'] = json.dumps({'boot': boot, **rows})
+            for event, data in events.items():
+                await response.write(f'event: {event}\ndata: {data}\n\n'.encode())
             silent = 0 if rows is not None else silent + 1
             if silent % 20 == 19:
                 await response.write(b': still here\n\n')
             await asyncio.sleep(PERIOD)
     return response
-
-
-async def _send(response: web.StreamResponse, event: str, data: str) -> None:
-    await response.write(f'event: {event}\ndata: {data}\n\n'.encode())
 
 
 async def _test(watcher: Watcher, request: web.Request) -> web.Response:

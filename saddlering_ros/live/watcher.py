@@ -23,7 +23,7 @@ from rclpy.serialization import deserialize_message
 from saddlering_interfaces import msg
 from saddlering_ros.bags.wire import CdrError, decode_displacements, decode_samples
 from saddlering_ros.errors import LiveError, SaddleringError
-from saddlering_ros.live.commands import Action, ACTIONS, Change, Commands, Job
+from saddlering_ros.live.commands import Action, ACTIONS, Commands
 from saddlering_ros.live.gauges import Gauges
 from saddlering_ros.live.session import alarm_as_page, mcap_of, Session, with_link
 from saddlering_ros.live.traces import Traces
@@ -138,8 +138,7 @@ class Watcher:
         self._parameters: dict[str, Any] | None = None
         self._replay: dict[str, Any] | None = None
         self._alarm: dict[str, Any] | None = None
-        self._jobs: dict[str, Job] = {}
-        self._actions = {name: Action(self.node, name, self._set_job) for name in ACTIONS}
+        self._actions = {name: Action(self.node, name, self.lock) for name in ACTIONS}
         self._progress = self.node.create_publisher(
             msg.ReplayProgress, names.PROGRESS, PROGRESS_QOS)
         subscribe = self.node.create_subscription
@@ -208,7 +207,8 @@ class Watcher:
                 'missing': self._missing(now),
                 'past': [self.session.as_page(curves, self._scales)
                          for curves in self.traces.past],
-                'jobs': {name: asdict(job) for name, job in self._jobs.items()}}
+                'jobs': {name: asdict(action.job) for name, action in self._actions.items()
+                         if action.job is not None}}
 
     def _missing(self, now: float) -> str:
         """Samples that a replay has published and that did not come; '' while more arrive."""
@@ -229,10 +229,11 @@ class Watcher:
     def test(self, number: int) -> dict[str, Any] | None:
         """All curves of an earlier test, as `rows` gives them; None if it is not kept."""
         with self.lock:
-            found = next((curves for curves in self.traces.past if curves.number == number), None)
-            return None if found is None else {
-                'width': found.width / 1e9, 'origin': found.origin / 1e6,
-                'streams': found.since(-1, self._scales)}
+            for curves in self.traces.past:
+                if curves.number == number:
+                    return {'width': curves.width / 1e9, 'origin': curves.origin / 1e6,
+                            'streams': curves.since(-1, self._scales)}
+        return None
 
     def bag(self, number: int) -> bytes | None:
         """The rig's messages of a test as an MCAP file; None if the test is not kept."""
@@ -409,13 +410,6 @@ class Watcher:
         with self.lock:
             self._alarm = shown
             self.session.hear(message, filter(None, (*self.traces.past, self.traces.current)))
-
-    def _set_job(self, action: str, change: Change) -> None:
-        """Change the state of an action's goal."""
-        with self.lock:
-            job = change(self._jobs.get(action))
-            if job is not None:
-                self._jobs[action] = job
 
 
 def doubt_words(validity: NDArray[np.uint8]) -> str:
