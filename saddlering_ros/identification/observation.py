@@ -186,8 +186,7 @@ def observe_with_cell(
         noise = ChannelNoise(
             white * one.interval, np.zeros(COMMON_TIMES.size) if slow is None else slow.slow, 0.0,
             max(1, len(load) - 2), COMMON_TIMES)
-        answers.append(
-            replace(seen, load_errors=load_errors_of(rig, contact, one, seen, noise)))
+        answers.append(replace(seen, load_errors=load_errors_of(rig, contact, one, seen, noise)))
     return answers
 
 

@@ -91,8 +91,7 @@ class PreparedRun:
         """The same, explained by a simulation with a contact law; NaN before its zero."""
         time = self.measured.time
         step = max(float(np.median(np.diff(time))), 1e-3)
-        simulated = simulate(
-            rig, ParameterSet(contact), self.run.elevation, time, self.load, step)
+        simulated = simulate(rig, ParameterSet(contact), self.run.elevation, time, self.load, step)
         motion = simulated.displacement
         explained = np.full((CHANNEL_COUNT, len(time)), np.nan)
         explained[:, simulated.first:] = np.stack([motion.delta_x, motion.delta_y, motion.gamma])

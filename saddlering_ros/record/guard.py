@@ -228,8 +228,7 @@ class SampleGuard:
         if self._held is not None or self._last is None or self._refused_since is not None \
                 or len(self._steps) < GAP_HISTORY:
             return False
-        if not ((samples.values >= self.limits.low)
-                & (samples.values <= self.limits.high)).all():
+        if not ((samples.values >= self.limits.low) & (samples.values <= self.limits.high)).all():
             return False
         steps = np.diff(samples.stamps, prepend=self._last[0])
         longest = int(steps.max())

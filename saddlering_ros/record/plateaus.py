@@ -23,10 +23,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.errors import BagError
+from saddlering_ros.record.batches import Floats, Mask
 from saddlering_ros.record.scratch import blocks, forget, scratch_array, spread, spread_changes
 
 if TYPE_CHECKING:
     from saddlering_ros.record.record import Record
+
+Span = tuple[int, int]
+"""Samples [start, stop)."""
 
 WINDOWS = (0.5, 0.25, 0.1)
 """Widths [s] of the comparison, widest first. The first one with enough plateaus is used."""
@@ -67,10 +71,10 @@ class Plateaus:
     level, 0 the lowest, equal on both branches.
     """
 
-    load: NDArray[np.float64]
-    gaps: NDArray[np.float64]
-    gaps_std_error: NDArray[np.float64]
-    time: NDArray[np.float64]
+    load: Floats
+    gaps: Floats
+    gaps_std_error: Floats
+    time: Floats
     start: NDArray[np.int64]
     stop: NDArray[np.int64]
     hold_start: NDArray[np.int64]
@@ -80,15 +84,6 @@ class Plateaus:
 
     def __len__(self) -> int:
         return len(self.load)
-
-
-@dataclass(frozen=True)
-class PlateauMeans:
-    """Means of some channels over plateaus: mean, std_error (..., M); samples (M,) averaged."""
-
-    mean: NDArray[np.float64]
-    std_error: NDArray[np.float64]
-    samples: NDArray[np.int64]
 
 
 def plateaus(run: Record, *, errors: bool = True) -> Plateaus:
@@ -106,8 +101,8 @@ def plateaus(run: Record, *, errors: bool = True) -> Plateaus:
     begins = run.time[hold_start] + SETTLING_SHARE * (
         run.time[hold_stop - 1] - run.time[hold_start])
     start = np.minimum(np.searchsorted(run.time, begins), hold_stop - MIN_SAMPLES)
-    load = plateau_means(start, hold_stop, run.load, errors=False).mean
-    gaps = plateau_means(start, hold_stop, run.gaps, errors=errors)
+    load = plateau_means(start, hold_stop, run.load, errors=False)[0]
+    gaps, gaps_std_error = plateau_means(start, hold_stop, run.gaps, errors=errors)
     # Number of each plateau's load level, 0 the lowest; the step is found from the loads.
     step = float(np.median(np.abs(np.diff(load))))
     order = np.argsort(load, kind='stable')
@@ -127,18 +122,18 @@ def plateaus(run: Record, *, errors: bool = True) -> Plateaus:
     turning = np.multiply(arrived, leaving) < 0
     branch = np.where(turning, 0, arrived).astype(np.int64)
     return Plateaus(
-        load=load, gaps=gaps.mean, gaps_std_error=gaps.std_error,
-        time=plateau_means(start, hold_stop, run.time, errors=False).mean, start=start,
+        load=load, gaps=gaps, gaps_std_error=gaps_std_error,
+        time=plateau_means(start, hold_stop, run.time, errors=False)[0], start=start,
         stop=hold_stop, hold_start=hold_start, hold_stop=hold_stop, branch=branch, level=level)
 
 
 def plateau_means(
     start: ArrayLike, stop: ArrayLike, values: ArrayLike, *, errors: bool = True,
-) -> PlateauMeans:
-    """Means of `values` (..., N) over the samples [start, stop) of each of M plateaus.
+) -> tuple[Floats, Floats]:
+    """Means (..., M) of `values` (..., N) over the samples [start, stop) of each of M plateaus.
 
-    NaN samples are left out; a channel with fewer than MIN_SAMPLES others in a plateau has NaN
-    for its mean there.
+    The second result is their standard errors. NaN samples are left out; a channel with fewer
+    than MIN_SAMPLES others in a plateau has NaN there.
     """
     values = np.asarray(values, dtype=np.float64)
     spans = list(zip(np.asarray(start).tolist(), np.asarray(stop).tolist(), strict=True))
@@ -155,20 +150,16 @@ def plateau_means(
             std_error[number, enough] = _standard_errors([parts[place] for place in enough])
         forget(channel)
     shape = (*values.shape[:-1], len(spans))
-    samples = np.array([last - first for first, last in spans], dtype=np.int64)
-    return PlateauMeans(mean.reshape(shape), std_error.reshape(shape), samples)
+    return mean.reshape(shape), std_error.reshape(shape)
 
 
-# -- cutting -----------------------------------------------------------------------------------
-
-
-def find_holds(time: NDArray[np.float64], load: NDArray[np.float64]) -> list[tuple[int, int]]:
+def find_holds(time: Floats, load: Floats) -> list[Span]:
     """Stretches [start, stop) of samples over which the load is held, in order."""
     low, high = np.percentile(spread(load), [0.5, 99.5])
     span = float(high - low)
     if len(load) < 2 * MIN_SAMPLES or span <= 0.0:
         return []
-    best: list[tuple[int, int]] = []
+    best: list[Span] = []
     best_share = 0.0
     for window in WINDOWS:
         holds = _holds(time, load, window, span)
@@ -181,9 +172,7 @@ def find_holds(time: NDArray[np.float64], load: NDArray[np.float64]) -> list[tup
     return best if best_share >= 0.2 else []
 
 
-def _holds(
-    time: NDArray[np.float64], load: NDArray[np.float64], window: float, span: float,
-) -> list[tuple[int, int]]:
+def _holds(time: Floats, load: Floats, window: float, span: float) -> list[Span]:
     period = float(np.median(spread_changes(time)))
     window = max(window, 4.0 * period)
     noise = float(np.median(np.abs(spread_changes(load)))) / 0.954
@@ -203,9 +192,8 @@ def _holds(
 
 
 def _extended(
-    holds: list[tuple[int, int]], load: NDArray[np.float64], edge: int, tolerance: float,
-    noise: float,
-) -> list[tuple[int, int]]:
+    holds: list[Span], load: Floats, edge: int, tolerance: float, noise: float,
+) -> list[Span]:
     """Extend each hold by the samples at its level that the window removed at its ends.
 
     A hold ends where the mean of `edge` samples leaves its level. These samples and as many
@@ -214,11 +202,11 @@ def _extended(
     total = _running_sum(load)
     limit = max(tolerance, NOISE_FACTOR * noise / np.sqrt(edge))
 
-    def is_away(first: int, last: int) -> NDArray[np.bool_]:
+    def is_away(first: int, last: int) -> Mask:
         means = (total[first + edge:last + edge] - total[first:last]) / edge
         return np.asarray(np.abs(means - level) > limit)
 
-    extended: list[tuple[int, int]] = []
+    extended: list[Span] = []
     for number, (start, stop) in enumerate(holds):
         level = np.median(load[start:stop])
         first = low = extended[-1][1] if extended else 0
@@ -240,9 +228,7 @@ def _extended(
     return extended
 
 
-def _steady(
-    time: NDArray[np.float64], load: NDArray[np.float64], window: float, tolerance: float,
-) -> NDArray[np.bool_]:
+def _steady(time: Floats, load: Floats, window: float, tolerance: float) -> Mask:
     """Mask of samples at which the means over the windows before and after differ by little."""
     total = _running_sum(load, float(load.mean()))
     steady = np.zeros(len(time), dtype=bool)
@@ -256,7 +242,7 @@ def _steady(
     return steady
 
 
-def _running_sum(values: NDArray[np.float64], less: float = 0.0) -> NDArray[np.float64]:
+def _running_sum(values: Floats, less: float = 0.0) -> Floats:
     """Sums (N + 1,) of the first 0 to N values, each minus a constant."""
     total = scratch_array((len(values) + 1,), np.float64)
     total[0] = 0.0
@@ -267,11 +253,10 @@ def _running_sum(values: NDArray[np.float64], less: float = 0.0) -> NDArray[np.f
 
 
 def _merged(
-    stretches: list[tuple[int, int]], time: NDArray[np.float64], load: NDArray[np.float64],
-    tolerance: float, noise: float,
-) -> list[tuple[int, int]]:
+    stretches: list[Span], time: Floats, load: Floats, tolerance: float, noise: float,
+) -> list[Span]:
     """Join neighbours at the same level, as after a short disturbance of the load."""
-    joined: list[tuple[int, int]] = []
+    joined: list[Span] = []
     for start, stop in stretches:
         if joined:
             first, last = joined[-1]
@@ -285,13 +270,7 @@ def _merged(
     return joined
 
 
-# -- sorting -----------------------------------------------------------------------------------
-
-
-# -- errors ------------------------------------------------------------------------------------
-
-
-def _standard_errors(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+def _standard_errors(parts: list[Floats]) -> Floats:
     """Standard error of the mean of each part, by the correlation pooled over all of them."""
     longest = max(len(part) for part in parts)
     sums = np.zeros(longest)
@@ -324,9 +303,7 @@ def _standard_errors(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.array(errors)[members]
 
 
-def _modelled(
-    covariance: NDArray[np.float64], counts: NDArray[np.float64], length: int,
-) -> NDArray[np.float64]:
+def _modelled(covariance: Floats, counts: Floats, length: int) -> Floats:
     """Autocovariance (length,) of white noise and one relaxation, fitted to an estimate (n,).
 
     It serves correlation that is so long that a plateau shows only a part of it. The estimate
@@ -351,7 +328,7 @@ def _modelled(
     return best
 
 
-def _after_mean(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def _after_mean(covariance: Floats) -> Floats:
     """An autocovariance (n,) after the removal of the mean of the n samples.
 
     mean over i of E (x_i - m)(x_(i+k) - m) = C_k + var(m) - mean over i of the covariances of
@@ -364,9 +341,7 @@ def _after_mean(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(covariance + with_mean.mean() - 2.0 * heads / np.arange(size, 0, -1))
 
 
-def _window_of(
-    correlation: NDArray[np.float64], size: int,
-) -> tuple[int | None, NDArray[np.float64]]:
+def _window_of(correlation: Floats, size: int) -> tuple[int | None, Floats]:
     """Sokal's window: the first lag K with K >= 5 tau(K), None if there is none; all tau(K)."""
     lags = np.arange(1, min(size, len(correlation)))
     terms = 1.0 + 2.0 * np.cumsum((1.0 - lags / size) * correlation[1:len(lags) + 1])
@@ -374,7 +349,7 @@ def _window_of(
     return int(lags[enough[0]]) if len(enough) else None, terms
 
 
-def _inflation(correlation: NDArray[np.float64], size: int) -> float:
+def _inflation(correlation: Floats, size: int) -> float:
     """Factor tau for `size` samples with this `correlation` (k = 0, 1, ...), at least 1/size."""
     window, terms = _window_of(correlation, size)
     if not len(terms):

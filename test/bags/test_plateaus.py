@@ -95,7 +95,7 @@ def test_the_settling_part_is_left_out():
     assert (found.start > found.hold_start).all()
     settled = np.array(staircase()) * TONNE
     assert np.abs(found.load - settled).max() < 0.01 * TONNE
-    whole = plateau_means(found.hold_start, found.hold_stop, run.load, errors=False).mean
+    whole = plateau_means(found.hold_start, found.hold_stop, run.load, errors=False)[0]
     assert np.abs(whole - settled).max() > np.abs(found.load - settled).max()
 
 
@@ -106,7 +106,7 @@ def test_standard_errors_are_those_that_repeated_tests_show(correlation):
     for seed in range(12):
         run = static_run(levels, rate=50.0, correlation=correlation, seed=seed)
         found = plateaus(run)
-        true = plateau_means(found.start, found.stop, run.true, errors=False).mean
+        true = plateau_means(found.start, found.stop, run.true, errors=False)[0]
         scores.append((found.gaps - true) / found.gaps_std_error)
     spread = np.sqrt(np.mean(np.square(scores)))
     assert 0.85 < spread < 1.2
