@@ -32,37 +32,26 @@ def reason_wide(name: str, std: float, elevations: int) -> str | None:
     return f'{name} is known only within {what} (95 %) from these data: {advice}'
 
 
-def reason_unequal(name: str, std: float, noise_std: float, elevations: int) -> str | None:
-    """The same reason if unequal rollers, and not noise alone, leave the parameter open."""
-    reason = reason_wide(name, std, elevations)
-    if reason is None or reason_wide(name, noise_std, elevations) is not None:
-        return reason
-    known, _, advice = reason.partition(' from these data: ')
-    if elevations > 1 or name[0] == 'D':
-        return f'{known} on a ring whose rollers may be unequal: longer runs do not help'
-    return f'{known} on a ring whose rollers may be unequal: {advice}'
-
-
-def reason_misfit(name: str, std: float, fitted_std: float, advice: str) -> str | None:
-    """The same reason if only the misfit, which widens the interval, leaves the parameter open.
-
-    fitted_std: standard deviation (coordinates) for a misfit as large as the noise.
-    """
-    reason = reason_wide(name, std, 1)
-    if reason is None or reason_wide(name, fitted_std, 1) is not None:
-        return None
-    known, _, _ = reason.partition(' from these data: ')
-    return f'{known}, because the misfit exceeds the noise: {advice}'
-
-
-def reason_one_elevation(
-    name: str, std: float, shift: float, imperfection: str, elevations: int
+def reason_open(
+    name: str, deviations: Sequence[float], shift: float, imperfection: str, elevations: int,
+    misfit_advice: str,
 ) -> str | None:
-    """Why a parameter depends on curvature alone; None if it does not.
+    """Why an identified parameter is open; None if it is not.
 
-    shift: its change by `imperfection`, the worst small one that no fit can detect
-    (coordinates).
+    deviations (coordinates): in all, of noise alone, and in all for a misfit as large as the
+    noise. shift (coordinates): its change by `imperfection`, the worst small one that no fit can
+    detect: with one elevation n, and K of a large shift, depend on the curvature alone.
     """
+    std, of_noise, without_misfit = deviations
+    reason = reason_wide(name, std, elevations)
+    if reason is not None:
+        known, _, advice = reason.partition(' from these data: ')
+        if reason_wide(name, without_misfit, elevations) is None:
+            return f'{known}, because the misfit exceeds the noise: {misfit_advice}'
+        if reason_wide(name, of_noise, elevations) is not None:
+            return reason
+        advice = 'longer runs do not help' if elevations > 1 or name[0] == 'D' else advice
+        return f'{known} on a ring whose rollers may be unequal: {advice}'
     tolerable = shift + WIDTH_95 * std <= MAX_HALF_WIDTH[name[0]]
     if name[0] == 'D' or elevations > 1 or (name[0] == 'K' and tolerable):
         return None

@@ -23,7 +23,7 @@ from saddlering_ros.identification.objective import (
     WeightedObjective,
 )
 from saddlering_ros.identification.observation import Observation
-from saddlering_ros.identification.prepared import PreparedRun, warnings_of
+from saddlering_ros.identification.prepared import prepare, PreparedRun, warnings_of
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import (
     Bounds,
@@ -161,7 +161,9 @@ class _Search:
     @cached_property
     def prepared(self) -> list[PreparedRun]:
         """The runs with the input of their observations."""
-        return observation.prepare_all(self.runs, self.rig, self.settings.fit_rate)
+        if not self.runs:
+            raise IdentificationError('no runs to identify from: give at least one bag')
+        return [prepare(run, self.rig, self.settings.fit_rate) for run in self.runs]
 
     @property
     def has_dynamic(self) -> bool:
@@ -367,7 +369,16 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
     made = Provenance(tuple(run.origin for run in search.runs))
     bags = tuple(one.name for one in observations)
     open_names = [name for name in PARAMETER_NAMES if not trust.determined[name]]
-    status = _status(cancelled, trust.reduced_chi_square, open_names, advice)
+    words = []
+    if trust.reduced_chi_square > 2.0:
+        words.append(
+            f'the misfit is {np.sqrt(trust.reduced_chi_square):.1f} times the noise: intervals '
+            f'are widened and may be biased ({advice})')
+    if open_names:
+        words.append(f'not determined by these data: {", ".join(open_names)}')
+    status = '; '.join(words) or 'identified'
+    if cancelled:
+        status = 'cancelled: the best result so far'
     return Identification(
         parameters=ParameterSet(outcome.contact, source=ParameterSource(
             method=search.settings.method, bags=bags, objective=outcome.objective,
@@ -381,16 +392,3 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
             for name in PARAMETER_NAMES},
         evaluations=search.evaluations, elapsed=time.monotonic() - search.started, status=status,
         cancelled=cancelled, notes=tuple(search.notes))
-
-
-def _status(cancelled: bool, reduced: float, open_names: Sequence[str], advice: str) -> str:
-    if cancelled:
-        return 'cancelled: the best result so far'
-    parts = []
-    if reduced > 2.0:
-        parts.append(
-            f'the misfit is {np.sqrt(reduced):.1f} times the noise: intervals are widened and '
-            f'may be biased ({advice})')
-    if open_names:
-        parts.append(f'not determined by these data: {", ".join(open_names)}')
-    return '; '.join(parts) or 'identified'

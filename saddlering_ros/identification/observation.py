@@ -27,12 +27,9 @@ from saddlering_ros.identification.prepared import (
     MAX_SIMULATED,
     noise_of,
     NoiseModel,
-    prepare,
     PreparedRun,
     run_name,
 )
-from saddlering_ros.identification.settings import IdentificationError
-from saddlering_ros.record.record import Record
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring import static_response
 from saddlering_ros.ring.sensitivity import load_sensitivity
@@ -151,24 +148,15 @@ SETTLING_STEP = 0.1
 """Step [s] of the simulation of a static run with settling."""
 
 
-def prepare_all(runs: Sequence[Record], rig: Rig, fit_rate: float | None) -> list[PreparedRun]:
-    """Runs with the input of their observations, once for all contact laws."""
-    if not runs:
-        raise IdentificationError('no runs to identify from: give at least one bag')
-    return [prepare(run, rig, fit_rate) for run in runs]
-
-
 def observe_prepared(prepared: Sequence[PreparedRun], fit_rate: float | None) -> list[Observation]:
     """Observations without the noise of the load cell: a damped ring follows it at once.
 
     The noise is estimated from all runs of one sampling rate together.
     """
-    noise = noise_of(prepared)
     return [
-        _observe_dynamic(one, noise[number], fit_rate)
-        if one.branch is None
-        else _observe_static(one, noise[number])
-        for number, one in enumerate(prepared)]
+        _observe_static(one, own) if one.branch is not None
+        else _observe_dynamic(one, own, fit_rate)
+        for one, own in zip(prepared, noise_of(prepared), strict=True)]
 
 
 def observe_with_cell(
@@ -191,8 +179,8 @@ def observe_with_cell(
 
 
 def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
-    measured, plateaus = one.measured, one.plateaus
-    assert plateaus is not None
+    measured = one.measured
+    plateaus = [slice(start, stop) for start, stop in one.rests]
     lasting = one.interval * np.array([stop - start for start, stop in one.rests], dtype=float)
     step = max(1, int(round(SETTLING_STEP / one.interval)),
                -(-len(measured.load) // MAX_SIMULATED))
@@ -201,8 +189,11 @@ def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
     starts = np.minimum(-(-edges[:, 0] // step), len(measured.load) // step - 1)
     spans = np.stack([starts, np.maximum(edges[:, 1] // step, starts + 1)], axis=1)
     return _observation(
-        one, noise, plateaus.time, plateaus.load, plateaus.displacement, np.asarray(one.branch),
-        lasting, block_means(measured.time, step), block_means(measured.load, step), spans=spans)
+        one, noise, np.array([float(np.mean(measured.time[span])) for span in plateaus]),
+        np.array([float(np.nanmean(measured.load[span])) for span in plateaus]),
+        np.stack([np.nanmean(one.displacement[:, span], axis=1) for span in plateaus], axis=1),
+        np.asarray(one.branch), lasting, block_means(measured.time, step),
+        block_means(measured.load, step), spans=spans)
 
 
 def _observe_dynamic(one: PreparedRun, noise: NoiseModel, fit_rate: float | None) -> Observation:

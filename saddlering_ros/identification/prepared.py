@@ -58,21 +58,12 @@ SLOW_SECONDS = 0.25
 
 
 @dataclass(frozen=True)
-class PlateauReadings:
-    """Means over the plateaus: displacement (3, M), load (M,) [N], time (M,) [s]."""
-
-    displacement: Array
-    load: Array
-    time: Array
-
-
-@dataclass(frozen=True)
 class PreparedRun:
     """A run with its displacement and where it is at rest (start, stop index pairs).
 
     load (N,) that the model is driven with; explained (3, N): what it explains of the displacement
-    at rest; rounding (3, N): errors of coarse converters that rest hides, if any; parity (N,): as
-    `parity_at_rest` has it; plateaus: readings of a static run, None for a dynamic one.
+    at rest; branch (M,): of the plateaus of a static run, None for a dynamic one; parity (N,): as
+    `parity_at_rest` has it; rounding (3, N): errors of coarse converters that rest hides, if any.
     """
 
     run: Record
@@ -85,16 +76,14 @@ class PreparedRun:
     interval: float
     parity: Array
     rounding: Array | None = None
-    plateaus: PlateauReadings | None = None
 
     def explained_by(self, rig: Rig, contact: ContactParameters) -> PreparedRun:
         """The same, explained by a simulation with a contact law; NaN before its zero."""
         time = self.measured.time
         step = max(float(np.median(np.diff(time))), 1e-3)
         simulated = simulate(rig, ParameterSet(contact), self.run.elevation, time, self.load, step)
-        motion = simulated.displacement
         explained = np.full((CHANNEL_COUNT, len(time)), np.nan)
-        explained[:, simulated.first:] = np.stack([motion.delta_x, motion.delta_y, motion.gamma])
+        explained[:, simulated.first:] = simulated.displacement.channels[:CHANNEL_COUNT]
         return replace(self, explained=explained)
 
 
@@ -110,8 +99,7 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
         measured = displacement_of_run(rig, run)
     except BagError as problem:
         raise IdentificationError(f'{name}: {problem}') from problem
-    motion = measured.displacement
-    displacement = np.stack([motion.delta_x, motion.delta_y, motion.gamma])
+    displacement = measured.displacement.channels[:CHANNEL_COUNT]
     displacement[:, np.any(saturated(run, rig), axis=0)] = np.nan
     interval = float(np.median(np.diff(measured.time)))
     size = 1 if run.test == 'static' else block_sizes(interval, len(run.load), fit_rate)[0]
@@ -125,8 +113,7 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     explained = np.asarray(displacement[:, good] @ centred / (centred @ centred))[:, None] * load
     errors, rounding = probe_rounding(run), None
     if errors is not None:
-        moved = probes_to_displacement(rig.probes, errors)
-        rounding = np.stack([moved.delta_x, moved.delta_y, moved.gamma])
+        rounding = probes_to_displacement(rig.probes, errors).channels[:CHANNEL_COUNT]
     prepared = PreparedRun(
         run=run, measured=measured, displacement=displacement, load=load, explained=explained,
         rests=[], branch=None, interval=interval, parity=parity_at_rest(measured),
@@ -138,12 +125,7 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
         rests = [rest for rest, enough in zip(rests, seen, strict=True) if enough]
         if len(rests) < MIN_READINGS:
             raise IdentificationError(clipped_words(name))
-        spans = [slice(start, stop) for start, stop in rests]
-        readings = PlateauReadings(
-            np.stack([np.nanmean(displacement[:, span], axis=1) for span in spans], axis=1),
-            np.array([float(np.nanmean(measured.load[span])) for span in spans]),
-            np.array([float(np.mean(measured.time[span])) for span in spans]))
-        return replace(prepared, rests=rests, branch=branch[seen], plateaus=readings)
+        return replace(prepared, rests=rests, branch=branch[seen])
     if np.mean(np.isfinite(displacement[0])) < MIN_SHARE_READ:
         raise IdentificationError(clipped_words(name))
     rests = quiet_stretches(stretches_at_rest(measured.time, measured.load, rig.limits.rest_band))

@@ -16,9 +16,7 @@ import numpy as np
 from saddlering_ros.estimation.identifiability import (
     collinearity,
     distinct_elevations,
-    reason_misfit,
-    reason_one_elevation,
-    reason_unequal,
+    reason_open,
 )
 from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.process import Array
@@ -227,12 +225,9 @@ def _reasons(
             reasons[name] = f'{name} is at its bound: the best value may lie outside'
             continue
         worst = max(IMPERFECTIONS, key=lambda one: abs(systematic[one.name][index]))
-        shift = abs(float(systematic[worst.name][index]))
-        std, of_noise, without_misfit = (own[index] for own in deviations)
-        reasons[name] = (
-            reason_misfit(name, std, without_misfit, misfit_advice)
-            or reason_unequal(name, std, of_noise, elevations)
-            or reason_one_elevation(name, std, shift, worst.words, elevations))
+        reasons[name] = reason_open(
+            name, [own[index] for own in deviations], abs(float(systematic[worst.name][index])),
+            worst.words, elevations, misfit_advice)
     return {name: reason for name, reason in reasons.items() if reason is not None}
 
 
@@ -298,6 +293,6 @@ def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
             np.append(one.time[0] - BEFORE, one.time), probes, not one.dynamic)
         columns = scatter_columns(rig, contact, course)
         since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(0, 2, 1))
-        moved = probes_to_displacement(rig.probes, since_zero)
-        effects.append(np.stack([moved.delta_x, moved.delta_y, moved.gamma], axis=1))
+        moved = probes_to_displacement(rig.probes, since_zero).channels[:3]
+        effects.append(moved.transpose(1, 0, 2))
     return effects

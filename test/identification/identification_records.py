@@ -6,11 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from saddlering_ros.identification.observation import (
-    observe_prepared,
-    observe_with_cell,
-    prepare_all,
-)
+from saddlering_ros.identification.observation import observe_prepared, observe_with_cell
+from saddlering_ros.identification.prepared import prepare
 from saddlering_ros.record import Record
 from saddlering_ros.rig import (
     ContactParameters,
@@ -104,7 +101,7 @@ def drawn_contact(random, rig=RIG):
 
 def observe(runs, rig, *, fit_rate, contact=None):
     """Observations of runs, with the noise of the load cell if a contact law is given."""
-    prepared = prepare_all(runs, rig, fit_rate)
+    prepared = [prepare(run, rig, fit_rate) for run in runs]
     if contact is None:
         return observe_prepared(prepared, fit_rate)
     return observe_with_cell(prepared, rig, fit_rate, contact)

@@ -16,11 +16,7 @@ from identification_records import (
 import numpy as np
 import pytest
 
-from saddlering_ros.estimation.identifiability import (
-    MAX_HALF_WIDTH,
-    reason_misfit,
-    reason_one_elevation,
-)
+from saddlering_ros.estimation.identifiability import MAX_HALF_WIDTH, reason_open
 from saddlering_ros.identification import (
     IdentificationError,
     IdentificationSettings,
@@ -331,17 +327,18 @@ def test_a_lag_that_readings_show_widens_the_interval_of_the_damping(monkeypatch
 
 def test_noise_and_imperfection_together_leave_a_stiffness_of_one_elevation_open():
     half = MAX_HALF_WIDTH['K']
-    assert reason_one_elevation('K1', 0.0, 0.9 * half, '5 µm of clearance', 1) is None
-    together = ('K1', 0.1 * half, 0.9 * half, '5 µm of clearance')
-    assert 'curvature only: 5 µm of clearance' in reason_one_elevation(*together, 1)
-    assert reason_one_elevation(*together, 2) is None
+    worst = (0.9 * half, '5 µm of clearance')
+    noise = [0.1 * half] * 3
+    assert reason_open('K1', [0.0] * 3, *worst, 1, '') is None
+    assert 'curvature only: 5 µm of clearance' in reason_open('K1', noise, *worst, 1, '')
+    assert reason_open('K1', noise, *worst, 2, '') is None
 
 
 def test_a_misfit_that_leaves_a_parameter_open_is_named_with_its_remedy():
     wide, narrow = 0.5, 0.05
-    advice = MISFIT_ADVICE['paper']
-    assert reason_misfit('K2', wide, narrow, advice) == (
+    beside = (0.0, '', 2, MISFIT_ADVICE['paper'])
+    assert reason_open('K2', [wide, narrow, narrow], *beside) == (
         'K2 is known only within a factor 2.66 (95 %), because the misfit exceeds the noise: use '
         'the default method, which fits closer, or find the cause with diagnose')
-    assert reason_misfit('K2', wide, wide, advice) is None
-    assert reason_misfit('K2', narrow, narrow, advice) is None
+    assert 'add more or longer runs' in reason_open('K2', [wide, wide, wide], *beside)
+    assert reason_open('K2', [narrow, narrow, narrow], *beside) is None
