@@ -23,6 +23,7 @@ from saddlering_ros.estimation.statistics import (
     block_means,
     RowTotals,
 )
+from saddlering_ros.record.quality import common_step
 
 MODEL_ERROR = 0.02
 """Relative error of a mixture of relaxations, because no real noise is exactly one."""
@@ -239,7 +240,7 @@ def measure_noise(
     fine = min(segment.step for segment in segments)
     noise = []
     for channel, (statistics, total) in enumerate(zip(channels, totals, strict=True)):
-        white, slow = 0.0, np.zeros(TIME_CONSTANTS.size)
+        slow = np.zeros(TIME_CONSTANTS.size)
         if shape.sum() > 0.0:
             columns = statistics.columns
             columns = np.column_stack([columns[:, 0], columns[:, 1:] @ shape])
@@ -248,7 +249,8 @@ def measure_noise(
         else:
             white = float(statistics.mixture()[0])
         white = max(white, MIN_WHITE * total * fine)
-        step = _quantum([segment.values[channel] for segment in segments])
+        # Step of the converter, 0 if none shows.
+        step = common_step(np.concatenate([one.values[channel] for one in segments]), 0.5)
         held = 0.0
         if step:
             spread = float(np.sqrt(white / fine + slow.sum()))
@@ -314,20 +316,6 @@ def _without_common_course(
             (np.asarray(row - row.mean()), member.step)
             for row, member in zip(rows, members, strict=True)]
     return cleaned
-
-
-def _quantum(rows: Sequence[Array]) -> float:
-    """Step of the converter [unit] behind rows (n_i,) of readings, 0 if none shows."""
-    values = np.unique(np.concatenate(rows))
-    if values.size < 3:
-        return float(np.ptp(values)) if values.size > 1 else 0.0
-    steps = np.diff(values)
-    smallest = float(steps[steps > 1e-9 * np.abs(values).max()].min(initial=np.inf))
-    if not np.isfinite(smallest) or values.size >= 0.5 * sum(row.size for row in rows):
-        return 0.0
-    multiples = steps / smallest
-    is_regular = np.mean(np.abs(multiples - np.round(multiples)) < 0.05) > 0.95
-    return smallest if is_regular else 0.0
 
 
 def noise_alone(stretches: Sequence[Array], step: float) -> ChannelNoise:

@@ -29,6 +29,7 @@ from saddlering_ros.estimation.statistics import filled
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.record import displacement_of_run, MeasuredRun, Plateaus, plateaus, Record
 from saddlering_ros.record.displacement import zero_of_run
+from saddlering_ros.record.record import SPAN_MARGIN
 from saddlering_ros.rig import ContactParameters, ParameterSet, probes_to_displacement, Rig
 from saddlering_ros.ring import simulate
 
@@ -114,22 +115,23 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     errors, rounding = probe_rounding(run), None
     if errors is not None:
         rounding = probes_to_displacement(rig.probes, errors).channels[:CHANNEL_COUNT]
-    prepared = PreparedRun(
-        run=run, measured=measured, displacement=displacement, load=load, explained=explained,
-        rests=[], branch=None, interval=interval, parity=parity_at_rest(measured),
-        rounding=rounding)
-    if levels is not None:
+    branch = None
+    if levels is None:
+        is_read = bool(np.mean(np.isfinite(displacement[0])) >= MIN_SHARE_READ)
+        rests = quiet_stretches(stretches_at_rest(
+            measured.time, measured.load, rig.limits.rest_band))
+        rests = rests or [(measured.zero.start, measured.zero.end)]
+    else:
         rests = list(zip(levels.start.tolist(), levels.stop.tolist(), strict=True))
-        branch = np.asarray(levels.branch, dtype=float)
         seen = [bool(np.mean(np.isfinite(displacement[0, a:b])) > 0.5) for a, b in rests]
         rests = [rest for rest, enough in zip(rests, seen, strict=True) if enough]
-        if len(rests) < MIN_READINGS:
-            raise IdentificationError(clipped_words(name))
-        return replace(prepared, rests=rests, branch=branch[seen])
-    if np.mean(np.isfinite(displacement[0])) < MIN_SHARE_READ:
-        raise IdentificationError(clipped_words(name))
-    rests = quiet_stretches(stretches_at_rest(measured.time, measured.load, rig.limits.rest_band))
-    return replace(prepared, rests=rests or [(measured.zero.start, measured.zero.end)])
+        branch, is_read = levels.branch[seen].astype(np.float64), len(rests) >= MIN_READINGS
+    if not is_read:
+        raise IdentificationError(
+            f'{name}: probes are missing or at a limit of their span in most of the record: '
+            'adjust their gaps and repeat the test')
+    return PreparedRun(run, measured, displacement, load, explained, rests, branch, interval,
+                       parity_at_rest(measured), rounding)
 
 
 def block_sizes(interval: float, samples: int, fit_rate: float | None) -> tuple[int, int]:
@@ -239,7 +241,7 @@ def warnings_of(run: Record, rig: Rig) -> list[str]:
 
 def saturated(run: Record, rig: Rig) -> NDArray[np.bool_]:
     """Mask (4, N) of readings at a limit of the span, behind which the face may be farther."""
-    margin = 1e-4 * (rig.probes.max_range - rig.probes.min_range)
+    margin = SPAN_MARGIN * (rig.probes.max_range - rig.probes.min_range)
     low, high = rig.probes.min_range + margin, rig.probes.max_range - margin
     with np.errstate(invalid='ignore'):
         return np.asarray((run.gaps <= low) | (run.gaps >= high))
@@ -283,9 +285,3 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
             f'{name}: there is no unloading branch (the record ends at '
             f'{rig.force_words(float(run.load[-1]))}): record the test until the load is removed')
     return None
-
-
-def clipped_words(name: str) -> str:
-    """Message of a run whose probes read too little."""
-    return (f'{name}: probes are missing or at a limit of their span in most of the record: '
-            'adjust their gaps and repeat the test')

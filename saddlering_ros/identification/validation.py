@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from saddlering_ros import quantities
 from saddlering_ros.errors import BagError
 from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.estimation.noise import LEVEL_REACH, noise_alone, noise_by_class, RestSource
@@ -25,17 +26,6 @@ from saddlering_ros.identification.figures import (
 )
 from saddlering_ros.identification.prepared import MIN_REST, parity_at_rest, run_name
 from saddlering_ros.identification.settings import IdentificationError
-from saddlering_ros.quantities import (
-    allowed_misfit,
-    compact,
-    GOOD,
-    MATERIAL,
-    MAX_COMPARISON_ERROR,
-    MIN_RATING,
-    percent,
-    quantity,
-    significant,
-)
 from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.record import Record
@@ -167,9 +157,7 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
     except BagError as problem:
         raise IdentificationError(f'{name}: {problem}') from problem
     out = simulate(rig, parameters, run.elevation, measured.time, measured.load)
-    actual, simulated = (
-        np.stack([np.asarray(getattr(motion, channel), dtype=float) for channel in CHANNELS])
-        for motion in (measured.displacement, out.displacement))
+    actual, simulated = measured.displacement.channels, out.displacement.channels
     if not np.array_equal(out.time, measured.time):
         simulated = np.stack([np.interp(measured.time, out.time, row, left=np.nan, right=np.nan)
                               for row in simulated])
@@ -259,52 +247,42 @@ class Criterion:
 
     def _words(self, value: float) -> str:
         if self.unit == '%':
-            return percent(value, 3)
-        return quantity(1e-6 * value, 'm') if self.unit == 'um' else compact(value)
+            return quantities.percent(value, 3)
+        if self.unit == 'um':
+            return quantities.quantity(1e-6 * value, 'm')
+        return quantities.compact(value)
 
 
 def judge(runs: Sequence[RunValidation]) -> tuple[Criterion, ...]:
-    """Every criterion for which these runs have figures."""
-    criteria = [
-        _worst(runs, SIMULATED, 'misfit', f'rms misfit at most {GOOD:g} x noise and small errors '
-               f'of a sound ring, or {100.0 * MATERIAL:g} % of range', '%',
-               lambda figures: (
-                   figures.nrmse, allowed_misfit(figures.noise_floor, figures.sound))),
-        _worst(runs, SIMULATED, 'comparison_error', 'comparison error E at most '
-               f'{MAX_COMPARISON_ERROR:g} x its uncertainty u_val (ASME V&V 20)', '',
-               lambda figures: (figures.e_over_uval, MAX_COMPARISON_ERROR)),
-        _worst(runs, SIMULATED, 'iso18571', f'ISO 18571 rating at least {MIN_RATING:g} (good)', '',
-               lambda figures: (figures.iso18571, MIN_RATING), more_is_better=True),
-        _worst(runs, ('parity',), 'parity', f'parity at most {GOOD:g} x noise (rigid ring, sound '
-               'probes)', 'um', lambda figures: (
-                   1e6 * figures.rmse,
-                   1e6 * GOOD * (figures.noise_floor or 0.0) * figures.range))]
-    return tuple(criterion for criterion in criteria if criterion is not None)
-
-
-def _worst(
-    runs: Sequence[RunValidation], channels: Sequence[str], name: str, words: str, unit: str,
-    figures_of: Callable[[ChannelFigures], tuple[float | None, float]],
-    *, more_is_better: bool = False,
-) -> Criterion | None:
-    """The criterion at its worst place; None if no channel has the figure."""
-    cases = []
-    for run in runs:
-        for channel in channels:
-            if channel not in run.channels:
-                continue  # A probe is absent.
-            value, limit = figures_of(run.channels[channel])
-            if value is not None:
-                low, high = (value, limit) if more_is_better else (limit, value)
-                over = high / max(low, 1e-300)
-                cases.append((over, value, limit, run.name, channel))
-    if not cases:
-        return None
-    over, value, limit, run_name, channel = max(cases)
-    bag = run_name.rstrip('/').rsplit('/', 1)[-1]
-    return Criterion(
-        id=name, words=words, is_met=over <= 1.0, value=value, limit=limit, unit=unit, bag=bag,
-        channel=channel)
+    """Every criterion for which these runs have figures, at its worst run and channel."""
+    good, error, rating = quantities.GOOD, quantities.MAX_COMPARISON_ERROR, quantities.MIN_RATING
+    # Id, words, unit, channels, and what gives value and limit of a channel's figures.
+    asked: tuple[tuple[str, str, str, Sequence[str], Callable[
+        [ChannelFigures], tuple[float | None, float]]], ...] = (
+        ('misfit', f'rms misfit at most {good:g} x noise and small errors of a sound ring, or '
+         f'{100.0 * quantities.MATERIAL:g} % of range', '%', SIMULATED,
+         lambda seen: (seen.nrmse, quantities.allowed_misfit(seen.noise_floor, seen.sound))),
+        ('comparison_error', f'comparison error E at most {error:g} x its uncertainty u_val (ASME '
+         'V&V 20)', '', SIMULATED, lambda seen: (seen.e_over_uval, error)),
+        ('iso18571', f'ISO 18571 rating at least {rating:g} (good)', '', SIMULATED,
+         lambda seen: (seen.iso18571, rating)),
+        ('parity', f'parity at most {good:g} x noise (rigid ring, sound probes)', 'um',
+         ('parity',), lambda seen: (
+             1e6 * seen.rmse, 1e6 * good * (seen.noise_floor or 0.0) * seen.range)))
+    criteria = []
+    for name, words, unit, channels, figures_of in asked:
+        cases = []
+        for run in runs:
+            for channel in (one for one in channels if one in run.channels):
+                value, limit = figures_of(run.channels[channel])
+                if value is not None:
+                    low, high = (value, limit) if name == 'iso18571' else (limit, value)
+                    cases.append((high / max(low, 1e-300), value, limit, run.name, channel))
+        if cases:
+            over, value, limit, bag, channel = max(cases)
+            criteria.append(Criterion(name, words, over <= 1.0, value, limit, unit,
+                                      bag.rstrip('/').rsplit('/', 1)[-1], channel))
+    return tuple(criteria)
 
 
 class Column(NamedTuple):
@@ -355,16 +333,16 @@ def validation_text(validation: Validation) -> str:
             values = [getattr(figures, column.key) for column in COLUMNS]
             cells = [
                 '-' if value is None or not np.isfinite(value)
-                else significant(column.scale * value, 4)
+                else quantities.significant(column.scale * value, 4)
                 for column, value in zip(COLUMNS, values, strict=True)]
             lines.append(f'  {channel:8s}  ' + '  '.join(
                 cell.rjust(width) for cell, width in zip(cells, widths, strict=True)))
         lines += [f'  note: {note}' for note in run.notes]
     contact, source = validation.parameters.contact, validation.parameters.source
     lines += [''] if source.undetermined else []
-    lines += [
-        undetermined_words(name, quantity(getattr(contact, name), PARAMETER_UNITS[name]), reason)
-        for name, reason in source.undetermined.items()]
+    for name, reason in source.undetermined.items():
+        value = quantities.quantity(getattr(contact, name), PARAMETER_UNITS[name])
+        lines.append(undetermined_words(name, value, reason))
     lines += ['', 'columns:', *(f'  {column.title:9s}  {column.words}' for column in COLUMNS)]
     lines += ['', 'criteria:', *(f'  {criterion.line}' for criterion in judge(validation.runs))]
     return '\n'.join(lines)

@@ -11,9 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.record.batches import Floats, Stamps
 from saddlering_ros.record.scratch import blocks, count_where, extremes, spread, spread_changes
-
-Floats = NDArray[np.float64]
 
 HELD_SHARE = 0.5
 """Share of readings equal to the one before above which readings may be held."""
@@ -123,7 +122,7 @@ UNKNOWN_QUALITY = TopicQuality(
 """Properties of readings that are no numbers."""
 
 
-def topic_quality(stamps: NDArray[np.int64], values: Floats) -> TopicQuality:
+def topic_quality(stamps: Stamps, values: Floats) -> TopicQuality:
     """Look at readings (N,) at stamps (N,) [ns]."""
     period = float(np.median(spread_changes(stamps)))
     rate = 1e9 / max(period, 1.0)
@@ -172,19 +171,19 @@ def _runs(values: Floats) -> NDArray[np.int64]:
     return np.concatenate(found)
 
 
-def common_step(values: Floats) -> float:
-    """Greatest common step of readings (N,), 0 if none shows."""
+def common_step(values: Floats, share: float = 0.9) -> float:
+    """Greatest common step of readings (N,), 0 if none shows in fewer levels than a `share`."""
     levels = np.unique(values[:LOOKED_AT])
     if levels.size < 3:
         return float(np.ptp(levels)) if levels.size > 1 else 0.0
     steps = np.diff(levels)
     steps = steps[steps > 1e-9 * float(np.abs(levels).max())]
-    if not steps.size:
+    if not steps.size or levels.size >= share * min(values.size, LOOKED_AT):
         return 0.0
     smallest = float(steps.min())
     multiples = steps / smallest
     is_regular = float(np.mean(np.abs(multiples - np.round(multiples)) < 0.05)) > 0.95
-    return smallest if is_regular and levels.size < 0.9 * min(values.size, LOOKED_AT) else 0.0
+    return smallest if is_regular else 0.0
 
 
 def white_noise(values: Floats, lag: int = 1) -> float:

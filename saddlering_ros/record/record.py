@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.errors import BagError, plain_number, printable
 from saddlering_ros.files import Origin
-from saddlering_ros.record.batches import Bits, DOUBTFUL_LOAD, Samples
+from saddlering_ros.record.batches import Bits, DOUBTFUL_LOAD, Floats, Mask, Samples, Stamps
 from saddlering_ros.record.quality import doubtful_lag, TopicQuality
 from saddlering_ros.record.scratch import BLOCK, blocks, scratch_mask, spread_changes
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
@@ -32,8 +31,8 @@ class RawTopic:
     topic: str
     type: str
     frame_id: str
-    stamps: NDArray[np.int64]
-    values: NDArray[np.float64]
+    stamps: Stamps
+    values: Floats
     min_range: float = math.nan
     max_range: float = math.nan
     notes: tuple[str, ...] = ()
@@ -112,18 +111,18 @@ class Record:
     elevation: float
     rig: str
     run: str
-    stamps: NDArray[np.int64]
-    time: NDArray[np.float64]
-    load: NDArray[np.float64]
-    gaps: NDArray[np.float64]
+    stamps: Stamps
+    time: Floats
+    load: Floats
+    gaps: Floats
     notes: list[str] = field(default_factory=list)
     sha256: str = ''
-    spikes: NDArray[np.bool_] | None = None
+    spikes: Mask | None = None
     quality: dict[str, TopicQuality] = field(default_factory=dict)
-    others: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    others: dict[str, Floats] = field(default_factory=dict)
     details: Mapping[str, str] = field(default_factory=dict)
-    used: NDArray[np.bool_] | None = None
-    published: NDArray[np.bool_] | None = None
+    used: Mask | None = None
+    published: Mask | None = None
     probe_marks: Bits | None = None
     load_marks: Bits | None = None
     absent: int = 0
@@ -134,23 +133,29 @@ class Record:
         Spikes, values interpolated across a refused reading, and values beside a doubtful
         load are left out. Rows that lack a probe are not complete.
         """
-        whole = slice(None)
-        return replace(self, load=_sound_load(self, whole), gaps=_sound_gaps(self, whole),
-                       spikes=None, used=None, published=None, probe_marks=None, load_marks=None)
+        load, gaps = self.sound(slice(None))
+        return replace(self, load=load, gaps=gaps, spikes=None, used=None, published=None,
+                       probe_marks=None, load_marks=None)
 
-    def is_load_doubtful(self, rows: slice) -> NDArray[np.bool_]:
-        """Mask of rows behind a step of the load that the hydraulics cannot make."""
-        if self.load_marks is None:
-            return np.zeros(len(self.load[rows]), dtype=bool)
-        return np.asarray(self.load_marks[rows] & DOUBTFUL_LOAD > 0)
-
-    def are_gaps_doubtful(self, rows: slice) -> NDArray[np.bool_]:
-        """Mask of rows beside a refused reading of a probe, or with a doubtful load."""
-        doubtful = self.is_load_doubtful(rows)
-        return doubtful if self.probe_marks is None else doubtful | (self.probe_marks[rows] > 0)
+    def sound(self, rows: slice) -> tuple[Floats, Floats]:
+        """Load (M,) and gaps (4, M) of some rows, as `without_spikes` has them."""
+        load, gaps = self.load[rows], self.gaps[:, rows]
+        doubtful: Mask = np.zeros(len(load), dtype=bool)
+        if self.load_marks is not None:
+            doubtful = self.load_marks[rows] & DOUBTFUL_LOAD > 0
+        struck = doubtful if self.spikes is None else doubtful | self.spikes[0, rows]
+        if struck.any() and not struck.all():
+            time, load = self.time[rows], load.copy()
+            load[struck] = np.interp(time[struck], time[~struck], load[~struck])
+        if self.probe_marks is not None:
+            doubtful = doubtful | (self.probe_marks[rows] > 0)
+        wrong = np.broadcast_to(doubtful, gaps.shape)
+        if self.spikes is not None:
+            wrong = wrong | self.spikes[1:, rows]
+        return load, np.where(wrong, np.nan, gaps) if wrong.any() else gaps
 
     @property
-    def given(self) -> NDArray[np.bool_]:
+    def given(self) -> Mask:
         """Mask (N,) of the load stamps from which a zero is taken."""
         return self.complete if self.used is None else self.used
 
@@ -173,15 +178,13 @@ class Record:
         return Origin(str(self.path), self.sha256)
 
     @property
-    def complete(self) -> NDArray[np.bool_]:
+    def complete(self) -> Mask:
         """Mask (N,) of the load stamps at which all four probes have a reading."""
         found = scratch_mask(len(self.stamps))
         for part in blocks(len(found), self.gaps, found):
             found[part] = np.isfinite(self.gaps[:, part]).all(axis=0)
         return found
 
-
-Floats = NDArray[np.float64]
 
 FIT_ROWS = 1 << 19
 """Samples of all runs together that a fit holds in memory."""
@@ -234,8 +237,9 @@ def condensed(run: Record, rig: Rig, limit: int = FIT_ROWS) -> Record:
         samples = slice(part.start * size, part.stop * size)
         taken = run.stamps[samples].reshape(-1, size)
         stamps[part] = taken[:, 0] + (taken - taken[:, :1]).mean(axis=1).astype(np.int64)
-        load[part] = _sound_load(run, samples).reshape(-1, size).mean(axis=1)
-        read = _sound_gaps(run, samples).reshape(len(gaps), -1, size)
+        sound_load, sound_gaps = run.sound(samples)
+        load[part] = sound_load.reshape(-1, size).mean(axis=1)
+        read = sound_gaps.reshape(len(gaps), -1, size)
         # Means of blocks in which enough readings are known, and which do not lie across a gap.
         known = (read > low + margin) & (read < high - margin)
         counts = known.sum(axis=2)
@@ -249,26 +253,6 @@ def condensed(run: Record, rig: Rig, limit: int = FIT_ROWS) -> Record:
         run, stamps=stamps, time=(stamps - stamps[0]) * 1e-9, load=load, gaps=gaps, others={},
         notes=[*run.notes, note], spikes=None, used=None, published=None,
         probe_marks=None, load_marks=None)
-
-
-def _sound_load(run: Record, samples: slice) -> Floats:
-    load, time = run.load[samples], run.time[samples]
-    struck = run.is_load_doubtful(samples)
-    if run.spikes is not None:
-        struck = struck | run.spikes[0, samples]
-    if not struck.any() or struck.all():
-        return load
-    load = load.copy()
-    load[struck] = np.interp(time[struck], time[~struck], load[~struck])
-    return load
-
-
-def _sound_gaps(run: Record, samples: slice) -> Floats:
-    gaps = run.gaps[:, samples]
-    wrong = np.broadcast_to(run.are_gaps_doubtful(samples), gaps.shape)
-    if run.spikes is not None:
-        wrong = wrong | run.spikes[1:, samples]
-    return np.where(wrong, np.nan, gaps) if wrong.any() else gaps
 
 
 METADATA_RECORD = 'saddlering.test'
