@@ -26,8 +26,7 @@ from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.extension import STAGES
 from saddlering_ros.pages.charts import AFTER, BEFORE, drawing, NOISE
 from saddlering_ros.pages.html import png
-from saddlering_ros.report.curves import curves_of, RunCurves
-from saddlering_ros.report.figures import MICRO, SYMBOLS
+from saddlering_ros.report.figures import curves_of, MICRO, RunCurves, SYMBOLS
 from saddlering_ros.rig import CHANNELS, MICRO_UNITS
 from saddlering_ros.virtual_rig.effects import EFFECTS
 

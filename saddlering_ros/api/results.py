@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from saddlering_ros.comparison.change import Change
     from saddlering_ros.pages.charts import Chart
-    from saddlering_ros.report.curves import RunCurves
+    from saddlering_ros.report.figures import RunCurves
 
 PLOT_SUFFIXES = ('.png', '.svg', '.pdf')
 
@@ -101,7 +101,7 @@ class Result(Tabular):
 
         command: the command line that makes it. Returns the paths written.
         """
-        from saddlering_ros.report.curves import curves_path
+        from saddlering_ros.report.figures import curves_path
 
         inputs.check_path('path', path)
         self._spare_inputs(path, curves_path(path))
@@ -248,7 +248,7 @@ class ValidationResult(Result):
         return curves_of_validation(self.found, runs_of(self.bags), self.rig.force_unit)
 
     def _tables(self) -> dict[str, Callable[[], Columns]]:
-        from saddlering_ros.report.curves import curve_columns
+        from saddlering_ros.report.figures import curve_columns
 
         return {'curves': lambda: curve_columns(self._curves())}
 
@@ -333,7 +333,7 @@ class DiagnosisResult(ParametricResult):
             for cause in causes_of(self.document) for name, item in cause['parameters'].items()])
 
     def _tables(self) -> dict[str, Callable[[], Columns]]:
-        from saddlering_ros.report.curves import curve_columns, curves_of
+        from saddlering_ros.report.figures import curve_columns, curves_of
 
         said: Mapping[str, Any] = self.document
         return {

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from saddlering_ros import Bag, DiagnosisResult, IdentificationResult
     from saddlering_ros.diagnosis.ring_wording import RunEntry
-    from saddlering_ros.report.curves import Array, RunCurves
+    from saddlering_ros.report.figures import Array, RunCurves
 
 IDENTIFY_AT = 50.0
 """Elevation [deg] of the published identification; the others verify."""
@@ -146,7 +146,7 @@ def planned(folder: Path) -> tuple[list[Bag], list[Bag]]:
 def tell(fitted: list[Bag], held_out: list[Bag], scratch: Path) -> Story:
     """All steps in the order in which a test engineer does them by hand."""
     from saddlering_ros import diagnose, identify
-    from saddlering_ros.report.curves import curves_of_run
+    from saddlering_ros.report.figures import curves_of_run
     from saddlering_ros.ros.launcher import Domain
 
     began = time.monotonic()

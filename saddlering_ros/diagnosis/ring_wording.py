@@ -308,16 +308,6 @@ def variant_words(effect_id: str, choices: Mapping[str, float]) -> str:
     return ', '.join(f'{name} {value:g}' for name, value in choices.items())
 
 
-def signature_words(label: str) -> str:
-    """'probe_lag:2' with the words of that variant: 'probe_lag, probe 3'."""
-    effect_id, _, place = label.partition(':')
-    effect = catalogue().get(effect_id)
-    if effect is None or not place.isdigit() or int(place) >= len(effect.variants):
-        return label
-    words = effect.variants[int(place)].label
-    return f'{effect_id}, {words}' if words else effect_id
-
-
 def why_lost(candidate: CandidateEntry, best: CandidateEntry, chosen: Collection[str],
              alike: Collection[str]) -> str:
     """Whether a candidate was chosen or dropped beside the best of its step, and why."""

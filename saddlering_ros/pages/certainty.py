@@ -8,17 +8,7 @@ from textwrap import fill
 from typing import Any
 
 from saddlering_ros.pages import html
-from saddlering_ros.pages.charts import (
-    AFTER,
-    BEFORE,
-    Chart,
-    line,
-    markers,
-    NOISE,
-    Panel,
-    Series,
-    Ticks,
-)
+from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, markers, NOISE, Panel, Ticks
 from saddlering_ros.quantities import compact, percent, shares_in_words
 
 OUTCOMES = {'none': 'no cause', 'unknown': 'an unknown cause'}
@@ -71,36 +61,34 @@ def certainty(document: Mapping[str, Any], title_of: Callable[[str], str] = str)
 def bars(rows: Sequence[Row], label: str, top: float | None = None) -> Chart:
     """One bar for each row, from the top down; top: end of the axis."""
     rows = rows[:MAX_ROWS]
-    words = tuple(fill(row[0], MAX_WORDS) for row in rows)
-    places = tuple(map(float, range(len(rows))))
+    words = [fill(row[0], MAX_WORDS) for row in rows]
     series = [line([0.0, size], [place, place], colour, width=9.0)
-              for place, (_, size, colour) in zip(places, rows, strict=True)]
+              for place, (_, size, colour) in enumerate(rows)]
     if top:
-        series.append(markers([top], [places[-1] + 5.0], '.', NOISE, size=0.1))
-    return _chart(words, series, label, len(rows) * max(1 + word.count('\n') for word in words))
-
-
-def _chart(words: Sequence[str], series: Sequence[Series], label: str, lines: int,
-           x_ticks: Ticks | None = None) -> Chart:
-    """Rows with their words, from the top down; lines: that the words take."""
-    places = tuple(map(float, range(len(words))))
-    panel = Panel(0, 0, label, '', tuple(series), x_ticks=x_ticks,
-                  y_ticks=Ticks(places, tuple(words)), y_range=(places[-1] + 0.7, -0.7),
-                  shows_y_label=False, has_y_grid=x_ticks is not None)
+        series.append(markers([top], [len(rows) + 4.0], '.', NOISE, size=0.1))
+    panel = Panel(0, 0, label, '', tuple(series), y_ticks=_down(words), has_y_grid=False,
+                  y_range=(len(rows) - 0.3, -0.7))
+    lines = len(rows) * max(1 + word.count('\n') for word in words)
     return Chart((panel,), WIDTH, 0.9 + 0.27 * lines)
+
+
+def _down(words: Sequence[str]) -> Ticks:
+    return Ticks(tuple(map(float, range(len(words)))), tuple(words))
 
 
 def _refits(document: Mapping[str, Any], title_of: Callable[[str], str]) -> str:
     """One row for each refit: whether it has the first cause of the verdict."""
-    refits = document.get('refits') or ()
+    refits = (document.get('refits') or ())[:MAX_ROWS]
     causes = [cause['effect'] for cause in document['causes'] if 'effect' in cause]
     if not refits or not causes:
         return ''
-    rows = [(f'{item["change"]}: ' + (title_of(item['first']) if item['first'] else 'no cause'),
-             float(item['first'] == causes[0])) for item in refits[:MAX_ROWS]]
-    series = [markers([is_same], [place], 'o' if is_same else 'D', AFTER if is_same else BEFORE,
-                      size=7.0) for place, (_, is_same) in enumerate(rows)]
-    chart = _chart([row[0] for row in rows], series, 'first cause', len(rows), Ticks(
-        (-0.5, 0.0, 1.0, 1.5), ('', 'another', 'the same', '')))
-    return html.picture(chart, 'refits', 'Refits of the data under other conditions: '
-                        f'{percent(document["stability"])} have the same first cause.')
+    words = [f'{item["change"]}: ' + (title_of(item['first']) if item['first'] else 'no cause')
+             for item in refits]
+    series = [markers([1.0], [place], 'o', AFTER, size=7.0) if item['first'] == causes[0] else
+              markers([0.0], [place], 'D', BEFORE, size=7.0) for place, item in enumerate(refits)]
+    panel = Panel(0, 0, 'first cause', '', tuple(series), y_ticks=_down(words),
+                  x_ticks=Ticks((-0.5, 0.0, 1.0, 1.5), ('', 'another', 'the same', '')),
+                  y_range=(len(words) - 0.3, -0.7))
+    return html.picture(
+        Chart((panel,), WIDTH, 0.9 + 0.27 * len(words)), 'refits', 'Refits of the data under '
+        f'other conditions: {percent(document["stability"])} have the same first cause.')

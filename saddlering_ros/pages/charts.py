@@ -4,8 +4,8 @@ The picture is printed, mailed and read without scripts. `interactive.py` makes 
 browser zooms into; both show the same because both are made from the same `Chart`.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -45,11 +45,9 @@ MANY_COLUMNS = 3
 """Grids of more columns than this get smaller titles and ticks."""
 
 
-@contextmanager
-def drawing() -> Iterator[None]:
+def drawing() -> AbstractContextManager[None]:
     """The look of every figure, for the time of drawing it."""
-    with matplotlib.rc_context(FONT):
-        yield
+    return matplotlib.rc_context(FONT)
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,6 @@ class Ticks:
     at: tuple[float, ...]
     words: tuple[str, ...]
     size: float = 8.0
-    is_upright: bool = False
 
 
 @dataclass(frozen=True)
@@ -116,8 +113,8 @@ class Panel:
     """One pair of axes at a place of the grid.
 
     x_label and y_label name the quantities; shows_x and shows_y: whether they stand at the
-    axis, with its tick labels (a panel that shares an axis leaves them to its neighbour).
-    levels: heights of thin lines across the panel.
+    axis, with its tick labels (a panel that shares an axis leaves them to its neighbour, and a
+    heat map has words at its ticks alone). levels: heights of thin lines across the panel.
     """
 
     row: int
@@ -130,7 +127,6 @@ class Panel:
     heat: HeatMap | None = None
     title: str = ''
     shows_x: bool = True
-    shows_x_label: bool = True
     shows_y: bool = True
     shows_y_label: bool = True
     x_ticks: Ticks | None = None
@@ -158,9 +154,8 @@ class Chart:
 
     def __post_init__(self) -> None:
         if self.shares_x:
-            last = len(self.heights) - 1
             object.__setattr__(self, 'panels', tuple(
-                replace(panel, shows_x=panel.row == last, shows_x_label=panel.row == last)
+                replace(panel, shows_x=panel.row == len(self.heights) - 1)
                 for panel in self.panels))
 
     @property
@@ -170,9 +165,8 @@ class Chart:
         for panel in self.panels:
             items: list[Series | ShadedBand] = [*panel.series, *panel.bands]
             for item in items:
-                if item.name:
-                    entries.setdefault(item.name, item)
-        return list(entries.values())
+                entries.setdefault(item.name, item)
+        return [item for name, item in entries.items() if name]
 
 
 def line(x: ArrayLike, y: ArrayLike, colour: str, name: str = '', dash: str = '-',
@@ -235,13 +229,10 @@ def draw(chart: Chart) -> Figure:
         for panel in chart.panels:
             _draw_panel(grid[panel.row][panel.column], panel,
                         is_small=chart.columns > MANY_COLUMNS)
-        heat = next((panel.heat for panel in chart.panels if panel.heat and panel.heat.label),
-                    None)
-        if heat is not None:
-            image = next(axes.images[0] for axes in np.ravel(grid) if axes.images)
-            bar = figure.colorbar(image, ax=grid, shrink=0.7, pad=0.02,
-                                  extend='both' if heat.low < 0.0 else 'neither')
-            bar.set_label(heat.label)
+        for heat, axes in ((panel.heat, grid[panel.row][panel.column]) for panel in chart.panels):
+            if heat is not None and heat.label:
+                figure.colorbar(axes.images[0], ax=grid, shrink=0.7, pad=0.02, label=heat.label,
+                                extend='both' if heat.low < 0.0 else 'neither')
         handles = [
             Patch(color=item.colour, alpha=item.opacity, lw=0.0, label=item.name)
             if isinstance(item, ShadedBand) else Line2D([], [], label=item.name, **_look(item))
@@ -276,8 +267,7 @@ def _draw_panel(axes: Any, panel: Panel, *, is_small: bool) -> None:
         axes.minorticks_off()
     for axis, ticks in ((axes.xaxis, panel.x_ticks), (axes.yaxis, panel.y_ticks)):
         if ticks is not None:
-            axis.set_ticks(list(ticks.at), list(ticks.words), fontsize=ticks.size,
-                           rotation=90 if ticks.is_upright else 0)
+            axis.set_ticks(list(ticks.at), list(ticks.words), fontsize=ticks.size)
     if panel.y_range is not None:
         axes.set_ylim(*panel.y_range)
     if not panel.has_y_grid:
@@ -285,7 +275,7 @@ def _draw_panel(axes: Any, panel: Panel, *, is_small: bool) -> None:
     axes.tick_params(labelbottom=panel.shows_x, labelleft=panel.shows_y)
     if is_small:
         axes.tick_params(labelsize=7.5)
-    if panel.shows_x_label:
+    if panel.shows_x and panel.heat is None:
         axes.set_xlabel(panel.x_label)
     if panel.shows_y and panel.shows_y_label:
         axes.set_ylabel(panel.y_label)

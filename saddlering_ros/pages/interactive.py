@@ -9,18 +9,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from saddlering_ros.pages.charts import (
-    Chart,
-    FEW_DECADES,
-    HeatMap,
-    NOISE,
-    Panel,
-    Series,
-    ShadedBand,
-    Ticks,
-)
+from saddlering_ros.pages import charts
+from saddlering_ros.pages.charts import Array, Chart, HeatMap, Panel, Series, ShadedBand, Ticks
 
 PIXELS_PER_INCH = 100.0
 DIGITS = 7
@@ -61,14 +52,14 @@ def chart_of(chart: Chart) -> Plotly:
         suffix = '' if number == 1 else str(number)
         across, up = _domains(chart, panel, height)
         first = first_of_column.setdefault(panel.column, suffix)
-        x_axis = _axis(across, f'y{suffix}', panel.x_label if panel.shows_x_label else '',
-                       panel.x_ticks, [item.x for item in panel.series], is_log=panel.x_is_log)
+        is_heat = panel.heat is not None
+        x_axis = _axis(across, f'y{suffix}', panel.x_label if panel.shows_x and not is_heat else
+                       '', panel.x_ticks, [item.x for item in panel.series], is_log=panel.x_is_log)
         y_axis = _axis(up, f'x{suffix}',
                        panel.y_label if panel.shows_y and panel.shows_y_label else '',
                        panel.y_ticks, [item.y for item in panel.series], is_log=panel.y_is_log)
-        x_axis |= {'showticklabels': panel.shows_x, 'showgrid': panel.heat is None}
-        y_axis |= {'showticklabels': panel.shows_y,
-                   'showgrid': panel.heat is None and panel.has_y_grid}
+        x_axis |= {'showticklabels': panel.shows_x, 'showgrid': not is_heat}
+        y_axis |= {'showticklabels': panel.shows_y, 'showgrid': panel.has_y_grid and not is_heat}
         if panel.y_range is not None:
             y_axis['range'] = list(panel.y_range)
         elif panel.heat is not None:
@@ -135,7 +126,7 @@ def _domains(chart: Chart, panel: Panel, height: float) -> tuple[Span, Span]:
 
 
 def _axis(domain: Span, anchor: str, label: str, ticks: Ticks | None,
-          values: Sequence[NDArray[np.float64]], *, is_log: bool) -> Plotly:
+          values: Sequence[Array], *, is_log: bool) -> Plotly:
     """An axis of a panel; values: of its series, which give a logarithmic axis its ticks."""
     axis: Plotly = {
         'domain': list(domain), 'anchor': anchor, 'gridcolor': GRID, 'linecolor': EDGE,
@@ -149,11 +140,11 @@ def _axis(domain: Span, anchor: str, label: str, ticks: Ticks | None,
     return axis
 
 
-def _log_ticks(values: Sequence[NDArray[np.float64]]) -> Ticks:
+def _log_ticks(values: Sequence[Array]) -> Ticks:
     """A number at each decade, and at 2 and 5 where there are few decades."""
     positive = np.concatenate([item[item > 0.0] for item in values] or [np.ones(1)])
     low, high = np.log10([positive.min(), positive.max()] if positive.size else [1.0, 1.0])
-    digits = (1, 2, 5) if high - low <= FEW_DECADES else (1,)
+    digits = (1, 2, 5) if high - low <= charts.FEW_DECADES else (1,)
     at = tuple(float(f'{digit}e{power}') for power in range(math.floor(low), math.ceil(high) + 1)
                for digit in digits)
     return Ticks(at, tuple(f'{value:g}' for value in at))
@@ -206,9 +197,9 @@ def _shapes(panel: Panel, suffix: str) -> list[Plotly]:
            'layer': 'below', 'fillcolor': band.colour, 'opacity': band.opacity}
           for band in panel.bands),
         *({'type': 'line', **place, 'y0': level, 'y1': level,
-           'line': {'color': NOISE, 'width': 1}} for level in panel.levels)]
+           'line': {'color': charts.NOISE, 'width': 1}} for level in panel.levels)]
 
 
-def _numbers(values: NDArray[np.float64]) -> list[float | None]:
+def _numbers(values: Array) -> list[float | None]:
     return [float(f'{value:.{DIGITS}g}') if np.isfinite(value) else None
             for value in np.asarray(values, dtype=np.float64).tolist()]

@@ -14,7 +14,7 @@ from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import Chart, Panel
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import probability, quantity
-from saddlering_ros.report import background
+from saddlering_ros.report import reports
 from saddlering_ros.report.figures import MICRO
 from saddlering_ros.rig import MICRO_UNITS, PARAMETER_UNITS
 from saddlering_ros.rig.description import WEAR_LIMITS
@@ -107,7 +107,7 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
     tests = [(record.test_run, session) for session, records in (
         ('before', change.before), ('after', change.after)) for record in records]
     html.write_page(path, html.page('What changed', [
-        background.head('What changed', change.rig, tests),
+        reports.head('What changed', change.rig, tests),
         html.verdict(
             change.verdict, html.paragraph(change.headline, 'headline'),
             html.paragraph(f'Next: {change.next_test}' if change.next_test else '', 'next')),

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from saddlering_ros.diagnosis import ring_wording
-from saddlering_ros.diagnosis.ring_wording import signature_words, value_words, VerdictDocument
+from saddlering_ros.diagnosis.ring_wording import value_words, VerdictDocument
 from saddlering_ros.discrepancy import CauseEntry
 from saddlering_ros.effects import catalogue
 from saddlering_ros.pages import html
@@ -18,8 +18,7 @@ from saddlering_ros.quantities import (
     VERDICT_WORDS,
 )
 from saddlering_ros.report import figures
-from saddlering_ros.report.curves import RunCurves
-from saddlering_ros.report.figures import name_of, SYMBOLS
+from saddlering_ros.report.figures import name_of, RunCurves, SYMBOLS
 from saddlering_ros.rig import CHANNELS
 
 CANDIDATES_SHOWN = 12  # a page; the JSON has all
@@ -31,25 +30,21 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
 
     The figure shows the channel whose misfit the verdict changes most, or has the largest misfit.
     """
-    verdict = document['verdict']
+    verdict, next_test = document['verdict'], document.get('next_test')
     has_cause, shown = verdict in ('named', 'ambiguous'), {run.name: run for run in curves}
-    next_test = document.get('next_test')
-    parts = [
-        html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
-        html.paragraph(ring_wording.headline(document), 'headline'),
-        html.paragraph(f'Next test: {next_test}', 'next') if next_test else '',
-        html.paragraph(ring_wording.gain_sentence(document)),
-        *map(html.paragraph, ring_wording.certainty_lines(document)),
-        html.paragraph(ring_wording.tried(document)),
-    ]
     cases = [
         (run['held_out'], (item['nrmse_before'] or 0.0)
          - ((item['nrmse_after'] or 0.0) if has_cause else 0.0), shown[name_of(run['bag'])], name)
         for run in document['runs'] if name_of(run['bag']) in shown
         for name, item in run['channels'].items() if name != 'parity']
-    if cases:
-        parts.append(proof_picture(*max(cases, key=lambda case: case[:2])[2:]))
-    return f'<div class="verdict {verdict}">' + '\n'.join(filter(None, parts)) + '</div>'
+    return html.verdict(
+        verdict, html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
+        html.paragraph(ring_wording.headline(document), 'headline'),
+        html.paragraph(f'Next test: {next_test}' if next_test else '', 'next'),
+        html.paragraph(ring_wording.gain_sentence(document)),
+        *map(html.paragraph, ring_wording.certainty_lines(document)),
+        html.paragraph(ring_wording.tried(document)),
+        proof_picture(*max(cases, key=lambda case: case[:2])[2:]) if cases else '')
 
 
 def proof_picture(run: RunCurves, channel: str) -> str:
@@ -61,12 +56,12 @@ def proof_picture(run: RunCurves, channel: str) -> str:
 
 def causes(document: VerdictDocument) -> str:
     """Each cause with its numbers, its look-alikes and the test that would confirm the cause."""
-    parts = [_cause(cause, document) for cause in ring_wording.causes_of(document)]
-    parts.append(simulated_tests(document))
     shapes = [ring_wording.shape_words(shape) for shape in ring_wording.shapes_of(document)]
-    if shapes:
-        parts.insert(0, html.paragraph('The residual has this shape:') + html.bullets(shapes))
-    return html.section('Causes', *parts)
+    return html.section(
+        'Causes', html.paragraph('The residual has this shape:' if shapes else ''),
+        html.bullets(shapes),
+        *(_cause(cause, document) for cause in ring_wording.causes_of(document)),
+        simulated_tests(document))
 
 
 def simulated_tests(document: VerdictDocument) -> str:
@@ -83,9 +78,8 @@ def simulated_tests(document: VerdictDocument) -> str:
 def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
     effect_id, title = cause['effect'], ring_wording.title_of(cause['effect'])
     known, choices = catalogue(), ring_wording.choices_of(effect_id)
-    effect = known.get(effect_id)
+    effect, where = known.get(effect_id), ring_wording.place_of(cause)
     words = {} if effect is None else {item.name: item.words for item in effect.parameters}
-    where = ring_wording.place_of(cause)
     fitted = [['where', where, '']] if where else []
     fitted += [[name, value_words(effect_id, name, item['value'], item['unit'], item['std']),
                 words.get(name, '')]
@@ -100,8 +94,7 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
     partial = ' – explains part of the misfit only' if cause.get('partial') else ''
     evidence, gain = cause['evidence'], cause['gain']
     return '\n'.join([
-        f'<h3>{html.escape(title)} <code>{html.escape(effect_id)}</code>{html.escape(partial)}'
-        '</h3>',
+        f'<h3>{html.escape(title)} <code>{html.escape(effect_id)}</code>{partial}</h3>',
         html.paragraph('' if effect is None else effect.words),
         html.table(['parameter', number('value ± standard deviation'), ''], fitted),
         html.table(['', number('')], [
@@ -183,17 +176,14 @@ def residual_map(curves: Sequence[RunCurves]) -> str:
 
 def residuals(curves: Sequence[RunCurves]) -> str:
     """One figure per run: misfit of every channel over load, branch, time, rate and frequency."""
-    parts = [
+    return html.section('Misfit, run by run', html.paragraph(
+        'A half-difference other than zero is a loop (friction, creep, delay). A curved mean '
+        'comes from stiffness, clearance or the load path.', 'soft'), *(
         html.folded(run.label, html.picture(
             figures.residuals(run), f'misfit_{run.name}', 'Measured minus simulated. Columns: '
             'over load (triangles up: load rising); mean and half-difference of both branches; '
             'over time; ' + ('' if run.test == 'static' else 'over load rate; ')
-            + 'amplitude spectrum.'))
-        for run in curves
-    ]
-    return html.section('Misfit, run by run', html.paragraph(
-        'A half-difference other than zero is a loop (friction, creep, delay). A curved mean '
-        'comes from stiffness, clearance or the load path.', 'soft'), *parts)
+            + 'amplitude spectrum.')) for run in curves))
 
 
 def shape_tests(document: VerdictDocument) -> str:
@@ -203,11 +193,9 @@ def shape_tests(document: VerdictDocument) -> str:
         return ''
     before, after = ({(item['channel'], item['coordinate']): item for item in shapes[key]}
                      for key in ('before', 'after'))
-    coordinates = sorted({coordinate for _, coordinate in before})
+    coordinates, tested = (sorted({key[place] for key in before}) for place in (1, 0))
     rows: list[list[str | Cell]] = []
-    for channel in CHANNELS:
-        if not any(tested == channel for tested, _ in before):  # the parity without a probe
-            continue
+    for channel in [name for name in CHANNELS if name in tested]:  # no parity without a probe
         rows.append([code(channel)])
         for coordinate in coordinates:
             pair = before.get((channel, coordinate)), after.get((channel, coordinate))
@@ -230,7 +218,7 @@ def shape_tests(document: VerdictDocument) -> str:
 
 def candidates(document: VerdictDocument) -> str:
     """Every fitted candidate with its evidence, and real effects that are too small."""
-    found = document.get('candidates') or []
+    found, small = document.get('candidates') or [], document.get('immaterial') or []
     causes = ring_wording.causes_of(document)
     chosen = {cause['effect'] for cause in causes}
     alike = {name for cause in causes for name in cause['group']}
@@ -241,8 +229,8 @@ def candidates(document: VerdictDocument) -> str:
     for step in sorted({item['step'] for item in found}):
         members = sorted((item for item in found if item['step'] == step),
                          key=lambda item: -(item['delta_bic'] or 0.0))
-        parts.append(html.heading('First cause' if step == 1 else f'Cause number {step}'))
-        parts.append(html.table(
+        left = len(members) - CANDIDATES_SHOWN
+        parts += [html.heading('First cause' if step == 1 else f'Cause number {step}'), html.table(
             ['model', 'fitted', number('evidence (ΔBIC)'), number('p'), number('share of range'),
              'outcome'],
             [[Cell(' + '.join(f'<code>{html.escape(name)}</code>' for name in item['effects']),
@@ -251,16 +239,13 @@ def candidates(document: VerdictDocument) -> str:
               compact(item['delta_bic'], 4), probability(item['p_value']),
               percent(item['share_of_range']),
               ring_wording.why_lost(item, members[0], chosen, alike)]
-             for item in members[:CANDIDATES_SHOWN]]))
-        left = len(members) - CANDIDATES_SHOWN
-        parts.append(html.paragraph(
-            f'{left} further candidates explain less.' if left > 0 else '', 'note'))
-    small = document.get('immaterial') or []
-    parts.append(html.heading('Real, but too small to matter') if small else '')
-    parts.append(html.bullets([
-        f'{" + ".join(item["effects"])}: {percent(item["share_of_range"])} of range, '
-        f'p {probability(item["p_value"])}' for item in small]))
-    return html.section('Evidence', *parts)
+             for item in members[:CANDIDATES_SHOWN]]), html.paragraph(
+            f'{left} further candidates explain less.' if left > 0 else '', 'note')]
+    return html.section(
+        'Evidence', *parts, html.heading('Real, but too small to matter') if small else '',
+        html.bullets([
+            f'{" + ".join(item["effects"])}: {percent(item["share_of_range"])} of range, '
+            f'p {probability(item["p_value"])}' for item in small]))
 
 
 def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
@@ -304,28 +289,12 @@ def detection_limits(document: VerdictDocument) -> str:
             'contact parameters cannot imitate.'))) if rows else ''
 
 
-def look_alikes(document: VerdictDocument) -> str:
-    """Heat map of signatures that look alike."""
-    cosines = document.get('signature_cosines') or {}
-    if len(cosines) < 2:
-        return ''
-    named = {
-        signature_words(label): {signature_words(other): value for other, value in row.items()}
-        for label, row in cosines.items()
-    }
-    return html.section('Which causes look alike in these data', html.picture(
-        figures.look_alikes(named), 'look_alikes', 'Similarity (cosine) of the changes that two '
-        'causes make, without the part that contact parameters imitate. These data cannot tell '
-        'two causes apart if their square is dark. Values below 0.3 are white.'))
-
-
 def notes(document: VerdictDocument) -> str:
     """Limits of the data, and how the diagnosis was run."""
-    lines = list(document.get('notes') or [])
     seconds = document.get('seconds')
-    if seconds is not None:
-        lines.append(f'The diagnosis took {seconds:.0f} s; seed {document.get("seed")}.')
-    return html.section('Notes', html.bullets(lines))
+    took = [] if seconds is None else [
+        f'The diagnosis took {seconds:.0f} s; seed {document.get("seed")}.']
+    return html.section('Notes', html.bullets([*(document.get('notes') or []), *took]))
 
 
 def proposal(document: VerdictDocument, force_unit: str = 't') -> str:
@@ -336,12 +305,10 @@ def proposal(document: VerdictDocument, force_unit: str = 't') -> str:
     law = document.get('proposal')
     if not law:
         return ''
-    gain = law['gain']
-    kept = gain['held_out']
-    worth = f'The law reduces the misfit by {percent(gain["fit"])} on fitted runs' + (
-        '.' if kept is None else f' and by {percent(kept)} on held-out runs.')
-    parts = [html.paragraph('A proposal; the verdict stays unknown.', 'soft'),
-             html.paragraph(worth)]
+    gain, kept = law['gain'], law['gain']['held_out']
+    parts = [html.paragraph('A proposal; the verdict stays unknown.', 'soft'), html.paragraph(
+        f'The law reduces the misfit by {percent(gain["fit"])} on fitted runs'
+        + ('.' if kept is None else f' and by {percent(kept)} on held-out runs.'))]
     for place, term in enumerate(law['terms'], start=1):
         words = f'{term["channel"]} += {term["law"]} in {term["coordinate"]}'
         parts += [
@@ -351,8 +318,8 @@ def proposal(document: VerdictDocument, force_unit: str = 't') -> str:
                 for name, item in term['parameters'].items()]),
             html.picture(figures.proposed_law(term, force_unit), f'proposal_{place}',
                          f'{words}: the addition, with twice its standard deviation (dotted).')]
-    parts += [html.heading('Doubts') if law['doubts'] else '', html.bullets(law['doubts'])]
-    if law['effect_files']:
-        parts.append(html.paragraph(
-            f'Effect file, for the next diagnosis: {", ".join(law["effect_files"])}.', 'note'))
-    return html.section('A law that would explain the misfit', *parts)
+    files = ', '.join(law['effect_files'])
+    return html.section(
+        'A law that would explain the misfit', *parts,
+        html.heading('Doubts') if law['doubts'] else '', html.bullets(law['doubts']),
+        html.paragraph(f'Effect file, for the next diagnosis: {files}.' if files else '', 'note'))

@@ -1,16 +1,31 @@
-"""The figures of a report as charts; each function describes one, every axis with its unit."""
+"""The curves of a run and the figures of a report as charts, every axis with its unit."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saddlering_ros.diagnosis.records import smooth_rate
+from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.pages import charts
-from saddlering_ros.pages.charts import Chart, HeatMap, markers, Panel, Series, ShadedBand, Ticks
-from saddlering_ros.report.curves import Array, branches, RunCurves, spectrum
+from saddlering_ros.pages.charts import Chart, markers, Panel, Series, ShadedBand, Ticks
+from saddlering_ros.record import plateaus, Record
 from saddlering_ros.rig import CHANNELS, force_decimals, FORCE_UNITS, force_words, MICRO_UNITS
+
+Array = NDArray[np.float64]
+
+BLOCKS = 500
+"""Largest number of means by which a dynamic run is shown."""
+
+LOAD_LEVELS = 25
+"""Steps into which the load is divided in a residual map, and where both branches are compared."""
+
+FACTS = ('bag', 'test', 'elevation_deg', 'held_out', 'time_s', 'load_N', 'direction')
+"""Columns of the CSV file that are no curves."""
 
 MICRO = 1e6
 """Metres to micrometres, radians to microradians."""
@@ -20,11 +35,194 @@ SYMBOLS = {'delta_x': 'δx', 'delta_y': 'δy', 'gamma': 'γ', 'parity': 'parity'
 SHOWN = CHANNELS[:3]
 """Channels of the comparison; the published tests show delta_x and gamma only."""
 
-BLUE_TO_PURPLE = ('#f7fcfd', '#e0ecf4', '#bfd3e6', '#9ebcda', '#8c96c6', '#8c6bb1', '#88419d',
-                  '#810f7c', '#4d004b')
 BROWN_TO_PURPLE = ('#7f3b08', '#b35806', '#e08214', '#fdb863', '#fee0b6', '#f7f7f7', '#d8daeb',
                    '#b2abd2', '#8073ac', '#542788', '#2d004b')
 """Colours by Cynthia Brewer (colorbrewer2.org), which colour-blind readers can distinguish."""
+
+MAP_LIMIT = 10.0
+"""Noise floors at which the colour of a residual map ends."""
+
+
+@dataclass(frozen=True)
+class RunCurves:
+    """One run as a report shows it.
+
+    time [s], load [N], direction (+1 load rises, -1 it falls), width [s] of the mean that a sample
+    stands for: (N,) each; measured, before, after (4, N) [m, m, rad, m] in the order of CHANNELS:
+    as measured, simulated by the contact law alone, and by the extended model (the same array
+    where there is none); noise: rms noise of a sample by channel, in the channel's unit; sound:
+    the same with small errors of a sound ring, where they are known; force_unit: unit in which
+    loads are shown, that of the rig file.
+    """
+
+    name: str
+    test: str
+    elevation_deg: float
+    held_out: bool
+    time: Array
+    width: Array
+    load: Array
+    direction: Array
+    measured: Array
+    before: Array
+    after: Array
+    noise: Mapping[str, float]
+    force_unit: str = 't'
+    sound: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def load_in_unit(self) -> Array:
+        """The load (N,) in `force_unit`."""
+        return np.asarray(self.load / FORCE_UNITS[self.force_unit])
+
+    @property
+    def label(self) -> str:
+        """'static_50: static, 50°, held out'."""
+        role = 'held out' if self.held_out else 'fitted'
+        return f'{self.name} ({self.test}, {self.elevation_deg:g}°, {role})'
+
+    @property
+    def is_extended(self) -> bool:
+        """Whether there is a second simulation to show."""
+        return self.after is not self.before
+
+    def residual(self, channel: str, *, extended: bool) -> Array:
+        """Measured minus simulated (N,)."""
+        row = CHANNELS.index(channel)
+        return np.asarray(self.measured[row] - (self.after if extended else self.before)[row])
+
+
+def curves_of(verdict: Verdict) -> list[RunCurves]:
+    """The runs of a diagnosis."""
+    changed = verdict.diagnosis.fits.after is not verdict.diagnosis.fits.before
+    found = []
+    for figures in verdict.runs:
+        run, test_run = figures.record.run, figures.record.test_run
+        spans = dict(zip(figures.channels, np.ptp(figures.measured, axis=1), strict=False))
+        noise = {name: item.noise_floor * float(spans[name])
+                 for name, item in figures.channels.items()}
+        found.append(RunCurves(
+            name=run.name, test=test_run.test, held_out=run.held_out, time=run.time,
+            elevation_deg=float(np.degrees(test_run.elevation)), width=run.width,
+            load=run.inputs['load'], measured=figures.measured, before=figures.before,
+            direction=np.ones(run.time.size) if run.direction is None else run.direction,
+            after=figures.after if changed else figures.before, noise=noise,
+            force_unit=verdict.rig.force_unit,
+            sound={name: float(np.hypot(noise[name], item.sound * spans[name]))
+                   for name, item in figures.channels.items() if item.sound}))
+    return found
+
+
+def curves_of_run(
+    run: Record, measured: Array, before: Array, after: Array, floors: Mapping[str, float | None],
+    *, held_out: bool, force_unit: str = 't',
+) -> RunCurves:
+    """A run's curves from its channels (4, samples) at the load's stamps.
+
+    A static run is shown by the means of its plateaus, a dynamic one by those of equal blocks.
+    floors: noise floor by channel as a share of the channel's measured range; 0 where missing.
+    """
+    if run.test == 'static':
+        holds = plateaus(run)
+        edges = list(zip(holds.start, holds.stop, strict=True))
+        direction = holds.branch.astype(float)
+        for index in np.flatnonzero(direction == 0.0):  # at the peak and at the ends
+            direction[index] = direction[index - 1] if index else 1.0
+    else:
+        places = np.linspace(0, len(run.time), min(BLOCKS, len(run.time) // 4) + 1).astype(int)
+        edges = list(pairwise(places.tolist()))
+        top = int(np.argmax([run.load[start:stop].mean() for start, stop in edges]))
+        direction = np.where(np.arange(len(edges)) <= top, 1.0, -1.0)
+
+    def means(values: Array) -> Array:
+        """Means (..., N) of values (..., samples); NaN samples left out."""
+        sums = [np.nansum(values[..., start:stop], axis=-1) for start, stop in edges]
+        counts = [np.isfinite(values[..., start:stop]).sum(axis=-1) for start, stop in edges]
+        total, count = np.stack(sums, axis=-1), np.stack(counts, axis=-1)
+        return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+    seen, first = means(measured), means(before)
+    last = first if after is before else means(after)
+    there = np.isfinite(seen).any(axis=1)  # The parity is unknown if a probe is absent.
+    good = np.isfinite(seen + first + last)[there].all(axis=0)
+    widths = means(np.gradient(run.time)) * [stop - start for start, stop in edges]
+    noise = {name: (floors.get(name) or 0.0) * float(np.ptp(seen[row][good]))
+             for row, name in enumerate(CHANNELS)}
+    shown = first[:, good]
+    return RunCurves(
+        name=run.path.name, test=run.test,
+        elevation_deg=round(float(np.degrees(run.elevation)), 2), held_out=held_out,
+        time=means(run.time)[good], width=widths[good], load=means(run.load)[good],
+        direction=direction[good], measured=seen[:, good], before=shown,
+        after=shown if last is first else last[:, good], noise=noise, force_unit=force_unit,
+    )
+
+
+def branches(load: Array, direction: Array, values: Array) -> Array:
+    """Load [N], mean and half-difference (up - down) / 2 of both branches (3, M).
+
+    At the load levels where both have samples.
+    """
+    span = max(float(np.ptp(load)), 1e-12)
+    level = np.round((load - load.min()) / span * LOAD_LEVELS).astype(int)
+    rows = []
+    for number in range(LOAD_LEVELS + 1):
+        here = level == number
+        up, down = here & (direction > 0.0), here & (direction < 0.0)
+        if up.any() and down.any():
+            rising, falling = values[up].mean(), values[down].mean()
+            rows.append((load[here].mean(), 0.5 * (rising + falling), 0.5 * (rising - falling)))
+    return np.array(rows).reshape(-1, 3).T
+
+
+def spectrum(time: Array, values: Array) -> tuple[Array, Array]:
+    """Frequency [Hz] and amplitude density [unit/√Hz] of samples, put on an even grid first.
+
+    By Welch's method: segments that overlap by half, each without its mean and under a Hann
+    window. By hand, because scipy.signal takes a second to import.
+    """
+    step = float(np.median(np.diff(time)))
+    even = np.arange(time[0], time[-1] + 0.5 * step, step)
+    filled = np.interp(even, time, values)
+    count = min(256, filled.size // 2)
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(count) / count)
+    segments = np.lib.stride_tricks.sliding_window_view(filled, count)[::count - count // 2]
+    segments = segments - segments.mean(axis=1, keepdims=True)
+    power = np.abs(np.fft.rfft(window * segments)) ** 2
+    density = power.mean(axis=0) * step / (window**2).sum()
+    density[1:(count + 1) // 2] *= 2.0
+    return np.asarray(np.fft.rfftfreq(count, step)[1:]), np.asarray(np.sqrt(density[1:]))
+
+
+def curves_path(report: Path | str) -> Path:
+    """'report_curves.csv' for 'report.html'."""
+    path = Path(report)
+    return path.with_name(f'{path.stem}_curves.csv')
+
+
+def curve_columns(curves: Sequence[RunCurves]) -> dict[str, list[Any]]:
+    """Every run's curves as one table, one row per sample.
+
+    Columns: FACTS, then each channel measured, simulated by the contact law alone and, if any run
+    has it, by the extended model: [m], gamma [rad].
+    """
+    versions = {'measured': 'measured', 'simulated': 'before'}
+    if any(run.is_extended for run in curves):
+        versions['simulated_extended'] = 'after'
+    columns: dict[str, list[Any]] = {name: [] for name in (
+        *FACTS, *(f'{name}_{kind}' for kind in versions for name in CHANNELS))}
+    for run in curves:
+        same = (run.name, run.test, run.elevation_deg, int(run.held_out))
+        for name, value in zip(FACTS, same, strict=False):
+            columns[name] += [value] * run.time.size
+        for name, values in zip(FACTS[len(same):], (
+                run.time, run.load, run.direction.astype(int)), strict=True):
+            columns[name] += values.tolist()
+        for kind, attribute in versions.items():
+            for name, row in zip(CHANNELS, getattr(run, attribute), strict=True):
+                columns[f'{name}_{kind}'] += row.tolist()
+    return columns
+
 
 def axis_label(channel: str) -> str:
     """Label of an axis that shows a channel."""
@@ -36,10 +234,8 @@ def comparison(runs: Sequence[RunCurves]) -> Chart:
 
     A static run is drawn over its load, a dynamic one over time.
     """
-    panels = []
-    for column, run in enumerate(runs):
-        for place, channel in enumerate(SHOWN):
-            panels += _compared(run, channel, 2 * place, column, with_title=place == 0)
+    panels = [panel for column, run in enumerate(runs) for place, channel in enumerate(SHOWN)
+              for panel in _compared(run, channel, 2 * place, column)]
     return Chart(
         tuple(panels), width=min(11.4, 1.0 + 5.2 * len(runs)), height=1.0 + 3.0 * len(SHOWN),
         heights=(charts.MAIN, charts.STRIP) * len(SHOWN), columns=len(runs), shares_x=True)
@@ -47,16 +243,15 @@ def comparison(runs: Sequence[RunCurves]) -> Chart:
 
 def proof(run: RunCurves, channel: str) -> Chart:
     """One channel of one run, measured and simulated, with its residual below."""
-    panels = _compared(run, channel, 0, 0, with_title=False)
-    return Chart(tuple(panels), width=9.4, height=4.4,
+    upper, below = _compared(run, channel, 0, 0)
+    return Chart((replace(upper, title=''), below), width=9.4, height=4.4,
                  heights=(charts.MAIN, charts.STRIP), shares_x=True)
 
 
 def _compared(
-    run: RunCurves, channel: str, row: int, column: int, *, with_title: bool,
-    is_over_load: bool | None = None,
+    run: RunCurves, channel: str, row: int, column: int, *, is_over_load: bool | None = None,
 ) -> list[Panel]:
-    """A channel as measured and simulated, and the residual below.
+    """A channel as measured and simulated, and the residual below; the first row has a title.
 
     is_over_load: against load or time; None: load for a static run, time for a dynamic one.
     """
@@ -80,7 +275,7 @@ def _compared(
     if run.is_extended:
         versions.append(charts.Version(after, charts.AFTER, 'simulated, extended model', '--'))
     role = 'held out' if run.held_out else 'fitted'
-    title = f'{run.name}: {run.elevation_deg:g}°, {role}' if with_title else ''
+    title = '' if row else f'{run.name}: {run.elevation_deg:g}°, {role}'
     upper, below = charts.compared(
         Panel(row, column, across, axis_label(channel), tuple(seen), title=title),
         MICRO_UNITS[channel], over, measured, versions, _bands(run, channel))
@@ -104,11 +299,11 @@ def of_run(run: RunCurves) -> Chart:
     """One run: every channel over load and over time, and its residual over time."""
     panels = []
     for row, channel in enumerate(SHOWN):
-        over_load, _ = _compared(run, channel, row, 0, with_title=False, is_over_load=True)
-        over_time, residual = _compared(run, channel, row, 1, with_title=False, is_over_load=False)
-        panels += [over_load, over_time, replace(residual, row=row, column=2)]
-    title = f'{run.name}: {run.test}, {run.elevation_deg:g}°'
-    panels[0] = replace(panels[0], title=title)
+        title = '' if row else f'{run.name}: {run.test}, {run.elevation_deg:g}°'
+        over_load, _ = _compared(run, channel, row, 0, is_over_load=True)
+        over_time, residual = _compared(run, channel, row, 1, is_over_load=False)
+        panels += [replace(over_load, title=title), replace(over_time, title=''),
+                   replace(residual, row=row, column=2)]
     return Chart(tuple(panels), width=12.0, height=9.0,
                  heights=(1.0,) * len(SHOWN), columns=3, shares_x=True)
 
@@ -166,14 +361,13 @@ def residuals(run: RunCurves) -> Chart:
     The parity is left out if it is unknown, because a probe is absent.
     """
     channels = [name for row, name in enumerate(CHANNELS) if np.isfinite(run.measured[row]).any()]
-    rows = [_views(run, channel) for channel in channels]
-    panels = [
+    panels = tuple(
         replace(panel, row=row, column=column, title='' if row else panel.title,
                 shows_y_label=not column)
-        for row, views in enumerate(rows) for column, panel in enumerate(views)]
-    return Chart(tuple(panels), width=11.4, height=8.0,
-                 heights=(1.0,) * len(rows), columns=len(rows[0]), shares_x=True,
-                 legend_columns=3)
+        for row, channel in enumerate(channels)
+        for column, panel in enumerate(_views(run, channel)))
+    return Chart(panels, width=11.4, height=8.0, heights=(1.0,) * len(channels),
+                 columns=panels[-1].column + 1, shares_x=True, legend_columns=3)
 
 
 def _views(run: RunCurves, channel: str) -> list[Panel]:
@@ -192,10 +386,9 @@ def _views(run: RunCurves, channel: str) -> list[Panel]:
         over_load += [
             markers(load[here], values[here], mark, colour, size=2.6, is_open=True)
             for mark, here in (('^', run.direction > 0.0), ('v', run.direction < 0.0))]
-        found = branches(run.load, run.direction, values)
-        at = found.load / FORCE_UNITS[unit]
-        by_branch += [charts.line(at, found.mean, colour),
-                      charts.line(at, found.half_difference, colour, dash=':', width=1.8)]
+        at, mean, half_difference = branches(run.load_in_unit, run.direction, values)
+        by_branch += [charts.line(at, mean, colour),
+                      charts.line(at, half_difference, colour, dash=':', width=1.8)]
         over_time.append(charts.line(run.time, values, colour, name, width=0.8))
         over_rate.append(markers(rate, values, '.', colour, size=2.2))
         frequency, density = spectrum(run.time, values)
@@ -213,42 +406,6 @@ def _views(run: RunCurves, channel: str) -> list[Panel]:
               title='spectrum, µm or µrad / √Hz', x_is_log=True, y_is_log=True)]
 
 
-def look_alikes(cosines: Mapping[str, Mapping[str, float]]) -> Chart:
-    """Heat map of how much the signatures of two effects look alike in these data."""
-    labels, matrix = ordered_cosines(cosines)
-    size = 2.6 + 0.165 * len(labels)
-    places = tuple(float(place) for place in range(len(labels)))
-    names = tuple(labels)
-    heat = HeatMap(matrix, BLUE_TO_PURPLE, 0.0, 1.0, names, names,
-                   '|cosine| between two signatures (1: cannot be told apart)')
-    panel = Panel(0, 0, 'cause', 'cause', heat=heat, shows_x_label=False, shows_y_label=False,
-                  x_ticks=Ticks(places, names, 7.5, is_upright=True),
-                  y_ticks=Ticks(places, names, 7.5))
-    return Chart((panel,), width=size + 1.0, height=size)
-
-
-def ordered_cosines(cosines: Mapping[str, Mapping[str, float]]) -> tuple[list[str], Array]:
-    """Labels with look-alikes side by side, and the cosines in that order (0 where left out)."""
-    from scipy.cluster.hierarchy import leaves_list, linkage
-    from scipy.spatial.distance import squareform
-
-    labels = list(cosines)
-    matrix = np.array([[1.0 if a == b else cosines[a].get(b, 0.0) for b in labels]
-                       for a in labels])
-    if len(labels) < 3:
-        return labels, matrix
-    distance = 1.0 - 0.5 * (matrix + matrix.T)
-    order = leaves_list(linkage(squareform(distance, checks=False), 'average'))
-    return [labels[place] for place in order], matrix[np.ix_(order, order)]
-
-
-MAP_LEVELS = 25
-"""Steps of load in a residual map."""
-
-MAP_LIMIT = 10.0
-"""Noise floors at which the colour of a residual map ends."""
-
-
 def residual_map(runs: Sequence[RunCurves]) -> Chart:
     """Mean misfit in noise floors: load across, runs and branches down, channel by channel."""
     versions = [(False, 'measured minus simulated')]
@@ -259,30 +416,30 @@ def residual_map(runs: Sequence[RunCurves]) -> Chart:
     top = max(float(run.load.max()) for run in runs)
     unit = runs[0].force_unit
     decimals = force_decimals(top, unit)
-    loads = tuple(force_words(level * top / MAP_LEVELS, unit, decimals)
-                  for level in range(MAP_LEVELS + 1))
-    marks = tuple(float(level) for level in range(0, MAP_LEVELS + 1, 5))
-    x_ticks = Ticks(marks, tuple(force_words(mark * top / MAP_LEVELS, unit, decimals - 1)
+    loads = tuple(force_words(level * top / LOAD_LEVELS, unit, decimals)
+                  for level in range(LOAD_LEVELS + 1))
+    marks = tuple(float(level) for level in range(0, LOAD_LEVELS + 1, 5))
+    x_ticks = Ticks(marks, tuple(force_words(mark * top / LOAD_LEVELS, unit, decimals - 1)
                                  for mark in marks), 7.5)
     y_ticks = Ticks(tuple(float(place) for place in range(len(rows))), names, 7.5)
     panels: list[Panel] = []
     for place, channel in enumerate(SHOWN):
         is_last = place == len(SHOWN) - 1
         for column, (extended, words) in enumerate(versions):
-            values = np.full((len(rows), MAP_LEVELS + 1), np.nan)
+            values = np.full((len(rows), LOAD_LEVELS + 1), np.nan)
             for row, (run, sign) in enumerate(rows):
                 misfit = run.residual(channel, extended=extended) / max(run.noise[channel], 1e-12)
-                level = np.clip(np.round(run.load / top * MAP_LEVELS).astype(int), 0, MAP_LEVELS)
+                level = np.clip(np.round(run.load / top * LOAD_LEVELS).astype(int), 0, LOAD_LEVELS)
                 for number in np.unique(level[np.sign(run.direction) == sign]):
                     values[row, number] = misfit[
                         (level == number) & (np.sign(run.direction) == sign)].mean()
-            heat = HeatMap(
+            heat = charts.HeatMap(
                 values, BROWN_TO_PURPLE, low=-MAP_LIMIT, high=MAP_LIMIT, rows=names, columns=loads,
                 label='' if panels else 'mean misfit / noise floor', background='#dde3e9')
             panels.append(Panel(
                 place, column, 'load', 'run and branch', heat=heat,
-                title=f'{SYMBOLS[channel]}, {words}', shows_x=is_last, shows_x_label=False,
-                shows_y=column == 0, shows_y_label=False, x_ticks=x_ticks, y_ticks=y_ticks))
+                title=f'{SYMBOLS[channel]}, {words}', shows_x=is_last, shows_y=column == 0,
+                shows_y_label=False, x_ticks=x_ticks, y_ticks=y_ticks))
     return Chart(tuple(panels), width=11.4,
                  height=0.9 + len(SHOWN) * (0.45 + 0.19 * len(rows)),
                  heights=(1.0,) * len(SHOWN), columns=len(versions))

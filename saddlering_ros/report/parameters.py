@@ -11,7 +11,7 @@ from saddlering_ros.identification.result import INTERVALS
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import compact, quantity, span, WIDTH_95
-from saddlering_ros.report.curves import Array
+from saddlering_ros.report.figures import Array
 from saddlering_ros.rig import (
     PARAMETER_NAMES,
     PARAMETER_UNITS,

@@ -1,6 +1,7 @@
 """Reports of a diagnosis and of a validation, each one HTML page with its curves beside it."""
 
 from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +16,13 @@ from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import allowed_misfit, percent, quantity
-from saddlering_ros.record import Record
-from saddlering_ros.report import background, chapters, figures, parameters
-from saddlering_ros.report.curves import (
-    Array,
-    curve_columns,
-    curves_of,
-    curves_of_run,
-    curves_path,
-    RunCurves,
-)
-from saddlering_ros.report.figures import SYMBOLS
-from saddlering_ros.rig import CHANNELS, Rig
+from saddlering_ros.record import displacement_of_run, Record
+from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
+from saddlering_ros.record.quality import white_noise
+from saddlering_ros.report import chapters, figures, parameters
+from saddlering_ros.report.figures import Array, name_of, RunCurves, SYMBOLS
+from saddlering_ros.rig import CHANNELS, Rig, short_digest, units
+from saddlering_ros.rig.drawing import drawing_svg
 
 ROLES = ('fitted', 'held out')
 DIAGNOSIS = 'What the ring simulation lacks'
@@ -40,14 +36,14 @@ def write_diagnosis_report(
 
     command: the command line that makes the page; more: chapters of the caller.
     """
-    beside, curves = curves_path(path), curves_of(verdict)
+    beside, curves = figures.curves_path(path), figures.curves_of(verdict)
     tests = [(run.record.test_run, ROLES[run.record.run.held_out]) for run in verdict.runs]
     html.write_page(path, diagnosis_page(
         verdict.to_json(), curves, verdict.extended_parameters().source.covariance,
-        top=background.head(DIAGNOSIS, verdict.rig, tests),
-        quality=background.data_quality([run for run, _ in tests], verdict.rig),
+        top=head(DIAGNOSIS, verdict.rig, tests),
+        quality=data_quality([run for run, _ in tests], verdict.rig),
         command=command, curves_file=beside.name, more=more))
-    write_csv(beside, curve_columns(curves), ReportError)
+    write_csv(beside, figures.curve_columns(curves), ReportError)
     return Path(path), beside
 
 
@@ -69,7 +65,7 @@ def diagnosis_page(
         chapters.causes(document),
         *more,
         chapters.proposal(document, curves[0].force_unit if curves else 't'),
-        background.misfit_reductions(document),
+        misfit_reductions(document),
         chapters.misfit(document),
         chapters.paper_split(curves),
         chapters.residual_map(curves),
@@ -77,11 +73,10 @@ def diagnosis_page(
         chapters.candidates(document),
         chapters.shape_tests(document),
         chapters.residuals(curves),
-        chapters.look_alikes(document),
         chapters.detection_limits(document),
         quality,
         chapters.notes(document),
-        background.reproduction(document, command, curves_file),
+        reproduction(document, command, curves_file),
     ])
 
 
@@ -93,10 +88,11 @@ def write_validation_report(
 
     `runs` are those validated, in order; `identification` is the JSON of an identification.
     """
-    beside, curves = curves_path(path), curves_of_validation(validation, runs, rig.force_unit)
+    beside = figures.curves_path(path)
+    curves = curves_of_validation(validation, runs, rig.force_unit)
     tests = [(run, ROLES[shown.held_out]) for run, shown in zip(runs, curves, strict=True)]
     html.write_page(path, html.page(VALIDATION, [
-        background.head(VALIDATION, rig, tests),
+        head(VALIDATION, rig, tests),
         _banner(validation, curves),
         parameters.of_file(validation.parameters) if identification is None else
         parameters.identified(identification),
@@ -109,10 +105,10 @@ def write_validation_report(
         chapters.paper_split(curves),
         chapters.residual_map(curves),
         chapters.residuals(curves),
-        background.data_quality(runs, rig),
-        background.reproduction(validation.to_json(), command, beside.name),
+        data_quality(runs, rig),
+        reproduction(validation.to_json(), command, beside.name),
     ]))
-    write_csv(beside, curve_columns(curves), ReportError)
+    write_csv(beside, figures.curve_columns(curves), ReportError)
     return Path(path), beside
 
 
@@ -122,7 +118,7 @@ def curves_of_validation(
     """The curves of the validated runs, in order."""
     fitted_bags = {Path(bag).name for bag in validation.parameters.source.bags}
     return [
-        curves_of_run(run, found.measured, found.simulated, found.simulated,
+        figures.curves_of_run(run, found.measured, found.simulated, found.simulated,
                       {name: item.noise_floor for name, item in found.channels.items()},
                       held_out=run.path.name not in fitted_bags, force_unit=force_unit)
         for found, run in zip(validation.runs, runs, strict=True)]
@@ -138,11 +134,11 @@ def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
     said = ('These parameters predict every channel of every run within its noise.' if is_good
             else f'The misfit of {SYMBOLS[name]} in {Path(run.name).name} is '
             f'{percent(misfit)} of its range; noise alone would give {percent(floor)}.')
-    more = ('' if is_good else 'saddlering diagnose on these bags finds the missing cause.')
-    shown = [run_ for run_ in curves if run_.name == Path(run.name).name]
-    return (f'<div class="verdict {"none" if is_good else "ambiguous"}">'
-            + html.paragraph(said, 'headline') + html.paragraph(more)
-            + (chapters.proof_picture(shown[0], name) if shown else '') + '</div>')
+    shown = [one for one in curves if one.name == Path(run.name).name]
+    return html.verdict(
+        'none' if is_good else 'ambiguous', html.paragraph(said, 'headline'), html.paragraph(
+            '' if is_good else 'saddlering diagnose on these bags finds the missing cause.'),
+        chapters.proof_picture(shown[0], name) if shown else '')
 
 
 def _figures(validation: Validation) -> str:
@@ -185,3 +181,146 @@ def save_plots(
         with whole_file(path, ReportError) as temporary:
             temporary.write_bytes(html.png(draw(figures.of_run(run))))
     return paths
+
+
+EARLIEST = 946_684_800_000_000_000
+"""Stamps [ns] before the year 2000 count from some other zero and give no date."""
+
+
+def date_of(stamp: int) -> str:
+    """'2026-11-20 08:15 UTC' of a stamp [ns]; '' if the stamp is no date."""
+    if stamp < EARLIEST:
+        return ''
+    return datetime.fromtimestamp(stamp / 1e9, timezone.utc).strftime('%Y-%m-%d %H:%M UTC')
+
+
+def head(title: str, rig: Rig, tests: Sequence[tuple[Record, str]]) -> str:
+    """Title, rig with its hash, tests; the rig's dimensions folded below.
+
+    tests: each run, and its role.
+    """
+    named = ', '.join(sorted({run.rig for run, _ in tests if run.rig})) or 'not named in the bags'
+    digest = rig.digest
+    rows = [
+        [run.path.name, run.test, f'{_degrees(run):g}°', role,
+         run.details.get('date', '') or date_of(int(run.stamps[0])) or '–',
+         run.details.get('operator', '') or '–', run.run or '–'] for run, role in tests]
+    svg = drawing_svg(rig, *(_degrees(run) for run, _ in tests[:1]))
+    return '\n'.join([
+        f'<h1>{html.escape(title)}</h1>',
+        f'<p class="soft">Rig: {html.escape(named)}, hash <code title="{digest}">'
+        f'{short_digest(digest)}</code></p>',
+        html.table(['test', 'kind', number('elevation'), 'role', 'date', 'operator', 'run'], rows),
+        html.folded(
+            'Dimensions of the rig',
+            f'<div role="img" aria-label="Drawing of the rig with probes and signs">{svg}</div>',
+            html.table(['dimension', number('value')], dimensions(rig), f'Rig hash {digest}')),
+    ])
+
+
+def _degrees(run: Record) -> float:
+    """The elevation [deg] as a person writes it."""
+    return round(float(np.degrees(run.elevation)), 2)
+
+
+def dimensions(rig: Rig) -> list[tuple[str, str]]:
+    """The rig's dimensions as a reader checks them."""
+    rows = [
+        (f'{name}, {item}', value)
+        for name, row in (('axial rows (each)', rig.axial_rows), ('radial row', rig.radial_row))
+        for item, value in (('rollers', f'{row.rollers}'),
+                            ('pitch radius', f'{1e3 * row.pitch_radius:g} mm'),
+                            ('clearance', f'{1e6 * row.clearance:g} µm'))]
+    return [
+        *rows,
+        ('radial row, height over the mid-plane', f'{1e3 * (rig.radial_row.height or 0.0):g} mm'),
+        ('trunnion, x and y', f'{1e3 * rig.trunnion.x:g} mm, {1e3 * rig.trunnion.y:g} mm'),
+        ('probes 2 and 4, distance', f'{1e3 * rig.probes.axial_span:g} mm'),
+        ('probes 1 and 3, height', f'{1e3 * rig.probes.radial_height:g} mm'),
+        ('probes, polarity of 1 to 4', ', '.join(f'{sign:+g}' for sign in rig.probes.polarity)),
+        *([('probe that is absent', f'{rig.probes.absent}')] if rig.probes.absent else []),
+        ('probes, span', f'{1e3 * rig.probes.min_range:g} to {1e3 * rig.probes.max_range:g} mm'),
+        ('carriage, mass', f'{rig.carriage.mass:g} kg'),
+        ('preload', rig.force_words(rig.preload, 2)),
+        ('full scale of the load', rig.force_words(rig.full_scale_load)),
+    ]
+
+
+def data_quality(runs: Sequence[Record], rig: Rig) -> str:
+    """Chapter: the quality of each run's data: length, rate, load, faults, zero, white noise."""
+    rows: list[list[str | Cell]] = []
+    for run in runs:
+        measured = displacement_of_run(rig, run)
+        steps = np.diff(run.stamps) / 1e9
+        period = float(np.median(steps))
+        long = steps[steps > max(GAP_PERIODS * period, GAP_FLOOR_NS / SECOND)]
+        incomplete, zero = int((~measured.complete).sum()), measured.zero
+        low, high = float(run.load.min()), float(run.load.max())
+        decimals = units.force_decimals(high, rig.force_unit)
+        rows.append([
+            run.path.name, f'{len(run.stamps)}', f'{float(run.time[-1]):.1f} s',
+            f'{1.0 / period:.4g} Hz', rig.force_range(low, high, decimals + 1),
+            number(f'{incomplete}', 'bad' if incomplete > 0.01 * len(run.stamps) else ''),
+            number(f'{len(long)} (≤ {long.max():.3g} s)', 'bad') if len(long) else 'none',
+            number(rig.force_words(zero.load, decimals + 2), '' if zero.near_preload else 'bad'),
+            *(quantity(white_noise(np.asarray(getattr(measured.displacement, name))),
+                       'rad' if name == 'gamma' else 'm') for name in CHANNELS)])
+    said = [f'{run.path.name}: {note}' for run in runs for note in run.notes]
+    return html.section('Data quality', html.table(
+        ['run', *map(number, ('load samples', 'duration', 'rate', 'load', 'without all probes',
+                              'gaps', 'zero at', *(f'noise {SYMBOLS[name]}'
+                                                   for name in CHANNELS)))], rows,
+        'Noise: white noise of one sample, from second differences. Red: more than 1 % of the '
+        'samples lack a probe, the stamps have gaps, or the zero is not at preload.'),
+        html.bullets(said) if said else html.paragraph(
+            'These bags have no other fault.' if runs else '', 'soft'))
+
+
+def misfit_reductions(document: Mapping[str, Any]) -> str:
+    """Chapter: by how much the misfit falls, run by run, with the extended model."""
+    total, shown = document.get('gain') or {}, CHANNELS[:3]
+    if document['verdict'] == 'none' or total.get('fit') is None:
+        return ''
+    rows = [[name_of(run['bag']), 'held out' if run['held_out'] else 'fitted',
+             *(_reduction_words(run['channels'].get(name)) for name in shown), '–']
+            for run in document['runs']]
+    rows.append(['all fitted runs', 'fitted', *'–––', percent(total['fit'])])
+    if total.get('held_out') is not None:
+        in_turn = total.get('how') == 'held out in turn'
+        rows.append(['all runs in turn' if in_turn else 'all held-out runs', 'held out',
+                     *'–––', percent(total['held_out'])])
+    return html.section('Misfit reduction', html.table(
+        ['run', 'role', *(number(f'misfit reduction in {SYMBOLS[name]}') for name in shown),
+         number('in all channels')], rows,
+        'Misfit reduction: the share by which the cause in the simulation reduces the rms misfit. '
+        'It is negative if the misfit rises, and in brackets if the misfit was within twice the '
+        'noise before. The last column weights the channels by their noise.'))
+
+
+def _reduction_words(item: Mapping[str, float | None] | None) -> str:
+    before, after = (item or {}).get('nrmse_before'), (item or {}).get('nrmse_after')
+    if not before or after is None:
+        return '–'
+    gain = 1.0 - after / before
+    words = f'{100.0 * gain:.0f} %' if abs(gain) >= 5e-3 else '0 %'
+    floor = (item or {}).get('noise_floor')
+    return f'({words})' if before <= allowed_misfit(floor) else words
+
+
+def reproduction(document: Mapping[str, Any], command: str = '', curves_file: str = '') -> str:
+    """Chapter: the command, the versions and the hashes that lead to the same numbers again."""
+    made = document.get('provenance') or {}
+    rows: list[list[str | Cell]] = []
+    for kind in ('bags', 'files'):
+        rows += [[item['path'], Cell(
+            f'<code class="hash">{html.escape(item.get("sha256") or "not a file")}</code>',
+            is_html=True)] for item in made.get(kind, ())]
+    versions = ', '.join(f'{name} {version}' for name, version in made.get('versions', {}).items())
+    return html.section(
+        'To reproduce this result',
+        html.commands([command] if command else []),
+        html.table(['input', 'SHA-256'], rows, 'The hash of a bag is that of the '
+                   'lines which sha256sum prints for its files.'),
+        html.paragraph(f'{curves_file}, beside this page, holds the curves of all figures in SI '
+                       'units.' if curves_file else '', 'note'),
+        html.paragraph(f'Made with {versions}.' if versions else '', 'note'))

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from saddlering_ros.record import Record
-from saddlering_ros.report.curves import RunCurves
+from saddlering_ros.report.figures import RunCurves
 from saddlering_ros.rig import CHANNELS, TONNE
 
 NOISE = 2e-7

@@ -23,10 +23,9 @@ from saddlering_ros.pages.interactive import chart_of
 from saddlering_ros.quantities import shares_in_words
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.report import figures, parameters
-from saddlering_ros.report.background import date_of, head, misfit_reductions
 from saddlering_ros.report.chapters import proposal
-from saddlering_ros.report.curves import branches, curve_columns, curves_path, spectrum
-from saddlering_ros.report.reports import diagnosis_page
+from saddlering_ros.report.figures import branches, curve_columns, curves_path, spectrum
+from saddlering_ros.report.reports import date_of, diagnosis_page, head, misfit_reductions
 from saddlering_ros.rig import default_rig
 
 RUNS = [run_curves(), run_curves(degrees=70.0, held_out=True), run_curves('dynamic')]
@@ -58,8 +57,8 @@ def test_the_page_is_one_file_that_fetches_nothing(page):
 def test_every_picture_of_the_page_is_a_png_with_a_name(page):
     pictures = pictures_of(page)
     assert set(pictures) == {'proof', 'residual_map', 'misfit', 'comparison_static',
-                             'comparison_dynamic', 'look_alikes', 'misfit_static_50',
-                             'misfit_static_70', 'misfit_dynamic_50'}
+                             'comparison_dynamic', 'misfit_static_50', 'misfit_static_70',
+                             'misfit_dynamic_50'}
     assert all(data.startswith(b'\x89PNG') for data in pictures.values())
 
 
@@ -73,7 +72,6 @@ CHARTS = {
     'comparison': lambda: figures.comparison(RUNS[:2]), 'proof': lambda: figures.proof(
         RUNS[2], 'gamma'), 'residuals': lambda: figures.residuals(RUNS[2]),
     'misfit': lambda: figures.misfit(document()['runs']),
-    'look-alikes': lambda: figures.look_alikes(document()['signature_cosines']),
     'residual map': lambda: figures.residual_map(RUNS)}
 
 
@@ -178,9 +176,10 @@ def test_a_proposed_law_is_shown_with_its_curve_its_worth_and_its_doubts():
 
 def test_half_difference_of_the_branches_is_the_loop_and_nothing_else():
     run = RUNS[0]
-    found = branches(run.load, run.direction, run.residual('delta_x', extended=False))
-    assert np.allclose(found.half_difference, -5e-6, atol=5e-7)
-    assert np.allclose(found.mean, 0.0, atol=5e-7)
+    residual = run.residual('delta_x', extended=False)
+    _, mean, half_difference = branches(run.load, run.direction, residual)
+    assert np.allclose(half_difference, -5e-6, atol=5e-7)
+    assert np.allclose(mean, 0.0, atol=5e-7)
 
 
 @pytest.mark.parametrize(('samples', 'count'), [(1000, 256), (99, 49)])

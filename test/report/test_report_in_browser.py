@@ -9,8 +9,7 @@ import pytest
 from shared_pictures import DRAWN, shared_drawn
 
 from saddlering_ros.files import Origin, Provenance
-from saddlering_ros.report.background import data_quality
-from saddlering_ros.report.reports import diagnosis_page
+from saddlering_ros.report.reports import data_quality, diagnosis_page
 from saddlering_ros.rig import default_rig
 
 HASH = 64 * 'a'

@@ -55,9 +55,10 @@ def write_page(answer: Diagnosis, path: Path) -> None:
         'refits': list(map(asdict, answer.refits))}
     channels = _channels(answer)
     html.write_page(path, html.page(title, [
-        f'<div class="verdict {answer.verdict}">{html.paragraph(title, "soft")}'
-        f'{html.paragraph(answer.headline, "headline")}'
-        f'{html.paragraph(f"Next step: {next_step}", "next")}{_proof(answer, channels)}</div>',
+        html.verdict(
+            answer.verdict, html.paragraph(title, 'soft'),
+            html.paragraph(answer.headline, 'headline'),
+            html.paragraph(f'Next step: {next_step}', 'next'), _proof(answer, channels)),
         html.section('Warnings', html.bullets(answer.warnings)),
         html.section('Causes', causes), certainty(document),
         html.section('Base parameters', base), _misfit(answer, channels),
