@@ -7,19 +7,12 @@ import time as clock
 import numpy as np
 
 from saddlering_ros.discrepancy.engine import diagnose_system
-from saddlering_ros.discrepancy.noise import noise_sentence, overestimated, underestimated
+from saddlering_ros.discrepancy.noise import noise_sentence, wrong_level
+from saddlering_ros.discrepancy.problem import system as systems
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, fit_base, tangent
 from saddlering_ros.discrepancy.problem.model import Model, ModelSystem, Run
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Metric, noise_metric, Problem
-from saddlering_ros.discrepancy.problem.system import (
-    DiscrepancyError,
-    JITTER,
-    Proposal,
-    refuse_repeats,
-    RunBlocks,
-    Settings,
-    System,
-)
+from saddlering_ros.discrepancy.problem.system import DiscrepancyError, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.signatures import effect_starts, MIN_SHARE, orthonormal
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, Remainder, RunPrediction
@@ -32,13 +25,13 @@ fits get more rounds than those of a ring, because its parameters may be strongl
 
 
 def diagnose(
-    model: Model | System,
+    model: Model | systems.System,
     runs: Sequence[Run] | Sequence[RunBlocks],
     *,
     hold_out: Sequence[Run] | Sequence[RunBlocks] = (),
     settings: Settings | None = None,
     start: Mapping[str, float] | None = None,
-    proposals: Sequence[Proposal] = (),
+    proposals: Sequence[systems.Proposal] = (),
     on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
 ) -> Diagnosis:
@@ -59,13 +52,13 @@ def diagnose(
 
 
 def problem_of(
-    model: Model | System,
+    model: Model | systems.System,
     runs: Sequence[Run] | Sequence[RunBlocks],
     hold_out: Sequence[Run] | Sequence[RunBlocks] = (),
     *,
     settings: Settings | None = None,
     start: Mapping[str, float] | None = None,
-    proposals: Sequence[Proposal] = (),
+    proposals: Sequence[systems.Proposal] = (),
     watch: Watch | None = None,
 ) -> Problem:
     """The problem of a declared model, or of a `System`, with runs in its form."""
@@ -73,7 +66,7 @@ def problem_of(
         raise DiscrepancyError('diagnose: runs is a single run: give a list of runs')
     if not runs:
         raise DiscrepancyError('diagnose: no runs: give at least one')
-    system: System
+    system: systems.System
     if isinstance(model, Model):
         declared = [run for run in runs if isinstance(run, Run)]
         if len(declared) != len(runs):
@@ -90,7 +83,7 @@ def problem_of(
                 blocks.append(system.blocks(run, held_out=held_out))
             else:
                 raise DiscrepancyError('diagnose: a System takes runs of the class RunBlocks')
-    refuse_repeats(blocks)
+    systems.refuse_repeats(blocks)
     assumptions, usual = Assumptions(), Settings()
     if isinstance(system, ModelSystem):
         assumptions, usual = system.assumptions(), MODEL_SETTINGS
@@ -101,24 +94,22 @@ def problem_of(
 def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
     """The same in the units of the channels, with warnings for the reader."""
     diagnosis = _with_noise_doubts(diagnosis)
-    warnings = list(diagnosis.warnings)
+    errors = {name: channel.model_error for name, channel in system.model.channels.items()}
     largest: dict[str, Remainder] = {}
     for rest in diagnosis.remainder:
         largest.setdefault(rest.channel, rest)
-    for name, rest in largest.items():
-        declared = system.model.channels[name].model_error
-        if declared > 0.0:
-            warnings.append(wording.beyond_declared_words(name, rest, declared))
-    warnings += system.failure_sentences()
-    if not diagnosis.converged:
-        warnings.append(wording.NOT_CONVERGED)
+    warnings = (
+        *diagnosis.warnings,
+        *(wording.beyond_declared_words(name, rest, errors[name])
+          for name, rest in largest.items() if errors[name] > 0.0),
+        *system.failure_sentences(), *(() if diagnosis.converged else [wording.NOT_CONVERGED]))
     scale, predictions = system.scales[:, None], []
     for one in diagnosis.runs:
         present = True if one.run.present is None else one.run.present
         measured = np.where(present, one.run.channels * scale, 0.0)
         predictions.append(RunPrediction(
             replace(one.run, channels=measured), one.before * scale, one.after * scale))
-    return replace(diagnosis, warnings=tuple(warnings), runs=tuple(predictions))
+    return replace(diagnosis, warnings=warnings, runs=tuple(predictions))
 
 
 def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
@@ -132,7 +123,7 @@ def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
     allowed = problem.assumptions.allowed_error or (0.0,) * len(problem.channel_ranges)
     residual = fit.prediction - problem.measured
     white = metric.whiten(residual)
-    rounding = (JITTER * float(problem.channel_ranges.max())) ** 2
+    rounding = (systems.JITTER * float(problem.channel_ranges.max())) ** 2
     under, over = [], []
     for index, channel, part in problem.slices:
         run, name = problem.runs[index], problem.system.channel_names[channel]
@@ -143,13 +134,13 @@ def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
         noise = metric.noise[run.name, channel]
         # Noise that is only the rounding in every metric is not declared too large.
         has_noise = float(noise.variances(run.width).max()) > rounding
-        if overestimated(statistic, free, noise.pairs) and has_noise and not allowed[channel]:
-            over.append(noise_sentence('over', statistic, free, f'{name} in {run.name}'))
+        side, where = wrong_level(statistic, free, noise.pairs), f'{name} in {run.name}'
+        if side == 'over' and has_noise and not allowed[channel]:
+            over.append(noise_sentence(side, statistic, free, where))
         beyond = float(np.mean(left**2)) * (1.0 - free / max(statistic, free))
         least = max(MODEL_SETTINGS.materiality, allowed[channel])
-        material = beyond >= (least * problem.view_ranges[name]) ** 2
-        if material and underestimated(statistic, free, noise.pairs):
-            under.append(noise_sentence('under', statistic, free, f'{name} in {run.name}'))
+        if side == 'under' and beyond >= (least * problem.view_ranges[name]) ** 2:
+            under.append(noise_sentence(side, statistic, free, where))
     if diagnosis.verdict == 'unknown' or diagnosis.remainder:
         under = []  # The warning on a remaining misfit is given already.
     if not under and not over:
@@ -223,8 +214,7 @@ def _base_lines(metric: Metric, fit: Fit) -> list[str]:
     """Standard deviation of each base parameter by itself."""
     white = tangent(metric, fit).white
     lines = []
-    parameters = metric.problem.system.base_parameters
-    for number, parameter in enumerate(parameters):
+    for number, parameter in enumerate(metric.problem.system.base_parameters):
         others = orthonormal(np.delete(white, number, axis=1))
         own = white[:, number] - others @ (others.T @ white[:, number])
         alone, beside = float(np.linalg.norm(white[:, number])), float(np.linalg.norm(own))
@@ -234,10 +224,10 @@ def _base_lines(metric: Metric, fit: Fit) -> list[str]:
             seen = 'cannot be told from the other base parameters'
         else:
             seen = f'determined to {parameter.slope(float(fit.theta_unit[number])) / beside:.2g}'
-        value = parameter.from_unit(float(fit.theta_unit[number]))
-        edge = min(fit.theta_unit[number], 1.0 - fit.theta_unit[number])
-        stopped = ', at its bound' if edge < 1e-3 else ''
-        lines.append(f'base {parameter.name}: {value:.5g} {parameter.unit}{stopped}, {seen}')
+        place = float(fit.theta_unit[number])
+        stopped = ', at its bound' if min(place, 1.0 - place) < 1e-3 else ''
+        lines.append(f'base {parameter.name}: {parameter.from_unit(place):.5g} {parameter.unit}'
+                     f'{stopped}, {seen}')
     return lines
 
 
@@ -248,11 +238,8 @@ def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
     orthogonal = orthonormal(tangent(metric, fit).white)
     lines = []
     for effect in problem.system.effects:
-        starts = effect_starts(effect)
-        points = [
-            Candidate(((effect, 0),)).point(base, np.concatenate([fit.theta_unit, start]))
-            for start in starts
-        ]
+        points = [Candidate(((effect, 0),)).point(base, np.concatenate([fit.theta_unit, start]))
+                  for start in effect_starts(effect)]
         change = metric.whiten(problem.predict(points) - fit.prediction[:, None])
         change = change[:, np.isfinite(change).all(axis=0)]
         left = change - orthogonal @ (orthogonal.T @ change)
@@ -280,6 +267,6 @@ def _residuals(metric: Metric, fit: Fit) -> list[tuple[str, float, float]]:
         seen = problem.freed(problem.by_run(residual)[index][channel], run, name)
         size = problem.mean_square(seen, run, name) ** 0.5
         noise = metric.noise[run.name, channel].variances(run.width)
-        ratio = size / max(float(np.mean(noise)) ** 0.5, JITTER)
+        ratio = size / max(float(np.mean(noise)) ** 0.5, systems.JITTER)
         found.append((f'{name} in {run.name}', ratio, size / problem.view_ranges[name]))
     return found

@@ -12,21 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
+from saddlering_ros.discrepancy.problem import problem as problems
 from saddlering_ros.discrepancy.problem.fits import Fit, neighbours
-from saddlering_ros.discrepancy.problem.problem import (
-    Metric,
-    model_error_columns,
-    offset_columns,
-    Problem,
-    system_columns,
-    timing_columns,
-)
+from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Proposal
 from saddlering_ros.discrepancy.search.evidence import alternative_floor, indistinguishable
 from saddlering_ros.discrepancy.search.selection import Alternatives
@@ -99,10 +94,10 @@ def next_test_of(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> Nex
     pairs = [(fit, others[0][1]), *others]
     fits = list({one.candidate.key: one for pair in pairs for one in pair}.values())
     keys = [one.candidate.key for one in fits]
+    own, less = ([keys.index(one.candidate.key) for one in side]
+                 for side in zip(*pairs, strict=True))
     models = _OpenModels(
-        space, fits, [keys.index(model.candidate.key) for model, _ in pairs],
-        [keys.index(less.candidate.key) for _, less in pairs],
-        floor=alternative_floor(space.pairs, space.settings),
+        space, fits, own, less, floor=alternative_floor(space.pairs, space.settings),
         excess=max(space.slow_residual(fit).excess, 0.0))
     return NextTest(models.separations(), models.judged_by_held_out())
 
@@ -125,8 +120,7 @@ class _OpenModels:
     def separations(self) -> tuple[Separation, ...]:
         """Each proposed test with each model as the truth in turn, the best test first."""
         answers, random = [], np.random.default_rng(self.space.settings.seed)
-        proposals = self.space.problem.proposals
-        for proposal, _, forecasts in self._forecast_each(proposals) if proposals else ():
+        for proposal, _, forecasts in self._forecast_each(self.space.problem.proposals):
             alone, kept, by_truth = 0, 0, {}
             for truth, place in enumerate(self.own):
                 results = forecasts[place].drawn(random, DRAWS)
@@ -156,7 +150,7 @@ class _OpenModels:
             white = whiten(proposal.run.channels.ravel()[:, None])
             misfits = misfits + [float(one.misfits(white)[0]) for one in forecasts]
         left, own = self._left(misfits), misfits[list(self.own)]
-        priced = own + self._prices()
+        priced = own + self._prices
         odds = np.exp(-0.5 * (priced - priced.min()))
         answers = []
         for index, (place, less) in enumerate(zip(self.own, self.less, strict=True)):
@@ -167,20 +161,20 @@ class _OpenModels:
                 float(own[index] - own.min()), float(odds[index] / odds.sum()), index in left))
         return tuple(sorted(answers, key=lambda one: -one.share))
 
+    @cached_property
     def _prices(self) -> Array:
         """Prices of the parameters of each model."""
-        return np.array([self.space.log_size * self.fits[place].theta_unit.size
-                         for place in self.own])
+        sizes = [self.fits[place].theta_unit.size for place in self.own]
+        return self.space.log_size * np.array(sizes)
 
     def _left(self, misfits: Array) -> list[int]:
         """Models that stay in the group at these misfits of all fits, in order."""
         own, less = misfits[list(self.own)], misfits[list(self.less)]
         sizes = [self.fits[place].theta_unit.size for place in self.own]
-        best = int(np.argmin(own + self._prices()))
+        best = int(np.argmin(own + self._prices))
         left = []
         for number, size in enumerate(sizes):
-            # The first model stands for no particular cause; the other names the cause in
-            # question.
+            # The first model stands for no particular cause; another one names its own.
             taken = less[best if number == 0 else number] - own[best]
             if number == best or indistinguishable(
                     distance=own[number] - own[best], taken=taken, excess=self.excess,
@@ -192,6 +186,8 @@ class _OpenModels:
         self, proposals: Sequence[Proposal]
     ) -> Iterator[tuple[Proposal, Whiten, list[_Forecast]]]:
         """Each proposal with its expected noise and its prediction by every fit."""
+        if not proposals:
+            return
         metric, first = self.space.metric, self.fits[self.own[0]]
         old = metric.problem
         views = [_seen_by(old, proposal, self.fits) for proposal in proposals]
@@ -200,13 +196,9 @@ class _OpenModels:
         prediction = np.concatenate([first.prediction, *(
             view[0][0][: proposal.run.channels.size]
             for view, proposal in zip(views, proposals, strict=True))])
-        columns = [offset_columns(joint)]
-        prior = joint.assumptions.model_error
-        if prior is not None:
-            columns += [model_error_columns(joint, prior),
-                        timing_columns(joint, prior, prediction)]
-        shared = sum(part.shape[1] for part in columns)
-        nuisances = np.hstack([*columns, system_columns(joint, first.point)])
+        stand = problems.stand_columns(joint, prediction)
+        shared = stand.shape[1]
+        nuisances = np.hstack([stand, problems.system_columns(joint, first.point)])
         seen = np.asarray(nuisances[: old.size].any(axis=0))
         known = [self._known(fit, nuisances[: old.size, seen]) for fit in self.fits]
         start = old.size
@@ -257,14 +249,13 @@ def _seen_by(
     answers = problem.predict_run(proposal.run, made)
     views = []
     for fit, group, answer, step in zip(fits, groups, answers, steps, strict=True):
-        effects = {effect.id: effect for effect, _ in fit.candidate.effects}
         # A direct reading shows the size of an effect minus its neutral size.
         direct = np.zeros((len(group), len(proposal.readings)))
         for column, reading in enumerate(proposal.readings):
-            effect = effects.get(reading.effect)
-            if effect is not None:
-                direct[:, column] = [
-                    point.effects[effect.id][effect.size.name] - effect.neutral for point in group]
+            for effect, _ in fit.candidate.effects:
+                if effect.id == reading.effect:
+                    direct[:, column] = [point.effects[effect.id][effect.size.name]
+                                         - effect.neutral for point in group]
         rows = np.hstack([np.asarray(answer).reshape(len(group), -1), direct])
         views.append((rows[0], ((rows[1:] - rows[0]) / step[:, None]).T))
     return views

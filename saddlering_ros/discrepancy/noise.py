@@ -6,10 +6,10 @@ A declaration (`Noise.white`, `from_rest`, `unknown` ...) resolves to a process 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from functools import partial
+from typing import Literal
 
 import numpy as np
 from scipy.optimize import nnls
@@ -28,16 +28,27 @@ KNOWN_EXACTLY = 1_000_000
 MAX_SPECTRUM_ERROR = 0.5
 """Largest rms error of the logarithm of a spectrum in the fit by relaxations."""
 
+Records = Sequence[ChannelRecord]
+NoiseOfRuns = Mapping[str, ChannelNoise]
 
-class Noise(ABC):
-    """Declared noise of one channel. Use the constructors; the engine calls `resolve`."""
 
-    learns_from_residuals: ClassVar[bool] = False
+@dataclass(frozen=True)
+class Noise:
+    """Declared noise of one channel. Use the constructors; the engine calls `resolve`.
+
+    resolve: the process by run; the records hold readings first and residuals later.
+    """
+
+    resolve: Callable[[Records], NoiseOfRuns]
+    learns_from_residuals: bool = False
 
     @staticmethod
     def white(std: float) -> Noise:
         """Independent noise of standard deviation `std` [the channel's unit] in every sample."""
-        return _White(float(std))
+        if not (np.isfinite(std) and std > 0.0):
+            raise DiscrepancyError(f'noise: std is {std:g}: give a number above zero')
+        noise = white_noise(float(std), KNOWN_EXACTLY)
+        return Noise(partial(_in_every_run, noise))
 
     @staticmethod
     def from_rest(intervals: Sequence[tuple[float, float] | tuple[str, float, float]]) -> Noise:
@@ -45,7 +56,15 @@ class Noise(ABC):
 
         Each interval is (start, end) [unit of time] in every run, or (run, start, end) in one.
         """
-        return _FromRest(tuple(tuple(interval) for interval in intervals))
+        if not intervals:
+            raise DiscrepancyError('noise: from_rest needs at least one interval (start, end)')
+        for interval in intervals:
+            start, end = map(float, interval[-2:])
+            if not start < end:
+                raise DiscrepancyError(
+                    f'noise: the interval at rest from {start:g} to {end:g} is empty: give the '
+                    'start first')
+        return Noise(partial(_at_rest, [tuple(interval) for interval in intervals]))
 
     @staticmethod
     def from_repeats(repeats: Sequence[str | Array]) -> Noise:
@@ -53,22 +72,25 @@ class Noise(ABC):
 
         `repeats` are names of runs, or records (N,) of the channel sampled like the runs.
         """
-        return _FromRepeats(tuple(repeats))
+        if len(repeats) < 2:
+            raise DiscrepancyError('noise: from_repeats needs two repeats or more')
+        return Noise(partial(_between_repeats, tuple(repeats)))
 
     @staticmethod
     def spectrum(frequency: Array, density: Array) -> Noise:
         """Noise of a one-sided power spectral density [unit^2 / Hz] at `frequency` [1 / time]."""
-        return _Spectrum(np.asarray(frequency, dtype=np.float64),
-                         np.asarray(density, dtype=np.float64))
+        frequency, density = (np.asarray(one, dtype=np.float64) for one in (frequency, density))
+        is_paired = frequency.size == density.size >= 2
+        if not (is_paired and np.all(frequency > 0.0) and np.all(density > 0.0)):
+            raise DiscrepancyError(
+                'noise: a spectrum needs two frequencies or more, all above zero, and a density '
+                'above zero at each')
+        return Noise(partial(_in_every_run, _of_spectrum(frequency, density)))
 
     @staticmethod
     def unknown() -> Noise:
         """Noise learnt from the remainder of a flexible fit of the residuals (the default)."""
-        return _Unknown()
-
-    @abstractmethod
-    def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
-        """The process by run. The records hold readings first and residuals later."""
+        return Noise(_of_residuals, learns_from_residuals=True)
 
 
 def white_noise(std: float, pairs: int) -> ChannelNoise:
@@ -76,151 +98,98 @@ def white_noise(std: float, pairs: int) -> ChannelNoise:
     return ChannelNoise(0.0, np.zeros(0), 0.0, pairs, np.zeros(0), floor=std**2)
 
 
-@dataclass(frozen=True)
-class _White(Noise):
-    std: float
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.std) and self.std > 0.0):
-            raise DiscrepancyError(f'noise: std is {self.std:g}: give a number above zero')
-
-    def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
-        noise = white_noise(self.std, KNOWN_EXACTLY)
-        return {record.run: noise for record in records}
+def _in_every_run(noise: ChannelNoise, records: Records) -> NoiseOfRuns:
+    return {record.run: noise for record in records}
 
 
-@dataclass(frozen=True)
-class _FromRest(Noise):
-    intervals: tuple[tuple[str | float, ...], ...]
-
-    def __post_init__(self) -> None:
-        if not self.intervals:
-            raise DiscrepancyError('noise: from_rest needs at least one interval (start, end)')
-        for interval in self.intervals:
-            start, end = map(float, interval[-2:])
-            if not start < end:
-                raise DiscrepancyError(
-                    f'noise: the interval at rest from {start:g} to {end:g} is empty: give the '
-                    'start first')
-
-    def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
-        stretches: list[Array] = []
-        longest = 0.0
-        step = min(record.step for record in records)
-        for record in records:
-            for interval in self.intervals:
-                if len(interval) == 3 and interval[0] != record.run:
-                    continue
-                inside = list(record.stretches(*map(float, interval[-2:])))
-                stretches += inside
-                longest = max([longest, *(row.size * record.step for row in inside)])
-        noise = noise_of_stretches(stretches, step, 0.25 * longest, 'the declared rest')
-        return {
-            record.run: continued(noise, 0.25 * longest, record.duration) for record in records}
+def _of_residuals(records: Records) -> NoiseOfRuns:
+    return {record.run: record_noise.noise_of_residuals(record) for record in records}
 
 
-@dataclass(frozen=True)
-class _FromRepeats(Noise):
-    repeats: tuple[str | Array, ...]
-
-    def __post_init__(self) -> None:
-        if len(self.repeats) < 2:
-            raise DiscrepancyError('noise: from_repeats needs two repeats or more')
-
-    def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
-        by_run = {record.run: record for record in records}
-        rows, wanted = [], None
-        for repeat in self.repeats:
-            if not isinstance(repeat, str):
-                rows.append(np.asarray(repeat, dtype=np.float64))
+def _at_rest(intervals: Sequence[tuple[str | float, ...]], records: Records) -> NoiseOfRuns:
+    stretches: list[Array] = []
+    longest = 0.0
+    step = min(record.step for record in records)
+    for record in records:
+        for interval in intervals:
+            if len(interval) == 3 and interval[0] != record.run:
                 continue
-            if repeat not in by_run:
-                raise DiscrepancyError(
-                    f'noise: from_repeats names the run {repeat!r}, which is not among '
-                    f'{", ".join(by_run)}')
-            values, time = by_run[repeat].values, by_run[repeat].time
-            time = time - time[0]
-            if wanted is None:
-                wanted = time
-            if time.size != wanted.size or not np.allclose(time, wanted):
-                values = np.interp(wanted, time, values, right=np.nan)
-            rows.append(values)
-        # Repeats (K, N) on the time of the first.
-        stack = np.array([row[:min(row.size for row in rows)] for row in rows])
-        step, count = min(record.step for record in records), len(stack)
-        grown = np.sqrt(count / (count - 1.0))
-        time = np.linspace(0.0, step * (stack.shape[1] - 1), stack.shape[1])
-        stretches = [
-            stretch for row in stack - stack.mean(axis=0)
-            for stretch in ChannelRecord('', time, np.asarray(row * grown)).stretches()]
-        longest = 0.25 * max((stretch.size for stretch in stretches), default=0) * step
-        noise = noise_of_stretches(stretches, step, longest, 'the difference of the repeats')
-        degrees = max(1, noise.pairs * (count - 1) // count)
-        return dict.fromkeys(by_run, replace(noise, pairs=degrees))
+            inside = list(record.stretches(*map(float, interval[-2:])))
+            stretches += inside
+            longest = max([longest, *(row.size * record.step for row in inside)])
+    noise = noise_of_stretches(stretches, step, 0.25 * longest, 'the declared rest')
+    return {record.run: continued(noise, 0.25 * longest, record.duration) for record in records}
 
 
-@dataclass(frozen=True)
-class _Spectrum(Noise):
-    frequency: Array
-    density: Array
+def _between_repeats(repeats: Sequence[str | Array], records: Records) -> NoiseOfRuns:
+    by_run = {record.run: record for record in records}
+    rows, wanted = [], None
+    for repeat in repeats:
+        if not isinstance(repeat, str):
+            rows.append(np.asarray(repeat, dtype=np.float64))
+            continue
+        if repeat not in by_run:
+            raise DiscrepancyError(f'noise: from_repeats names the run {repeat!r}, which is not '
+                                   f'among {", ".join(by_run)}')
+        values, time = by_run[repeat].values, by_run[repeat].time
+        time = time - time[0]
+        if wanted is None:
+            wanted = time
+        if time.size != wanted.size or not np.allclose(time, wanted):
+            values = np.interp(wanted, time, values, right=np.nan)
+        rows.append(values)
+    # Repeats (K, N) on the time of the first.
+    stack = np.array([row[:min(row.size for row in rows)] for row in rows])
+    step, count = min(record.step for record in records), len(stack)
+    grown = np.sqrt(count / (count - 1.0))
+    time = np.linspace(0.0, step * (stack.shape[1] - 1), stack.shape[1])
+    stretches = [
+        stretch for row in stack - stack.mean(axis=0)
+        for stretch in ChannelRecord('', time, np.asarray(row * grown)).stretches()]
+    longest = 0.25 * max((stretch.size for stretch in stretches), default=0) * step
+    noise = noise_of_stretches(stretches, step, longest, 'the difference of the repeats')
+    degrees = max(1, noise.pairs * (count - 1) // count)
+    return dict.fromkeys(by_run, replace(noise, pairs=degrees))
 
-    def __post_init__(self) -> None:
-        good = self.frequency.size == self.density.size >= 2
-        if not (good and np.all(self.frequency > 0.0) and np.all(self.density > 0.0)):
-            raise DiscrepancyError(
-                'noise: a spectrum needs two frequencies or more, all above zero, and a density '
-                'above zero at each')
 
-    def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
-        low, high = float(self.frequency.min()), float(self.frequency.max())
-        constants = record_noise.relaxation_grid(0.5 / (np.pi * high), 0.5 / (np.pi * low))
-        angular = 2.0 * np.pi * self.frequency[:, None]
-        slow = 4.0 * constants / (1.0 + (angular * constants) ** 2)
-        columns = np.column_stack([np.full(self.frequency.size, 2.0), slow])
-        unit = columns.max(axis=0)
-        solved, _ = nnls(columns / unit / self.density[:, None], np.ones(self.density.size))
-        solved = solved / unit
-        error = np.log(np.maximum(columns @ solved, 1e-300) / self.density)
-        if float(np.sqrt(np.mean(error**2))) > MAX_SPECTRUM_ERROR:
-            raise DiscrepancyError(
-                'noise: the spectrum rises with frequency or has lines, which white noise and '
-                'relaxations cannot represent: give from_rest, or smooth the spectrum')
-        white = max(float(solved[0]), 1e-9 * float(self.density.min()))
-        noise = ChannelNoise(white, solved[1:], 0.0, KNOWN_EXACTLY, constants)
-        return {record.run: noise for record in records}
-
-
-@dataclass(frozen=True)
-class _Unknown(Noise):
-    learns_from_residuals: ClassVar[bool] = True
-
-    def resolve(self, records: Sequence[ChannelRecord]) -> Mapping[str, ChannelNoise]:
-        return {record.run: record_noise.noise_of_residuals(record) for record in records}
+def _of_spectrum(frequency: Array, density: Array) -> ChannelNoise:
+    """White noise and relaxations with this spectrum."""
+    low, high = float(frequency.min()), float(frequency.max())
+    constants = record_noise.relaxation_grid(0.5 / (np.pi * high), 0.5 / (np.pi * low))
+    slow = 4.0 * constants / (1.0 + (2.0 * np.pi * frequency[:, None] * constants) ** 2)
+    columns = np.column_stack([np.full(frequency.size, 2.0), slow])
+    unit = columns.max(axis=0)
+    solved = nnls(columns / unit / density[:, None], np.ones(density.size))[0] / unit
+    error = np.log(np.maximum(columns @ solved, 1e-300) / density)
+    if float(np.sqrt(np.mean(error**2))) > MAX_SPECTRUM_ERROR:
+        raise DiscrepancyError(
+            'noise: the spectrum rises with frequency or has lines, which white noise and '
+            'relaxations cannot represent: give from_rest, or smooth the spectrum')
+    white = max(float(solved[0]), 1e-9 * float(density.min()))
+    return ChannelNoise(white, solved[1:], 0.0, KNOWN_EXACTLY, constants)
 
 
 MAX_CHANCE = 1e-3
-"""Chance of as small a misfit from noise alone, below which the noise is overestimated ..."""
+"""Chance of as small or as large a misfit from noise alone, below which the noise is over- or
+underestimated ..."""
 
 MAX_RATIO = 0.5
-"""... if the misfit is also below this share of the expected one."""
+"""... if the misfit is also below this share of the expected one, or above one over it."""
 
 
-def overestimated(statistic: float, dimensions: float, degrees: float) -> bool:
-    """Whether a whitened misfit over `dimensions` is far below the misfit of noise alone.
+def wrong_level(
+    statistic: float, dimensions: float, degrees: float
+) -> Literal['over', 'under'] | None:
+    """Whether a whitened misfit over `dimensions` is far from the misfit of noise alone.
 
-    degrees: degrees of freedom of the level of the noise.
+    degrees: degrees of freedom of the level of the noise, which is over- or underestimated.
     """
-    if dimensions <= 0 or statistic >= MAX_RATIO * dimensions:
-        return False
-    chance = fisher_share_below(statistic / dimensions, dimensions, degrees)
-    return bool(chance < MAX_CHANCE)
-
-
-def underestimated(statistic: float, dimensions: float, degrees: float) -> bool:
-    """Whether a whitened misfit over `dimensions` is far above the misfit of noise alone."""
-    if dimensions <= 0 or statistic <= dimensions / MAX_RATIO:
-        return False
-    return bool(fisher_chance(statistic / dimensions, dimensions, degrees) < MAX_CHANCE)
+    ratio = statistic / dimensions
+    if ratio < MAX_RATIO and fisher_share_below(ratio, dimensions, degrees) < MAX_CHANCE:
+        return 'over'
+    if ratio > 1.0 / MAX_RATIO and fisher_chance(ratio, dimensions, degrees) < MAX_CHANCE:
+        return 'under'
+    return None
 
 
 def noise_sentence(
@@ -228,14 +197,12 @@ def noise_sentence(
 ) -> str:
     """The warning for a reader if the noise is over- or underestimated."""
     remedy = {
-        'under': 'and no cause explains it; give the noise of the channel as it is, leave it to '
+        'under': ', and no cause explains it; give the noise of the channel as it is, leave it to '
                  'be learnt (Noise.unknown), or declare a model error',
-        'over': 'no conclusion is possible; give the noise of the channel (Noise.white, '
-                'Noise.from_rest) or a smaller model error',
-    }[side]
-    return (
-        f'noise {side}estimated in {where}: the misfit is {statistic:.3g} where noise alone would '
-        f'give about {dimensions:.3g}{", " if side == "under" else ": "}{remedy}')
+        'over': ': no conclusion is possible; give the noise of the channel (Noise.white, '
+                'Noise.from_rest) or a smaller model error'}[side]
+    return (f'noise {side}estimated in {where}: the misfit is {statistic:.3g} where noise alone '
+            f'would give about {dimensions:.3g}{remedy}')
 
 
 def learn_noise(
@@ -262,9 +229,8 @@ def learn_noise(
     count = runs[0].channels.shape[0]
     learnt = noise_by_class(classes, count)
     first = next(iter(learnt.values()))
-    return {
-        (run.name, channel): learnt.get(key, first)[channel]
-        for key, run in zip(keys, runs, strict=True) for channel in range(count)}
+    return {(run.name, channel): learnt.get(key, first)[channel]
+            for key, run in zip(keys, runs, strict=True) for channel in range(count)}
 
 
 def _held_series(run: RunBlocks, residual: Array) -> HeldSeries | None:

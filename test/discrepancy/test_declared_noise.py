@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from saddlering_ros.discrepancy import DiscrepancyError
-from saddlering_ros.discrepancy.noise import Noise, overestimated
+from saddlering_ros.discrepancy.noise import Noise, wrong_level
 from saddlering_ros.estimation.process import ChannelNoise, EstimationError
 from saddlering_ros.estimation.record_noise import ChannelRecord, widened, with_model_error
 from saddlering_ros.estimation.whitening import build_whitener
@@ -123,10 +123,8 @@ def test_a_declared_model_error_keeps_whitening_from_high_frequencies() -> None:
 
 
 def test_misfit_far_under_the_noise_is_noticed_and_usual_misfit_is_not() -> None:
-    assert overestimated(7.0, 624, 100)
-    assert overestimated(308.0, 4000, 12)
-    assert not overestimated(600.0, 624, 100)
-    assert not overestimated(5.0, 12, 12)
+    assert wrong_level(7.0, 624, 100) == wrong_level(308.0, 4000, 12) == 'over'
+    assert wrong_level(600.0, 624, 100) is wrong_level(5.0, 12, 12) is None
 
 
 @pytest.mark.parametrize(

@@ -414,12 +414,15 @@ smooth as the error over the drive."""
 
 def nuisance_columns(problem: Problem, point: Point, prediction: Array) -> Array:
     """Every nuisance parameter as a column (n, k) at the prediction (n,) of a point."""
-    columns = [offset_columns(problem)]
-    prior = problem.assumptions.model_error
+    return np.hstack([stand_columns(problem, prediction), system_columns(problem, point)])
+
+
+def stand_columns(problem: Problem, prediction: Array) -> Array:
+    """The nuisance parameters (n, k) of the test stand: offsets, model error and delays."""
+    columns, prior = [offset_columns(problem)], problem.assumptions.model_error
     if prior is not None:
-        columns.append(model_error_columns(problem, prior))
-        columns.append(timing_columns(problem, prior, prediction))
-    columns.append(system_columns(problem, point))
+        columns += [model_error_columns(problem, prior),
+                    timing_columns(problem, prior, prediction)]
     return np.hstack(columns)
 
 

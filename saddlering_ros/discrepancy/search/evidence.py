@@ -134,15 +134,16 @@ class Comparison:
         left = max(space.slow_residual(self.more).excess, 0.0)
         if self.gain < settings.min_total * (self.gain + left):
             return False
-        inflated_gain = self.less.misfit - _misfit_with_inflated_nuisances(space, self.less)
+        if not self.less.candidate.effects:
+            return self.gain > 0.0
+        inflated_gain = self.less.misfit - space.once(
+            'inflated', self.less, lambda: _misfit_with_inflated_nuisances(space, self.less))
         return self.gain * settings.min_partial > inflated_gain
 
     @property
     def exceeds_form_error(self) -> bool:
         """Whether the cause exceeds the form error of the effects in `less`."""
-        if not self.less.candidate.effects:
-            return True
-        return bool(views_beyond_form_error(
+        return not self.less.candidate.effects or bool(views_beyond_form_error(
             self.added, self.explained_before, self.space.settings))
 
     @cached_property
@@ -167,9 +168,8 @@ class Comparison:
 
     def is_another_cause(self, misfit_left: bool) -> bool:
         """Whether the effect is a cause beside those in `less`; misfit_left: they leave some."""
-        if self.closes_misfit or self.exceeds_forms:
-            return True
-        return self.exceeds_form_error if misfit_left else self.adds_new_channel
+        return (self.closes_misfit or self.exceeds_forms
+                or (self.exceeds_form_error if misfit_left else self.adds_new_channel))
 
     @property
     def share_of_member(self) -> float:
@@ -236,18 +236,12 @@ def _explained(space: ModelSpace, less: Fit, more: Fit) -> Sizes:
 
 def _misfit_with_inflated_nuisances(space: ModelSpace, fit: Fit) -> float:
     """Misfit of `fit` if every nuisance parameter had `INFLATION` times its usual size."""
-    if not fit.candidate.effects:
-        return fit.misfit
-
-    def misfit() -> float:
-        metric = space.metric
-        columns = metric.inflated(INFLATION, FREE_SPREAD * space.tangent_of(fit).plain)
-        white = metric.whiten_noise(fit.prediction - metric.problem.measured)
-        inner = columns.T @ white
-        gram = np.eye(inner.size) + columns.T @ columns
-        return float(white @ white - inner @ np.linalg.solve(gram, inner))
-
-    return space.once('inflated', fit, misfit)
+    metric = space.metric
+    columns = metric.inflated(INFLATION, FREE_SPREAD * space.tangent_of(fit).plain)
+    white = metric.whiten_noise(fit.prediction - metric.problem.measured)
+    inner = columns.T @ white
+    gram = np.eye(inner.size) + columns.T @ columns
+    return float(white @ white - inner @ np.linalg.solve(gram, inner))
 
 
 def views_beyond_form_error(added: Sizes, explained: Sizes, settings: Settings) -> list[str]:
@@ -268,13 +262,10 @@ def views_beyond_form_error(added: Sizes, explained: Sizes, settings: Settings) 
 
 def explained_share(before: SlowResidual, after: SlowResidual, settings: Settings) -> float:
     """Share of the misfit `before` that `after` has not: in all, or in one material view."""
-    shares = [1.0 - max(after.excess, 0.0) / max(before.excess, 1e-9)]
-    shares += [
-        1.0 - after.powers[view] / power
-        for view, power in before.powers.items()
-        if power >= settings.materiality**2
-    ]
-    return max(shares)
+    return max(
+        1.0 - max(after.excess, 0.0) / max(before.excess, 1e-9),
+        *(1.0 - after.powers[view] / power for view, power in before.powers.items()
+          if power >= settings.materiality**2))
 
 
 def alternative_floor(pairs: int, settings: Settings) -> float:
@@ -343,14 +334,11 @@ def form_columns(problem: Problem, fit: Fit, form_error: float) -> Array:
 
     form_error: share of the square of the change of an effect by which its law errs in total.
     """
-    columns = []
+    columns: list[Array] = []
     mixtures = _mixtures(problem, fit)
     for change, mixed in zip(changes_of_effects(problem, fit).T, mixtures, strict=True):
-        modulated = [
-            np.concatenate([part.ravel() for part in column])
-            for column in _shapes(problem, problem.by_run(change))
-        ]
-        shaped = [*modulated, *mixed]
+        shaped = [*(np.concatenate([part.ravel() for part in column])
+                    for column in _shapes(problem, problem.by_run(change))), *mixed]
         scale = np.sqrt(form_error / len(shaped))
         columns += [scale * column for column in shaped]
     return np.array(columns).reshape(-1, problem.size).T
@@ -381,12 +369,11 @@ def _mixtures(problem: Problem, fit: Fit) -> list[list[Array]]:
 def changes_of_effects(problem: Problem, fit: Fit) -> Array:
     """Change (n, E) by each effect of a fit; 0 where the simulator fails."""
     effects = fit.point.effects
+    if not effects:
+        return np.zeros((problem.size, 0))
     points = [
         Point(fit.point.base, {name: values for name, values in effects.items() if name != less})
-        for less in effects
-    ]
-    if not points:
-        return np.zeros((problem.size, 0))
+        for less in effects]
     changes = fit.prediction[:, None] - problem.predict(points)
     return np.asarray(np.where(np.isfinite(changes), changes, 0.0))
 
@@ -399,29 +386,21 @@ def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:
     low = min(float(drive.min()) for drive in drives)
     high = max(float(drive.max()) for drive in drives)
     places = [(drive - low) / max(high - low, 1e-300) for drive in drives]
-    shapes = [
-        [part * np.cos(np.pi * wave * place) for part, place in zip(change, places, strict=True)]
-        for wave in range(1, LOAD_WAVES + 1)
-    ]
     highest = [np.maximum.accumulate(place) for place in places]
-    shapes += [
-        [part * np.cos(np.pi * wave * place) for part, place in zip(change, highest, strict=True)]
-        for wave in range(1, HIGHEST_WAVES + 1)
-    ]
-    shapes.append([
-        part * (np.zeros(run.time.size) if run.direction is None else run.direction)
-        for part, run in zip(change, runs, strict=True)
-    ])
-    for index in range(len(runs)):
-        shapes.append([part * (number == index) for number, part in enumerate(change)])
-    for channel in range(change[0].shape[0]):
-        chosen = np.zeros((change[0].shape[0], 1))
-        chosen[channel] = 1.0
-        shapes.append([part * chosen for part in change])
-    for lag in LAGS:
-        shapes.append([
-            _lagged(part, run, lag) - part for part, run in zip(change, runs, strict=True)])
-    return shapes
+    factors: list[list[Array]] = [
+        [np.cos(np.pi * wave * place) for place in seen]
+        for seen, waves in ((places, LOAD_WAVES), (highest, HIGHEST_WAVES))
+        for wave in range(1, waves + 1)]
+    factors.append([np.zeros(run.time.size) if run.direction is None else run.direction
+                    for run in runs])
+    factors += [[np.array(float(number == index)) for number in range(len(runs))]
+                for index in range(len(runs))]
+    factors += [[chosen[:, None]] * len(runs) for chosen in np.eye(change[0].shape[0])]
+    shapes = [[part * factor for part, factor in zip(change, own, strict=True)]
+              for own in factors]
+    return shapes + [
+        [_lagged(part, run, lag) - part for part, run in zip(change, runs, strict=True)]
+        for lag in LAGS]
 
 
 def _lagged(change: Array, run: RunBlocks, lag: float) -> Array:

@@ -10,18 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Candidate, refit, run_refits
 from saddlering_ros.discrepancy.problem.system import Array, Effect
-from saddlering_ros.discrepancy.search.signatures import (
-    angle_matrix,
-    MIN_SHARE,
-    shapes_tried,
-    Signature,
-    testable_share,
-)
+from saddlering_ros.discrepancy.search import signatures as shown_by
+from saddlering_ros.discrepancy.search.signatures import MIN_SHARE, shapes_tried, Signature
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.estimation.statistics import fisher_limit
 
@@ -86,33 +82,29 @@ def detection_limits(
     """
     effects: dict[str, list[Signature]] = {}
     for signature in signatures:
-        if signature.effect.first_variant:
-            continue  # a wider form: the stated limit is that of the plain form
-        effects.setdefault(signature.effect.id, []).append(signature)
+        if not signature.effect.first_variant:  # A wider form has the limit of the plain one.
+            effects.setdefault(signature.effect.id, []).append(signature)
     rate = error_rate / max(shapes_tried(signatures), 1)
     answers = []
     for name, members in effects.items():
         effect = members[0].effect
-        extra = len(effect.ordered)
-        needed = needed_length(extra, rate, pairs)
-        share = testable_share(members)
+        needed = needed_length(len(effect.ordered), rate, pairs)
+        share = shown_by.testable_share(members)
         reach = max(abs(effect.size.low - effect.neutral), abs(effect.size.high - effect.neutral))
         shapes: dict[tuple[object, ...], list[Signature]] = {}
         for member in members:
             shapes.setdefault(member.shape, []).append(member)
-        configurations = [_limits_at(shape, needed, materiality, reach)
-                          for shape in shapes.values()]
-        limit = _nine_in_ten([configuration.limit for configuration in configurations])
-        material = _nine_in_ten([one.material_limit for one in configurations])
+        places = [_limits_at(shape, needed, materiality, reach) for shape in shapes.values()]
+        limit = _nine_in_ten([one.limit for one in places])
+        material = _nine_in_ten([one.material_limit for one in places])
         answers.append(DetectionLimit(
             effect=name, share=share, limit=_value(effect, limit),
-            best_limit=_value(effect, min(one.limit for one in configurations)),
+            best_limit=_value(effect, min(one.limit for one in places)),
             material_limit=_value(effect, material), unit=effect.size.unit,
             testable=share >= MIN_SHARE and bool(np.isfinite(limit)),
             configurations=tuple(
                 replace(one, limit=_value(effect, one.limit),
-                        material_limit=_value(effect, one.material_limit))
-                for one in configurations)))
+                        material_limit=_value(effect, one.material_limit)) for one in places)))
     return answers
 
 
@@ -140,14 +132,13 @@ def _limits_at(
     values = {parameter.name: parameter.from_unit(float(u))
               for parameter, u in zip(effect.ordered[1:], shape, strict=True)}
     values.update(effect.variants[members[0].variant])
-    signs = {np.sign(member.size) for member in members} - {0.0}
-    limit = material = 0.0 if signs else np.inf
-    for sign in signs:
-        same_sign = [member for member in members if np.sign(member.size) == sign]
-        lengths = [(abs(member.size), member.length) for member in same_sign]
-        visible = [(abs(member.size), member.visible) for member in same_sign]
-        limit = max(limit, _size_at(lengths, needed))
-        material = max(material, _size_at(visible, materiality))
+    by_sign = [[member for member in members if np.sign(member.size) == sign]
+               for sign in {np.sign(member.size) for member in members} - {0.0}]
+    limit, material = (
+        max((_size_at([(abs(one.size), height(one)) for one in same], wanted)
+             for same in by_sign), default=np.inf)
+        for height, wanted in ((attrgetter('length'), needed),
+                               (attrgetter('visible'), materiality)))
     return Configuration(
         values, limit if limit <= reach else np.inf, material if material <= reach else np.inf)
 
@@ -203,7 +194,7 @@ def observed(space: ModelSpace) -> Observability:
         trials = max(shapes_tried(space.signatures), 1)
         effects = {effect.id: effect for effect in space.problem.system.effects}
         limits = [confirmed(space, limit, effects[limit.effect], trials) for limit in limits]
-    labels, cosines = angle_matrix(space.signatures)
+    labels, cosines = shown_by.angle_matrix(space.signatures)
     return Observability(tuple(limits), tuple(labels), cosines)
 
 
@@ -213,28 +204,26 @@ def confirmed(
     """The same limit, larger where the refitted base imitates more than its tangents do."""
     if not np.isfinite(stated.limit) or effect.neutral != 0.0 or not stated.configurations:
         return stated
-    settings, pairs = space.settings, space.pairs
+    settings = space.settings
     configuration = min(
         stated.configurations, key=lambda one: abs(one.limit - stated.limit))
-    needed = needed_length(len(effect.ordered), settings.error_rate / trials, pairs)
+    needed = needed_length(len(effect.ordered), settings.error_rate / trials, space.pairs)
     reach = max(abs(effect.size.low), abs(effect.size.high))
 
-    def shown(size: float) -> tuple[float, float] | None:
-        """As `_shown`, for the sign with the smaller part; None if the simulator fails."""
+    def shown(size: float, failed: float) -> tuple[float, float]:
+        """As `_shown`, for the sign with the smaller part; `failed` if the simulator fails."""
         space.watch.check()
         low, high = effect.size.low, effect.size.high
-        signs = [sign for sign in (1.0, -1.0) if low <= sign * size <= high]
-        parts = [_shown(space, effect, configuration, sign * size) for sign in signs]
-        return min(filter(None, parts), key=lambda part: part[0], default=None)
+        parts = [_shown(space, effect, configuration, sign * size) for sign in (1.0, -1.0)
+                 if low <= sign * size <= high]
+        return min(filter(None, parts), key=lambda part: part[0], default=(failed, failed))
 
-    first = shown(stated.limit)
-    if first is None or first[0] >= ENOUGH * needed:
+    if shown(stated.limit, np.inf)[0] >= ENOUGH * needed:
         return stated
-    limit = _size_reaching(
-        lambda size: (shown(size) or UNSEEN)[0], stated.limit, needed, reach)
-    material = _size_reaching(
-        lambda size: (shown(size) or UNSEEN)[1], stated.material_limit, settings.materiality,
-        reach)
+    # An effect at which the simulator fails shows nothing.
+    limit = _size_reaching(lambda size: shown(size, 0.0)[0], stated.limit, needed, reach)
+    material = _size_reaching(lambda size: shown(size, 0.0)[1], stated.material_limit,
+                              settings.materiality, reach)
     return replace(
         stated, limit=limit,
         best_limit=max(stated.best_limit, limit if stated.best_limit == stated.limit else 0.0),
@@ -262,10 +251,6 @@ def _size_reaching(
     return float(np.inf)
 
 
-UNSEEN = (0.0, 0.0)
-"""An effect at which the simulator fails shows nothing."""
-
-
 def _shown(
     space: ModelSpace, effect: Effect, configuration: Configuration, size: float
 ) -> tuple[float, float] | None:
@@ -278,9 +263,8 @@ def _shown(
     variant = next(
         number for number, fixed in enumerate(effect.variants)
         if all(configuration.values.get(name) == value for name, value in fixed.items()))
-    effect_unit = [effect.size.to_unit(size)]
-    effect_unit += [shape.to_unit(configuration.values[shape.name])
-                    for shape in effect.ordered[1:]]
+    effect_unit = [effect.size.to_unit(size), *(
+        shape.to_unit(configuration.values[shape.name]) for shape in effect.ordered[1:])]
     point = Candidate(((effect, variant),)).point(
         problem.system.base_parameters, np.concatenate([base.theta_unit, effect_unit]))
     target = problem.predict([point])[:, 0]
@@ -291,8 +275,7 @@ def _shown(
             for run, channels in zip(problem.runs, problem.by_run(target), strict=True)]
     other = problem.with_runs(runs)
     moved = replace(metric, problem=other)
-    start = refit(moved, Candidate(), base.theta_unit, rounds=ROUNDS)
-    fit = run_refits(moved, [start])[0]
+    [fit] = run_refits(moved, [refit(moved, Candidate(), base.theta_unit, rounds=ROUNDS)])
     problem.simulations += other.simulations
     left = fit.prediction - target
     visible = max(max(problem.view_sizes(left, view)) for view in problem.system.views)
