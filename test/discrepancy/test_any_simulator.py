@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose, Diagnosis, Model, Parameter, Run
+from saddlering_ros.discrepancy import diagnose, Diagnosis, Model, Noise, Parameter, Run
 
 FOLDER = Path(__file__).parents[2] / 'examples' / 'any_simulator'
 NAMES = sorted(path.stem for path in FOLDER.glob('*.py'))
@@ -111,8 +111,8 @@ def in_other_units(model: Model, channel: float, time: float, parameter: float) 
                for key, effect in model.effects.items()}
     channels = {name: replace(
         item, offset=item.offset if isinstance(item.offset, str) else item.offset * channel,
-        noise=replace(item.noise, std=item.noise.std * channel) if hasattr(item.noise, 'std')
-        else item.noise) for name, item in model.channels.items()}
+        noise=item.noise if item.noise.learns_from_residuals else Noise.white(0.2 * channel))
+        for name, item in model.channels.items()}
     return Model(simulate, scaled(model.base), effects, channels)
 
 

@@ -19,15 +19,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.problem import Problem, Whitening
-from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    DiscrepancyError,
-    Effect,
-    Parameter,
-    Point,
-    RunBlocks,
-)
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, Point, RunBlocks
 from saddlering_ros.estimation.least_squares import descend, Descent, Rule
 
 Key = tuple[tuple[str, int], ...]
@@ -72,10 +66,8 @@ class Candidate:
             one.from_unit(float(u)) for one, u in zip(base, theta_unit[: len(base)], strict=True)])
         effects: dict[str, Mapping[str, float]] = {}
         for effect, variant, part in self.slices(len(base)):
-            own = {
-                parameter.name: parameter.from_unit(float(u))
-                for parameter, u in zip(effect.ordered, theta_unit[part], strict=True)
-            }
+            own = {parameter.name: parameter.from_unit(float(u))
+                   for parameter, u in zip(effect.ordered, theta_unit[part], strict=True)}
             effects[effect.id] = {**own, **effect.variants[variant]}
         return Point(values, effects)
 
@@ -144,14 +136,8 @@ Asking = Generator[Asked, Told | None, Fit]
 
 
 def refit(
-    metric: Whitening,
-    candidate: Candidate,
-    start: Array,
-    base_columns: Array | None = None,
-    *,
-    rounds: int = 8,
-    fresh_base: bool = False,
-    known_start: Fit | None = None,
+    metric: Whitening, candidate: Candidate, start: Array, base_columns: Array | None = None, *,
+    rounds: int = 8, fresh_base: bool = False, known_start: Fit | None = None,
 ) -> Asking:
     """Levenberg-Marquardt from `start`; yields requests and receives residuals and sensitivities.
 
@@ -288,31 +274,26 @@ def spread_starts(base: Sequence[Parameter], seed: int) -> list[Array]:
 def fit_base(metric: Whitening) -> Fit:
     """The model without effects: many starts, then bounded least squares from the best."""
     base = metric.problem.system.base_parameters
-    empty = Candidate()
-    start = metric.problem.first_guess()
-    starts: list[Fit | None]
+    problem, empty = metric.problem, Candidate()
+    start = problem.first_guess()
     if start is not None:
-        thetas, starts = [np.clip(start, 0.0, 1.0)], [None]
+        wanted = [refit(metric, empty, np.clip(start, 0.0, 1.0), rounds=25)]
     else:
-        asked = spread_starts(base, metric.problem.settings.seed)
-        metric.problem.watch.check()
-        predicted = metric.problem.predict([empty.point(base, one) for one in asked])
-        whitened = metric.whiten(predicted - metric.problem.measured[:, None])
+        asked = spread_starts(base, problem.settings.seed)
+        problem.watch.check()
+        predicted = problem.predict([empty.point(base, one) for one in asked])
+        whitened = metric.whiten(predicted - problem.measured[:, None])
         order = np.argsort(np.nan_to_num((whitened**2).sum(axis=0), nan=np.inf))
         coarse = run_refits(metric, [
             refit(metric, empty, asked[int(number)], rounds=COARSE_BASE)
             for number in order[:MAX_BASE_STARTS]])
-        starts = [*sorted(coarse, key=lambda fit: fit.misfit)[:2]]
-        thetas = [fit.theta_unit for fit in starts if fit is not None]
-    fits = run_refits(metric, [
-        refit(metric, empty, theta_start, rounds=25, known_start=fit)
-        for theta_start, fit in zip(thetas, starts, strict=True)])
-    best = min(fits, key=lambda fit: fit.misfit)
+        wanted = [refit(metric, empty, fit.theta_unit, rounds=25, known_start=fit)
+                  for fit in sorted(coarse, key=lambda fit: fit.misfit)[:2]]
+    best = min(run_refits(metric, wanted), key=lambda fit: fit.misfit)
     if not np.isfinite(best.misfit):
-        raise DiscrepancyError(
+        raise system.DiscrepancyError(
             'simulator: it fails at every start of the base parameters: give each parameter a '
-            'start at which the simulator runs'
-        )
+            'start at which the simulator runs')
     return best
 
 
@@ -357,9 +338,7 @@ def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     answers = []
     for fit in fits:
         metric = GainMetric.about(problem, fit)
-        starts = [fit.theta_unit]
-        if not fit.candidate.effects:
-            starts.append(declared_start(base))
+        starts = [fit.theta_unit, *([] if fit.candidate.effects else [declared_start(base)])]
         wanted = [refit(metric, fit.candidate, start, rounds=rounds) for start in starts]
         answers.append(min(run_refits(metric, wanted), key=lambda refitted: refitted.misfit))
     return answers
@@ -392,10 +371,10 @@ def gain_of(problem: Problem, less: Fit, more: Fit) -> Gain:
         for fit in both))
     if held:
         predicted = [problem.system.predict_many(run, [fit.point for fit in both]) for run in held]
-        before, after = (
-            [channels[number] - run.channels
-             for channels, run in zip(predicted, held, strict=True)] for number in (0, 1))
-        value = ratio(mean_square(problem, held, before), mean_square(problem, held, after))
+        value = ratio(*(
+            mean_square(problem, held, [channels[number] - run.channels for channels, run
+                                        in zip(predicted, held, strict=True)])
+            for number in (0, 1)))
         if not np.isfinite(value):
             return Gain(fitted, None, 'the simulator failed on a held-out run')
         return Gain(fitted, value, 'held out')
@@ -411,17 +390,14 @@ def left_out_residuals(problem: Problem, fit: Fit) -> list[Array]:
     metric = GainMetric.about(problem, fit)
     residual = metric.whiten(fit.prediction - problem.measured)
     sensitivities = tangent(metric, fit)
-    lengths = [run.time.size for _ in problem.system.views for run in problem.runs]
-    edges = np.concatenate([[0], np.cumsum(lengths)])
+    sizes = [run.time.size for run in problem.runs]
+    owners = np.tile(np.repeat(np.arange(len(sizes)), sizes), len(problem.system.views))
     residuals, first = [], 0
     for number, run in enumerate(problem.runs):
-        rows = np.zeros(residual.size, bool)
-        for view in range(len(problem.system.views)):
-            block = view * len(problem.runs) + number
-            rows[edges[block] : edges[block + 1]] = True
-        white = sensitivities.white[~rows]
+        others = owners != number
+        white = sensitivities.white[others]
         gram = white.T @ white + PRIOR**2 * np.eye(white.shape[1])
-        slope = white.T @ residual[~rows] + PRIOR**2 * (fit.theta_unit - 0.5)
+        slope = white.T @ residual[others] + PRIOR**2 * (fit.theta_unit - 0.5)
         theta_unit = np.clip(fit.theta_unit - np.linalg.solve(gram, slope), 0.0, 1.0)
         part = slice(first, first + run.channels.size)
         first = part.stop

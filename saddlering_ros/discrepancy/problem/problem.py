@@ -115,8 +115,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         if not self.runs:
-            raise DiscrepancyError('diagnose: every run is held out: leave at least one run to '
-                                   'fit')
+            raise DiscrepancyError('diagnose: every run is held out: leave at least one to fit')
 
     def with_runs(self, runs: Sequence[RunBlocks]) -> Problem:
         """The same problem with other runs."""
@@ -158,8 +157,7 @@ class Problem:
                     f'start: {name} = {value:g} is outside {bounds.low:g} to {bounds.high:g}')
         return np.array([
             given.to_unit(self.start[name]) if name in self.start else given.first_guess
-            for name, given in parameters.items()
-        ])
+            for name, given in parameters.items()])
 
     @cached_property
     def size(self) -> int:
@@ -184,13 +182,7 @@ class Problem:
     @cached_property
     def channel_ranges(self) -> Array:
         """Largest range (C,) of each channel in any run."""
-        count = len(self.system.channel_names)
-        return np.array(
-            [
-                max(float(np.ptp(run.channels[channel])) for run in self.runs)
-                for channel in range(count)
-            ]
-        )
+        return np.max([np.ptp(run.channels, axis=1) for run in self.runs], axis=0)
 
     @cached_property
     def view_ranges(self) -> dict[str, float]:
@@ -199,17 +191,13 @@ class Problem:
         A view that should be empty (parity) is compared with the widest view that uses its
         channels.
         """
-        ranges = {
-            name: max(float(np.ptp(weights @ run.channels)) for run in self.runs)
-            for name, weights in self.system.views.items()
-        }
+        views = self.system.views
+        ranges = {name: max(float(np.ptp(weights @ run.channels)) for run in self.runs)
+                  for name, weights in views.items()}
         scaled: dict[str, float] = {}
-        for name, weights in self.system.views.items():
-            alike = max(
-                ranges[other] * float(np.abs(weights).sum() / np.abs(vector).sum())
-                for other, vector in self.system.views.items()
-                if np.any((weights != 0) & (vector != 0))
-            )
+        for name, weights in views.items():
+            alike = max(ranges[other] * float(np.abs(weights).sum() / np.abs(vector).sum())
+                        for other, vector in views.items() if np.any(weights * vector != 0.0))
             empty = ranges[name] <= EMPTY_VIEW * alike
             scaled[name] = alike if empty else max(ranges[name], MIN_VIEW_SHARE * alike)
         return scaled
@@ -233,18 +221,16 @@ class Problem:
         A system with tangents of its own computes the others from them; any other system
         simulates every point.
         """
+        ends = np.cumsum([len(group) for group in groups])
         if not isinstance(self.system, SystemWithTangents):
             answers = self.predict([point for group in groups for point in group])
-            ends = np.cumsum([len(group) for group in groups])
             return np.split(answers, ends[:-1], axis=1)
-        self.simulations += sum(len(group) for group in groups)
+        self.simulations += int(ends[-1])
         prepared = self.system.neighbourhood(groups)
         runs = [prepared.predict(run) for run in self.runs]
         self.watch.advance(0.0)
-        return [
-            np.concatenate([answer.reshape(len(answer), -1) for answer in parts], axis=1).T
-            for parts in zip(*runs, strict=True)
-        ]
+        return [np.concatenate([answer.reshape(len(answer), -1) for answer in parts], axis=1).T
+                for parts in zip(*runs, strict=True)]
 
     def predict_run(self, run: RunBlocks, groups: Sequence[Sequence[Point]]) -> list[Array]:
         """Channels (B, C, N) of one run at each group, as `predict_neighbours` has them."""
@@ -274,10 +260,8 @@ class Problem:
         A mean that has no meaning is subtracted.
         """
         weights = self.system.views[view]
-        return [
-            self.freed(np.tensordot(weights, block, axes=1), run, view)
-            for run, block in zip(self.runs, self.by_run(residual), strict=True)
-        ]
+        return [self.freed(np.tensordot(weights, block, axes=1), run, view)
+                for run, block in zip(self.runs, self.by_run(residual), strict=True)]
 
     def freed(self, seen: Array, run: RunBlocks, view: str) -> Array:
         """Values of one view (N,) or (N, k), minus their mean if a constant is free."""
@@ -428,23 +412,19 @@ def stand_columns(problem: Problem, prediction: Array) -> Array:
 
 def offset_columns(problem: Problem) -> Array:
     """A constant for every run and channel, with a very wide spread where it is free."""
-    declared = problem.assumptions.offsets
-    columns = []
-    for _, channel, part in problem.slices:
-        free = FREE_OFFSET * problem.channel_ranges.max()
-        spread = float(free) if declared is None else declared[channel]
-        if spread > 0.0:
-            column = np.zeros(problem.size)
-            column[part] = spread
-            columns.append(column)
-    return np.array(columns).reshape(-1, problem.size).T
+    free = FREE_OFFSET * float(problem.channel_ranges.max())
+    declared = problem.assumptions.offsets or [free] * len(problem.channel_ranges)
+    columns = np.zeros((len(problem.slices), problem.size))
+    for column, (_, channel, part) in zip(columns, problem.slices, strict=True):
+        column[part] = declared[channel]
+    return columns[columns.any(axis=1)].T
 
 
 def model_error_columns(problem: Problem, prior: ModelErrorPrior) -> Array:
     """Smooth model error over the drive, shared inside a group, in every channel."""
     widest = problem.channel_ranges.max()
-    rates = [run.rate for run in problem.runs if run.rate is not None]
-    fastest = max([1e-300, *(float(np.abs(rate).max()) for rate in rates)])
+    fastest = max(1e-300, *(
+        0.0 if run.rate is None else float(np.abs(run.rate).max()) for run in problem.runs))
     columns: list[Array] = []
     for group in sorted({run.group for run in problem.runs}):
         members = [run for run in problem.runs if run.group == group]
@@ -478,18 +458,15 @@ def model_error_columns(problem: Problem, prior: ModelErrorPrior) -> Array:
 
 def timing_columns(problem: Problem, prior: ModelErrorPrior, prediction: Array) -> Array:
     """Changes (n, k) by a small delay of each channel, in runs whose drive has a rate."""
-    columns = []
-    for index, _, part in problem.slices:
-        run = problem.runs[index]
-        if run.rate is not None and np.any(run.rate):
-            column = np.zeros(problem.size)
-            column[part] = prior.instants * np.gradient(prediction[part], run.time)
-            columns.append(column)
-    return np.array(columns).reshape(-1, problem.size).T
+    moving = [(problem.runs[index], part) for index, _, part in problem.slices
+              if problem.runs[index].rate is not None and np.any(problem.runs[index].rate)]
+    columns = np.zeros((len(moving), problem.size))
+    for column, (run, part) in zip(columns, moving, strict=True):
+        column[part] = prior.instants * np.gradient(prediction[part], run.time)
+    return columns.T
 
 
 def system_columns(problem: Problem, point: Point) -> Array:
     """The system's own nuisance parameters as stacked columns (n, k)."""
-    parts = problem.system.nuisances(problem.runs, point)
-    return np.concatenate(
-        [part.reshape(part.shape[0] * part.shape[1], part.shape[2]) for part in parts])
+    return np.concatenate([part.reshape(part.shape[0] * part.shape[1], part.shape[2])
+                           for part in problem.system.nuisances(problem.runs, point)])

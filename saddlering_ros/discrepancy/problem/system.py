@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 import math
 from typing import Any, Literal, Protocol, runtime_checkable
 
@@ -45,10 +46,8 @@ class Parameter:
     def __post_init__(self) -> None:
         label = f'parameter {self.name}'.rstrip()
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
-            raise DiscrepancyError(
-                f'{label}: low must be below high, and both finite, not '
-                f'{self.low:g} and {self.high:g}'
-            )
+            raise DiscrepancyError(f'{label}: low must be below high, and both finite, not '
+                                   f'{self.low:g} and {self.high:g}')
         if self.scale not in ('linear', 'log'):
             raise DiscrepancyError(f'{label}: scale is {self.scale!r}: give linear or log')
         if self.scale == 'log' and self.low <= 0.0:
@@ -56,9 +55,7 @@ class Parameter:
         inside = self.start is None or self.low <= self.start <= self.high
         if not (inside or self.periodic):
             raise DiscrepancyError(
-                f'{label}: start {self.start:g} is outside {self.low:g} to '
-                f'{self.high:g}'
-            )
+                f'{label}: start {self.start:g} is outside {self.low:g} to {self.high:g}')
 
     @classmethod
     def angle(cls, unit: str = 'rad', start: float | None = None) -> Parameter:
@@ -69,8 +66,8 @@ class Parameter:
     def to_unit(self, value: float) -> float:
         """Bound-scaled coordinate of `value`, 0 to 1."""
         if self.scale == 'log':
-            floor = self.low * 1e-3
-            return math.log(max(value, floor) / self.low) / math.log(self.high / self.low)
+            value = max(value, self.low * 1e-3)
+            return math.log(value / self.low) / math.log(self.high / self.low)
         return (value - self.low) / (self.high - self.low)
 
     def from_unit(self, coordinate: float) -> float:
@@ -126,17 +123,15 @@ class Effect:
 
     def __post_init__(self) -> None:
         if not self.parameters:
-            raise DiscrepancyError(f'effect {self.title}: declare at least one parameter, the '
-                                   'size')
+            raise DiscrepancyError(
+                f'effect {self.title}: declare at least one parameter, the size')
         if not self.id:
             object.__setattr__(self, 'id', self.title)
         for start in self.starts:
             unknown = [name for name in start if name not in self.parameters]
             if unknown:
-                raise DiscrepancyError(
-                    f'effect {self.id}: a start names {", ".join(unknown)}, which are not among '
-                    f'{", ".join(self.parameters)}'
-                )
+                raise DiscrepancyError(f'effect {self.id}: a start names {", ".join(unknown)}, '
+                                       f'which are not among {", ".join(self.parameters)}')
 
     @cached_property
     def ordered(self) -> tuple[Parameter, ...]:
@@ -194,8 +189,7 @@ class RunBlocks:
     @property
     def coordinates(self) -> dict[str, Array]:
         """Inputs and, if it is given, the rate of the drive."""
-        rate = {} if self.rate is None else {'rate': self.rate}
-        return {**self.inputs, **rate}
+        return {**self.inputs, **({} if self.rate is None else {'rate': self.rate})}
 
     def __post_init__(self) -> None:
         if self.channels.ndim != 2 or self.channels.shape[1] != self.time.size:
@@ -232,7 +226,11 @@ class Proposal:
 
 
 class System(Protocol):
-    """A simulator with its base parameters and the causes that it could lack."""
+    """A simulator with its base parameters and the causes that it could lack.
+
+    A simulator whose inputs may be wrong, such as the dimensions in a file, has their errors as
+    effects in `inputs` too. They are possible causes where something is wrong.
+    """
 
     @property
     def channel_names(self) -> tuple[str, ...]: ...
@@ -280,16 +278,6 @@ class SystemWithTangents(Protocol):
         The first point of a group is simulated. The others lie a small step away and need
         first-order accuracy only.
         """
-        ...
-
-
-@runtime_checkable
-class SystemWithInputs(Protocol):
-    """A `System` whose inputs may be wrong, such as the dimensions in a file."""
-
-    @property
-    def inputs(self) -> tuple[Effect, ...]:
-        """Errors of the inputs as effects. They are possible causes where something is wrong."""
         ...
 
 
@@ -351,18 +339,15 @@ run. Noise does not repeat in eight samples by chance."""
 
 def refuse_repeats(runs: Sequence[RunBlocks]) -> None:
     """Refuse the same name or the same content twice: no run is both fitted and held out."""
-    for number, run in enumerate(runs):
-        for other in runs[:number]:
-            if _shares_content(run.channels, other.channels):
-                same = run.channels.shape == other.channels.shape
-                what = 'one is held out' if run.held_out != other.held_out else 'it counts once'
-                raise DiscrepancyError(
-                    f'runs {other.name} and {run.name} '
-                    f'{"are the same recording" if same else "share a part of a recording"}: '
-                    f'give it once ({what})'
-                )
-            if run.name == other.name:
-                raise DiscrepancyError(f'two runs are called {run.name}: give each its own name')
+    for other, run in combinations(runs, 2):
+        if _shares_content(run.channels, other.channels):
+            same = run.channels.shape == other.channels.shape
+            how = 'are the same recording' if same else 'share a part of a recording'
+            what = 'one is held out' if run.held_out != other.held_out else 'it counts once'
+            raise DiscrepancyError(
+                f'runs {other.name} and {run.name} {how}: give it once ({what})')
+        if run.name == other.name:
+            raise DiscrepancyError(f'two runs are called {run.name}: give each its own name')
 
 
 def _shares_content(one: Array, other: Array) -> bool:
@@ -374,12 +359,10 @@ def _shares_content(one: Array, other: Array) -> bool:
     for first, second in ((one, other), (other, one)):
         for begin in np.flatnonzero((first == second[:, :1]).all(axis=0)):
             length = min(first.shape[1] - int(begin), second.shape[1])
-            if length < least:
-                break
-            if all(
+            is_same = length >= least and all(
                 np.array_equal(first[:, begin : begin + end], second[:, :end])
-                for end in (MIN_SHARED, length)
-            ) and np.ptp(second[:, :length], axis=1).any():
+                for end in (MIN_SHARED, length))
+            if is_same and np.ptp(second[:, :length], axis=1).any():
                 return True
     return False
 

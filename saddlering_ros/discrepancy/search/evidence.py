@@ -262,10 +262,10 @@ def views_beyond_form_error(added: Sizes, explained: Sizes, settings: Settings) 
 
 def explained_share(before: SlowResidual, after: SlowResidual, settings: Settings) -> float:
     """Share of the misfit `before` that `after` has not: in all, or in one material view."""
-    return max(
+    return max([
         1.0 - max(after.excess, 0.0) / max(before.excess, 1e-9),
         *(1.0 - after.powers[view] / power for view, power in before.powers.items()
-          if power >= settings.materiality**2))
+          if power >= settings.materiality**2)])
 
 
 def alternative_floor(pairs: int, settings: Settings) -> float:

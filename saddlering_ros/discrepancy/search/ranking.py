@@ -73,8 +73,7 @@ def rank(
     for signature, squared, along in zip(usable, lengths, inner, strict=True):
         if squared <= 1e-12 * signature.length**2 or signature.size == 0.0:
             continue
-        neutral, (low, high) = signature.effect.neutral, reach_of(signature)
-        factor = float(np.clip(along / squared, low, high))
+        factor = float(np.clip(along / squared, *reach_of(signature)))
         gain = float(2.0 * factor * along - factor**2 * squared)
         if signature.amplitude_dependent:
             # Another size has another, unknown shape. The gain that this shape could reach at
@@ -82,9 +81,7 @@ def rank(
             gain = float(max(along, 0.0) ** 2 / squared)
             if 2.0 * along - squared > SEEN_ENOUGH * gain:
                 factor = 1.0
-        start = signature.theta_unit.copy()
-        start[0] = np.clip(
-            signature.effect.size.to_unit(neutral + signature.size * factor), 1e-3, 1.0 - 1e-3)
+        start = np.array([_size_unit(signature, factor), *signature.theta_unit[1:]])
         starts.setdefault(signature.key, []).append((gain, signature, start))
     scores = []
     for members in starts.values():
@@ -95,15 +92,21 @@ def rank(
     return sorted(scores, key=lambda score: -score.gain)
 
 
+def _size_unit(signature: Signature, factor: float) -> float:
+    """The size of a signature times a factor, bound-scaled and off its bounds."""
+    effect = signature.effect
+    return float(np.clip(
+        effect.size.to_unit(effect.neutral + factor * signature.size), 1e-3, 1.0 - 1e-3))
+
+
 def reach_of(signature: Signature) -> tuple[float, float]:
     """Factors of the size of a signature between which its shape and its bounds hold."""
     neutral, size = signature.effect.neutral, signature.effect.size
     if neutral != 0.0:
         return 1.0, 1.0
-    bounds = size.low - neutral, size.high - neutral
-    low, high = sorted(bound / signature.size for bound in bounds)
-    reach = AMPLITUDE_DEPENDENT_REACH if signature.amplitude_dependent else STRAIGHT_REACH
-    lowest, highest = reach
+    low, high = sorted(bound / signature.size for bound in (size.low, size.high))
+    lowest, highest = (
+        AMPLITUDE_DEPENDENT_REACH if signature.amplitude_dependent else STRAIGHT_REACH)
     return max(low, lowest), min(high, highest)
 
 
@@ -184,7 +187,12 @@ class Pair:
 
 def best_pairs(base: Fit, usable: Sequence[Signature]) -> list[Pair]:
     """The best pair of shapes of each pair of effects, those with the largest gain."""
-    signatures = _one_of_each_shape(usable)
+    # One size of every straight effect, and all sizes of the others.
+    shapes: dict[tuple[object, ...], Signature] = {}
+    for one in usable:
+        if one.length > 1e-9 and one.size != 0.0:
+            shapes.setdefault((one.shape, one.amplitude_dependent and one.size), one)
+    signatures = list(shapes.values())
     if not signatures:
         return []
     reaches = np.array([reach_of(signature) for signature in signatures])
@@ -197,29 +205,16 @@ def best_pairs(base: Fit, usable: Sequence[Signature]) -> list[Pair]:
         place = divmod(int(flat), len(signatures))
         if len(pairs) == MAX_PAIRS or not np.isfinite(gains[place]):
             break
-        if frozenset(names[list(place)]) in pairs:
+        both = [signatures[index] for index in place]
+        ids = frozenset(one.effect.id for one in both)
+        if ids in pairs:
             continue
-        candidate, parts = Candidate(), [base.theta_unit]
-        for index, factor in zip(place, factors, strict=True):
-            one = signatures[index]
-            candidate = candidate.plus(one.effect, one.variant)
-            size = one.effect.size.to_unit(one.effect.neutral + float(factor[place]) * one.size)
-            parts.append(np.array([np.clip(size, 1e-3, 1.0 - 1e-3), *one.theta_unit[1:]]))
-        pairs[frozenset(names[list(place)])] = Pair(
-            candidate, np.concatenate(parts), float(gains[place]))
+        start = np.concatenate([base.theta_unit, *(
+            [_size_unit(one, float(factor[place])), *one.theta_unit[1:]]
+            for one, factor in zip(both, factors, strict=True))])
+        candidate = Candidate(tuple((one.effect, one.variant) for one in both))
+        pairs[ids] = Pair(candidate, start, float(gains[place]))
     return list(pairs.values())
-
-
-def _one_of_each_shape(signatures: Sequence[Signature]) -> list[Signature]:
-    """Signatures with one size of every straight effect, and all sizes of the others."""
-    kept: dict[tuple[object, ...], Signature] = {}
-    for signature in signatures:
-        if signature.length > 1e-9 and signature.size != 0.0:
-            key = signature.shape
-            if signature.amplitude_dependent:
-                key = (*key, signature.size)
-            kept.setdefault(key, signature)
-    return list(kept.values())
 
 
 def _pair_gains(stack: Array, products: Array, reach: Array) -> tuple[Array, Array, Array]:
@@ -248,6 +243,6 @@ def _pair_gains(stack: Array, products: Array, reach: Array) -> tuple[Array, Arr
     ])
     best = gains.argmax(axis=0)[None]
     first, second = (np.stack(factors) for factors in zip(*pairs, strict=True))
-    return (
-        np.take_along_axis(gains, best, 0)[0], np.take_along_axis(first, best, 0)[0],
-        np.take_along_axis(second, best, 0)[0])
+    gain, factor, other = (
+        np.take_along_axis(one, best, 0)[0] for one in (gains, first, second))
+    return gain, factor, other

@@ -13,7 +13,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, Tangent
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
-from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, Point
+from saddlering_ros.discrepancy.problem.system import Array, Effect
 
 
 class ChangeScale:
@@ -118,50 +118,27 @@ class Signature:
 def effect_starts(effect: Effect) -> list[Array]:
     """First guesses of the parameters of an effect, bound-scaled."""
     if effect.starts:
-        return [
-            np.array([
-                one.to_unit(start[one.name]) if one.name in start else one.first_guess
-                for one in effect.ordered
-            ])
-            for start in effect.starts
-        ]
-    usual = [parameter.first_guess for parameter in effect.ordered[1:]]
-    sizes = _sizes(effect)
-    starts = [np.array([size, *usual]) for size in sizes]
-    for shape in _other_shapes(effect.ordered[1:]):
-        starts.append(np.array([sizes[len(SIZES) // 2], *shape]))
-    return starts
-
-
-def _sizes(effect: Effect) -> list[float]:
-    """Bound-scaled sizes on both sides of the neutral size."""
-    size, neutral = effect.size, effect.neutral
-    if size.scale == 'log':
-        return [0.2, 0.5, 0.8]
-    origin = min(max(neutral, size.low), size.high)
-    return [
-        size.to_unit(origin + part * (end - origin))
-        for end in (size.high, size.low)
-        if end != origin
-        for part in (SIZES if size.neutral is None else (*SIZES, FAR))
-    ]
-
-
-def _other_shapes(shapes: Sequence[Parameter]) -> list[list[float]]:
-    """Shapes besides the usual one: all combinations of a few, or one parameter at a time."""
-    if not shapes:
-        return []
+        return [np.array([one.to_unit(start[one.name]) if one.name in start else one.first_guess
+                          for one in effect.ordered]) for start in effect.starts]
+    # Sizes on both sides of the neutral one, with the usual shape.
+    size, sizes = effect.size, [0.2, 0.5, 0.8]
+    if size.scale != 'log':
+        origin = min(max(effect.neutral, size.low), size.high)
+        sizes = [size.to_unit(origin + part * (end - origin))
+                 for end in (size.high, size.low) if end != origin
+                 for part in (SIZES if size.neutral is None else (*SIZES, FAR))]
+    shapes = effect.ordered[1:]
     usual = [shape.first_guess for shape in shapes]
+    # Other shapes of a middle size: all combinations of a few, or one parameter at a time.
     choices = [
         [(u + turn) % 1.0 for turn in (0.0, 0.25, 0.5, 0.75)] if shape.periodic else [u, *SHAPES]
-        for shape, u in zip(shapes, usual, strict=True)
-    ]
+        for shape, u in zip(shapes, usual, strict=True)]
+    others = [[*usual[:number], value, *usual[number + 1 :]]
+              for number, values in enumerate(choices) for value in values]
     if np.prod([len(choice) for choice in choices]) <= MAX_SHAPES:
-        combinations = [list(choice) for choice in product(*choices)]
-    else:
-        combinations = [[*usual[:number], value, *usual[number + 1 :]]
-                        for number, values in enumerate(choices) for value in values]
-    return [choice for choice in combinations if choice != usual]
+        others = [list(choice) for choice in product(*choices)]
+    return [np.array([one, *usual]) for one in sizes] + [
+        np.array([sizes[len(SIZES) // 2], *other]) for other in others if other != usual]
 
 
 def measure_signatures(
@@ -173,11 +150,9 @@ def measure_signatures(
     """
     starts: list[tuple[Effect, int, Array]] = [
         (effect, variant, start)
-        for effect in effects
-        if not effect.line
+        for effect in effects if not effect.line
         for variant in range(effect.first_variant, len(effect.variants))
-        for start in effect_starts(effect)
-    ]
+        for start in effect_starts(effect)]
     orthogonal = orthonormal(base.white)
     signatures: list[Signature] = []
     for _ in range(1 + MAX_SMALLER):
@@ -194,15 +169,13 @@ def _measured(
 ) -> list[Signature]:
     """Signatures of effects in one variant at one start each."""
     parameters = metric.problem.system.base_parameters
-    points: list[Point] = [
+    points = [
         Candidate(((effect, variant),)).point(
             parameters, np.concatenate([fit.theta_unit, theta_unit]))
-        for effect, variant, theta_unit in starts
-    ]
+        for effect, variant, theta_unit in starts]
     part = metric.problem.predict(points) - fit.prediction[:, None]
     left, lengths, shares = _beyond(metric, part, orthogonal)
     visible = scale.beyond_base_of_each(part)
-    shown = [bool(np.isfinite(column).all()) for column in part.T]
     return [
         Signature(
             effect=effect, variant=variant, theta_unit=theta_unit,
@@ -210,8 +183,7 @@ def _measured(
             plain=part[:, column], white=left[:, column], share=float(shares[column]),
             length=float(lengths[column]), visible=float(visible[column]))
         for column, (effect, variant, theta_unit) in enumerate(starts)
-        if shown[column]
-    ]
+        if np.isfinite(part[:, column]).all()]
 
 
 def _smaller(signatures: Sequence[Signature]) -> list[tuple[Effect, int, Array]]:
@@ -270,19 +242,16 @@ def with_amplitude_dependence(signatures: Sequence[Signature]) -> list[Signature
     shapes: dict[tuple[object, ...], list[Signature]] = {}
     for signature in signatures:
         shapes.setdefault(signature.shape, []).append(signature)
-    dependent: dict[tuple[object, ...], bool] = {}
-    for key, members in shapes.items():
-        shown = [member for member in members if member.length > MIN_LENGTH]
-        shown.sort(key=lambda signature: signature.size)
-        signs = {signature.size > 0.0 for signature in shown}
+    dependent = set()
+    for members in shapes.values():
+        shown = sorted((member for member in members if member.length > MIN_LENGTH),
+                       key=lambda signature: signature.size)
         straight = [
             abs(float(one.white @ other.white)) / (one.length * other.length)
-            for sign in signs
-            for one, other in pairwise([one for one in shown if (one.size > 0.0) is sign])
-        ]
-        depends = min(straight, default=1.0) < MIN_STRAIGHT
-        dependent[key[:2]] = dependent.get(key[:2], False) or depends
-    return [replace(one, amplitude_dependent=dependent[one.key]) for one in signatures]
+            for one, other in pairwise(shown) if (one.size > 0.0) is (other.size > 0.0)]
+        if min(straight, default=1.0) < MIN_STRAIGHT:
+            dependent.add(members[0].key)
+    return [replace(one, amplitude_dependent=one.key in dependent) for one in signatures]
 
 
 def testable_share(members: Sequence[Signature]) -> float:

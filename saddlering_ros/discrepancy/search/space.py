@@ -21,7 +21,7 @@ from saddlering_ros.discrepancy.problem.fits import (
     tangent,
 )
 from saddlering_ros.discrepancy.problem.problem import Metric, noise_metric, Problem
-from saddlering_ros.discrepancy.problem.system import Array, SystemWithInputs
+from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search.lack_of_fit import LackOfFitTests, SlowResidual
 from saddlering_ros.discrepancy.search.ranking import rank, Score, shortlist, starts_of_each, Trial
 from saddlering_ros.discrepancy.search.signatures import (
@@ -413,14 +413,14 @@ def with_inputs(space: ModelSpace) -> ModelSpace:
 
     Where nothing is wrong to first order, no input is accused.
     """
-    system = space.problem.system
-    if not isinstance(system, SystemWithInputs):
+    errors = getattr(space.problem.system, 'inputs', ())
+    if not errors:
         return space
     gains = [score.gain for score in space.scores(space.base)]
     if max(gains, default=0.0) < space.real_gain and not space.leaves_misfit(space.base):
         return space
     tangents = space.tangent_of(space.base)
-    inputs = measure_signatures(space.metric, space.base, tangents, space.scale, system.inputs)
+    inputs = measure_signatures(space.metric, space.base, tangents, space.scale, errors)
     return ModelSpace(
         metric=space.metric, base=space.base, base_tangent=tangents,
         signatures=space.signatures, scale=space.scale,
