@@ -12,16 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from saddlering_ros.discrepancy.noise import KNOWN_EXACTLY, Noise, white_noise
+from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.problem import Assumptions
-from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    DiscrepancyError,
-    Effect,
-    FREE_OFFSET,
-    Parameter,
-    Point,
-    RunBlocks,
-)
+from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Effect, Parameter
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.estimation.record_noise import ChannelRecord, widened, with_model_error
 
@@ -84,35 +77,16 @@ class Run:
             raise DiscrepancyError(f'run {self.name}: no outputs: give at least one channel')
         object.__setattr__(self, 'time', time)
         for kind in ('outputs', 'coordinates'):
-            object.__setattr__(self, kind, self._checked(kind))
-
-    def _checked(self, kind: str) -> dict[str, Array]:
-        """Arrays of floats of the length of `time`."""
-        answer = {}
-        for name, values in getattr(self, kind).items():
-            array = np.asarray(values, dtype=np.float64)
-            if array.shape != self.time.shape:
-                raise DiscrepancyError(
-                    f'run {self.name}: {kind} {name} has shape {array.shape}, time '
-                    f'{self.time.shape}'
-                )
-            if kind == 'coordinates' and not np.all(np.isfinite(array)):
-                raise DiscrepancyError(
-                    f'run {self.name}: coordinate {name} has a value that is not a number')
-            answer[name] = array
-        return answer
-
-
-def _refuse_other_types(name: str, given: object, wanted: type) -> None:
-    """Refuse an argument that is not a mapping from names to `wanted`."""
-    if not isinstance(given, Mapping):
-        raise DiscrepancyError(
-            f'model: {name} is a {type(given).__name__}: give a mapping from names to '
-            f'{wanted.__name__}'
-        )
-    for key, value in given.items():
-        if not isinstance(value, wanted):
-            raise DiscrepancyError(f'model: {name} {key} is {value!r}: give a {wanted.__name__}')
+            arrays = {name: np.asarray(values, dtype=np.float64)
+                      for name, values in getattr(self, kind).items()}
+            for name, array in arrays.items():
+                if array.shape != time.shape:
+                    raise DiscrepancyError(f'run {self.name}: {kind} {name} has shape '
+                                           f'{array.shape}, time {time.shape}')
+                if kind == 'coordinates' and not np.all(np.isfinite(array)):
+                    raise DiscrepancyError(
+                        f'run {self.name}: coordinate {name} has a value that is not a number')
+            object.__setattr__(self, kind, arrays)
 
 
 Simulate = Callable[[dict[str, float], Run], Outputs]
@@ -137,31 +111,34 @@ class Model:
     time_unit: str = ''
 
     def __post_init__(self) -> None:
-        _refuse_other_types('base', self.base, Parameter)
-        _refuse_other_types('effects', self.effects, Effect)
-        _refuse_other_types('channels', self.channels, Channel)
+        for name, wanted in (('base', Parameter), ('effects', Effect), ('channels', Channel)):
+            given, kind = getattr(self, name), wanted.__name__
+            if not isinstance(given, Mapping):
+                raise DiscrepancyError(f'model: {name} is a {type(given).__name__}: give a '
+                                       f'mapping from names to {kind}')
+            for key, value in given.items():
+                if not isinstance(value, wanted):
+                    raise DiscrepancyError(f'model: {name} {key} is {value!r}: give a {kind}')
         if not self.channels:
             raise DiscrepancyError('model: no channels: declare the quantities that the '
                                    'simulator predicts')
         if not self.base:
             raise DiscrepancyError('model: no base parameters: declare the parameters that are '
                                    'always fitted')
-        names = [*self.base]
-        for key, effect in self.effects.items():
-            names += [f'{key}.{name}' for name in effect.parameters]
-            names += [f'{key}.{name}' for name in effect.variants[0]]
-        twice = sorted({name for name in names if names.count(name) > 1})
+        names = Counter([*self.base, *(
+            f'{key}.{name}' for key, effect in self.effects.items()
+            for name in (*effect.parameters, *effect.variants[0]))])
+        twice = sorted(name for name, count in names.items() if count > 1)
         if twice:
             raise DiscrepancyError(f'model: two parameters are called {", ".join(twice)}')
         for key, effect in self.effects.items():
             size = effect.size
-            if size.neutral is None and size.scale == 'linear' and (
-                size.low > 0.0 or size.high < 0.0):
+            is_never_zero = size.low > 0.0 or size.high < 0.0
+            if size.neutral is None and size.scale == 'linear' and is_never_zero:
                 raise DiscrepancyError(
                     f'effect {key}: its size {size.name} is never 0 between {size.low:g} and '
                     f'{size.high:g}: give Parameter(..., neutral=) the value at which the effect '
-                    'does nothing'
-                )
+                    'does nothing')
         effects = {key: replace(effect, id=key) for key, effect in self.effects.items()}
         base = {name: replace(parameter, name=name) for name, parameter in self.base.items()}
         object.__setattr__(self, 'effects', effects)
@@ -220,41 +197,35 @@ class ModelSystem:
         """Each channel by itself."""
         return dict(zip(self.channel_names, np.eye(len(self.channel_names)), strict=True))
 
-    def blocks(self, run: Run, *, held_out: bool) -> RunBlocks:
+    def blocks(self, run: Run, *, held_out: bool) -> system.RunBlocks:
         """A run in the form of the engine: shares of range, 0 where a sample is missing."""
-        rows = []
-        for name in self.channel_names:
-            if name not in run.outputs:
-                raise DiscrepancyError(
-                    f'run {run.name}: no output {name}; it has {", ".join(run.outputs)}')
-            rows.append(run.outputs[name])
-        readings = np.array(rows) / self.scales[:, None]
+        missing = [name for name in self.channel_names if name not in run.outputs]
+        if missing:
+            raise DiscrepancyError(
+                f'run {run.name}: no output {missing[0]}; it has {", ".join(run.outputs)}')
+        readings = np.array([run.outputs[name] for name in self.channel_names])
+        readings = readings / self.scales[:, None]
         present = np.isfinite(readings)
         for name, there in zip(self.channel_names, present, strict=True):
-            if there.sum() < 8:
-                raise DiscrepancyError(
-                    f'run {run.name}: channel {name} has {there.sum()} samples that are numbers; '
-                    'give at least 8'
-                )
+            if there.sum() < MIN_SAMPLES:
+                raise DiscrepancyError(f'run {run.name}: channel {name} has {there.sum()} samples '
+                                       f'that are numbers; give at least {MIN_SAMPLES}')
         # Weight of each sample as a time, at most three times the usual one.
         width = np.gradient(run.time)
         width = np.minimum(width, 3.0 * np.median(width))
-        return RunBlocks(
+        return system.RunBlocks(
             run.name, '', run.time, width, np.where(present, readings, 0.0), _coordinates(run),
             held_out=held_out, payload=run, present=None if present.all() else present)
 
-    def values(self, point: Point) -> dict[str, float]:
+    def values(self, point: system.Point) -> dict[str, float]:
         """All parameters by the names that `simulate` uses."""
-        values = {
-            parameter.name: float(value)
-            for parameter, value in zip(self.base_parameters, point.base, strict=True)
-        }
+        values = dict(zip(self.model.base, map(float, point.base), strict=True))
         values.update(self._neutral)
         for effect, own in point.effects.items():
             values.update({f'{effect}.{name}': value for name, value in own.items()})
         return values
 
-    def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
+    def predict_many(self, run: system.RunBlocks, points: Sequence[system.Point]) -> Array:
         """Channels (B, C, N); NaN at a point at which the simulator failed."""
         source: Run = run.payload
         asked = [self.values(point) for point in points]
@@ -263,9 +234,9 @@ class ModelSystem:
         for number, outputs in enumerate(self._simulated(asked, source)):
             if outputs is None:
                 continue
-            rows, why = self._rows(outputs, source)
-            if rows is None:
-                self._lost(source, asked[number], why)
+            rows = self._rows(outputs, source)
+            if isinstance(rows, str):
+                self._lost(source, asked[number], rows)
                 continue
             rows = rows / self.scales[:, None]
             if run.present is not None:
@@ -276,44 +247,35 @@ class ModelSystem:
                 self._lost(source, asked[number], 'no finite result')
         return answers
 
-    def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
+    def nuisances(self, runs: Sequence[system.RunBlocks], point: system.Point) -> list[Array]:
         """No nuisance parameters of its own."""
         return [np.zeros((*run.channels.shape, 0)) for run in runs]
 
     def assumptions(self) -> Assumptions:
         """Noise, offsets and model error as the channels declare them."""
-        offsets = [
-            (FREE_OFFSET if channel.offset == 'free' else 0.0)
-            if isinstance(channel.offset, str)
-            else channel.offset / scale
-            for channel, scale in zip(self.model.channels.values(), self.scales, strict=True)
-        ]
+        channels = self.model.channels.values()
+        kinds = {'free': system.FREE_OFFSET, 'none': 0.0}
         return Assumptions(
-            learn_noise=self.learn_noise,
-            relearns=True,
-            many_valleys=True,
-            offsets=tuple(offsets),
-            allowed_error=tuple(item.model_error for item in self.model.channels.values()),
-            model_error=None,
-            exact_laws=True,
+            learn_noise=self.learn_noise, relearns=True, many_valleys=True,
+            offsets=tuple(
+                kinds[channel.offset] if isinstance(channel.offset, str)
+                else channel.offset / scale
+                for channel, scale in zip(channels, self.scales, strict=True)),
+            allowed_error=tuple(channel.model_error for channel in channels),
+            model_error=None, exact_laws=True,
             coordinate_waves=(COORDINATE_WAVES, COORDINATE_WAVES),
-            proposes_law=False,  # Its numbers would be shares of range.
-        )
+            proposes_law=False)  # Its numbers would be shares of range.
 
     def learn_noise(
-        self, runs: Sequence[RunBlocks], residuals: Sequence[Array] | None = None
+        self, runs: Sequence[system.RunBlocks], residuals: Sequence[Array] | None = None
     ) -> dict[tuple[str, int], ChannelNoise]:
         """The noise of every channel in shares of its range, as declared or learnt."""
         noise: dict[tuple[str, int], ChannelNoise] = {}
         for number, (name, channel) in enumerate(self.model.channels.items()):
-            left = None
-            if residuals is not None:
-                left = [
-                    _record(run, number, residual * self.scales[number])
-                    for run, residual in zip(
-                        runs, (residual[number] for residual in residuals), strict=True)
-                ]
             scale = float(self.scales[number])
+            left = None if residuals is None else [
+                _record(run, number, residual[number] * scale)
+                for run, residual in zip(runs, residuals, strict=True)]
             if channel.noise.learns_from_residuals and left is None:
                 own = {run.name: white_noise(PROVISIONAL_STD * scale, SURE) for run in runs}
             elif channel.noise.learns_from_residuals and left is not None:
@@ -330,11 +292,10 @@ class ModelSystem:
                     if own[record.run].pairs < KNOWN_EXACTLY:  # Declared noise does not change.
                         own[record.run] = widened(own[record.run], record)
             for run in runs:
-                step = float(np.median(np.diff(run.time)))
-                span = float(np.ptp(run.time))
-                whole = with_model_error(own[run.name], channel.model_error, scale, step, span)
-                # Noise as a share of the range.
-                power = scale**2
+                whole = with_model_error(
+                    own[run.name], channel.model_error, scale,
+                    float(np.median(np.diff(run.time))), float(np.ptp(run.time)))
+                power = scale**2  # Noise as a share of the range.
                 noise[run.name, number] = ChannelNoise(
                     whole.white / power, whole.slow / power, whole.held / power, whole.pairs,
                     whole.time_constants, floor=whole.floor / power)
@@ -358,24 +319,19 @@ class ModelSystem:
         except Exception as error:
             if len(asked) > 1:
                 return [self._simulated([one], run)[0] for one in asked]
-            self._lost(run, asked[0], _words(error))
+            words = [*str(error).splitlines(), 'no message'][0]
+            self._lost(run, asked[0], f'{type(error).__name__}: {words}')
             return [None]
         for values, outputs in zip(asked, answers, strict=True):
             if outputs is None and together is not None:
                 self._lost(run, values, 'it returned None')
-            else:
-                self._refuse_other_results(outputs, run)
+            elif not isinstance(outputs, Mapping):
+                raise DiscrepancyError(
+                    f'simulator: it returned {type(outputs).__name__} for run {run.name}: return '
+                    'a mapping from channel to values')
         return answers
 
-    def _refuse_other_results(self, outputs: object, run: Run) -> None:
-        """Refuse a result that is not a mapping from channel to values."""
-        if not isinstance(outputs, Mapping):
-            raise DiscrepancyError(
-                f'simulator: it returned {type(outputs).__name__} for run {run.name}: return a '
-                'mapping from channel to values'
-            )
-
-    def _rows(self, outputs: Outputs, run: Run) -> tuple[Array | None, str]:
+    def _rows(self, outputs: Outputs, run: Run) -> Array | str:
         """Channels (C, N) of one result, or the reason why there are none."""
         missing = [name for name in self.channel_names if name not in outputs]
         if missing:
@@ -384,26 +340,21 @@ class ModelSystem:
         try:
             rows = [np.asarray(outputs[name], dtype=np.float64) for name in self.channel_names]
         except (TypeError, ValueError) as error:
-            return None, f'a channel is no array of numbers ({error})'
+            return f'a channel is no array of numbers ({error})'
         for name, row in zip(self.channel_names, rows, strict=True):
             if row.shape != run.time.shape:
-                return None, f'channel {name} has shape {row.shape}, time {run.time.shape}'
-        return np.array(rows), ''
+                return f'channel {name} has shape {row.shape}, time {run.time.shape}'
+        return np.array(rows)
 
     def _lost(self, run: Run, values: Mapping[str, float], why: str) -> None:
         what = f'run {run.name}: {why}'
         self.failures[what] += 1
-        where = ', '.join(
-            f'{name} = {value:.4g}'
-            for name, value in values.items()
-            if value != self._neutral.get(name)
-        )
-        self.failed_at[what] = where
+        where = self.failed_at[what] = ', '.join(
+            f'{name} = {value:.4g}' for name, value in values.items()
+            if value != self._neutral.get(name))
         if self.failures.total() == self.calls and self.calls >= MAX_LOST:
-            raise DiscrepancyError(
-                f'simulator: it failed at all {self.calls} points; the last: run '
-                f'{run.name}, {why}, at {where}'
-            )
+            raise DiscrepancyError(f'simulator: it failed at all {self.calls} points; the last: '
+                                   f'run {run.name}, {why}, at {where}')
 
     def failure_sentences(self) -> list[str]:
         """Warning about the points at which the simulator failed."""
@@ -421,9 +372,8 @@ base failed by then."""
 
 def _range(name: str, fitted: Sequence[Run]) -> float:
     """Largest range of a channel in a fitted run. DiscrepancyError if it never varies."""
-    values = [
-        run.outputs[name][np.isfinite(run.outputs[name])] for run in fitted if name in run.outputs]
-    values = [readings for readings in values if readings.size]
+    seen = [run.outputs[name] for run in fitted if name in run.outputs]
+    values = [readings[np.isfinite(readings)] for readings in seen if np.isfinite(readings).any()]
     span = max((float(np.ptp(readings)) for readings in values), default=0.0)
     size = max((float(np.abs(readings).max()) for readings in values), default=0.0)
     if values and span == 0.0:
@@ -440,18 +390,13 @@ def _coordinates(run: Run) -> dict[str, Array]:
     coordinates = {}
     for name, values in run.inputs.items():
         array = np.asarray(values)
-        if array.shape == run.time.shape and array.dtype.kind in 'fiu':
-            array = array.astype(np.float64)
-            if np.all(np.isfinite(array)) and np.ptp(array) > 0.0:
-                coordinates[name] = array
+        if (array.shape == run.time.shape and array.dtype.kind in 'fiu'
+                and np.all(np.isfinite(array)) and np.ptp(array) > 0.0):
+            coordinates[name] = array.astype(np.float64)
     return coordinates
 
 
-def _record(run: RunBlocks, channel: int, values: Array) -> ChannelRecord:
+def _record(run: system.RunBlocks, channel: int, values: Array) -> ChannelRecord:
     """One channel's values with NaN where a sample is missing."""
     there = np.isfinite(values) if run.present is None else run.present[channel]
     return ChannelRecord(run.name, run.time, np.where(there, values, np.nan))
-
-
-def _words(error: Exception) -> str:
-    return f'{type(error).__name__}: {str(error).splitlines()[0] if str(error) else "no message"}'
