@@ -49,9 +49,11 @@ class ManyStreams:
         self._gain = np.empty_like(self._evidence)
         self._limit = 3600.0 * allowed_hours / BLOCK * 2 * values * views * SIZES.size
 
-    def reset(self, which: np.ndarray) -> None:
-        """Begin anew in these streams."""
-        self._evidence[:, :, which] = 0.0
+    def count(self, values: np.ndarray, bounds: np.ndarray | float) -> int:
+        """How many streams alarm at one block; they begin anew."""
+        found = self.step(values, bounds)
+        self._evidence[:, :, found] = 0.0
+        return int(found.sum())
 
     def step(self, values: np.ndarray, bounds: np.ndarray | float) -> np.ndarray:
         """One block: values (C, streams), bounds (C, 1); which streams alarm."""
@@ -68,13 +70,9 @@ class ManyStreams:
 def false_alarms_white(hours: float, seed: int, allowed_hours: float = ALLOWED_HOURS) -> int:
     """Alarms of a sound ring in white noise, without materiality: both views are equal then."""
     streams = ManyStreams(STREAMS, CHANNELS, views=2, allowed_hours=allowed_hours)
-    chance, alarms = np.random.default_rng(seed), 0
-    for _ in range(round(hours * 3600.0 / BLOCK / STREAMS)):
-        found = streams.step(chance.standard_normal((CHANNELS, STREAMS), np.float32), 0.0)
-        if found.any():
-            alarms += int(found.sum())
-            streams.reset(found)
-    return alarms
+    chance = np.random.default_rng(seed)
+    return sum(streams.count(chance.standard_normal((CHANNELS, STREAMS), np.float32), 0.0)
+               for _ in range(round(hours * 3600.0 / BLOCK / STREAMS)))
 
 
 def false_alarms_swinging(hours: float, seed: int) -> int:
@@ -85,9 +83,11 @@ def false_alarms_swinging(hours: float, seed: int) -> int:
     `BlockWatch` forms them, once they are steady, with the wander that is assumed of the rig.
     """
     memory, white, true_wander, allowed_size = math.exp(-BLOCK / 4.0), 0.045, 0.064, 1.0
-    noise = assumed_noise(BlockNoise(white**2, 0.0, 0.0), 1e6 * least_wander(RIG)[0],
-                          BLOCK)
-    gain, scale, response = _steady(noise)
+    noise = assumed_noise(BlockNoise(white**2, 0.0, 0.0), 1e6 * least_wander(RIG)[0], BLOCK)
+    whitener = Innovations([noise])
+    for _ in range(2000):  # until it is steady
+        _, (scale,) = whitener.step(np.zeros(1))
+    gain, response = 1.0 - noise.white / scale**2, float(whitener.response[0])
     wander_size = wander_limit(noise, BLOCK, ALLOWED_HOURS, CHANNELS)
     both = [((1.0 + response) * allowed_size + (1.0 - response) * wander_size) / scale,
             (allowed_size + SINCE_ZERO * wander_size) / white]
@@ -104,19 +104,8 @@ def false_alarms_swinging(hours: float, seed: int) -> int:
         means += allowed_size * np.sign(np.sin(rates * BLOCK * block))
         surprise = means - predicted
         predicted = noise.memory * (predicted + gain * surprise)
-        found = streams.step(np.concatenate([surprise / scale, means / white]), bounds)
-        if found.any():
-            alarms += int(found.sum())
-            streams.reset(found)
+        alarms += streams.count(np.concatenate([surprise / scale, means / white]), bounds)
     return alarms
-
-
-def _steady(noise: BlockNoise) -> tuple[float, float, float]:
-    """Gain, scale and response of the whitener when it is steady."""
-    whitener = Innovations([noise])
-    for _ in range(2000):
-        _, (scale,) = whitener.step(np.zeros(1))
-    return 1.0 - noise.white / scale**2, float(scale), float(whitener.response[0])
 
 
 def delays(size: float, draws: int, seed: int, drift: float = 0.0) -> np.ndarray:

@@ -117,17 +117,13 @@ def size_of(hidden: Hidden) -> float:
     return float(next(iter(hidden.parameters.values()), 0.0))
 
 
-def replaced(effect: str, seed: int) -> float:
-    """The friction of the ring itself in whose place that of a hidden cause stands."""
-    own = dirty_fault(hidden_in('', seed), seed)
-    return {'radial_friction': own.friction_x.total,
-            'tilt_friction': own.friction_tilt.total}.get(effect, 0.0)
-
-
 def trial(kind: str, number: int, seed: int, effect: str, twin: bool) -> Pair:
     """One pair of sessions and its verdict."""
     began = clock.process_time()
-    noise, part, own = draw_ring(seed)[1], 1.0 / 3.0, replaced(effect, seed)
+    noise, part, ring = draw_ring(seed)[1], 1.0 / 3.0, dirty_fault(hidden_in('', seed), seed)
+    # The friction of the ring itself in whose place that of a hidden cause stands.
+    own = {'radial_friction': ring.friction_x.total,
+           'tilt_friction': ring.friction_tilt.total}.get(effect, 0.0)
     if kind == 'near':
         times = np.random.default_rng([seed, 21, MAIN.index(effect)]).uniform(0.8, 1.5)
         part = float(times * limits(seed)[effect] + own) / abs(size_of(hidden_in(effect, seed)))

@@ -13,26 +13,23 @@ import os
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 
 from frame import arguments, table
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.fleet.attention import judge_fleet
 from saddlering_ros.fleet.history import YEAR
 from saddlering_ros.fleet.statistics import COORDINATES, SessionFigures
-
-Array = NDArray[np.float64]
 
 MEAN = np.array([17.45, 1.11, 14.9, 17.45, 1.11, 14.9])
 BETWEEN = np.array([0.06, 0.006, 0.10, 0.06, 0.006, 0.10])
 WITHIN = np.array([0.012, 0.004, 0.03, 0.012, 0.004, 0.03])
 """Spread of sound rings and error of one session in COORDINATES."""
 
-CORRELATION = -0.5
-"""Of stiffness at the reference penetration and exponent, in the error of one session."""
+COVARIANCE = np.diag(WITHIN**2)
+COVARIANCE[[0, 1, 3, 4], [1, 0, 4, 3]] = -0.5 * (WITHIN[0] * WITHIN[1])
+"""Of the error of a session; its stiffness and exponent have a correlation of -0.5."""
 
 SOUND, UNLIKE, WEARING, CAUSE = 'sound', 'unlike', 'wearing', 'cause'
 WEAR = -0.05
@@ -42,36 +39,21 @@ CELL_DRIFT = -0.02
 """Change of the logarithm of every stiffness and damping a session, on a rig that drifts."""
 
 
-@dataclass
-class Truth:
-    """What is hidden: kind of every ring, and the rigs that drift."""
+RIGS, BAD_RIG = 10, 'rig-0'
+"""Rigs of a fleet, and the one whose load cell drifts."""
 
-    kind: dict[str, str] = field(default_factory=dict)
-    rig: dict[str, str] = field(default_factory=dict)
-    drifting_rigs: set[str] = field(default_factory=set)
+Truth = Mapping[str, tuple[str, str]]
+"""What is hidden: the kind of every ring, and its rig."""
 
 
-def session_covariance() -> Array:
-    """Error covariance (6, 6) of one session."""
-    correlation = np.eye(6)
-    for first, second in ((0, 1), (3, 4)):
-        correlation[first, second] = correlation[second, first] = CORRELATION
-    return np.asarray(correlation * np.outer(WITHIN, WITHIN))
-
-
-def draw_fleet(
-    rings: int, sessions: int, seed: int, *, rigs: int = 10, bad_rigs: int = 1
-) -> tuple[list[SessionFigures], Truth]:
+def draw_fleet(rings: int, sessions: int, seed: int) -> tuple[list[SessionFigures], Truth]:
     """Sessions of a fleet, and what is hidden in it."""
-    chance = np.random.default_rng(seed)
-    covariance = session_covariance()
-    root = np.linalg.cholesky(covariance)
-    truth = Truth(drifting_rigs={f'rig-{number}' for number in range(bad_rigs)})
-    found = []
+    chance, root = np.random.default_rng(seed), np.linalg.cholesky(COVARIANCE)
+    truth, found = {}, []
     for number in range(rings):
-        ring, rig = f'SR-{number:04d}', f'rig-{number % rigs}'
+        ring, rig = f'SR-{number:04d}', f'rig-{number % RIGS}'
         kind = chance.choice([SOUND, UNLIKE, WEARING, CAUSE], p=[0.82, 0.06, 0.06, 0.06])
-        truth.kind[ring], truth.rig[ring] = str(kind), rig
+        truth[ring] = str(kind), rig
         mean = MEAN + BETWEEN * chance.standard_normal(6)
         if kind == UNLIKE:
             mean[int(chance.choice([0, 2, 3, 5]))] += float(chance.choice([-1, 1])) * 0.6
@@ -80,7 +62,7 @@ def draw_fleet(
             value = mean + root @ chance.standard_normal(6)
             if kind == WEARING:
                 value[0] += WEAR * session
-            if rig in truth.drifting_rigs:
+            if rig == BAD_RIG:
                 value[[0, 2, 3, 5]] += CELL_DRIFT * session
             p_value = float(chance.uniform())
             caused = kind == CAUSE and chance.uniform() < 0.9
@@ -91,7 +73,7 @@ def draw_fleet(
             found.append(SessionFigures(
                 f'{ring}-{session}', f'{ring} {session}', ring, rig, years * YEAR,
                 400.0 * (session + first), False, verdict,
-                p_value if verdict == 'named' else 1.0, value, covariance,
+                p_value if verdict == 'named' else 1.0, value, COVARIANCE,
                 {'radial_friction': (5e3, 200.0)} if caused else {}))
     return found, truth
 
@@ -99,18 +81,17 @@ def draw_fleet(
 def score(sessions: Sequence[SessionFigures], truth: Truth) -> dict[str, tuple[int, int]]:
     """(counted, of) for every rate of the table."""
     fleet = judge_fleet(sessions)
-    kinds = truth.kind
     drifting = {item.ring for item in fleet.rings if item.drift is not None}
     unlike = {item.ring for item in fleet.rings if item.unlike and item.unlike.stands}
     findings = {item.ring for item in fleet.rings if item.finding}
     blamed = {item.owner for item in fleet.rigs}
-    single = [item for item, real in zip(fleet.sessions, fleet.session_stands, strict=True)
+    single = [item.ring for item, real in zip(fleet.sessions, fleet.session_stands, strict=True)
               if real]
 
     def rings(kind: str) -> set[str]:
-        return {ring for ring, own in kinds.items() if own == kind}
+        return {ring for ring, (own, _) in truth.items() if own == kind}
 
-    on_bad = {ring for ring, rig in truth.rig.items() if rig in truth.drifting_rigs}
+    on_bad = {ring for ring, (_, rig) in truth.items() if rig == BAD_RIG}
     inside, predicted = 0, 0
     for item in fleet.rings:
         for history in item.history.of.values():
@@ -118,7 +99,7 @@ def score(sessions: Sequence[SessionFigures], truth: Truth) -> dict[str, tuple[i
             predicted += history.predictions
     return {
         'findings of sessions that are false': (
-            sum(kinds[item.ring] != CAUSE for item in single), len(single)),
+            sum(truth[ring][0] != CAUSE for ring in single), len(single)),
         'rings with a cause found': (len(findings & rings(CAUSE)), len(rings(CAUSE))),
         'findings of rings that are false': (len(findings - rings(CAUSE)), len(findings)),
         'unlike rings found': (len(unlike & rings(UNLIKE)), len(rings(UNLIKE))),
@@ -128,9 +109,8 @@ def score(sessions: Sequence[SessionFigures], truth: Truth) -> dict[str, tuple[i
         'drifts of rings that are false': (len(drifting - rings(WEARING)), len(drifting)),
         'rings of the drifting rig blamed for it': (
             len(drifting & on_bad - rings(WEARING)), len(on_bad - rings(WEARING))),
-        'drifting rigs blamed': (len(blamed & truth.drifting_rigs), len(truth.drifting_rigs)),
-        'sound rigs blamed': (len(blamed - truth.drifting_rigs),
-                              len(set(truth.rig.values()) - truth.drifting_rigs)),
+        'drifting rigs blamed': (len(blamed & {BAD_RIG}), 1),
+        'sound rigs blamed': (len(blamed - {BAD_RIG}), RIGS - 1),
         'predictions inside their 95 % interval': (inside, predicted),
     }
 
@@ -143,10 +123,9 @@ def main() -> None:
         for name, (count, of) in score(sessions, truth).items():
             before = total.get(name, (0, 0))
             total[name] = before[0] + count, before[1] + of
-    rows = [(name, count, of) for name, (count, of) in total.items()]
     table(f'{args.fleets} fleets of {args.rings} rings with {args.sessions} sessions each; '
           f'coordinates {", ".join(COORDINATES)}', ('figure', 'counted', 'of'),
-          rows)
+          [(name, *counts) for name, counts in total.items()])
 
 
 if __name__ == '__main__':

@@ -76,7 +76,6 @@ class Slot:
         self._stopped = True
 
     def close(self) -> None:
-        """End the worker process."""
         if self._worker is not None:
             self._worker.close()
 

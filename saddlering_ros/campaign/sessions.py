@@ -45,11 +45,11 @@ MAX_MANIFEST = 64 << 20
 
 @dataclass(frozen=True)
 class FoundBag:
-    """One bag as found; its readings have not been read.
+    """One bag as found, with its use in a session; its readings have not been read.
 
     path: the rosbag2 directory or the bare file; sha256: of its files; time [s since 1970] of the
     test, None if unknown; metadata: the test metadata (docs/bags.md), text to text; problem: why
-    the bag cannot be used ('' if it can).
+    the bag cannot be used ('' if it can); role: fit, hold_out or skip; note: the reason.
     """
 
     path: Path
@@ -57,6 +57,8 @@ class FoundBag:
     time: float | None = None
     metadata: tuple[tuple[str, str], ...] = ()
     problem: str = ''
+    role: str = FIT
+    note: str = ''
 
     def fact(self, name: str) -> str:
         """One entry of the test metadata, '' if the bag does not state it."""
@@ -78,15 +80,6 @@ class FoundBag:
 
 
 @dataclass(frozen=True)
-class Member:
-    """One bag in a session, and its use: fit, hold_out or skip; note: the reason."""
-
-    bag: FoundBag
-    role: str = FIT
-    note: str = ''
-
-
-@dataclass(frozen=True)
 class Session:
     """Tests of one ring that are judged together.
 
@@ -99,14 +92,13 @@ class Session:
     ring: str
     bench: str
     time: float | None
-    members: tuple[Member, ...]
+    bags: tuple[FoundBag, ...]
     service_hours: float | None = None
     maintenance: bool = False
     is_base: bool = False
 
     @property
     def date(self) -> str:
-        """Day of the first test, '' if unknown."""
         return _date(self.time)[:10]
 
     @property
@@ -118,13 +110,12 @@ class Session:
             for role in (FIT, HOLD_OUT) for bag in self.of_role(role)))
 
     def of_role(self, role: str) -> list[FoundBag]:
-        """Bags that are used for this."""
-        return [member.bag for member in self.members if member.role == role]
+        return [bag for bag in self.bags if bag.role == role]
 
     @property
     def problem(self) -> str:
         """Why the session cannot be judged, '' if it can."""
-        faults = [member.bag.problem for member in self.members if member.bag.problem]
+        faults = [bag.problem for bag in self.bags if bag.problem]
         if faults or self.of_role(FIT):
             return faults[0] if faults else ''
         return f'{self.name}: no bag is left to fit: change a role in the manifest'
@@ -212,25 +203,24 @@ def group_sessions(
     gap [s]: a longer time without a test begins another session; hold_out: elevation [degrees]
     whose tests are held out where a session has other elevations too, None for none.
     """
-    groups: dict[tuple[str, str], list[Member]] = {}
+    groups: dict[tuple[str, str], list[FoundBag]] = {}
     seen: dict[str, FoundBag] = {}
     for bag in bags:
         first = seen.setdefault(bag.sha256, bag) if bag.sha256 else bag
-        member = Member(bag) if first is bag else Member(
-            bag, SKIP, f'same recording as {first.path}')
         key = (str(bag.path), 'unreadable') if bag.problem else (bag.ring, bag.bench)
-        groups.setdefault(key, []).append(member)
-    parts: list[list[Member]] = []
-    for _, members in sorted(groups.items()):
+        groups.setdefault(key, []).append(bag if first is bag else replace(
+            bag, role=SKIP, note=f'same recording as {first.path}'))
+    parts: list[list[FoundBag]] = []
+    for _, own in sorted(groups.items()):
         last: float | None = None
-        members.sort(key=lambda item: (item.bag.time or -math.inf, str(item.bag.path)))
-        for place, member in enumerate(members):
-            now = member.bag.time
+        own.sort(key=lambda bag: (bag.time or -math.inf, str(bag.path)))
+        for place, bag in enumerate(own):
+            now = bag.time
             near = now == last if now is None or last is None else now - last <= gap
             if place and near:
-                parts[-1].append(member)
+                parts[-1].append(bag)
             else:
-                parts.append([member])
+                parts.append([bag])
             last = now
     sessions, count = [], Counter[str]()
     for session in (_session(part, hold_out) for part in parts):
@@ -241,25 +231,23 @@ def group_sessions(
     return sessions
 
 
-def _session(members: list[Member], hold_out: float | None) -> Session:
-    fitted = {member.bag.fact('elevation_deg') for member in members if member.role == FIT}
+def _session(bags: list[FoundBag], hold_out: float | None) -> Session:
+    fitted = {bag.fact('elevation_deg') for bag in bags if bag.role == FIT}
     apart, wanted = set[str](), math.nan if hold_out is None else hold_out
     for text in fitted:
         with suppress(ValueError):
             if math.isclose(plain_number(text), wanted, abs_tol=1e-6):
                 apart.add(text)
     if fitted - apart:
-        members = [
-            replace(member, role=HOLD_OUT)
-            if member.role == FIT and member.bag.fact('elevation_deg') in apart else member
-            for member in members]
-    first, bags, hours = members[0].bag, [member.bag for member in members], []
+        bags = [replace(bag, role=HOLD_OUT)
+                if bag.role == FIT and bag.fact('elevation_deg') in apart else bag for bag in bags]
+    first, hours = bags[0], []
     for bag in bags:
         with suppress(ValueError):
             hours.append(float(bag.fact('service_hours')))
     return Session(
         f'{first.ring} {_date(first.time)[:10]}'.strip(), first.ring,
-        '' if first.problem else first.bench, first.time, tuple(members), min(hours, default=None),
+        '' if first.problem else first.bench, first.time, tuple(bags), min(hours, default=None),
         any(bag.says('maintenance') for bag in bags), any(bag.says('base') for bag in bags))
 
 
@@ -269,12 +257,11 @@ def write_manifest(folder: Path, sessions: Sequence[Session]) -> None:
     import pyarrow.parquet
 
     rows = [(
-        str(member.bag.path), session.name, session.ring, session.bench, _date(member.bag.time),
-        member.bag.fact('test'), member.bag.fact('elevation_deg'), member.role,
+        str(bag.path), session.name, session.ring, session.bench, _date(bag.time),
+        bag.fact('test'), bag.fact('elevation_deg'), bag.role,
         '' if session.service_hours is None else f'{session.service_hours:g}',
         'yes' if session.maintenance else '', 'yes' if session.is_base else '',
-        member.bag.problem or member.note, member.bag.sha256)
-        for session in sessions for member in session.members]
+        bag.problem or bag.note, bag.sha256) for session in sessions for bag in session.bags]
     columns = dict(zip(COLUMNS, zip(*rows, strict=True) if rows else [()] * len(COLUMNS),
                        strict=True))
     write_csv(folder / 'manifest.csv', columns, CampaignError)
@@ -295,7 +282,7 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
     if missing:
         raise CampaignError(f'{path}: has no column {missing[0]!r}: its columns are '
                             f'{", ".join(COLUMNS)}')
-    groups: dict[str, tuple[list[Member], list[dict[str, str]]]] = {}
+    groups: dict[str, tuple[list[FoundBag], list[dict[str, str]]]] = {}
     for number, row in enumerate(reader, start=2):
         line = {name: (row.get(name) or '').strip() for name in COLUMNS}
         where = f'{path}: line {number}'
@@ -308,14 +295,14 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
             raise CampaignError(f'{where}: role is {role!r}: give {", ".join(ROLES)}')
         if not line['session']:
             raise CampaignError(f'{where}: session is empty: give the name of a session')
-        members, lines = groups.setdefault(line['session'], ([], []))
-        members.append(Member(bag, role, line['note']))
+        used, lines = groups.setdefault(line['session'], ([], []))
+        used.append(replace(bag, role=role, note=line['note']))
         lines.append(line)
     return [_session_of_lines(path, name, *group) for name, group in groups.items()]
 
 
 def _session_of_lines(
-    path: Path, name: str, members: Sequence[Member], lines: Sequence[Mapping[str, str]],
+    path: Path, name: str, bags: Sequence[FoundBag], lines: Sequence[Mapping[str, str]],
 ) -> Session:
     first, rings = lines[0], {line['ring'] for line in lines if line['ring']}
     if len(rings) > 1:
@@ -326,15 +313,15 @@ def _session_of_lines(
     except ValueError:
         raise CampaignError(f'{path}: service_hours is {first["service_hours"]!r}: give hours as '
                             'a number') from None
-    times = [member.bag.time for member in members if member.bag.time is not None]
+    times = [bag.time for bag in bags if bag.time is not None]
     try:
         time = _seconds(first['date']) if first['date'] else min(times, default=None)
     except ValueError:
         raise CampaignError(f'{path}: date is {first["date"]!r}: give it as 2026-11-20 or '
                             '2026-11-20T08:00:00Z') from None
     return Session(
-        name, first['ring'] or members[0].bag.ring, first['bench'] or members[0].bag.bench, time,
-        tuple(members), hours,
+        name, first['ring'] or bags[0].ring, first['bench'] or bags[0].bench, time,
+        tuple(bags), hours,
         *(any(line[name].lower() in YES for line in lines) for name in ('maintenance', 'base')))
 
 

@@ -38,7 +38,6 @@ class Status:
     altered: list[str] = field(default_factory=list)
 
     def add(self, document: dict[str, Any], *, new: bool) -> None:
-        """Count one more result."""
         self.done += 1
         self.computed += new
         if document['status'] == 'failed':
@@ -77,7 +76,6 @@ class Store:
                                 'another --out') from problem
 
     def place_of(self, key: str) -> Path:
-        """Path of the result of a task."""
         return self.folder / RESULTS / f'{key}.json'
 
     def has_result(self, key: str, attempt: int = 0) -> bool:
@@ -102,7 +100,6 @@ class Store:
         write_text(self.place_of(document['key']), json.dumps(whole) + '\n', CampaignError)
 
     def write_status(self, status: Status) -> None:
-        """Print the state of the campaign."""
         write_text(self.folder / STATUS, json.dumps(asdict(status)) + '\n', CampaignError)
 
     def read_status(self) -> Status:

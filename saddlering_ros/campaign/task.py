@@ -83,7 +83,6 @@ class SessionTask:
         return int(self.key[:8], 16) & 0x7FFFFFFF
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
         return asdict(self)
 
 

@@ -125,13 +125,13 @@ def run(args: argparse.Namespace) -> int:
 def _print_plan(sessions: list[Session]) -> None:
     show_table(['session', 'ring', 'rig', 'date', 'tests', 'note'], [
         (session.name, session.ring, session.bench, session.date, session.tests,
-         session.problem or '; '.join(f'{member.bag.path.name}: {member.note}'
-                                      for member in session.members if member.note))
+         session.problem or '; '.join(f'{bag.path.name}: {bag.note}'
+                                      for bag in session.bags if bag.note))
         for session in sessions[:MAX_SHOWN]], texts=6)
     if len(sessions) > MAX_SHOWN:
         print(f'... and {len(sessions) - MAX_SHOWN} more: see manifest.csv')
     print(f'{len(sessions)} sessions of {len({item.ring for item in sessions})} rings, '
-          f'{sum(len(session.members) for session in sessions)} bags')
+          f'{sum(len(session.bags) for session in sessions)} bags')
 
 
 def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Store) -> Status:

@@ -66,7 +66,6 @@ class Detector:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew, without the past."""
         shape = (2 * self._channels, SIZES.size)
         self._evidence = np.full(shape, -np.inf)
         self._run = np.zeros(shape)
@@ -136,7 +135,6 @@ class BlockWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew, without the past."""
         self._innovations.reset()
         self.detector.reset()
         self._before = np.full(self._channels, np.nan)

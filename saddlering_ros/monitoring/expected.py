@@ -43,10 +43,9 @@ class Expected:
 
 
 class ExpectedMotion:
-    """The static equilibrium of a ring over the load, with its derivatives."""
+    """The static equilibrium of a ring over the load at one elevation [rad], with derivatives."""
 
     def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float) -> None:
-        """Compute the curves for one elevation [rad]."""
         self._tolerance = STEADY_SHARE * rig.full_scale_load  # noise at preload is not outside
         self._loads = np.linspace(rig.preload, rig.full_scale_load, LOADS)
         values = parameters.contact.to_array()

@@ -128,7 +128,6 @@ class Monitor:
         self._begin_anew()
 
     def _begin_anew(self) -> None:
-        """Forget the record: another one begins."""
         self._learner.restart()
         self.rest: RestNoise | None = None
         self._watch: BlockWatch | None = None
@@ -141,7 +140,6 @@ class Monitor:
 
     @property
     def state(self) -> int:
-        """WAITING, LEARNING, WATCHING or ALARM."""
         if self.alarm is not None:
             return ALARM
         if self._watch is not None:
@@ -185,7 +183,6 @@ class Monitor:
             self._clear_evidence()
 
     def step(self, sample: Sample) -> None:
-        """Take one sample."""
         last = self._last
         if last is not None and sample.stamp <= last.stamp:
             if last.stamp - sample.stamp <= MAX_BACK:

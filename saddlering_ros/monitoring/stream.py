@@ -5,7 +5,6 @@ must not look like a sound ring.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -24,22 +23,13 @@ PORTION = 8192
 """Samples made numbers of Python together: a stretch of a long record has many."""
 
 
-@dataclass
-class AlarmCounters:
-    """Residuals that could not be watched, by reason.
-
-    without_load: no load sample of that stamp came; overflow: too many waited.
-    """
-
-    without_load: int = 0
-    overflow: int = 0
-
-
 class AlarmStream:
     """Watches batches of residuals and loads, in any interleaving of the two.
 
     A residual waits until its load is there, and until `use` has set the parameters.
     percent: materiality as a share of each channel's range from preload to full scale [%].
+    `counters`: residuals that could not be watched: no load sample of that stamp came, or too many
+    waited.
     """
 
     def __init__(self, rig: Rig, settings: MonitorSettings, percent: float) -> None:
@@ -50,7 +40,7 @@ class AlarmStream:
             return materiality(rig, self._contact, elevation, percent)
 
         self.monitor = Monitor(settings, rig.limits.rest_band, allowed, least_wander(rig))
-        self.counters = AlarmCounters()
+        self.counters = {'without_load': 0, 'overflow': 0}
         self._forget()
 
     def _forget(self) -> None:
@@ -61,12 +51,10 @@ class AlarmStream:
 
     @property
     def waiting(self) -> int:
-        """Residuals that wait."""
         return len(self._residual)
 
     @property
     def knows_parameters(self) -> bool:
-        """Whether `use` was called."""
         return self._contact is not None
 
     def use(self, contact: ContactParameters) -> None:
@@ -90,7 +78,7 @@ class AlarmStream:
         if len(residual):
             together = join([self._residual, residual]) if len(self._residual) else residual
             surplus = max(0, len(together) - MAX_WAITING)
-            self.counters.overflow += surplus
+            self.counters['overflow'] += surplus
             self._residual = together.pick(np.arange(surplus, len(together)))
         if self._contact is None or not len(self._residual) or not len(self._stamps):
             return
@@ -99,7 +87,7 @@ class AlarmStream:
         inside = np.minimum(place, len(self._stamps) - 1)
         found = self._stamps[inside] == batch.stamps
         due = found | (batch.stamps < self._stamps[-1])
-        self.counters.without_load += int((due & ~found).sum())
+        self.counters['without_load'] += int((due & ~found).sum())
         for sample in residual_samples(batch.pick(found), self._loads[inside[found]]):
             self.monitor.step(sample)
         self._residual = batch.pick(np.flatnonzero(~due))

@@ -277,7 +277,7 @@ class RingAlarmNode(StreamingNode):
         return TaskStatus(OK, f'at most one false alarm in {hours} h of testing', figures)
 
     def _events(self) -> dict[str, int]:
-        return {**vars(self._stream.counters),
+        return {**self._stream.counters,
                 'malformed': sum(flow.malformed for flow in self.inputs)}
 
 

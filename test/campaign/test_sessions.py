@@ -61,7 +61,7 @@ def test_split_bare_and_nested_bags_are_found(tmp_path):
 def test_a_second_copy_of_a_recording_is_skipped(works):
     shutil.copytree(works / 'SR-2', works / 'copy')
     sessions = group_sessions(find_bags(works))
-    copies = [member for item in sessions for member in item.members if member.role == 'skip']
+    copies = [bag for item in sessions for bag in item.bags if bag.role == 'skip']
     assert len(copies) == 2
     assert 'same recording as' in copies[0].note
 
@@ -85,7 +85,7 @@ def test_an_edited_manifest_overrides_the_grouping(works, tmp_path):
         writer.writeheader()
         writer.writerows(rows)
     sessions = {item.name: item for item in read_manifest(path, bags)}
-    assert len(sessions['all of SR-1'].members) == 3
+    assert len(sessions['all of SR-1'].bags) == 3
     assert len(sessions) == 3
 
 

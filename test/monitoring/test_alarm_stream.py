@@ -107,7 +107,7 @@ def test_a_load_that_is_lost_costs_its_residual_and_a_replay_from_the_start_begi
     stream = AlarmStream(RIG, MonitorSettings(), 2.0)
     stream.use(TRUE_TO_SCALE)
     stream.push(part(residual, slice(0, 1000)), part(load, rows))
-    assert stream.counters.without_load == 2
+    assert stream.counters['without_load'] == 2
     assert stream.monitor.stamp == int(residual.stamps[999])
     stream.push(part(residual, slice(0, 100)), part(load, slice(0, 100)))
     assert stream.monitor.state == LEARNING
