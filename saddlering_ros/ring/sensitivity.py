@@ -105,7 +105,8 @@ class MotionPath:
     def read_by(self, model: Model, zero_load: float, time: Floats, load: Floats) -> MotionPath:
         """The same motion as read by a model with other additions; NaN if steps failed."""
         readings = np.empty((time.size, 4))
-        courses.read_course(model, zero_load, time, load, self.motion[self.samples], readings)
+        courses.read_courses(model, zero_load, time, load, self.motion[self.samples],
+                             *courses.UNCHANGED, readings[None])
         if not np.isfinite(self.readings).all():
             readings[:] = np.nan
         return replace(self, readings=readings)

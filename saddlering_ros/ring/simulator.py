@@ -338,8 +338,8 @@ def probe_batch(
         _, increments[failed] = _run_batch(m[failed], [rows[index] for index in failed.tolist()],
                                            seconds, force, zero, max_step)
     for index in np.setdiff1d(others, failed).tolist():
-        courses.read_course(m[index:index + 1], zero, seconds, force, motion[first[index]],
-                            increments[index])
+        courses.read_courses(m[index:index + 1], zero, seconds, force, motion[first[index]],
+                             *courses.UNCHANGED, increments[index:index + 1])
     for row, extension in zip(increments, extensions, strict=True):
         if extension.clock_offset != 0.0 or extension.clock_skew != 0.0:
             row[:] = of_probes_clock(row.T, extension, seconds).T

@@ -9,6 +9,9 @@ from saddlering_ros.ring.kernels.extension_laws import advance_series, read_prob
 from saddlering_ros.ring.kernels.integration import load_at_rest, take_load, take_zero
 from saddlering_ros.ring.kernels.layout import kernel, OUTER
 
+UNCHANGED = np.empty((0, 3, 0)), np.array([-1])
+"""`changes` and `moved` of `read_courses` for one model with the motion itself."""
+
 
 @kernel(**OUTER)
 def load_course(models: Any, zero_load: Any, load: Any, external: Any) -> Any:
@@ -24,29 +27,30 @@ def load_course(models: Any, zero_load: Any, load: Any, external: Any) -> Any:
 
 
 @kernel(**OUTER)
-def read_course(models: Any, zero_load: Any, time: Any, load: Any, path: Any, out: Any) -> Any:
-    """Fill out (N, 4) with the readings of the probes for a known motion path (N, 3)."""
-    read_motion(models[0], zero_load, time, load, path, out)
+def read_courses(models: Any, zero_load: Any, time: Any, load: Any, motion: Any, changes: Any,
+                 moved: Any, out: Any) -> None:
+    """Fill out (P, N, 4) with the readings of models (P,) of a motion (N, 3) with a change each.
 
-
-@kernel(**OUTER)
-def read_motion(m: Any, zero_load: Any, time: Any, load: Any, path: Any, out: Any) -> None:
-    """`read_course` of one model."""
+    changes (N, 3, S); moved (P,): the change of each model, -1 for none.
+    """
     s, w = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE)
-    true_load = load_at_rest(m, s, zero_load, w)
-    for i in range(3):
-        s[at.Q + i] = path[0, i]
-    take_zero(m, s, true_load, time[0], w)
-    for n in range(time.size):
-        step = 0.0
-        if n > 0:
-            step = time[n] - time[n - 1]
-            true_load = take_load(m, s, load[n], w)
+    for k in range(models.size):
+        m = models[k]
+        s[:] = 0.0
+        true_load = load_at_rest(m, s, zero_load, w)
+        for n in range(time.size):
+            step = 0.0
+            if n > 0:
+                step = time[n] - time[n - 1]
+                true_load = take_load(m, s, load[n], w)
             for i in range(3):
-                s[at.Q + i] = path[n, i]
-        series_motion(m, s, w)
-        advance_series(m, s, w, step)
-        read_probes(m, s, w, true_load, time[n], step, out, n)
+                change = changes[n, i, moved[k]] if moved[k] >= 0 else 0.0
+                s[at.Q + i] = motion[n, i] + change
+            if n == 0:
+                take_zero(m, s, true_load, time[0], w)
+            series_motion(m, s, w)
+            advance_series(m, s, w, step)
+            read_probes(m, s, w, true_load, time[n], step, out[k], n)
 
 
 @kernel(**OUTER)
@@ -82,22 +86,6 @@ def steps_of_record(record: Any, time: Any, max_step: Any, step_time: Any, step_
     while place < time.size:
         samples[place] = steps
         place += 1
-
-
-@kernel(**OUTER)
-def read_courses(models: Any, zero_load: Any, time: Any, load: Any, motion: Any, changes: Any,
-                 moved: Any, out: Any) -> None:
-    """`read_course` of models (P,) into out (P, N, 4), of a motion (N, 3) with a change each.
-
-    changes (N, 3, S); moved (P,): the change of each model, -1 for none.
-    """
-    path = np.empty(motion.shape)
-    for k in range(models.size):
-        for n in range(time.size):
-            for i in range(3):
-                change = changes[n, i, moved[k]] if moved[k] >= 0 else 0.0
-                path[n, i] = motion[n, i] + change
-        read_motion(models[k], zero_load, time, load, path, out[k])
 
 
 @kernel(**OUTER)

@@ -111,7 +111,7 @@ def motion_tangents(models: Any, rows: Any, law: Any, external: Any, friction: A
     return follow_tangents(
         m, rows, law, external, friction, geometry, records, time, path, out, rubs,
         np.zeros(at.WORK_SIZE), np.zeros((3, 6, directions)), np.zeros((3, directions, 2)),
-        np.zeros((3, 2)), np.zeros((2, 3)), np.zeros((3, directions)), moves,
+        np.zeros((3, 2)), np.zeros((3, 3)), np.zeros((3, directions)), moves,
         np.empty((2, places)))
 
 
@@ -120,17 +120,18 @@ def follow_tangents(m: Any, rows: Any, law: Any, external: Any, friction: Any, g
                     records: Any, time: Any, path: Any, out: Any, rubs: Any, w: Any, states: Any,
                     rubbed: Any, elements: Any, motion: Any, by: Any, moves: Any,
                     each: Any) -> Any:
-    """`motion_tangents` with work arrays: dq and dv of three steps (3, 6, P), friction, q, v.
+    """`motion_tangents` with work arrays: dq and dv of three steps (3, 6, P), friction, motion.
 
-    moves (G, 3), each (2, J): as in `row_tangents.forces_by_geometry`.
+    motion (3, 3): q, v, slopes of friction; moves (G, 3), each (2, J): as in
+    `row_tangents.forces_by_geometry`.
     """
     frictions = (m.radial_friction, m.axial_friction, m.tilt_friction)
     for i, element in enumerate(frictions):
         elements[i, 0] = elements[i, 1] = element.initial
-    q, v = motion[0], motion[1]
+    q, v, slopes = motion[0], motion[1], motion[2]
     h_old, soft = 0.0, 1e-9 * m.K1
     for n in range(time.size):
-        c0 = c1 = c2 = rubbing0 = rubbing1 = rubbing2 = 0.0
+        c0 = c1 = c2 = 0.0
         if n > 0:
             h = time[n] - time[n - 1]
             c0, c1, c2 = differences(h, h_old)
@@ -151,15 +152,12 @@ def follow_tangents(m: Any, rows: Any, law: Any, external: Any, friction: Any, g
         if geometry.shape[0]:
             forces_by_geometry(m, rows, geometry, moves, q, v, each, by)
         if rubs:
-            rubbing0 = rub(frictions[0], friction[:, 0], 0, path, n, elements[0],
-                           rubbed[0], own, by)
-            rubbing1 = rub(frictions[1], friction[:, 1], 1, path, n, elements[1],
-                           rubbed[1], own, by)
-            rubbing2 = rub(frictions[2], friction[:, 2], 2, path, n, elements[2],
-                           rubbed[2], own, by)
+            for i, element in enumerate(frictions):
+                slopes[i] = rub(element, friction[:, i], i, path, n, elements[i], rubbed[i], own,
+                                by)
         carry(m, w, c0, c1, c2, own, past, by)
         a00, a02, a11, a12, a22 = system(m, w, at.STIFFNESS, at.DAMPING, c0,
-                                         (rubbing0, rubbing1, rubbing2))
+                                         (slopes[0], slopes[1], slopes[2]))
         if not solve_all(a00 + soft, a02, a11 + soft, a12, a22 + soft * m.radius * m.radius, by,
                          new):
             return False
@@ -247,15 +245,14 @@ def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, 
     nodes = sensitivity.shape[1]
     size = q.shape[0] // nodes
     w, oldest, peak = np.zeros(at.WORK_SIZE), 0, 0.0
+    p, a = np.zeros(3), np.zeros(3)
     state, old = np.zeros((6, nodes)), np.zeros((6, nodes))  # dq and its rate, of two steps
     for n in range(nodes * size):
         ring_forces(m, rows, uniform, q[n, 0], q[n, 1], q[n, 2], v[n, 0], v[n, 1], v[n, 2], w)
         place = min(max((n + 0.5) / size - 0.5, 0.0), nodes - 1.0)
         first = int(place)
         share = place - first
-        c0, c1, c2 = 1.5 / h, -2.0 / h, 0.5 / h
-        if n == 1:
-            c0, c1, c2 = 1.0 / h, -1.0 / h, 0.0
+        c0, c1, c2 = differences(h, h if n > 1 else 0.0)
         if n == 0:
             c0 = c1 = c2 = 0.0
         d = at.DAMPING
@@ -269,23 +266,18 @@ def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, 
             oldest += 1
         for j in range(oldest, min(first + 2, nodes)):
             error = 1.0 - share if j == first else (share if j == first + 1 else 0.0)
-            p0 = c1 * state[0, j] + c2 * old[0, j]
-            p1 = c1 * state[1, j] + c2 * old[1, j]
-            p2 = c1 * state[2, j] + c2 * old[2, j]
-            a0 = c0 * p0 + c1 * state[3, j] + c2 * old[3, j]
-            a1 = c0 * p1 + c1 * state[4, j] + c2 * old[4, j]
-            a2 = c0 * p2 + c1 * state[5, j] + c2 * old[5, j]
+            for i in range(3):
+                p[i] = c1 * state[i, j] + c2 * old[i, j]
+                a[i] = c0 * p[i] + c1 * state[3 + i, j] + c2 * old[3 + i, j]
             _, x, y, tilt = solve3(
-                *matrix, force[0] * error - m.mass * a0 - w[d] * p0 - w[d + 1] * p2,
-                force[1] * error - m.mass * a1 - w[d + 2] * p1 - w[d + 3] * p2,
-                force[2] * error - m.inertia * a2
-                - w[d + 1] * p0 - w[d + 3] * p1 - w[d + 4] * p2)
+                *matrix, force[0] * error - m.mass * a[0] - w[d] * p[0] - w[d + 1] * p[2],
+                force[1] * error - m.mass * a[1] - w[d + 2] * p[1] - w[d + 3] * p[2],
+                force[2] * error - m.inertia * a[2]
+                - w[d + 1] * p[0] - w[d + 3] * p[1] - w[d + 4] * p[2])
             for i in range(6):
                 old[i, j] = state[i, j]
-            state[0, j], state[1, j], state[2, j] = x, y, tilt
-            state[3, j] = c0 * x + p0
-            state[4, j] = c0 * y + p1
-            state[5, j] = c0 * tilt + p2
+            for i, change in enumerate((x, y, tilt)):
+                state[i, j], state[3 + i, j] = change, c0 * change + p[i]
             peak = max(peak, abs(x), abs(y), abs(tilt) * m.radius)
             for i in range(3):
                 sensitivity[i, n // size, j] += state[i, j] / size
