@@ -18,7 +18,7 @@ from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.progress import IsCancelled, SearchStep
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig
 from saddlering_ros.ring import dynamic_batch, static_batch
-from saddlering_ros.ring.sensitivity import followed_motion, static_sensitivities
+from saddlering_ros.ring.sensitivity import FollowedMotion, static_sensitivities
 from saddlering_ros.ring.simulator import in_parallel
 
 LONGEST_STEP = 2e-3
@@ -76,7 +76,7 @@ def _follow(rig: Rig, contact: Array, observation: Observation) -> _Followed:
 
         return _Followed(np.asarray(still[:, 1:] - still[:, :1]), static_slopes)
     zero = static_batch(rig, contact, elevation, loads[:1])[0]
-    followed = followed_motion(
+    followed = FollowedMotion(
         rig, contact, elevation, observation.fine_time, observation.fine_load,
         _longest_step(observation))
 

@@ -18,8 +18,8 @@ from saddlering_ros.rig import Rig
 from saddlering_ros.ring import model, sensitivity
 from saddlering_ros.ring.kernels import courses
 from saddlering_ros.ring.kernels.row_tangents import PLAIN_LAW
-from saddlering_ros.ring.model import Floats, Model, Rows
-from saddlering_ros.ring.sensitivity import MotionPath, tangents_along
+from saddlering_ros.ring.model import Floats, Model
+from saddlering_ros.ring.sensitivity import MotionPath
 from saddlering_ros.ring.simulator import check_simulation, in_parallel, of_probes_clock
 
 Places = NDArray[np.intp]
@@ -54,31 +54,6 @@ def has_tangent(centre: Candidate, neighbour: Candidate) -> bool:
 
 
 @dataclass(frozen=True)
-class _Neighbourhood:
-    """A candidate and its P neighbours, common to every run.
-
-    models (1 + P,) without an elevation; extensions of the P neighbours; moved (P,): index of the
-    direction of the pass that a neighbour takes, -1 for none; first (S,): the neighbour of each
-    direction; law (3, LAW, S), friction (S, 3, 4) and geometry are those of the pass, whose rows
-    are `along`; loaded: directions with another load path; plain (P,): neighbours without
-    additions to the motion.
-    """
-
-    models: Model
-    extension: RingExtension
-    extensions: Sequence[RingExtension]
-    rows: Rows
-    along: Rows
-    moved: Places
-    first: Places
-    law: Floats
-    friction: Floats
-    geometry: Sequence[Floats]
-    loaded: Places
-    plain: NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
 class _Record:
     """A run: time, load (N,), its zero; readings are means over the blocks [starts, stops)."""
 
@@ -104,7 +79,7 @@ class Neighbourhoods:
     """
 
     def __init__(self, rig: Rig, groups: Sequence[tuple[Candidate, Sequence[Candidate]]]) -> None:
-        self._groups = [_neighbourhood(rig, centre, others) for centre, others in groups]
+        self._groups = [_Neighbourhood(rig, centre, others) for centre, others in groups]
         # Motions are shared by candidates that differ in what is added to the readings only.
         alike: dict[int, list[int]] = {}
         if groups:
@@ -131,101 +106,99 @@ class Neighbourhoods:
 
         def run(part: slice) -> None:
             for indices in self._members[part]:
-                found.update(zip(
-                    indices, _together([self._groups[index] for index in indices], record),
-                    strict=True))
+                groups = [self._groups[index] for index in indices]
+                grows = any(one.law[:, PLAIN_LAW:].any() for one in groups)
+                path: MotionPath | None = None
+                for index, one in zip(indices, groups, strict=True):
+                    models = model.at_elevation(one.models, elevation)
+                    if path is None:
+                        path = own = sensitivity.simulate_path(
+                            models[:1], one.rows, seconds, force, zero, max_step, grows)
+                    else:
+                        own = path.read_by(models[:1], zero, seconds, force)
+                    found[index] = one.responses(models, own, record)
 
         if self._members:
             in_parallel(run, len(self._members))
         return [found[index] for index in range(len(self._groups))]
 
 
-def _together(groups: Sequence[_Neighbourhood], record: _Record) -> list[Responses]:
-    """Responses of groups that share one motion."""
-    answers: list[Responses] = []
-    path: MotionPath | None = None
-    grows = any(one.law[:, PLAIN_LAW:].any() for one in groups)
-    for one in groups:
-        models = model.at_elevation(one.models, record.elevation)
-        if path is None:
-            path = own = sensitivity.simulate_path(models[:1], one.rows, record.time, record.load,
-                                                   record.zero_load, record.max_step, grows)
-        else:
-            own = path.read_by(models[:1], record.zero_load, record.time, record.load)
-        answers.append(_responses(one, models, own, record))
-    return answers
+class _Neighbourhood:
+    """A candidate and its P neighbours, common to every run: `models` (1 + P,).
 
+    A pass along the motion takes S directions. Its `rows` are those of the candidate, or have a
+    place for every roller where a direction moves some of them.
+    """
 
-def _neighbourhood(rig: Rig, centre: Candidate, others: Sequence[Candidate]) -> _Neighbourhood:
-    """The common part of a candidate and its neighbours in every run."""
-    extensions = [extension for _, extension in others]
-    every = [centre, *others]
-    models = model.models_of(rig, 0.0, np.array([law for law, _ in every], dtype=np.float64),
-                             [extension for _, extension in every])
-    rollers = [model.rows_of(rig, extension) for _, extension in every]
-    leader = model.same_motions(models, rollers)[1:]
-    # Directions that move rollers come first: the kernel knows them by their number.
-    first = np.array(sorted(np.flatnonzero(leader).tolist(),
-                            key=lambda index: rollers[index + 1] is rollers[0]), dtype=np.intp)
-    moved = np.full(len(others), -1)
-    moved[first] = np.arange(first.size)
-    geometry: list[Floats] = []
-    along = rollers[0]
-    count = sum(rollers[index + 1] is not rollers[0] for index in first.tolist())
-    if count:
-        along = model.spread_rows(rig, centre[1])
-        geometry = [model.spread_rows(rig, extensions[index]).flat - along.flat
-                    for index in first[:count].tolist()]
-    numbers = model.floats(models)
-    own, aside = numbers[:1], numbers[1:][first]
-    return _Neighbourhood(
-        models, centre[1], extensions, rollers[0], along, moved, first,
-        np.ascontiguousarray(
-            (sensitivity.laws_of(aside) - sensitivity.laws_of(own)).transpose(1, 2, 0)),
-        (aside[:, sensitivity.FRICTIONS] - own[:, sensitivity.FRICTIONS]).reshape(-1, 3, 4),
-        geometry,
-        np.flatnonzero((aside[:, sensitivity.LOADS] != own[:, sensitivity.LOADS]).any(axis=1)),
-        (model.read_motion_only(models[1:]) & model.read_motion_only(models[:1])[0]),
-    )
+    def __init__(self, rig: Rig, centre: Candidate, others: Sequence[Candidate]) -> None:
+        every = [centre, *others]
+        self._extensions = [extension for _, extension in every]
+        self.models = model.models_of(
+            rig, 0.0, np.array([law for law, _ in every], dtype=np.float64), self._extensions)
+        rollers = [model.rows_of(rig, extension) for extension in self._extensions]
+        self.rows = rollers[0]
+        leader = model.same_motions(self.models, rollers)[1:]
+        # Directions that move rollers come first: the kernel knows them by their number.
+        first = np.array(sorted(np.flatnonzero(leader).tolist(),
+                                key=lambda index: rollers[index + 1] is rollers[0]), dtype=np.intp)
+        self._first = first
+        # The direction of each neighbour, -1 for none.
+        self._moved = np.full(len(others), -1)
+        self._moved[first] = np.arange(first.size)
+        self._along, self._geometry = self.rows, np.empty((0, self.rows.flat.size))
+        moving = [index + 1 for index in first.tolist() if rollers[index + 1] is not rollers[0]]
+        if moving:
+            self._along = model.spread_rows(rig, centre[1])
+            self._geometry = np.array([
+                model.spread_rows(rig, self._extensions[index]).flat - self._along.flat
+                for index in moving])
+        numbers = model.floats(self.models)
+        own, aside = numbers[:1], numbers[1:][first]
+        self.law = np.ascontiguousarray(
+            (sensitivity.laws_of(aside) - sensitivity.laws_of(own)).transpose(1, 2, 0))
+        frictions, loads = sensitivity.FRICTIONS, sensitivity.LOADS
+        self._friction = (aside[:, frictions] - own[:, frictions]).reshape(-1, 3, 4)
+        self._loaded = np.flatnonzero((aside[:, loads] != own[:, loads]).any(axis=1))
+        plain = model.read_motion_only(self.models)
+        self._plain, self._added = (np.flatnonzero(chosen) for chosen in (
+            plain[1:] & plain[0], ~(plain[1:] & plain[0])))
 
-
-def _responses(one: _Neighbourhood, models: Model, path: MotionPath, record: _Record) -> Responses:
-    """Readings of a candidate, whose path is known, and of its neighbours."""
-    usual = of_probes_clock(path.readings.T, one.extension, record.time)
-    centre = record.means(np.ascontiguousarray(usual.T)[None])[0]
-    answers = np.empty((len(one.extensions), *centre.shape))
-    if not len(answers):
+    def responses(self, models: Model, path: MotionPath, record: _Record) -> Responses:
+        """Readings of the candidate, whose path is known, and of its neighbours."""
+        usual = of_probes_clock(path.readings.T, self._extensions[0], record.time)
+        centre = record.means(np.ascontiguousarray(usual.T)[None])[0]
+        answers = np.empty((self._moved.size, *centre.shape))
+        changes = self._changes(models, path, record)
+        if self._plain.size:
+            rise = np.empty((self._plain.size, *centre.shape))
+            courses.plain_changes(models, changes, path.samples, self._moved[self._plain],
+                                  record.starts, record.stops, rise)
+            answers[self._plain] = centre + rise
+        if self._added.size:
+            read = np.empty((self._added.size, record.time.size, 4))
+            courses.read_courses(
+                models[1 + self._added], record.zero_load, record.time, record.load,
+                path.motion[path.samples], changes[path.samples], self._moved[self._added], read)
+            for place, index in enumerate((1 + self._added).tolist()):
+                read[place] = of_probes_clock(read[place].T, self._extensions[index],
+                                              record.time).T
+            answers[self._added] = record.means(read)
         return Responses(centre, answers)
-    # Changes (M, 3, S) of the motion by every direction.
-    changes, own = np.empty((path.time.size, 3, 0)), models[:1]
-    if one.first.size:
-        external = np.zeros((path.time.size if one.loaded.size else 0, 3, one.first.size))
-        if one.loaded.size:
-            course = sensitivity.external_along(own, record.zero_load, path)
-        for number in one.loaded.tolist():
-            index = 1 + one.first[number]
+
+    def _changes(self, models: Model, path: MotionPath, record: _Record) -> Floats:
+        """Changes (M, 3, S) of the motion by every direction."""
+        own, directions = models[:1], self._first.size
+        if not directions:
+            return np.empty((path.time.size, 3, 0))
+        external = np.zeros((path.time.size if self._loaded.size else 0, 3, directions))
+        if self._loaded.size:
+            usual = sensitivity.external_along(own, record.zero_load, path)
+        for number in self._loaded.tolist():
+            index = 1 + self._first[number]
             external[:, :, number] = sensitivity.external_along(
-                models[index:index + 1], record.zero_load, path) - course
-        if one.along is not one.rows:
+                models[index:index + 1], record.zero_load, path) - usual
+        if self._along is not self.rows:
             own = own.copy()
-            own['axial_rollers'], own['radial_rollers'] = one.along.counts
-        changes = tangents_along(own, one.along, one.law, external, one.friction, one.geometry,
-                                 path)
-    plain = np.flatnonzero(one.plain)
-    if plain.size:
-        rise = np.empty((plain.size, *centre.shape))
-        courses.plain_changes(models, changes, path.samples, one.moved[plain], record.starts,
-                              record.stops, rise)
-        answers[plain] = centre + rise
-    added = np.flatnonzero(~one.plain)
-    if added.size:
-        read = np.empty((added.size, record.time.size, 4))
-        courses.read_courses(
-            models[1 + added], record.zero_load, record.time, record.load,
-            path.motion[path.samples], changes[path.samples], one.moved[added], read)
-        for place, index in enumerate(added.tolist()):
-            extension = one.extensions[index]
-            if extension.clock_offset != 0.0 or extension.clock_skew != 0.0:
-                read[place] = of_probes_clock(read[place].T, extension, record.time).T
-        answers[added] = record.means(read)
-    return Responses(centre, answers)
+            own['axial_rollers'], own['radial_rollers'] = self._along.counts
+        return sensitivity.tangents_along(own, self._along, self.law, external, self._friction,
+                                          self._geometry, path)

@@ -11,7 +11,6 @@ in contact along the motion, by the difference formulas (BDF2) of the simulator.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,43 +32,31 @@ from saddlering_ros.ring.model import (
 from saddlering_ros.ring.simulator import check_simulation, dynamic_batch
 
 
-@dataclass(frozen=True)
 class FollowedMotion:
-    """A motion of the ring without extension, (3, N) at the samples, and all its steps."""
+    """Motion (3, N) of a contact law (6,) from rest at load[0], NaN where a step failed."""
 
-    model: Model
-    rows: Rows
-    path: MotionPath
-
-    @property
-    def motion(self) -> Floats:
-        return np.ascontiguousarray(self.path.motion[self.path.samples].T)
+    def __init__(self, rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike,
+                 load: ArrayLike, max_step: float = 1e-3) -> None:
+        seconds, force = check_simulation(time, load, elevation, max_step)
+        self._model, self._rows = model_of(rig, elevation, contact), rows_of(rig)
+        self.path = simulate_path(self._model, self._rows, seconds, force, float(force[0]),
+                                   max_step)
+        if not np.isfinite(self.path.readings).all():
+            self.path.motion[:] = np.nan
+        self.motion = np.ascontiguousarray(self.path.motion[self.path.samples].T)
 
     def sensitivities(self) -> Floats:
         """Derivatives (6, 3, N) by K1, n1, D1, K2, n2, D2, in SI."""
-        none = np.empty((0, 3, 6))
-        changes = tangents_along(self.model, self.rows, unit_laws(self.model), none,
-                                 np.zeros((6, 3, 4)), [], self.path)
+        changes = tangents_along(
+            self._model, self._rows, unit_laws(self._model), np.empty((0, 3, 6)),
+            np.zeros((6, 3, 4)), np.empty((0, self._rows.flat.size)), self.path)
         return np.ascontiguousarray(changes[self.path.samples].transpose(2, 1, 0))
-
-
-def followed_motion(rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike,
-                    load: ArrayLike, max_step: float = 1e-3) -> FollowedMotion:
-    """Motion of a contact law (6,) from rest at load[0], NaN where a step failed."""
-    seconds, force = check_simulation(time, load, elevation, max_step)
-    model = model_of(rig, elevation, contact)
-    rows = rows_of(rig)
-    path = simulate_path(model, rows, seconds, force, float(force[0]), max_step)
-    if not np.isfinite(path.readings).all():
-        path.motion[:] = np.nan
-    return FollowedMotion(model, rows, path)
 
 
 def static_sensitivities(rig: Rig, contact: ArrayLike, elevation: float,
                          equilibria: Floats) -> Floats:
     """Derivatives (6, 3, N) of equilibria (3, N) by the contact law (6,), in SI."""
-    model = model_of(rig, elevation, contact)
-    rows = rows_of(rig)
+    model, rows = model_of(rig, elevation, contact), rows_of(rig)
     path = np.ascontiguousarray(equilibria.T)
     out = np.empty((path.shape[0], 3, 6))
     tangents.static_tangents(model, rows.flat, rows.uniform, unit_laws(model), path, out)
@@ -119,19 +106,17 @@ def simulate_path(model: Model, rows: Rows, time: Floats, load: Floats, zero_loa
     grows: tangents by parameters of growing damping will be asked for.
     """
     grows = grows or bool(model['damping_penetration_share'][0])
-    width = LAWS + 5 * (LAW if grows else PLAIN_LAW)
     motion, readings = np.empty((time.size, 3)), np.empty((time.size, 4))
     room = 2 + int(np.maximum(1.0, np.ceil(np.diff(time) / max_step)).sum())
     while True:
-        record = np.empty((room, width))
+        record = np.empty((room, LAWS + 5 * (LAW if grows else PLAIN_LAW)))
         integration.run_recorded(model, rows.flat, rows.uniform, time, load, zero_load, max_step,
                                  motion, readings, record, grows)
         steps = int(record[0, 0])
         if steps < room:
             break
         room = steps + 1
-    step_time, step_load = np.empty(steps + 1), np.empty(steps + 1)
-    moved = np.empty((steps + 1, 3))
+    step_time, step_load, moved = (np.empty((steps + 1, *more)) for more in ((), (), (3,)))
     samples = np.empty(time.size, dtype=np.intp)
     step_load[0], moved[0] = zero_load, motion[0]
     courses.steps_of_record(record, time, max_step, step_time, step_load, moved, samples)
@@ -139,14 +124,13 @@ def simulate_path(model: Model, rows: Rows, time: Floats, load: Floats, zero_loa
 
 
 def tangents_along(model: Model, rows: Rows, law: Floats, external: Floats, friction: Floats,
-                   geometry: Sequence[Floats], path: MotionPath) -> Floats:
+                   geometry: Floats, path: MotionPath) -> Floats:
     """Changes (M, 3, P) at every step; NaN if that fails. See `tangents.motion_tangents`.
 
-    rows: those to which `geometry` belongs.
+    rows: those to which `geometry` (G, 9 J) belongs.
     """
     changes = np.empty((path.time.size, 3, law.shape[2]))
-    rollers = np.array(geometry) if geometry else np.empty((0, rows.flat.size))
-    if not tangents.motion_tangents(model, rows.flat, law, external, friction, rollers,
+    if not tangents.motion_tangents(model, rows.flat, law, external, friction, geometry,
                                     path.records, path.time, path.motion, changes):
         changes[:] = np.nan
     return changes

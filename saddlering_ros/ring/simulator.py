@@ -181,19 +181,6 @@ class RingSimulator:
             increments[:] = np.nan
         return np.ascontiguousarray((increments if added is None else increments + added).T)
 
-    def run_in_blocks(self, time: Floats, load: Floats, size: int) -> Iterator[SimulatedRun]:
-        """A record from a new start on, in stretches as of `simulate_in_blocks`."""
-        self.reset()
-        zero = zero_of_record(self._rig, time, load)
-        self.begin(zero, float(time[zero.start]))
-        first = zero.start
-        for start in range(zero.start, len(time), size):
-            part, probes = self.push(np.ascontiguousarray(time[start:start + size]),
-                                     np.ascontiguousarray(load[start:start + size]))
-            yield SimulatedRun(part, probes_to_displacement(self._rig.probes, probes), probes,
-                               first, zero, self.failed_steps)
-            first += len(part)
-
 
 def check_simulation(time: ArrayLike, load: ArrayLike, elevation: float,
                      max_step: float) -> tuple[Floats, Floats]:
@@ -241,7 +228,14 @@ def simulate_in_blocks(
     """
     seconds, force = check_simulation(time, load, elevation, max_step)
     simulator = RingSimulator(rig, parameters, elevation, max_step)
-    return simulator.run_in_blocks(seconds, force, size)
+    zero = zero_of_record(rig, seconds, force)
+    simulator.begin(zero, float(seconds[zero.start]))
+    first = zero.start
+    for start in range(zero.start, seconds.size, size):
+        part, probes = simulator.push(seconds[start:start + size], force[start:start + size])
+        yield SimulatedRun(part, probes_to_displacement(rig.probes, probes), probes, first, zero,
+                           simulator.failed_steps)
+        first += len(part)
 
 
 def threads() -> int:
@@ -392,10 +386,16 @@ class Additions:
     """All laws along one record, from its zero on; their sum at the zero is zero."""
 
     def __init__(self, rig: Rig, laws: Sequence[Law], time: float, load: float) -> None:
-        both = [(law, LawHistory(law, time, load)) for law in laws]
-        self._of_load = [history for law, history in both if law.target == LOAD_TARGET]
-        self._of_probes = [(probe_pattern(rig, law.target), history) for law, history in both
-                           if law.target != LOAD_TARGET]
+        half = 0.5 * rig.probes.axial_span
+        # Change of the four probes' increments by one unit of each target.
+        patterns = {
+            'delta_x': np.array([1.0, 0.0, -1.0, 0.0]), 'delta_y': np.array([0.0, 1.0, 0.0, 1.0]),
+            'gamma': np.array([0.0, half, 0.0, -half]), 'parity': np.array([1.0, 0.0, 1.0, 0.0]),
+            **{f'eddy_current_{number + 1}': np.eye(4)[number] for number in range(4)}}
+        both = [(law.target, LawHistory(law, time, load)) for law in laws]
+        self._of_load = [history for target, history in both if target == LOAD_TARGET]
+        self._of_probes = [(patterns[target], history) for target, history in both
+                           if target != LOAD_TARGET]
 
     def push(self, time: Floats, load: Floats) -> tuple[Floats, Floats]:
         """The load (N,) at the ring, and the additions to the increments of the probes (N, 4)."""
@@ -406,15 +406,3 @@ class Additions:
         for pattern, history in self._of_probes:
             added += history.push(time, load)[:, None] * pattern
         return at_ring, added
-
-
-def probe_pattern(rig: Rig, target: str) -> Floats:
-    """Change of the four probes' increments by one unit of a channel or of one probe."""
-    half = 0.5 * rig.probes.axial_span
-    patterns = {
-        'delta_x': (1.0, 0.0, -1.0, 0.0), 'delta_y': (0.0, 1.0, 0.0, 1.0),
-        'gamma': (0.0, half, 0.0, -half), 'parity': (1.0, 0.0, 1.0, 0.0),
-    }
-    if target in patterns:
-        return np.array(patterns[target])
-    return np.array([float(target == f'eddy_current_{probe}') for probe in (1, 2, 3, 4)])

@@ -12,7 +12,7 @@ from saddlering_ros.effects.extension import NO_EXTENSION
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring.kernels.layout import kernel
 from saddlering_ros.ring.neighbours import Neighbourhoods
-from saddlering_ros.ring.sensitivity import followed_motion, load_sensitivity, static_sensitivities
+from saddlering_ros.ring.sensitivity import FollowedMotion, load_sensitivity, static_sensitivities
 from saddlering_ros.ring.simulator import dynamic_batch, simulate, static_response
 
 
@@ -26,7 +26,7 @@ def warm() -> float:
     still = static_response(rig, contact, elevation, load[:2])
     static_sensitivities(rig, contact, elevation, still)
     dynamic_batch(rig, contact[None], elevation, seconds, load)
-    followed_motion(rig, contact, elevation, seconds, load).sensitivities()
+    FollowedMotion(rig, contact, elevation, seconds, load).sensitivities()
     plain, creeping = (contact, NO_EXTENSION), (contact, replace(NO_EXTENSION, creep_axial=0.1))
     Neighbourhoods(rig, [(plain, [plain, creeping])]).along(elevation, seconds, load)
     load_sensitivity(rig, TRUE_TO_SCALE, elevation, seconds, load, 6)

@@ -7,7 +7,7 @@ import pytest
 
 from saddlering_ros.rig import default_rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.ring import dynamic_batch
-from saddlering_ros.ring.sensitivity import followed_motion
+from saddlering_ros.ring.sensitivity import FollowedMotion
 
 RIG = default_rig()
 ELEVATION = 0.9
@@ -32,5 +32,5 @@ def test_a_jump_of_the_load_is_within_one_percent_of_a_solution_at_ten_microseco
 @pytest.mark.parametrize('damping', [1e5, 3e6])
 def test_the_noise_of_a_load_cell_divides_no_step_at_a_usual_damping(damping):
     noisy = 5.0 * TONNE + np.random.default_rng(0).normal(0.0, 50.0, len(TIME))
-    path = followed_motion(RIG, law(damping), ELEVATION, TIME, noisy).path
+    path = FollowedMotion(RIG, law(damping), ELEVATION, TIME, noisy).path
     assert len(path.time) == len(TIME)

@@ -17,7 +17,7 @@ from saddlering_ros.rig import (
 )
 from saddlering_ros.ring import probe_batch, static_batch
 from saddlering_ros.ring.neighbours import Neighbourhoods
-from saddlering_ros.ring.sensitivity import followed_motion, static_sensitivities
+from saddlering_ros.ring.sensitivity import FollowedMotion, static_sensitivities
 
 RIG, ELEVATION = default_rig(), 0.9
 LAW = TRUE_TO_SCALE.to_array()
@@ -46,7 +46,7 @@ def aside(index: int, share: float) -> list[ContactParameters]:
 @EACH
 def test_a_motion_changes_with_the_contact_law_as_the_reference_does(index: int) -> None:
     load = swell(TIME, 0.05)
-    slopes = followed_motion(RIG, LAW, ELEVATION, TIME, load, STEP).sensitivities()
+    slopes = FollowedMotion(RIG, LAW, ELEVATION, TIME, load, STEP).sensitivities()
     more, less = (reference.simulate_dynamic(RIG, law, ELEVATION, TIME, load)
                   for law in aside(index, 3e-5))
     expected = (more - less) / (6e-5 * LAW[index])

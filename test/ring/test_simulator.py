@@ -25,7 +25,7 @@ from saddlering_ros.ring import (
     SimulationError,
     static_batch,
 )
-from saddlering_ros.ring.sensitivity import followed_motion
+from saddlering_ros.ring.sensitivity import FollowedMotion
 
 RIG = default_rig()
 STATIC_LOADS = np.concatenate([np.arange(1, 26), np.arange(24, 0, -1)]) * TONNE
@@ -66,7 +66,7 @@ def test_dynamic_displacements_agree_with_the_304_roller_sum_over_the_box() -> N
     for contact, motion in zip(contacts, fast, strict=True):
         law = ContactParameters.from_array(contact)
         # The reference divides no step: it is given those that the simulator took.
-        path = followed_motion(RIG, contact, np.deg2rad(50.0), time, load).path
+        path = FollowedMotion(RIG, contact, np.deg2rad(50.0), time, load).path
         plain = reference.simulate_dynamic(RIG, law, np.deg2rad(50.0), path.time, path.load)
         assert pytest.approx(plain, abs=1e-9) == path.motion.T
         at_samples = np.searchsorted(path.time, time - 1e-7)
