@@ -5,10 +5,9 @@ Height of the trunnion, clearances and height of the radial probes are effects o
 already.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,65 +117,54 @@ def entries_of(rig: Rig, causes: Sequence[Cause]) -> list[str]:
 
 def has_dimensions(point: Point) -> bool:
     """Whether a point has a dimension or a sign of its own."""
-    return any(name in DIMENSIONS or name == REVERSED for name in point.effects)
+    return any(map(title_of_dimension, point.effects))
 
 
 def without_dimensions(point: Point) -> Point:
     """The same point on the rig of the file."""
-    return Point(point.base, {
-        name: values for name, values in point.effects.items()
-        if name not in DIMENSIONS and name != REVERSED})
+    return Point(point.base, {name: values for name, values in point.effects.items()
+                              if not title_of_dimension(name)})
 
 
-def _signs(rig: Rig, point: Point) -> NDArray[np.float64]:
-    """Factors (C,) of the channels of a point."""
-    reversal = point.effects.get(REVERSED, {'probe': 0.0, 'reversal': 0.0})
-    return np.array([1.0 - 2.0 * reversal['reversal'] * (number == reversal['probe'])
-                     for number in rig.probes.present])
-
-
-@dataclass(frozen=True)
 class NeighbourhoodsByRig:
     """Groups of points of which some have another rig: those of one rig are prepared together.
 
-    signs (B, C) of the channels of each group; parts: for each rig its points, and the group and
-    the rows of each of its groups.
+    prepare: the neighbourhood of points on a rig. Signs of the channels act on its readings.
     """
 
-    signs: Sequence[NDArray[np.float64]]
-    parts: Sequence[tuple[Neighbourhood, Sequence[tuple[int, list[int]]]]]
-
-    @classmethod
-    def of(
-        cls, rig: Rig, groups: Sequence[Sequence[Point]],
-        prepare: Callable[[Rig, list[list[Point]]], Neighbourhood],
-    ) -> NeighbourhoodsByRig:
-        """Each rig's points, prepared by a function of that rig and of points on it."""
+    def __init__(self, rig: Rig, groups: Sequence[Sequence[Point]],
+                 prepare: Callable[[Rig, list[list[Point]]], Neighbourhood]) -> None:
         rigs: dict[tuple[tuple[str, float], ...], dict[int, list[int]]] = {}
         for number, group in enumerate(groups):
             for row, point in enumerate(group):
                 key = tuple((name, values['change']) for name, values in point.effects.items()
                             if name in DIMENSIONS)
                 rigs.setdefault(key, {}).setdefault(number, []).append(row)
-        parts = []
+        # For each rig its points, and the group and the rows of each of its groups.
+        self._parts: list[tuple[Neighbourhood, list[tuple[int, list[int]]]]] = []
         for key, places in rigs.items():
             changed = rig
             for name, change in key:
                 changed = DIMENSIONS[name].changed(changed, change)
             own = [[without_dimensions(groups[number][row]) for row in rows]
                    for number, rows in places.items()]
-            parts.append((prepare(changed, own), list(places.items())))
-        signs = [np.array([_signs(rig, point) for point in group]) for group in groups]
-        return cls(signs, parts)
+            self._parts.append((prepare(changed, own), list(places.items())))
+        # Factors (B, C) of each group.
+        none = {'probe': 0.0, 'reversal': 0.0}
+        self._signs = [np.array([
+            [1.0 - 2.0 * reversed_['reversal'] * (number == reversed_['probe'])
+             for number in rig.probes.present]
+            for reversed_ in (point.effects.get(REVERSED, none) for point in group)])
+            for group in groups]
 
     def predict(self, run: RunBlocks) -> list[NDArray[np.float64]]:
         """Points (B, C, N) of each group."""
-        answers = [np.empty((*sign.shape, run.time.size)) for sign in self.signs]
-        for neighbourhood, places in self.parts:
+        answers = [np.empty((*sign.shape, run.time.size)) for sign in self._signs]
+        for neighbourhood, places in self._parts:
             for (group, rows), values in zip(places, neighbourhood.predict(run), strict=True):
                 answers[group][rows] = values
         return [answer * sign[:, :, None]
-                for answer, sign in zip(answers, self.signs, strict=True)]
+                for answer, sign in zip(answers, self._signs, strict=True)]
 
 
 CERTIFIED = {
@@ -184,40 +172,40 @@ CERTIFIED = {
     'load_nonlinearity': ('load_nonlinearity', 'curvature'),
     'elevation': ('elevation_error', 'angle'), 'probe_lag': ('probe_lag', 'time'),
     'clock': ('clock_offset', 'offset'), 'trunnion': ('moment_arm', 'offset'),
-    'radial_height': ('probe_height', 'height')}
+    'radial_height': ('probe_height', 'height'), 'probe_gain': ('probe_gain', 'gain'),
+    'probe_nonlinearity': ('probe_nonlinearity', 'curvature')}
 """Effect and parameter of an instrument's error, by the name in the rig file."""
 
 
 def certified_errors(rig: Rig) -> list[dict[str, dict[str, float]]]:
     """One standard uncertainty of each stated instrument, as effects of the catalogue."""
-    stated = rig.instruments
-    errors = [{effect: {parameter: float(getattr(stated, name))}}
+    stated = {name: getattr(rig.instruments, name) for name in CERTIFIED
+              if getattr(rig.instruments, name) is not None}
+    of_probes = ('probe_gain', 'probe_nonlinearity')
+    errors = [{effect: {parameter: float(stated[name])}}
               for name, (effect, parameter) in CERTIFIED.items()
-              if getattr(stated, name) is not None]
+              if name in stated and name not in of_probes]
     for probe in rig.probes.present:
-        if stated.probe_gain is not None:
-            errors.append({'probe_gain': {
-                'probe': float(probe), 'gain': stated.probe_gain[probe - 1]}})
-        if stated.probe_nonlinearity is not None:
-            errors.append({'probe_nonlinearity': {
-                'probe': float(probe), 'curvature': stated.probe_nonlinearity}})
+        for name in of_probes:
+            if name in stated:
+                effect, parameter = CERTIFIED[name]
+                size = float(np.broadcast_to(stated[name], 4)[probe - 1])
+                errors.append({effect: {'probe': float(probe), parameter: size}})
     return errors
 
 
 def certificate_notes(rig: Rig, causes: Iterable[Cause]) -> list[str]:
     """For each cause on an instrument with a certificate, how far it lies beyond it."""
-    uncertainties = {effect: (parameter, getattr(rig.instruments, name))
-                     for name, (effect, parameter) in CERTIFIED.items()}
-    gains = rig.instruments.probe_gain
-    uncertainties['probe_gain'] = ('gain', None if gains is None else max(gains))
-    uncertainties['probe_nonlinearity'] = ('curvature', rig.instruments.probe_nonlinearity)
+    names = {effect: name for name, (effect, _) in CERTIFIED.items()}
     notes = []
     for cause in causes:
-        parameter, uncertainty = uncertainties.get(cause.effect, ('', None))
-        if uncertainty is not None and parameter in cause.parameters:
-            times = abs(cause.parameters[parameter].value) / uncertainty
-            notes.append(f'{cause.effect} is {times:.1f} times the standard uncertainty of its '
-                         f'certificate ({uncertainty:g})')
+        name = names.get(cause.effect, '')
+        stated: Any = getattr(rig.instruments, name, None)
+        parameter = cause.parameters.get(CERTIFIED[name][1]) if stated is not None else None
+        if parameter is not None:
+            uncertainty = float(np.max(stated))
+            notes.append(f'{cause.effect} is {abs(parameter.value) / uncertainty:.1f} times the '
+                         f'standard uncertainty of its certificate ({uncertainty:g})')
     return notes
 
 

@@ -188,7 +188,7 @@ class RingSystem:
 
     def _by_rig(self, groups: Sequence[Sequence[Point]]) -> NeighbourhoodsByRig:
         """The groups, with the points of each rig together."""
-        return NeighbourhoodsByRig.of(
+        return NeighbourhoodsByRig(
             self.rig, groups,
             lambda rig, own: replace(self, rig=rig, bounds_rig=self.rig).neighbourhood(own))
 

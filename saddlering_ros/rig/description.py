@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 import hashlib
-from importlib import resources
 import json
 import math
 import os
@@ -94,11 +93,10 @@ Pair = tuple[float, float]
 """A low and a high bound."""
 
 
-def _default_bounds() -> dict[str, Pair]:
-    return {
-        'K1': (2e7, 1e9), 'n1': (1.0, 1.5), 'D1': (1e4, 2e7),
-        'K2': (2e7, 1e9), 'n2': (1.0, 1.5), 'D2': (1e4, 2e7),
-    }
+DEFAULT_BOUNDS: dict[str, Pair] = {
+    'K1': (2e7, 1e9), 'n1': (1.0, 1.5), 'D1': (1e4, 2e7),
+    'K2': (2e7, 1e9), 'n2': (1.0, 1.5), 'D2': (1e4, 2e7)}
+"""Search range of an identification where a rig file gives none."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +115,7 @@ class Rig:
     trunnion: Trunnion
     probes: Probes
     preload: float
-    bounds: dict[str, Pair] = field(default_factory=_default_bounds)
+    bounds: dict[str, Pair] = field(default_factory=DEFAULT_BOUNDS.copy)
     full_scale_load: float = units.FULL_SCALE_LOAD
     full_scale_time: float = units.FULL_SCALE_TIME
     force_unit: str = 't'
@@ -147,8 +145,12 @@ class Rig:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the canonical description (rig_digest)."""
-        return rig_digest(self)
+        """SHA-256 of the canonical description: its SI numbers as JSON, keys sorted.
+
+        Numbers are written with the fewest digits that give the same float, -0 as 0.
+        """
+        text = json.dumps(_canonical(asdict(self)), sort_keys=True, separators=(',', ':'))
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 def default_rig() -> Rig:
@@ -271,7 +273,7 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
     if not isinstance(unit, str) or unit not in FORCE_UNITS:
         raise RigError(f'{where}: rig.force_unit is {unit!r}: give {" or ".join(FORCE_UNITS)}')
     bounds = {}
-    for name, usual in _default_bounds().items():
+    for name, usual in DEFAULT_BOUNDS.items():
         pair = ranges.take(name, list(usual))
         if not (isinstance(pair, list) and len(pair) == 2 and all(map(_is_number, pair))):
             raise RigError(f'{where}: bounds.{name} is {pair!r}: give [low, high]')
@@ -317,18 +319,6 @@ def load_rig(path: Path | str | None = None) -> Rig:
     return replace(rig, source=str(path))
 
 
-def shipped_rig_file() -> Path | None:
-    """config/rig.yaml of a source tree or an installation, where there is one."""
-    package = Path(str(resources.files('saddlering_ros')))
-    candidates = [package.parent / 'config' / 'rig.yaml']
-    candidates += [parent / 'share' / 'saddlering_ros' / 'config' / 'rig.yaml'
-                   for parent in package.parents]
-    return next((path for path in candidates if path.is_file()), None)
-
-
-SHORT_DIGITS = 12
-"""Digits of the form for people."""
-
 NOT_OF_THE_RIG = ('bounds', 'force_unit', 'full_scale_time', 'absent', 'instruments',
                   'wear_limits', 'source')
 """Fields of a Rig for identification, guarding and display, and the number of a probe that is
@@ -337,27 +327,16 @@ absent. They are not part of the hash: the ring is the same."""
 FIELDS = {'middle_row': 'radial_row'}
 """Fields of a Rig by the names of rig files where these differ; the hash is that of the files'."""
 
-NAMES_IN_FILES = {field: name for name, field in FIELDS.items()}
-
-
-def rig_digest(rig: Rig) -> str:
-    """SHA-256 of the rig's canonical description: its SI numbers as JSON, keys sorted.
-
-    Numbers are written with the fewest digits that give the same float, -0 as 0. Search
-    bounds, the limit of the guard and the unit of forces on screens are left out.
-    """
-    text = json.dumps(_canonical(asdict(rig)), sort_keys=True, separators=(',', ':'))
-    return hashlib.sha256(text.encode()).hexdigest()
-
 
 def short_digest(digest: str) -> str:
     """The first digits, for people: enough to distinguish the rigs of one firm."""
-    return digest[:SHORT_DIGITS]
+    return digest[:12]
 
 
 def _canonical(value: object) -> object:
     if isinstance(value, dict):
-        return {NAMES_IN_FILES.get(key, key): _canonical(item) for key, item in value.items()
+        names = {field: name for name, field in FIELDS.items()}
+        return {names.get(key, key): _canonical(item) for key, item in value.items()
                 if key not in NOT_OF_THE_RIG}
     if isinstance(value, (list, tuple)):
         return [_canonical(item) for item in value]

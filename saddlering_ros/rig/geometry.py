@@ -6,7 +6,7 @@ x forward, y to the left, z up. A probe's x axis points along its line of sight,
 it of sensor_msgs/Range.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 import math
 from typing import Any
@@ -195,7 +195,8 @@ NEAR_PRELOAD_SHARE = 0.04
 """A load within preload plus this share of full scale (1 t) counts as preload."""
 
 MIN_SAMPLES = 5
-"""A steady stretch with fewer samples is none."""
+"""A steady stretch with fewer samples is none: at 50 Hz, the rate of static tests, five span
+MIN_WINDOW_SECONDS."""
 
 BLOCK = 8192
 """Samples of a record looked at together."""
@@ -241,23 +242,19 @@ class ZeroWindow:
         self._opened_at = self._newest = 0.0
         self._first_load = 0.0
         self._start = 0
-        self._samples = 0
+        # How many of the last samples given the open window holds.
+        self.samples = 0
         self._load_sum = 0.0
         self._gap_sums: list[float] = []
-
-    @property
-    def samples(self) -> int:
-        """How many of the last samples given the open window holds."""
-        return self._samples
 
     def push_batch(self, time: NDArray[np.float64], load: NDArray[np.float64],
                    gaps: NDArray[np.float64]) -> ZeroReading | None:
         """Add a batch of samples (N,), gaps (4 or none, N); those after a reading do not count."""
-        if not (self._samples or self._anywhere) and (load > self._highest).all():
-            self._count += len(load)
-            return None
         for begin in range(0, len(time), CONVERTED):
             part = slice(begin, begin + CONVERTED)
+            if not (self.samples or self._anywhere) and (load[part] > self._highest).all():
+                self._count += len(load[part])
+                continue
             for sample in zip(time[part].tolist(), load[part].tolist(), gaps[:, part].T.tolist(),
                               strict=True):
                 reading = self.push(*sample)
@@ -271,27 +268,24 @@ class ZeroWindow:
         self._count += 1
         is_over = (time - self._opened_at > WINDOW_SECONDS
                    or abs(load - self._first_load) > self._steady)
-        if self._samples and is_over:
-            if (self._samples >= MIN_SAMPLES
+        if self.samples and is_over:
+            if (self.samples >= MIN_SAMPLES
                     and self._newest - self._opened_at >= MIN_WINDOW_SECONDS):
-                return self._reading(index)
+                mean = self._load_sum / self.samples
+                gaps_at_zero = tuple(total / self.samples for total in self._gap_sums)
+                return ZeroReading(mean, gaps_at_zero, self._start, index, mean <= self._highest)
             self._open()
         if not self._anywhere and load > self._highest:
             return None
-        if not self._samples:
+        if not self.samples:
             self._opened_at, self._first_load, self._start = time, load, index
             self._gap_sums = [0.0] * len(gaps)
-        self._samples += 1
+        self.samples += 1
         self._newest = time
         self._load_sum += load
         for i, gap in enumerate(gaps):
             self._gap_sums[i] += gap
         return None
-
-    def _reading(self, end: int) -> ZeroReading:
-        load = self._load_sum / self._samples
-        return ZeroReading(load, tuple(total / self._samples for total in self._gap_sums),
-                           self._start, end, load <= self._highest)
 
 
 def zero_of_record(rig: Rig, time: NDArray[np.float64], load: NDArray[np.float64],
@@ -302,13 +296,7 @@ def zero_of_record(rig: Rig, time: NDArray[np.float64], load: NDArray[np.float64
     record has none near preload; `near_preload` tells.
     """
     rows = np.empty((0, len(time))) if gaps is None else np.asarray(gaps, dtype=np.float64)
-
-    def blocks() -> Iterator[Samples]:
-        for start in range(0, len(time), BLOCK):
-            block = slice(start, start + BLOCK)
-            yield time[block], load[block], rows[:, block]
-
-    return zero_of_blocks(rig, blocks)
+    return zero_of_blocks(rig, lambda: [(time, load, rows)])
 
 
 def zero_of_blocks(rig: Rig, blocks: Callable[[], Iterable[Samples]]) -> ZeroReading:

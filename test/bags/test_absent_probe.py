@@ -10,6 +10,7 @@ import pytest
 from saddlering_ros.bags import read_raw, read_run, write_bag
 from saddlering_ros.bags.info import bag_info
 from saddlering_ros.errors import BagError
+from saddlering_ros.files import share_directory
 from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, TestMetadata
 from saddlering_ros.record.batches import join, Samples
 from saddlering_ros.record.displacement import DisplacementStream, measured_rows, zero_of_run
@@ -20,7 +21,6 @@ from saddlering_ros.rig import (
     load_rig,
     Rig,
     RigError,
-    shipped_rig_file,
 )
 
 RIG = default_rig()
@@ -118,8 +118,7 @@ def test_the_stream_gives_the_displacement_of_the_file_bit_for_bit(tmp_path, mov
 @pytest.mark.parametrize(('stated', 'words'), [
     ('2', 'delta_y and gamma cannot be parted'), ('5', 'give 1 or 3'), ('true', 'give 1 or 3')])
 def test_another_probe_cannot_be_absent(tmp_path, stated, words):
-    shipped = shipped_rig_file()
-    assert shipped is not None
+    shipped = share_directory() / 'config' / 'rig.yaml'
     file = tmp_path / 'rig.yaml'
     file.write_text(shipped.read_text().replace('absent: 0 ', f'absent: {stated} '))
     with pytest.raises(RigError, match=words) as refused:

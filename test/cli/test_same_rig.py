@@ -17,6 +17,7 @@ from saddlering_ros.bags import write_bag
 from saddlering_ros.cli.main import main
 from saddlering_ros.doubts.comparison import refuse_other_rig
 from saddlering_ros.errors import BagError
+from saddlering_ros.files import share_directory
 from saddlering_ros.record import Record, TestMetadata
 from saddlering_ros.rig import (
     default_rig,
@@ -25,7 +26,6 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
     write_parameters,
 )
-from saddlering_ros.rig.description import shipped_rig_file
 
 RIG = default_rig()
 OTHER = replace(RIG, full_scale_load=98066.5)
@@ -113,8 +113,7 @@ def test_the_rig_of_the_project_is_taken_and_named(
 
 
 def other_rig_file(folder: Path) -> Path:
-    shipped = shipped_rig_file()
-    assert shipped is not None
+    shipped = share_directory() / 'config' / 'rig.yaml'
     text = re.sub('full_scale_load: .*', 'full_scale_load: 98066.5', shipped.read_text())
     (folder / 'other.yaml').write_text(text)
     return folder / 'other.yaml'

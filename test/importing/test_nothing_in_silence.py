@@ -17,10 +17,10 @@ import pytest
 from scipy.io import savemat
 
 from saddlering_ros.cli.main import main
+from saddlering_ros.files import share_directory
 from saddlering_ros.importing.calibration import ImportingError
 from saddlering_ros.importing.draft import draft_map
 from saddlering_ros.importing.source import open_sources
-from saddlering_ros.rig import shipped_rig_file
 
 DATA = Path(__file__).resolve().parents[2] / 'docs' / 'data'
 GROUPED = [f'{1 + i // 10}.{100 + i},5' for i in range(ROWS)]
@@ -189,7 +189,7 @@ def test_an_import_says_what_info_and_the_rig_file_say(
 def test_loads_of_an_import_are_printed_and_drawn_in_the_unit_of_the_rig_file(
         tmp_path: Path, monkeypatch, capsys, unit: str) -> None:
     rig, labels, save = tmp_path / 'rig.yaml', [], Figure.savefig
-    text = shipped_rig_file().read_text()
+    text = (share_directory() / 'config' / 'rig.yaml').read_text()
     rig.write_text(text.replace('force_unit: t ', f'force_unit: {unit} '))
 
     def noted(figure, *args, **options):

@@ -13,11 +13,11 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.bags import write_bag
+from saddlering_ros.files import share_directory
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.batches import Displacements
 from saddlering_ros.record.residual import ResidualStream
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD
-from saddlering_ros.rig.description import shipped_rig_file
 from saddlering_ros.ros.launcher import NodeGroup
 from saddlering_ros.ros.raw_topics import LATCHED
 
@@ -33,8 +33,7 @@ def test_the_simulator_follows_the_bag_and_refuses_what_contradicts_it(
     said: list[RingParameters] = []
     with heard.lock:
         heard.node.create_subscription(RingParameters, '/ring/parameters', said.append, KEPT)
-    shipped = shipped_rig_file()
-    assert shipped is not None
+    shipped = share_directory() / 'config' / 'rig.yaml'
     other = tmp_path / 'other.yaml'
     other.write_text(shipped.read_text().replace('axial_span: 1.30', 'axial_span: 1.20'))
     group.start('ring_simulator')

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from saddlering_ros.rig import default_rig, load_rig, RigError, shipped_rig_file, TONNE
+from saddlering_ros.rig import default_rig, load_rig, RigError, TONNE
 
 SHIPPED = Path(__file__).resolve().parents[2] / 'config' / 'rig.yaml'
 
@@ -26,12 +26,6 @@ def write(path: Path, document: Any) -> Path:
 
 def test_the_shipped_file_holds_the_default_rig() -> None:
     assert load_rig(SHIPPED) == default_rig() == load_rig(None)
-
-
-def test_the_shipped_file_is_found_from_the_package() -> None:
-    found = shipped_rig_file()
-    assert found is not None
-    assert load_rig(found) == default_rig()
 
 
 def test_dotted_keys_and_plain_exponents_read_like_the_nested_shape(tmp_path: Path) -> None:

@@ -7,7 +7,8 @@ import pytest
 from benchmarks.examiner import draw_truth, DrawSettings
 from saddlering_ros.bags import read_run
 from saddlering_ros.cli.main import main
-from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, shipped_rig_file
+from saddlering_ros.files import share_directory
+from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD
 from saddlering_ros.virtual_rig.effects import EFFECTS, parse_requests
 
 SMALL = replace(default_rig(), full_scale_load=FULL_SCALE_LOAD / 25.0)
@@ -17,7 +18,7 @@ QUICK = ['--test', 'dynamic', '--elevation', '50', '--duration', '2.5', '--rate'
 @pytest.fixture(name='small_file')
 def small_file_fixture(tmp_path):
     """The shipped rig with a full scale of 20 kN, printed in kN."""
-    text = shipped_rig_file().read_text()
+    text = (share_directory() / 'config' / 'rig.yaml').read_text()
     for old, new in (('245166.25', '20000.0'), ('4903.325', '400.0'),
                      ('force_unit: t ', 'force_unit: kN ')):
         assert old in text
