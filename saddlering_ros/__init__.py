@@ -22,18 +22,13 @@ if TYPE_CHECKING:
 
 __version__ = '0.1.0'
 
-_PLACES = {
-    'compare': 'api.functions', 'ComparisonResult': 'api.results',
-    'diagnose': 'api.functions', 'identify': 'api.functions', 'validate': 'api.functions',
-    'Curves': 'api.curves', 'displacement': 'api.curves', 'residual': 'api.curves',
-    'simulate': 'api.curves', 'IdentificationSettings': 'identification',
-    'SwarmSettings': 'identification',
-    'Bag': 'api.inputs', 'read_bag': 'api.inputs', 'Progress': 'progress',
-    'show_progress': 'progress',
-    'DiagnosisResult': 'api.results', 'IdentificationResult': 'api.results',
-    'ValidationResult': 'api.results', 'Cancelled': 'errors', 'SaddleringError': 'errors',
-    'load_rig': 'rig', 'ParameterSet': 'rig', 'read_parameters': 'rig', 'Rig': 'rig',
-}
+_PLACES = {name: place for place, names in {
+    'api.curves': 'Curves displacement residual simulate', 'api.inputs': 'Bag read_bag',
+    'api.functions': 'compare diagnose identify validate', 'errors': 'Cancelled SaddleringError',
+    'api.results': 'ComparisonResult DiagnosisResult IdentificationResult ValidationResult',
+    'identification': 'IdentificationSettings SwarmSettings',
+    'progress': 'Progress show_progress', 'rig': 'load_rig ParameterSet read_parameters Rig',
+}.items() for name in names.split()}
 """Where the public names are defined; they are imported when first used, which keeps the package
 itself cheap to import."""
 

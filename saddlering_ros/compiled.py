@@ -186,5 +186,4 @@ def _is_whole(path: Path) -> bool:
 
 @cache
 def _note_damage() -> None:
-    """One note a process."""
     print('note: kept machine code was damaged and is compiled again', file=sys.stderr)

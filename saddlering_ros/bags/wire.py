@@ -56,7 +56,6 @@ DEFAULTS: dict[str, dict[str, float]] = {RANGE_TYPE: {'radiation_type': INFRARED
 ENCAPSULATION = 4
 """Bytes before the first field; alignment counts from their end."""
 
-
 _TEXT = 12
 """Offset of the characters of the frame id, after seconds, nanoseconds and its length."""
 

@@ -10,8 +10,7 @@ import time
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option, Within
-from saddlering_ros.cli._terminal import Bar, show_table, tell_json
+from saddlering_ros.cli._arguments import Bar, Command, option, show_table, tell_json, Within
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

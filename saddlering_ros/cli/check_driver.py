@@ -8,8 +8,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option, Within
-from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.cli._arguments import Command, option, tell_json, Within
 
 if TYPE_CHECKING:
     from saddlering_ros.doubts.driver import HeardTopic

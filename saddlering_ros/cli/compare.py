@@ -3,8 +3,7 @@
 import argparse
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option
-from saddlering_ros.cli._terminal import Bar, finish
+from saddlering_ros.cli._arguments import Bar, Command, finish, option
 
 COMMANDS = (Command(
     'compare', 'name what changed in one ring between two sessions',

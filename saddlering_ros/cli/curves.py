@@ -9,8 +9,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import AddOption, Command, option
-from saddlering_ros.cli._terminal import Bar, show_table, stdout_console, tell_json
+from saddlering_ros.cli._arguments import AddOption, Bar, Command, option, show_table, tell_json
 from saddlering_ros.errors import BagError
 
 if TYPE_CHECKING:
@@ -137,7 +136,7 @@ def _print_summary(
 ) -> None:
     from saddlering_ros.rig import load_rig, MICRO_UNITS
 
-    console = stdout_console()
+    console = arguments.stdout_console()
     console.print(
         f'{run.name}: {run.test} test at {math.degrees(run.elevation):g} deg, '
         f'{KINDS[args.command]} at {seen.count} of {len(run.stamps)} load stamps over '

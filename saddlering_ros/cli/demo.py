@@ -15,8 +15,7 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option
-from saddlering_ros.cli._terminal import Bar, tell_json
+from saddlering_ros.cli._arguments import Bar, Command, option, tell_json
 from saddlering_ros.errors import BagError, SaddleringError
 
 if TYPE_CHECKING:

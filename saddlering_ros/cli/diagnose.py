@@ -4,8 +4,7 @@ import argparse
 from pathlib import Path
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option
-from saddlering_ros.cli._terminal import Bar, finish
+from saddlering_ros.cli._arguments import Bar, Command, finish, option
 
 COMMANDS = (Command(
     'diagnose', 'name the cause that the simulation lacks',

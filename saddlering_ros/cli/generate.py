@@ -6,14 +6,12 @@ import argparse
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option, Within
-from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.cli._arguments import Command, option, tell_json, Within
 from saddlering_ros.errors import plain_number, VirtualRigError
 
 if TYPE_CHECKING:
     from saddlering_ros.rig import ContactParameters, Rig
     from saddlering_ros.virtual_rig.recording import TestPlan
-
 
 COMMANDS = (Command(
     'generate', 'record a test of the virtual rig as a bag',
@@ -97,7 +95,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _plan(args: argparse.Namespace) -> TestPlan:
-    """The test that the options describe."""
     import math
 
     from saddlering_ros.rig import FORCE_UNITS, FULL_SCALE_LOAD, load_rig

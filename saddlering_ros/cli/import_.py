@@ -9,14 +9,12 @@ import sys
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option
-from saddlering_ros.cli._terminal import Bar, tell_json
+from saddlering_ros.cli._arguments import Bar, Command, option, tell_json
 from saddlering_ros.errors import printable
 
 if TYPE_CHECKING:
     from saddlering_ros.importing.convert import ImportResult
     from saddlering_ros.rig import Rig
-
 
 MIN_MOTION = 0.5e-6
 """The noise of an eddy-current probe alone spans more than this [m] in a test (0.3 um rms)."""
@@ -71,8 +69,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _import(args: argparse.Namespace) -> int:
     from saddlering_ros.files import spare_files
-    from saddlering_ros.importing.calibration import ImportingError
-    from saddlering_ros.importing.clock import words_of
+    from saddlering_ros.importing.calibration import ImportingError, words_of
     from saddlering_ros.importing.convert import import_files, save_preview
     from saddlering_ros.importing.mapping import read_map
     from saddlering_ros.rig import load_rig

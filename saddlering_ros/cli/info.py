@@ -8,8 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command
-from saddlering_ros.cli._terminal import Bar, show_table, stdout_console, tell_json
+from saddlering_ros.cli._arguments import Bar, Command, show_table, stdout_console, tell_json
 from saddlering_ros.errors import BagError, printable
 
 if TYPE_CHECKING:

@@ -3,8 +3,7 @@
 import argparse
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option, Within
-from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.cli._arguments import Command, option, tell_json, Within
 
 COMMANDS = (Command(
     'live', 'show a running test in the browser',

@@ -6,8 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option, Within
-from saddlering_ros.cli._terminal import Bar, show_table, stdout_console, tell_json
+from saddlering_ros.cli._arguments import Bar, Command, option, show_table, tell_json, Within
 
 if TYPE_CHECKING:
     from saddlering_ros.diagnosis.plan import Plan
@@ -54,7 +53,7 @@ def _print(plan: Plan) -> None:
     from saddlering_ros.quantities import quantity
     from saddlering_ros.rig import PARAMETER_UNITS
 
-    console = stdout_console()
+    console = arguments.stdout_console()
     console.print(f'tests: {", ".join(test.name for test in plan.tests)}', highlight=False)
     show_table(('cause', 'smallest size found', 'cannot be told from'), [
         (cause.title, quantity(cause.limit, cause.unit) if cause.is_testable else 'not shown',

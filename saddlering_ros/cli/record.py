@@ -8,8 +8,7 @@ import threading
 import time
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option, Within
-from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.cli._arguments import Command, option, tell_json, Within
 from saddlering_ros.errors import BagError
 
 COMMANDS = (Command(

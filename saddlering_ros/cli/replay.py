@@ -11,8 +11,7 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option, Within
-from saddlering_ros.cli._terminal import Bar, tell_json
+from saddlering_ros.cli._arguments import Bar, Command, option, tell_json, Within
 
 if TYPE_CHECKING:
     from saddlering_ros.record import TestMetadata

@@ -8,8 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option
-from saddlering_ros.cli._terminal import tell_json
+from saddlering_ros.cli._arguments import Command, option, tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.rig import Rig

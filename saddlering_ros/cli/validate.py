@@ -3,8 +3,7 @@
 import argparse
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option
-from saddlering_ros.cli._terminal import Bar, finish
+from saddlering_ros.cli._arguments import Bar, Command, finish, option
 
 INPUTS = (arguments.bags_option('runs to predict'), *arguments.READING, *arguments.MODEL,
           arguments.json_option('write all figures as JSON; - for stdout'))

@@ -6,8 +6,7 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Command, option
-from saddlering_ros.cli._terminal import Bar, tell_json
+from saddlering_ros.cli._arguments import Bar, Command, option, tell_json
 
 if TYPE_CHECKING:
     from saddlering_ros.rig import ParameterSet, Rig

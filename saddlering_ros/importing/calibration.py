@@ -1,17 +1,24 @@
-"""Units with exact factors to SI, and the way from a recorded reading to the quantity in SI.
+"""From what a file holds to SI: units with exact factors, calibrations, and times as stamps.
 
-A unit is stated, never guessed.
+A unit is stated, never guessed. Stamps are nanoseconds since 1970-01-01 UTC, exact to the last.
 """
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone, tzinfo
+from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from pathlib import Path
 import re
+from typing import Any
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError
+from saddlering_ros.record.batches import SECOND
 
 Floats = NDArray[np.float64]
 
@@ -177,3 +184,186 @@ def _unit_in(cell: str) -> Unit | None:
     """The unit in a heading: 'mm', 'gap [mm]', 'gap (mm)' or 'gap in mm'."""
     bracket = re.search(r'[\[(]\s*([^\])]+?)\s*[\])]', cell)
     return known_unit(bracket[1] if bracket else cell.split()[-1] if cell else '')
+
+
+Stamps = NDArray[np.int64]
+
+ISO = 'iso'
+"""The format of times like 2026-11-20T08:00:00.123Z; a blank may stand for the T."""
+
+FILE = 'file'
+"""The format of a column that the file itself declares to hold dates."""
+
+EXACT_UP_TO = 1e6
+"""Seconds up to which a float64, rounded to nanoseconds, gives a decimal's last digit."""
+
+MISSING = np.iinfo(np.int64).min
+"""The stamp of a row whose time cannot be read."""
+
+MAX_STAMP = 9.2e18
+"""Stamp [ns], in the year 2261, above which 64 bits overflow."""
+
+_FRACTION = re.compile(r'^(.*:\d{2})[.,](\d+)(.*)$', re.S)
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+
+
+@dataclass(frozen=True)
+class RegularTime:
+    """Rows at a constant `period` [ns] from `start` [ns] on, the first `first` [ns] after it."""
+
+    period: float
+    start: int
+    first: float = 0.0
+    columns: tuple[str, ...] = ()
+
+    def stamps(self, cells: Sequence[NDArray[Any]], rows: NDArray[np.int64]) -> Stamps:
+        """Stamps of the rows (N,), counted from 0."""
+        return np.asarray(self.start + np.rint(self.first + rows * self.period).astype(np.int64))
+
+
+@dataclass(frozen=True)
+class CountedTime:
+    """A column of numbers, in `unit`, counted from `start` [ns]."""
+
+    columns: tuple[str, ...]
+    unit: Unit
+    start: int
+
+    def stamps(self, cells: Sequence[NDArray[Any]], rows: NDArray[np.int64]) -> Stamps:
+        """Stamps of the cells (N,), texts or the numbers of the file; MISSING for no number."""
+        numbers = cells[0]
+        scale = self.unit.factor * SECOND
+        if numbers.dtype.kind not in 'fi':
+            texts = [str(cell).strip().replace(',', '.') for cell in numbers]
+            numbers = np.full(len(texts), np.nan)
+            for row, text in enumerate(texts):
+                with suppress(ValueError):
+                    numbers[row] = plain_number(text)
+            seconds = np.abs(numbers) * float(self.unit.factor)
+            if np.nanmax(seconds, initial=0.0) >= EXACT_UP_TO:
+                return np.array([self._of_text(text) for text in texts], dtype=np.int64)
+        is_exact = numbers.dtype.kind == 'i' and scale.denominator == 1
+        if is_exact and np.abs(numbers).max(initial=0) < MAX_STAMP / scale:
+            return np.asarray(numbers * int(scale) + self.start, dtype=np.int64)
+        numbers = numbers.astype(np.float64)
+        with np.errstate(invalid='ignore'):
+            nanoseconds = np.rint(numbers * float(scale)) if scale.denominator == 1 else \
+                np.rint(numbers / float(1 / scale))
+        good = np.isfinite(nanoseconds) & (np.abs(nanoseconds) < MAX_STAMP)
+        result = np.full(len(numbers), MISSING, dtype=np.int64)
+        result[good] = nanoseconds[good].astype(np.int64) + self.start
+        return result
+
+    def _of_text(self, text: str) -> int:
+        try:
+            number = Decimal(text) * self.unit.factor.numerator * SECOND
+            found = int((number / self.unit.factor.denominator).to_integral_value())
+        except (InvalidOperation, ValueError, OverflowError):
+            return MISSING
+        stamp = found + self.start
+        return stamp if abs(stamp) < MAX_STAMP else MISSING
+
+
+@dataclass(frozen=True)
+class DatedTime:
+    """Columns with date and time as text, joined by a blank; `zone` where the text has none."""
+
+    columns: tuple[str, ...]
+    format: str
+    zone: tzinfo | None
+
+    def stamps(self, cells: Sequence[NDArray[Any]], rows: NDArray[np.int64]) -> Stamps:
+        """Stamps of the cells (N,) of each column; MISSING where a text cannot be read."""
+        if len(cells) == 1 and cells[0].dtype.kind == 'i':
+            return np.asarray(cells[0], dtype=np.int64)
+        if self.format == FILE:
+            raise ImportingError(f"column {self.columns[0]} holds no dates of the file's own "
+                                 'kind: give format: iso, or like "%d.%m.%Y %H:%M:%S"')
+        known: dict[str, int] = {}
+        result = np.empty(len(rows), dtype=np.int64)
+        for row, texts in enumerate(zip(*(column.tolist() for column in cells), strict=True)):
+            base, fraction = _parted(' '.join(map(str, texts)).strip())
+            if base not in known:
+                known[base] = self._whole_seconds(base)
+            result[row] = MISSING if known[base] == MISSING else known[base] + fraction
+        return result
+
+    def _whole_seconds(self, text: str) -> int:
+        try:
+            found = parse_moment(text, self.format)
+        except ValueError:
+            return MISSING
+        if found.tzinfo is None and self.zone is None:
+            raise ImportingError(f'the times of column {self.columns[-1]} ({text!r}) have no '
+                                 'time zone: add zone: to time:, like UTC or Europe/Berlin')
+        stamp = _nanoseconds(found, self.zone)
+        return stamp if abs(stamp) < MAX_STAMP else MISSING
+
+
+@dataclass(frozen=True)
+class FileTime:
+    """The time that the file itself gives each channel, as TDMS and MDF do."""
+
+    start: int | None = None
+
+
+TimeSource = RegularTime | CountedTime | DatedTime | FileTime
+
+
+def zone_of(name: object, where: str) -> tzinfo:
+    """The time zone of that name: UTC, Europe/Berlin, +01:00."""
+    text = str(name).strip()
+    offset = re.fullmatch(r'([+-])(\d{1,2}):?(\d{2})', text)
+    if offset:
+        span = timedelta(hours=int(offset[2]), minutes=int(offset[3]))
+        return timezone(span if offset[1] == '+' else -span)
+    try:
+        return timezone.utc if text.upper() in ('UTC', 'Z', 'GMT') else ZoneInfo(text)
+    except (ZoneInfoNotFoundError, ValueError, OSError) as problem:
+        raise ImportingError(f'{where} is {text!r}, which is not a known time zone: give UTC, a '
+                             'name like Europe/Berlin, or +01:00') from problem
+
+
+def start_of(value: object, zone: tzinfo | None, where: str) -> int:
+    """A start [ns] from a map: text, or the value of YAML for a date without quotes."""
+    if isinstance(value, datetime):
+        found, fraction = value, 0
+    else:
+        base, fraction = _parted(str(value).strip())
+        try:
+            found = parse_moment(base, ISO)
+        except ValueError as problem:
+            raise ImportingError(f'{where} is {value!r}: give a date and time like '
+                                 '"2026-11-20T08:00:00Z"') from problem
+    if found.tzinfo is None and zone is None:
+        raise ImportingError(f'{where} is {value!r} without a time zone: write it with Z or '
+                             '+01:00, or add zone:')
+    return _nanoseconds(found, zone) + fraction
+
+
+def parse_moment(text: str, format_: str) -> datetime:
+    """A date and time to the second; ValueError where the text is another."""
+    if format_ != ISO:
+        return datetime.strptime(text, format_)
+    plain = re.sub(r'[Zz]$', '+00:00', text).replace('/', '-')
+    plain = re.sub(r'([+-]\d\d)(\d\d)$', r'\1:\2', plain)
+    if not re.match(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d', plain):
+        raise ValueError(text)
+    return datetime.fromisoformat(plain)
+
+
+def words_of(stamp: int) -> str:
+    """A stamp as people read it, in UTC."""
+    return str(np.datetime64(int(stamp) // 1_000_000, 'ms')).replace('T', ' ') + ' UTC'
+
+
+def _parted(text: str) -> tuple[str, int]:
+    """The text without its fraction of a second, and the fraction [ns]."""
+    found = _FRACTION.match(text)
+    return (text, 0) if found is None else (found[1] + found[3], int(found[2][:9].ljust(9, '0')))
+
+
+def _nanoseconds(moment: datetime, zone: tzinfo | None) -> int:
+    """The stamp of a moment; zone: where it has none of its own."""
+    span = (moment if moment.tzinfo else moment.replace(tzinfo=zone)) - _EPOCH
+    return span // timedelta(microseconds=1) * 1000

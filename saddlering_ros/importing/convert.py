@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.errors import BagError, did_you_mean, plain_number
 from saddlering_ros.files import whole_file
-from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.clock import words_of
+from saddlering_ros.importing.calibration import ImportingError, words_of
 from saddlering_ros.importing.feed import Feed, feeds_of, Part, Samples
 from saddlering_ros.importing.mapping import ImportMap, instruments_text
 from saddlering_ros.importing.source import open_sources

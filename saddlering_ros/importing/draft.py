@@ -5,8 +5,7 @@ import json
 import re
 
 from saddlering_ros.importing import calibration
-from saddlering_ros.importing.calibration import FORCE, known_unit, LENGTH, measures, PRESSURE
-from saddlering_ros.importing.clock import parse_moment, words_of
+from saddlering_ros.importing.calibration import known_unit, measures
 from saddlering_ros.importing.mapping import REQUIRED, TO_DO
 from saddlering_ros.importing.source import Column, MOMENT, NUMBER, Source, TEXT
 
@@ -64,8 +63,9 @@ def _seen(sources: Sequence[Source]) -> Iterator[str]:
             own, timing = '', column.timing
             if timing is not None:
                 how = f'{1 / timing.period:g} Hz' if timing.period else f'times in {timing.column}'
+                start = timing.start
                 own = f', {how} ' + (
-                    'no date' if timing.start is None else f'from {words_of(timing.start)}')
+                    'no date' if start is None else f'from {calibration.words_of(start)}')
             first = f', first {", ".join(column.samples)}' if column.samples else ''
             yield f'  {column.name}{unit}: {column.kind}s{rows}{own}{first}'
         yield from (f'  warning: {line}' for line in source.warnings)
@@ -108,7 +108,7 @@ def _unit_of_time(column: Column) -> str:
 
 def _is_date(text: str) -> bool:
     try:
-        parse_moment(re.sub(r'[.,]\d+$', '', text.strip()), 'iso')
+        calibration.parse_moment(re.sub(r'[.,]\d+$', '', text.strip()), 'iso')
     except ValueError:
         return bool(_DAY_FIRST.match(text))
     return True
@@ -134,9 +134,9 @@ def _chosen(columns: Sequence[Column]) -> dict[str, Column]:
         if column.kind != NUMBER or (_is_called(column, _TIME) and not is_load):
             continue
         found = _NUMBERED.search(column.name.rpartition('/')[2])
-        if is_load or measures(column.unit, FORCE, PRESSURE):
+        if is_load or measures(column.unit, calibration.FORCE, calibration.PRESSURE):
             chosen.setdefault('hydraulic_load', column)
-        elif found and (_is_called(column, _PROBE) or measures(column.unit, LENGTH)):
+        elif found and (_is_called(column, _PROBE) or measures(column.unit, calibration.LENGTH)):
             chosen.setdefault(f'eddy_current_{found[1]}', column)
     return chosen
 
@@ -145,14 +145,14 @@ def _channel(name: str, column: Column, sources: Sequence[Source]) -> list[str]:
     unit = known_unit(column.unit)
     entries = [f'column: {_quoted(column.name)}', f'unit: {unit.name if unit else TO_DO}']
     is_load = name == 'hydraulic_load'
-    if is_load and measures(column.unit, PRESSURE):
+    if is_load and measures(column.unit, calibration.PRESSURE):
         entries.append(f'piston_area: {TO_DO}')
         # A second pressure beside the piston's acts on the other side of it.
         others = [other for source in sources for other in source.columns
-                  if other is not column and measures(other.unit, PRESSURE)]
+                  if other is not column and measures(other.unit, calibration.PRESSURE)]
         if others:
             entries += [f'rod_pressure: {_quoted(others[0].name)}', f'rod_area: {TO_DO}']
-    elif unit is not None and unit.quantity not in (LENGTH, FORCE):
+    elif unit is not None and unit.quantity not in (calibration.LENGTH, calibration.FORCE):
         entries += [f'scale: {TO_DO}', f'scale_unit: {TO_DO}']
     if not is_load:
         entries.append(f'range: {TO_DO}')

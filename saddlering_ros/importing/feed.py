@@ -9,9 +9,8 @@ import fnmatch
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.importing import clock
-from saddlering_ros.importing.calibration import Floats, ImportingError, unit_of
-from saddlering_ros.importing.clock import CountedTime, DatedTime, FileTime, Stamps
+from saddlering_ros.importing import calibration
+from saddlering_ros.importing.calibration import CountedTime, Floats, ImportingError, Stamps
 from saddlering_ros.importing.mapping import ChannelMap, ImportMap, Split
 from saddlering_ros.importing.source import Block, find_column, MOMENT, Source
 from saddlering_ros.record.batches import SECOND
@@ -37,7 +36,7 @@ class Piece:
     """
 
     source: Source
-    time: clock.RegularTime | CountedTime | DatedTime
+    time: calibration.RegularTime | CountedTime | calibration.DatedTime
     split_column: str
     columns: dict[str, str] = field(default_factory=dict)
     rod_pressures: dict[str, str] = field(default_factory=dict)
@@ -63,7 +62,7 @@ class Piece:
     def first_stamp(self) -> int:
         """The first stamp, by which several files are put in order."""
         for _, stamps, _ in self.blocks():
-            good = stamps[stamps != clock.MISSING]
+            good = stamps[stamps != calibration.MISSING]
             if len(good):
                 return int(good[0])
         raise ImportingError(f'{self.source.path}: has no row whose time can be read: correct '
@@ -98,12 +97,12 @@ def feeds_of(sources: Sequence[Source], mapping: ImportMap) -> list[Feed]:
 
 
 def _clock(
-    source: Source, column: str, time: clock.TimeSource,
-) -> tuple[clock.RegularTime | CountedTime | DatedTime, object]:
+    source: Source, column: str, time: calibration.TimeSource,
+) -> tuple[calibration.RegularTime | CountedTime | calibration.DatedTime, object]:
     """The clock of a column, by the names of the file, and what else equal clocks must share."""
-    if isinstance(time, clock.RegularTime):
+    if isinstance(time, calibration.RegularTime):
         return time, source.column(column).rows
-    if not isinstance(time, FileTime):
+    if not isinstance(time, calibration.FileTime):
         names = [find_column([source], name, 'time.column')[0][1] for name in time.columns]
         return replace(time, columns=tuple(names)), None
     timing = source.column(column).timing
@@ -116,8 +115,8 @@ def _clock(
                     'start: ..}')
         start = 0
     if timing.column:
-        return CountedTime((timing.column,), unit_of('s', 'time'), start), None
-    return clock.RegularTime(timing.period * SECOND, start, timing.first * SECOND), column
+        return CountedTime((timing.column,), calibration.unit_of('s', 'time'), start), None
+    return calibration.RegularTime(timing.period * SECOND, start, timing.first * SECOND), column
 
 
 @dataclass
@@ -129,7 +128,7 @@ class Feed:
     split: Split | None
     _run: int = 0
     _label: str = ''
-    _last: int = clock.MISSING
+    _last: int = calibration.MISSING
 
     @property
     def names(self) -> list[str]:
@@ -142,7 +141,7 @@ class Feed:
             rows = left_out = 0
             for block, stamps, first in piece.blocks():
                 rows += len(stamps)
-                bad = np.flatnonzero(stamps == clock.MISSING)
+                bad = np.flatnonzero(stamps == calibration.MISSING)
                 if len(bad):  # a table pads its shorter columns with rows of empty cells
                     bad = bad[[not all(_is_empty(cells[row]) for cells in block.values())
                                for row in bad]]
@@ -150,10 +149,10 @@ class Feed:
                     left_out += len(bad)
                     shown = ' '.join(str(block[name][bad[0]]) for name in piece.time.columns)
                     words = (f'does not fit {piece.time.format}'
-                             if isinstance(piece.time, DatedTime) else 'is no number')
+                             if isinstance(piece.time, calibration.DatedTime) else 'is no number')
                     piece.source.warn('rows with an unreadable time are left out', len(bad),
                                       f'row {first + bad[0] + 1}, {shown!r} {words}')
-                good = np.flatnonzero(stamps != clock.MISSING)
+                good = np.flatnonzero(stamps != calibration.MISSING)
                 for run_rows in self._runs(piece, block, stamps, good):
                     kept = self._later(piece.source, stamps, run_rows, first)
                     left_out += len(run_rows) - len(kept)
@@ -178,12 +177,12 @@ class Feed:
         if self.split is None or not len(rows):
             yield rows
         elif self.split.by == 'gap':
-            before = stamps[rows[0]] if self._last == clock.MISSING else self._last
+            before = stamps[rows[0]] if self._last == calibration.MISSING else self._last
             leaps = np.abs(np.diff(stamps[rows], prepend=before)) > self.split.seconds * SECOND
             for index, part in enumerate(np.split(rows, np.flatnonzero(leaps))):
                 if index:
                     self._run += 1
-                    self._last = clock.MISSING
+                    self._last = calibration.MISSING
                 if len(part):
                     yield part
         else:
@@ -199,7 +198,7 @@ class Feed:
                     continue
                 if label != self._label:
                     self._run += bool(self._label)
-                    self._label, self._last = label, clock.MISSING
+                    self._label, self._last = label, calibration.MISSING
                 yield part
 
     def _later(

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from saddlering_ros.errors import did_you_mean, plain_number, refuse_unknown_keys
-from saddlering_ros.importing import calibration, clock
-from saddlering_ros.importing.calibration import Calibration, ImportingError, Unit, unit_of
-from saddlering_ros.importing.clock import CountedTime, DatedTime, FileTime, start_of, TimeSource
+from saddlering_ros.importing import calibration
+from saddlering_ros.importing.calibration import Calibration, ImportingError, TimeSource, unit_of
 from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.record import DETAILS
@@ -126,7 +125,7 @@ def read_map(path: Path) -> ImportMap:
     channels = tuple(
         _channel(name, given[name], where, path.parent) for name in given if name not in absent)
     for channel in channels:
-        if isinstance(channel.time, CountedTime) and 'start' in document['time'] and (
+        if isinstance(channel.time, calibration.CountedTime) and 'start' in document['time'] and (
                 'start' not in given[channel.name]['time']):
             raise ImportingError(f'{where}: channels.{channel.name}.time has no start, and time: '
                                  'has one: give both, or start: 1970-01-01T00:00:00Z here')
@@ -159,19 +158,22 @@ def _section(value: Any, file: str, name: str, known: Sequence[str] = ()) -> Map
 
 def _time(given: Any, file: str, name: str) -> TimeSource:
     section, where = _section(given, file, name, TIME_KEYS), f'{file}: {name}'
-    zone = clock.zone_of(section['zone'], f'{where}.zone') if 'zone' in section else None
-    start = start_of(section['start'], zone, f'{where}.start') if 'start' in section else None
+    zone = start = None
+    if 'zone' in section:
+        zone = calibration.zone_of(section['zone'], f'{where}.zone')
+    if 'start' in section:
+        start = calibration.start_of(section['start'], zone, f'{where}.start')
     if 'from' in section:
         if section['from'] != 'file':
             raise ImportingError(f'{where}.from is {section["from"]!r}: the only choice is file')
-        return FileTime(start)
+        return calibration.FileTime(start)
     if 'rate' in section:
         rate = _number(section['rate'], f'{where}.rate')
         if start is None:
             raise ImportingError(f'{where}: a rate needs a start, like "2026-11-20T08:00:00Z"')
         if rate <= 0:
             raise ImportingError(f'{where}.rate is {rate:g}: give samples per second')
-        return clock.RegularTime(SECOND / rate, start)
+        return calibration.RegularTime(SECOND / rate, start)
     columns = section.get('column')
     if columns is None:
         raise ImportingError(f'{where}: give column: (with unit: or format:), rate: and start:, '
@@ -179,7 +181,7 @@ def _time(given: Any, file: str, name: str) -> TimeSource:
     names = tuple(map(str, columns)) if isinstance(columns, list) else (str(columns),)
     if 'format' in section:
         form = str(section['format']).replace('.%f', '').replace(',%f', '')
-        return DatedTime(names, form, zone)
+        return calibration.DatedTime(names, form, zone)
     if 'unit' not in section:
         raise ImportingError(f'{where}: the unit of the time is not stated: give unit: s (ms, us, '
                              'ns) for numbers, format: iso or like "%d.%m.%Y %H:%M:%S" for dates')
@@ -188,7 +190,7 @@ def _time(given: Any, file: str, name: str) -> TimeSource:
         known = ', '.join(calibration.units_of(calibration.TIME))
         raise ImportingError(f'{where}.unit is {unit.name}: give a unit of time ({known}) and '
                              'one column')
-    return CountedTime((names[0],), unit, start or 0)
+    return calibration.CountedTime((names[0],), unit, start or 0)
 
 
 def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
@@ -258,7 +260,8 @@ def instruments_text(channels: Sequence[ChannelMap]) -> str:
     return json.dumps(stated, sort_keys=True) if stated else ''
 
 
-def _calibration(section: Mapping[str, Any], unit: Unit, where: str, folder: Path) -> Calibration:
+def _calibration(section: Mapping[str, Any], unit: calibration.Unit, where: str,
+                 folder: Path) -> Calibration:
     kinds = [key for key in ('table', 'polynomial', 'scale') if key in section]
     if len(kinds) > 1:
         raise ImportingError(f'{where}: {kinds[0]} and {kinds[1]} are both given: give one')

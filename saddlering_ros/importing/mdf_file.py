@@ -318,5 +318,4 @@ class MdfSource(Source):
 
 
 def _table(data: bytes, record: int, count: int) -> NDArray[np.uint8]:
-    """The first `count` records of some bytes."""
     return np.frombuffer(data, np.uint8, count * record).reshape(count, record)

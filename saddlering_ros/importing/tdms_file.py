@@ -81,7 +81,6 @@ class TdmsSource(Source):
 
 
 def _timing(properties: Any) -> Timing | None:
-    """The waveform's own time, if the channel has one."""
     period = float(properties.get('wf_increment', 0.0) or 0.0)
     if period <= 0.0:
         return None

@@ -200,7 +200,6 @@ class ActionNode(Node):
             self._worker.start()
 
     def _end(self, goal_handle: ServerGoalHandle, outcome: Outcome, result: Any) -> None:
-        """End the goal with its reason."""
         result.message = outcome.words
         self._level = OK
         if outcome.kind == DONE:

@@ -11,8 +11,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 import yaml
 
-from saddlering_ros.bags.mcap_write import McapWriter
-from saddlering_ros.bags.write import BagWriter, messages_of, write_bag
+from saddlering_ros.bags.write import BagWriter, McapWriter, messages_of, write_bag
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TestMetadata
 from saddlering_ros.record.topics import TOPICS

@@ -113,7 +113,7 @@ def test_a_recording_that_cannot_be_written_any_more_ends_in_one_line(
     def full(*_):
         raise OSError(errno.ENOSPC, 'No space left on device')
 
-    monkeypatch.setattr('saddlering_ros.bags.mcap_write.McapWriter.add_message', full)
+    monkeypatch.setattr('saddlering_ros.bags.write.McapWriter.add_message', full)
     ended = threading.Event()
     speaking = threading.Thread(target=speak, args=(ros_domain, ended))
     speaking.start()

@@ -24,8 +24,7 @@ import pytest
 from scipy.io import savemat
 
 from saddlering_ros.bags import read_raw
-from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.clock import DatedTime, MISSING
+from saddlering_ros.importing.calibration import DatedTime, ImportingError, MISSING
 from saddlering_ros.importing.convert import import_files, save_preview
 from saddlering_ros.importing.draft import draft_map
 from saddlering_ros.importing.mapping import read_map
