@@ -58,8 +58,7 @@ def unknown(channels: Floats) -> Bits:
     is_unknown = np.isnan(channels)
     if not np.count_nonzero(is_unknown):
         return np.zeros(channels.shape[1], np.uint8)
-    marks: Bits = (is_unknown * _BITS[:, None]).sum(axis=0, dtype=np.uint8)
-    return marks
+    return np.asarray((is_unknown * _BITS[:, None]).sum(axis=0, dtype=np.uint8))
 
 
 def is_published(validity: Bits) -> NDArray[np.bool_]:
@@ -177,9 +176,10 @@ def no_displacements() -> Displacements:
 
 def join(batches: Sequence[Displacements]) -> Displacements:
     """Several batches as one."""
-    if len(batches) == 1:
-        return batches[0]
-    return Displacements(**_joined(batches)) if batches else no_displacements()
+    kept = [batch for batch in batches if len(batch)]
+    if len(kept) == 1:
+        return kept[0]
+    return Displacements(**_joined(kept)) if kept else no_displacements()
 
 
 def _joined(batches: Sequence[AlignedRows] | Sequence[Displacements]) -> dict[str, Any]:
@@ -187,7 +187,6 @@ def _joined(batches: Sequence[AlignedRows] | Sequence[Displacements]) -> dict[st
     arrays = [name for name, value in vars(batches[0]).items() if isinstance(value, np.ndarray)]
     return {name: np.concatenate([getattr(batch, name) for batch in batches], axis=-1)
             for name in arrays}
-
 
 
 GAP_PERIODS = 5
@@ -246,9 +245,8 @@ def gap_mask(stamps: Stamps) -> Mask:
     """Mask (N - 1,) of the intervals between consecutive `stamps` (N,) that are gaps."""
     mask = np.zeros(max(len(stamps) - 1, 0), dtype=bool)
     for part in blocks(len(mask), stamps, size=65536):
-
-        long = part.start + np.flatnonzero(np.diff(stamps[part.start:part.stop + 1])
-                                           > GAP_FLOOR_NS)
+        steps = np.diff(stamps[part.start:part.stop + 1])
+        long = part.start + np.flatnonzero(steps > GAP_FLOOR_NS)
         mask[long] = _are_gaps(stamps, long)
     return mask
 

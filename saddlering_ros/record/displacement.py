@@ -277,9 +277,7 @@ class DisplacementStream:
             if np.count_nonzero(np.isnan(rows.gaps)):
                 rows = rows.pick(a_pair_reads(rows.gaps))
             for part in self._of_one_zero(rows) if len(rows) else ():
-                measured = self._measured(part)
-                if len(measured):
-                    found.append(measured)
+                found.append(self._measured(part))
         return batches.join(found)
 
     def _of_one_zero(self, rows: AlignedRows) -> Iterator[AlignedRows]:

@@ -17,14 +17,13 @@ from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.rig import ParameterSet, probes_to_displacement, Rig, ZeroReading
 from saddlering_ros.rig.geometry import MIN_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
 from saddlering_ros.ring import RingSimulator, SimulationError
-from saddlering_ros.ring.simulator import simulate_in_blocks, SimulatedRun
+from saddlering_ros.ring.simulator import simulate_in_blocks
 
 KEEP_NS = 2 * SECOND
 """A sample this far behind the newest match will find no partner any more."""
 
 MAX_WAITING = 20_000
 """Samples of one side kept while its partner is silent: 20 s at 1 kHz."""
-
 
 ELEVATION_TOLERANCE = np.radians(0.5)
 """Elevations that differ by more [rad] are of two tests."""
@@ -63,7 +62,7 @@ class _Side:
         if jumped:
             self.waiting = batches.no_displacements()
         self.newest = newest if jumped else max(self.newest, newest)
-        together = batches.join([self.waiting, batch]) if len(self.waiting) else batch
+        together = batches.join([self.waiting, batch])
         if len(together) > 1 and (np.diff(together.stamps) <= 0).any():
             _, first = np.unique(together.stamps, return_index=True)
             together = together.pick(first)
@@ -153,7 +152,7 @@ class ResidualStream:
         self.counters.zero_differs += len(same) - len(direct) - len(bridged)
         self.zeros_agree = bool(same[-1]) or bool(
             len(bridged) and bridged.stamps[-1] == measured.stamps[-1])
-        both = batches.join([batch for batch in (direct, bridged) if len(batch)])
+        both = batches.join([direct, bridged])
         return both.pick(np.argsort(both.stamps, kind='stable'))
 
     def _bridged(self, measured: Displacements, simulated: Displacements, rows: np.ndarray,
@@ -168,7 +167,7 @@ class ResidualStream:
             self._bridges = {pair: self._bridges.get(pair) or _Bridge(
                 max(pair), float(newer.zero_durations[mine[0]]))}
             found.append(self._bridges[pair].across(measured.pick(mine), simulated.pick(mine)))
-        return batches.join([batch for batch in found if len(batch)])
+        return batches.join(found)
 
 
 class _Bridge:
@@ -265,7 +264,7 @@ class SimulationStream:
     def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float, *,
                  max_step: float = 1e-3, max_gap: float = 10.0) -> None:
         self._rig = rig
-        self._max_gap = round(max_gap * batches.SECOND)
+        self._max_gap = round(max_gap * SECOND)
         self.simulator = RingSimulator(rig, parameters, elevation, max_step)
         self.elevation = self.zero_elevation = elevation
         self.recording = batches.ANY_TIME
@@ -354,7 +353,7 @@ class SimulationStream:
         self.restart(zero_anywhere=True)
         self.held, self._newest = held, newest
         after = self._simulated(stamps[asked:], loads[asked:])
-        return batches.join([batch for batch in (before, after) if len(batch)])
+        return batches.join([before, after])
 
     def _simulated(self, stamps: NDArray[np.int64], loads: NDArray[np.float64]) -> Displacements:
         """The states that are known with samples (N,) in order: stamps [ns], loads [N]."""
@@ -371,7 +370,7 @@ class SimulationStream:
         if zero is not None and not self.zero_stamp:
             of_zero = pushed[first:first + zero.end - zero.start]
             self.zero_stamp = int(of_zero[0])
-            self._zero_duration = int(of_zero[-1] - of_zero[0]) / batches.SECOND
+            self._zero_duration = int(of_zero[-1] - of_zero[0]) / SECOND
         self._pushed = pushed[len(pushed) - pending:]
         if zero is None or not len(time):
             return batches.no_displacements()
@@ -403,13 +402,22 @@ def simulated_stretches(
         failed, found, zero = 0, False, None
         for simulated in simulate_in_blocks(
                 rig, parameters, run.elevation, run.time, run.load, BLOCK):
-            batch = _converged(run, simulated)
+            rows = slice(simulated.first, simulated.first + len(simulated.time))
+            channels, count = simulated.displacement.channels, len(simulated.time)
             failed, zero = simulated.failed_steps, simulated.zero
+            first, last = run.stamps[[zero.start, zero.end - 1]].tolist()
+            marks = None if run.load_marks is None else run.load_marks[rows]
+            batch = Displacements(
+                run.stamps[rows], channels, np.full(count, first), np.full(count, zero.load),
+                np.full(count, run.elevation),
+                np.zeros(count, np.uint8) if marks is None else marks,
+                np.full(count, (last - first) / SECOND),
+            ).pick(np.flatnonzero(np.isfinite(channels).all(axis=0)))
             found = found or bool(len(batch))
             if found:
                 yield zero, batch
             forget(run.stamps, run.time, run.load, run.gaps)
-            on_progress((simulated.first + len(simulated.time)) / len(run.time))
+            on_progress(rows.stop / len(run.time))
         if not found:
             raise SimulationError(f'{run.path}: no sample could be simulated: the solver finds no '
                                   'equilibrium of this ring: check contact.K1 and contact.K2 of '
@@ -423,17 +431,3 @@ def simulated_stretches(
     of_run = stretches()
     zero, first = next(of_run)
     return chain([first], (batch for _, batch in of_run)), zero
-
-
-def _converged(run: Record, simulated: SimulatedRun) -> Displacements:
-    """The samples of a stretch without those at which the solver did not converge."""
-    rows = slice(simulated.first, simulated.first + len(simulated.time))
-    channels = simulated.displacement.channels
-    zero, count = simulated.zero, len(simulated.time)
-    first, last = run.stamps[[zero.start, zero.end - 1]].tolist()
-    return Displacements(
-        run.stamps[rows], channels, np.full(count, first), np.full(count, zero.load),
-        np.full(count, run.elevation),
-        np.zeros(count, np.uint8) if run.load_marks is None else run.load_marks[rows],
-        np.full(count, (last - first) / batches.SECOND),
-    ).pick(np.flatnonzero(np.isfinite(channels).all(axis=0)))
