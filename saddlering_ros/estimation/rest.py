@@ -33,6 +33,7 @@ GUARD_SECONDS = 0.1
 """Time [s] before the next movement that is left out, at most a fifth of the stretch."""
 
 MIN_SAMPLES = 8
+"""Smallest number of samples of a rest: their scatter is then known within 27 %."""
 
 
 @dataclass(frozen=True)

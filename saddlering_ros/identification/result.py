@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 import math
 from typing import Any
 
@@ -51,17 +52,11 @@ class Identification(Uncertainty):
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers; null if the data do not determine a value."""
         document: dict[str, Any] = finite_json({
-            'method': self.method,
-            'status': self.status,
-            'cancelled': self.cancelled,
+            **{name: getattr(self, name) for name in ('method', 'status', 'cancelled')},
             'bags': list(self.parameters.source.bags),
-            'objective': self.objective,
-            'chi_square': self.chi_square,
-            'degrees_of_freedom': self.degrees_of_freedom,
-            'reduced_chi_square': self.reduced_chi_square,
-            'noise_factor': self.noise_factor,
-            'evaluations': self.evaluations,
-            'elapsed': self.elapsed,
+            **{name: getattr(self, name) for name in (
+                'objective', 'chi_square', 'degrees_of_freedom', 'reduced_chi_square',
+                'noise_factor', 'evaluations', 'elapsed')},
             'parameters': {
                 name: self.parameter_entry(index, name)
                 for index, name in enumerate(PARAMETER_NAMES)},
@@ -104,7 +99,6 @@ def line_contact_ratios(contact: ContactParameters) -> dict[str, float]:
 
 CORRELATION_THRESHOLD = 0.5  # a smaller one widens an interval by under 16 %
 
-
 INTERVALS = (
     'Errors and intervals allow for noise and for unequal rollers. They do not allow for a wrong '
     'weight of the moving mass or for the imperfections that saddlering identify lists.')
@@ -113,8 +107,7 @@ INTERVALS = (
 
 def identification_text(identification: Identification) -> str:
     """Method, evaluations, chi square, values with errors, bounds, correlations, notes."""
-    source, freedom = identification.parameters.source, identification.degrees_of_freedom
-    contact = identification.parameters.contact
+    source, contact = identification.parameters.source, identification.parameters.contact
     lines = [
         '[[Identification]]',
         f'    method              = {identification.method}',
@@ -125,7 +118,7 @@ def identification_text(identification: Identification) -> str:
         f'    objective           = {quantity(identification.objective, digits=6)}',
         f'    chi square          = {quantity(identification.chi_square, digits=6)}',
         f'    reduced chi square  = {quantity(identification.reduced_chi_square, digits=4)}'
-        f' ({freedom} degrees of freedom)',
+        f' ({identification.degrees_of_freedom} degrees of freedom)',
         f'    rms misfit          = {identification.noise_factor:.2f} times the noise',
         '[[Parameters]]',
         *(f'    {parameter_words(name, identification.parameter_entry(index, name))}'
@@ -140,7 +133,24 @@ def identification_text(identification: Identification) -> str:
         lines.append(
             f'    {row}: {quantity(value, "N/mm^n", digits=5)}, {significant(ratios[row[:2]], 2)} '
             'of one roller in Palmgren line contact (at 0.1 mm)')
-    lines += [*_systematic_lines(identification), *_correlation_lines(identification)]
+    # How much each imperfection, which no fit can see, would change the free parameters.
+    words_of = {one.name: one.words for one in IMPERFECTIONS}
+    lines.append('[[Effect of small imperfections of the rig]]')
+    for name, shift in identification.systematic.items():
+        words = [
+            f'{parameter} {value:+.3f}' if parameter[0] == 'n'
+            else f'{parameter} {100.0 * np.expm1(np.clip(value, -9, 9)):+.1f} %'
+            for parameter, value in zip(PARAMETER_NAMES, shift, strict=True)
+            if np.isfinite(value) and abs(value) >= 5e-4]
+        lines.append(f'    {words_of.get(name, name)}: {", ".join(words) or "no change"}')
+    lines.append(f'[[Correlations]] (below {CORRELATION_THRESHOLD} not shown)')
+    pairs = {(first, second): float(identification.correlation[i, j])
+             for (i, first), (j, second) in combinations(enumerate(PARAMETER_NAMES), 2)}
+    lines += [
+        f'    C({first}, {second}) = {value:+.4f}, '
+        f'collinearity {identification.collinearity.get(f"{first},{second}", np.nan):.1f}'
+        for (first, second), value in sorted(pairs.items(), key=lambda pair: -abs(pair[1]))
+        if abs(value) >= CORRELATION_THRESHOLD]
     if identification.notes:
         lines += ['[[Notes]]', *(f'    {note}' for note in identification.notes)]
     return '\n'.join(lines)
@@ -155,29 +165,3 @@ def parameter_words(name: str, entry: Mapping[str, Any]) -> str:
     low, high = entry['interval'] or (np.nan, np.nan)
     return (f'{name}: {quantity(value, unit, std)} ({percent(std / abs(value))}), '
             f'95 % interval {span(low, high)}')
-
-
-def _systematic_lines(identification: Identification) -> list[str]:
-    """How much each imperfection, which no fit can see, would change the free parameters."""
-    words_of = {one.name: one.words for one in IMPERFECTIONS}
-    lines = ['[[Effect of small imperfections of the rig]]']
-    for name, shift in identification.systematic.items():
-        words = [
-            f'{parameter} {value:+.3f}' if parameter[0] == 'n'
-            else f'{parameter} {100.0 * np.expm1(np.clip(value, -9, 9)):+.1f} %'
-            for parameter, value in zip(PARAMETER_NAMES, shift, strict=True)
-            if np.isfinite(value) and abs(value) >= 5e-4]
-        lines.append(f'    {words_of.get(name, name)}: {", ".join(words) or "no change"}')
-    return lines
-
-
-def _correlation_lines(identification: Identification) -> list[str]:
-    pairs = [
-        (first, second, float(identification.correlation[i, j]))
-        for i, first in enumerate(PARAMETER_NAMES)
-        for j, second in enumerate(PARAMETER_NAMES)
-        if i < j and abs(identification.correlation[i, j]) >= CORRELATION_THRESHOLD]
-    return [f'[[Correlations]] (below {CORRELATION_THRESHOLD} not shown)', *(
-        f'    C({first}, {second}) = {value:+.4f}, '
-        f'collinearity {identification.collinearity.get(f"{first},{second}", np.nan):.1f}'
-        for first, second, value in sorted(pairs, key=lambda pair: -abs(pair[2])))]

@@ -189,11 +189,15 @@ def _joined(batches: Sequence[AlignedRows] | Sequence[Displacements]) -> dict[st
             for name in arrays}
 
 
-GAP_PERIODS = 5
-GAP_HISTORY = 15
-GAP_LEAST_HISTORY = 3
-GAP_FLOOR_NS = 5_000_000
+GAP_PERIODS, GAP_FLOOR_NS = 5, 5_000_000
+"""Four samples lost in a row at 1 kHz are bridged; the ring moves little in 5 ms."""
+
+GAP_HISTORY, GAP_LEAST_HISTORY = 15, 3
+"""Seven odd intervals do not move the median of 15, and one does not move that of three."""
+
 LEAP_NS = 10_000_000_000
+"""As long as the jump ahead after which streams take a new zero."""
+
 JITTER_NS = 250_000_000
 """Smallest step back [ns] of a stamp behind the newest of its topic that shows a clock set
 back."""

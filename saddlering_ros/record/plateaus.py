@@ -54,7 +54,11 @@ SHORTEST_HOLD = 0.5
 """Length [s] below which a steady stretch is a turning point and no plateau."""
 
 MIN_SAMPLES = 5
+"""Smallest number of readings of a mean: its error is then known within 35 %."""
+
 MIN_PLATEAUS = 3
+"""Smallest number of plateaus: one on the way up, the top, and one on the way down."""
+
 SAME_LEVEL_SHARE = 0.35
 """Difference of loads, as a share of a step, below which plateaus are at the same level."""
 

@@ -20,8 +20,7 @@ HELD_SHARE = 0.5
 HELD_STEPS = 2.0
 """Smallest change (rms) of held readings, in steps of the converter."""
 
-STALL_SAMPLES = 20
-STALL_SIZE = 8.0
+STALL_SAMPLES, STALL_SIZE = 20, 8.0
 """Number of equal readings that may be a stall, and change at its end in usual changes ..."""
 
 STALL_STEPS = 3.0
@@ -47,6 +46,8 @@ QUIET_SECONDS = 0.8
 """Length [s] of the beginning of a record in which the bandwidth of the noise is looked for."""
 
 MIN_QUIET_SAMPLES = 100
+"""With so many readings (at 125 Hz) noise below 5 Hz shows (CHANCE_ERRORS), little above
+MIN_BANDWIDTH; fewer would show nothing."""
 
 MIN_BANDWIDTH = 3.0
 """Frequency [Hz] below which noise at the beginning of a record is a movement."""
