@@ -125,7 +125,7 @@ def bag_info(
             notes = [*run.notes, *map(str, findings_on_rig(rig, run, record))]
             if run.test == 'static':
                 count = 0
-                count = len(plateaus(run, errors=False))
+                count = len(plateaus(run))
         except BagError as fault:
             problems.append(str(fault))
     start = min((int(topic.stamps[0]) for topic in raw.values()), default=None)

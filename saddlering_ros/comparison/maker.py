@@ -20,9 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.record import displacement_of_run, plateaus, Record
+from saddlering_ros.estimation.noise import noise_alone
+from saddlering_ros.record import displacement_of_run, Plateaus, plateaus, Record
+from saddlering_ros.record.batches import Floats
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.description import WEAR_LIMITS
+
+AXIAL = [1, 3]
+"""Rows of the axial probes, 2 and 4."""
 
 
 @dataclass(frozen=True)
@@ -80,32 +85,44 @@ def judged_wear(wear: Mapping[str, float], limits: Mapping[str, float]) -> list[
 def maker_figures(rig: Rig, record: Record, loads: tuple[float, float]) -> MakerFigures:
     """The figures of a static test under two defined loads [N].
 
-    Readings are those of the rising branch, interpolated between the held loads. The standard
-    deviation is that of the plateaus' means.
+    Readings are those of the rising branch, interpolated between the held loads.
     """
     steps = plateaus(record)
-    zero = np.array(displacement_of_run(rig, record).zero.gaps)
+    zero = np.array(displacement_of_run(rig, record).zero.gaps)[AXIAL]
     rising = np.flatnonzero(steps.branch >= 0)[: int(np.argmax(steps.load)) + 1]
     order = rising[np.argsort(steps.load[rising])]
-    polarity = np.array(rig.probes.polarity)
-    increments = polarity[:, None] * (steps.gaps[:, order] - zero[:, None])
-    readings = np.array([np.interp(loads, steps.load[order], row) for row in increments])
-    errors = np.array([np.interp(loads, steps.load[order], row)
-                       for row in steps.gaps_std_error[:, order]])
-    change, deviation = np.diff(readings, axis=1)[:, 0], np.hypot(errors[:, 0], errors[:, 1])
+    polarity = np.array(rig.probes.polarity)[AXIAL]
+    increments = polarity[:, None] * (steps.gaps[AXIAL][:, order] - zero[:, None])
+    readings, errors = (
+        np.array([np.interp(loads, steps.load[order], row) for row in rows])
+        for rows in (increments, standard_errors(record, steps)[:, order]))
+    axial, deviation = np.diff(readings, axis=1)[:, 0], np.hypot(errors[:, 0], errors[:, 1])
     lever = rig.axial_rows.pitch_radius / rig.probes.axial_span
     raceway = np.array([0.5 - lever, 0.5 + lever])
-    axial, axial_deviation = change[[1, 3]], deviation[[1, 3]]
     return MakerFigures(
         record.elevation, *loads,
         tilting_clearance=abs(float(raceway @ axial)),
-        tilting_clearance_std=float(np.linalg.norm(raceway * axial_deviation)),
+        tilting_clearance_std=float(np.linalg.norm(raceway * deviation)),
         axial_reduction=-float(axial.mean()),
-        axial_reduction_std=0.5 * float(np.linalg.norm(axial_deviation)),
+        axial_reduction_std=0.5 * float(np.linalg.norm(deviation)),
         gain=max(rig.instruments.probe_gain or (0.0,)))
+
+
+def standard_errors(record: Record, steps: Plateaus) -> Floats:
+    """Standard errors (2, M) [m] of the plateaus' readings of the axial probes.
+
+    They are those of means of the noise that a probe shows on all plateaus.
+    """
+    step, errors = float(np.median(np.diff(record.time))), []
+    for row in record.gaps[AXIAL]:
+        parts = [row[start:stop] for start, stop in zip(steps.start, steps.stop, strict=True)]
+        parts = [part[np.isfinite(part)] for part in parts]
+        lasting = step * np.array([max(len(part), 1) for part in parts], dtype=float)
+        errors.append(np.sqrt(noise_alone(parts, step).variances(lasting)))
+    return np.array(errors)
 
 
 def common_loads(before: Record, after: Record) -> tuple[float, float]:
     """The smallest and the largest load [N] that both static tests held."""
-    held = [plateaus(record, errors=False).load for record in (before, after)]
+    held = [plateaus(record).load for record in (before, after)]
     return max(float(load.min()) for load in held), min(float(load.max()) for load in held)

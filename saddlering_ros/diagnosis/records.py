@@ -137,7 +137,7 @@ def build_record(rig: Rig, test_run: Record, *, held_out: bool) -> PreparedRecor
 
 def _static(rig: Rig, test_run: Record, time: Array, load: Array, quiet: Array) -> _Blocks:
     """Blocks within the plateaus of a static run."""
-    levels = plateaus(test_run, errors=False)
+    levels = plateaus(test_run)
     hold, branch = [], []
     blocks: list[Span] = []
     rest: list[RestSegment] = []

@@ -267,7 +267,7 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
             "): load the ring further, or correct the rig file's full_scale_load")
     if run.test == 'static':
         try:
-            readings = plateaus(run, errors=False)
+            readings = plateaus(run)
         except BagError as problem:
             raise IdentificationError(f'{name}: {problem}') from problem
         levels = np.unique(np.round(readings.load / rig.limits.level_step))

@@ -5,13 +5,6 @@ compared. Where the two differ by little, the load is held. The step, the number
 length of a plateau are free, but a plateau lasts several windows.
 
 Reading. The first `SETTLING_SHARE` of a hold is for settling; the reading is the mean of the rest.
-Its standard error is sd * sqrt(tau / n) with tau = 1 + 2 sum_k (1 - k/n) rho_k, where rho is the
-autocorrelation of the samples. The sum ends at Sokal's window (K >= 5 tau) and is corrected for
-the mean of the same samples. Source: A. Sokal, Monte Carlo Methods in Statistical Mechanics, 1996,
-section 3. The correlation of each channel is pooled over all plateaus of a run, because one
-plateau is too short for it. If the correlation lasts too long even so, a model (white noise and
-one relaxation) is fitted. Noise that is slower than a plateau does not show within it and is not
-in the error.
 """
 
 from __future__ import annotations
@@ -67,17 +60,15 @@ SAME_LEVEL_SHARE = 0.35
 class Plateaus:
     """The M plateaus of a static run in order of time; indices count the run's load samples.
 
-    load (M,) [N]; gaps, gaps_std_error (4, M) [m], NaN for a probe that was not
-    reading; time (M,) [s], mean over the part averaged; start, stop (M,): the part averaged
-    is [start, stop); hold_start, hold_stop (M,): the whole hold; branch (M,): +1 reached from
-    below and left upwards (or the end), -1 the other way, 0 at the first plateau and
-    at turning points (the top; the bottom between two cycles); level (M,): number of the load
-    level, 0 the lowest, equal on both branches.
+    load (M,) [N]; gaps (4, M) [m], NaN for a probe that was not reading; time (M,) [s], mean over
+    the part averaged; start, stop (M,): the part averaged is [start, stop); hold_start, hold_stop
+    (M,): the whole hold; branch (M,): +1 reached from below and left upwards (or the end), -1 the
+    other way, 0 at the first plateau and at turning points (the top; the bottom between two
+    cycles); level (M,): number of the load level, 0 the lowest, equal on both branches.
     """
 
     load: Floats
     gaps: Floats
-    gaps_std_error: Floats
     time: Floats
     start: NDArray[np.int64]
     stop: NDArray[np.int64]
@@ -90,11 +81,8 @@ class Plateaus:
         return len(self.load)
 
 
-def plateaus(run: Record, *, errors: bool = True) -> Plateaus:
-    """Cut `run` into plateaus; BagError if its load is not held at a few levels.
-
-    errors: compute the standard errors, which takes half of the time; else they are NaN.
-    """
+def plateaus(run: Record) -> Plateaus:
+    """Cut `run` into plateaus; BagError if its load is not held at a few levels."""
     holds = find_holds(run.time, run.load)
     if len(holds) < MIN_PLATEAUS:
         raise BagError(
@@ -105,8 +93,7 @@ def plateaus(run: Record, *, errors: bool = True) -> Plateaus:
     begins = run.time[hold_start] + SETTLING_SHARE * (
         run.time[hold_stop - 1] - run.time[hold_start])
     start = np.minimum(np.searchsorted(run.time, begins), hold_stop - MIN_SAMPLES)
-    load = plateau_means(start, hold_stop, run.load, errors=False)[0]
-    gaps, gaps_std_error = plateau_means(start, hold_stop, run.gaps, errors=errors)
+    load = plateau_means(start, hold_stop, run.load)
     # Number of each plateau's load level, 0 the lowest; the step is found from the loads.
     step = float(np.median(np.abs(np.diff(load))))
     order = np.argsort(load, kind='stable')
@@ -126,35 +113,29 @@ def plateaus(run: Record, *, errors: bool = True) -> Plateaus:
     turning = np.multiply(arrived, leaving) < 0
     branch = np.where(turning, 0, arrived).astype(np.int64)
     return Plateaus(
-        load=load, gaps=gaps, gaps_std_error=gaps_std_error,
-        time=plateau_means(start, hold_stop, run.time, errors=False)[0], start=start,
+        load=load, gaps=plateau_means(start, hold_stop, run.gaps),
+        time=plateau_means(start, hold_stop, run.time), start=start,
         stop=hold_stop, hold_start=hold_start, hold_stop=hold_stop, branch=branch, level=level)
 
 
-def plateau_means(
-    start: ArrayLike, stop: ArrayLike, values: ArrayLike, *, errors: bool = True,
-) -> tuple[Floats, Floats]:
+def plateau_means(start: ArrayLike, stop: ArrayLike, values: ArrayLike) -> Floats:
     """Means (..., M) of `values` (..., N) over the samples [start, stop) of each of M plateaus.
 
-    The second result is their standard errors. NaN samples are left out; a channel with fewer
-    than MIN_SAMPLES others in a plateau has NaN there.
+    NaN samples are left out; a channel with fewer than MIN_SAMPLES others in a plateau has NaN
+    there.
     """
     values = np.asarray(values, dtype=np.float64)
     spans = list(zip(np.asarray(start).tolist(), np.asarray(stop).tolist(), strict=True))
     channels = values.reshape(-1, values.shape[-1])
     mean = np.full((len(channels), len(spans)), np.nan)
-    std_error = np.full_like(mean, np.nan)
     for number, channel in enumerate(channels):
-        parts = [channel[first:last] for first, last in spans]
-        parts = [part[np.isfinite(part)] for part in parts]
-        enough = [place for place, part in enumerate(parts) if len(part) >= MIN_SAMPLES]
-        for place in enough:
-            mean[number, place] = parts[place].mean()
-        if errors and enough:
-            std_error[number, enough] = _standard_errors([parts[place] for place in enough])
+        for place, (first, last) in enumerate(spans):
+            part = channel[first:last]
+            part = part[np.isfinite(part)]
+            if len(part) >= MIN_SAMPLES:
+                mean[number, place] = part.mean()
         forget(channel)
-    shape = (*values.shape[:-1], len(spans))
-    return mean.reshape(shape), std_error.reshape(shape)
+    return mean.reshape(*values.shape[:-1], len(spans))
 
 
 def find_holds(time: Floats, load: Floats) -> list[Span]:
@@ -272,90 +253,3 @@ def _merged(
                 continue
         joined.append((start, stop))
     return joined
-
-
-def _standard_errors(parts: list[Floats]) -> Floats:
-    """Standard error of the mean of each part, by the correlation pooled over all of them."""
-    longest = max(len(part) for part in parts)
-    sums = np.zeros(longest)
-    counts = np.zeros(longest)
-    for part in parts:
-        size = len(part)
-        # Sums of x_i x_(i+k) for k = 0, 1, ..., by Fourier transform.
-        spectrum = np.fft.rfft(part - part.mean(), 2 * size)
-        sums[:size] += np.fft.irfft(np.abs(spectrum) ** 2, 2 * size)[:size]
-        counts[:size] += size - np.arange(size)
-    covariance = sums / counts
-    if covariance[0] <= 0.0:
-        return np.zeros(len(parts))
-    typical = int(np.median([len(part) for part in parts]))
-    # Add the variance of the mean, which was subtracted from the same samples.
-    corrected, before = covariance, 0.0
-    for _ in range(20):
-        of_mean = corrected[0] * min(_inflation(corrected / corrected[0], typical) / typical, 0.5)
-        corrected = covariance + of_mean
-        if of_mean == before:
-            break
-        before = of_mean
-    window, _ = _window_of(corrected / corrected[0], typical)
-    if window is None or 4 * window > typical:
-        corrected = _modelled(covariance[:typical], counts[:typical], longest)
-    correlation = corrected / corrected[0]
-    sizes, members = np.unique([len(part) for part in parts], return_inverse=True)
-    errors = [np.sqrt(corrected[0] * _inflation(correlation, size) / size)
-              for size in sizes.tolist()]
-    return np.array(errors)[members]
-
-
-def _modelled(covariance: Floats, counts: Floats, length: int) -> Floats:
-    """Autocovariance (length,) of white noise and one relaxation, fitted to an estimate (n,).
-
-    It serves correlation that is so long that a plateau shows only a part of it. The estimate
-    is compared with the exact expectation for such noise minus the mean of n samples. The
-    relaxation lasts at most n/2 samples, because a longer one looks the same.
-    """
-    from scipy.optimize import nnls  # SciPy takes as long to import as `info` to run.
-    size = len(covariance)
-    used = slice(0, max(size // 2, 3))
-    weight = np.sqrt(counts[used])
-    white = np.zeros(size)
-    white[0] = 1.0
-    best, misfit = covariance, np.inf
-    for relaxation in np.geomspace(0.5, max(size / 2.0, 1.0), 40):
-        slow = np.exp(-np.arange(size) / relaxation)
-        seen = np.stack([_after_mean(white)[used], _after_mean(slow)[used]], axis=1)
-        amounts, residual = nnls(seen * weight[:, None], covariance[used] * weight)
-        if residual < misfit:
-            misfit = residual
-            best = amounts[1] * np.exp(-np.arange(length) / relaxation)
-            best[0] += amounts[0]
-    return best
-
-
-def _after_mean(covariance: Floats) -> Floats:
-    """An autocovariance (n,) after the removal of the mean of the n samples.
-
-    mean over i of E (x_i - m)(x_(i+k) - m) = C_k + var(m) - mean over i of the covariances of
-    m with x_i and with x_(i+k).
-    """
-    size = len(covariance)
-    total = np.cumsum(covariance)
-    with_mean = (total + total[::-1] - covariance[0]) / size
-    heads = np.cumsum(with_mean)[::-1]
-    return np.asarray(covariance + with_mean.mean() - 2.0 * heads / np.arange(size, 0, -1))
-
-
-def _window_of(correlation: Floats, size: int) -> tuple[int | None, Floats]:
-    """Sokal's window: the first lag K with K >= 5 tau(K), None if there is none; all tau(K)."""
-    lags = np.arange(1, min(size, len(correlation)))
-    terms = 1.0 + 2.0 * np.cumsum((1.0 - lags / size) * correlation[1:len(lags) + 1])
-    enough = np.flatnonzero(lags >= 5.0 * np.maximum(terms, 0.2))
-    return int(lags[enough[0]]) if len(enough) else None, terms
-
-
-def _inflation(correlation: Floats, size: int) -> float:
-    """Factor tau for `size` samples with this `correlation` (k = 0, 1, ...), at least 1/size."""
-    window, terms = _window_of(correlation, size)
-    if not len(terms):
-        return 1.0
-    return float(max(terms[-1 if window is None else window - 1], 1.0 / size))
