@@ -86,19 +86,13 @@ def is_same_recording(first: Record, second: Record) -> bool:
         head = shorter.load[anchor:anchor + ANCHOR_ROWS]
         if len(head) < ANCHOR_ROWS or head.min() == head.max():
             continue
-        if any(_equal_from(shorter, longer, place - anchor) > wanted
-               for place in _places(longer.load, head)):
-            return True
+        for part in blocks(len(longer.load) - len(head) + 1, longer.load):
+            places = part.start + np.flatnonzero(longer.load[part] == head[0])
+            if any(_equal_from(shorter, longer, place - anchor) > wanted
+                   for place in places.tolist()
+                   if np.array_equal(longer.load[place:place + len(head)], head)):
+                return True
     return False
-
-
-def _places(load: Floats, head: Floats) -> list[int]:
-    """Rows of a load (N,) from which on it goes like `head` (M,)."""
-    found: list[int] = []
-    for part in blocks(len(load) - len(head) + 1, load):
-        rows = part.start + np.flatnonzero(load[part] == head[0])
-        found += [row for row in rows.tolist() if np.array_equal(load[row:row + len(head)], head)]
-    return found
 
 
 def _equal_from(shorter: Record, longer: Record, shift: int) -> int:
@@ -147,11 +141,8 @@ def refuse_repeats(runs: Sequence[Record], held_out: Sequence[Record] = ()) -> N
         for first in every[:later]:
             if not is_same_recording(first, second):
                 continue
+            reason = ': give it once, because a second copy would make the errors too small'
             if later >= len(runs) and any(first is run for run in runs):
-                raise BagError(
-                    f'{second.path}: holds the same recording as {first.path}, which is fitted: '
-                    'hold out another recording, because the agreement of this one would prove '
-                    'nothing')
-            raise BagError(
-                f'{second.path}: holds the same recording as {first.path}: give it once, because '
-                'a second copy would make the errors too small')
+                reason = (', which is fitted: hold out another recording, because the agreement '
+                          'of this one would prove nothing')
+            raise BagError(f'{second.path}: holds the same recording as {first.path}{reason}')

@@ -78,6 +78,13 @@ class HeardTopic:
         """Median time from stamp to arrival [s]."""
         return float(np.median(self.arrivals - self.stamps)) / 1e9 if len(self) else math.nan
 
+    @property
+    def in_order(self) -> tuple[Stamps, Floats]:
+        """Stamps, each once and in order, and the finite readings at them."""
+        kept = np.isfinite(self.values) & (self.stamps > 0)
+        stamps, first = np.unique(self.stamps[kept], return_index=True)
+        return stamps, self.values[kept][first]
+
 
 class _Findings(list[Finding]):
     """Findings; `where`: the topic that is judged."""
@@ -252,24 +259,17 @@ def _directions(
     found: _Findings, rig: Rig, heard: Mapping[str, HeardTopic], elevation: float,
 ) -> None:
     """Polarity, swapped channels and the sign of the load, if the load moved enough."""
-    stamps, values = _in_order(heard[LOAD_TOPIC])
+    stamps, values = heard[LOAD_TOPIC].in_order
     least = MIN_LOAD_SPAN * rig.full_scale_load
     if len(values) < MIN_SAMPLES or float(np.ptp(values)) < least:
         found.note('the load did not move: polarity, order of the probes and sign of the load are '
                    f'not checked; move it by {rig.force_words(least)} meanwhile')
         return
     probes = rig.probes
-    gaps = np.stack([align(stamps, *_in_order(heard[PROBE_TOPICS[number - 1]]))
+    gaps = np.stack([align(stamps, *heard[PROBE_TOPICS[number - 1]].in_order)
                      for number in probes.present])
     if probes.absent:
         other = gaps[probes.partner_row]
         gaps = np.insert(gaps, probes.absent - 1, mirrored_gap(probes, other), axis=0)
     found += [replace(finding, where='probes', severity=FAULT)
               for finding in wiring_findings(rig, elevation, values, gaps)]
-
-
-def _in_order(one: HeardTopic) -> tuple[Stamps, Floats]:
-    """Stamps, each once and in order, and the finite readings at them."""
-    kept = np.isfinite(one.values) & (one.stamps > 0)
-    stamps, first = np.unique(one.stamps[kept], return_index=True)
-    return stamps, one.values[kept][first]

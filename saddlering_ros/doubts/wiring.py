@@ -72,8 +72,14 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
     slope = (increments * around).sum(axis=1) / float((around ** 2).sum())
     motion = np.abs(slope) * span
     largest = float(motion.max())
-    expected = _expected(rig, elevation)
-    clear = _clear(expected)
+    # Motion by a pushing load, up to a factor for probes 1 and 3 and one for 2 and 4.
+    forces = resolve_load(rig, 1.0, elevation)
+    radial, both = float(forces.force_x), float(forces.force_y)
+    apart = float(forces.moment) * rig.probes.axial_span / rig.axial_rows.pitch_radius ** 2
+    expected = np.array([radial, both + apart, -radial, both - apart])
+    # The side is certain but for probes that hardly move at this elevation.
+    axial = np.abs(expected[1::2]).max()
+    clear = np.abs(expected) >= CLEAR_SIDE * np.array([1.0, axial, 1.0, axial])
     stuck, dead = [], []
     for probe in (number - 1 for number in rig.probes.present):
         is_stuck = _stuck(rig, probe, load, gaps[probe])
@@ -86,52 +92,34 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
     return _mirrored(increments) or _sides(rig, slope, expected, clear)
 
 
-def _expected(rig: Rig, elevation: float) -> Floats:
-    """Motion (4,) of the probes by a pushing load, up to a factor for 1, 3 and one for 2, 4."""
-    forces = resolve_load(rig, 1.0, elevation)
-    lever = rig.probes.axial_span / rig.axial_rows.pitch_radius ** 2
-    radial = float(forces.force_x)
-    both, apart = float(forces.force_y), float(forces.moment) * lever
-    return np.array([radial, both + apart, -radial, both - apart])
-
-
-def _clear(expected: Floats) -> NDArray[np.bool_]:
-    """Mask (4,) of probes with a certain side; not those that hardly move at this elevation."""
-    axial = np.abs(expected[1::2]).max()
-    largest = np.array([1.0, axial, 1.0, axial])
-    return np.asarray(np.abs(expected) >= CLEAR_SIDE * largest)
-
-
 def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> list[Finding]:
     """The longest stretch of equal readings, if much load passes meanwhile."""
-    changes = np.flatnonzero(np.diff(gap) != 0.0)
-    edges = np.concatenate([[0], changes + 1, [len(gap)]])
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(gap) != 0.0) + 1, [len(gap)]])
     longest = int(np.argmax(np.diff(edges)))
-    first, stop = int(edges[longest]), int(edges[longest + 1])
-    low, high = float(load[first:stop].min()), float(load[first:stop].max())
-    if stop - first < STUCK_SAMPLES or high - low < STUCK.limit * float(np.ptp(load)):
+    rows = slice(*edges[longest:longest + 2].tolist())
+    low, high = float(load[rows].min()), float(load[rows].max())
+    if rows.stop - rows.start < STUCK_SAMPLES or high - low < STUCK.limit * float(np.ptp(load)):
         return []
-    return [STUCK.at(probe=probe + 1, gap=gap[first] * 1e6, loads=rig.force_range(low, high, 2))]
-
-
-def _unlikeness(one: Floats, other: Floats) -> float:
-    """Rms of the sum of two probes over that of their difference: 0 if they mirror each other."""
-    difference = float(np.sqrt(np.mean((one - other) ** 2)))
-    return float(np.sqrt(np.mean((one + other) ** 2))) / max(difference, 1e-12)
+    return [STUCK.at(probe=probe + 1, gap=gap[rows.start] * 1e6,
+                     loads=rig.force_range(low, high, 2))]
 
 
 def _mirrored(increments: Floats) -> list[Finding]:
     """Probes 1 and 3 must mirror each other; another pair that does shows swapped channels."""
     around = increments - increments.mean(axis=1, keepdims=True)
-    opposite = _unlikeness(around[0], around[2])
+    # Rms of the sum of two probes over that of their difference: 0 if they mirror each other.
+    unlikeness = {}
+    for first, second in combinations(range(4), 2):
+        apart = float(np.sqrt(np.mean((around[first] - around[second]) ** 2)))
+        together = float(np.sqrt(np.mean((around[first] + around[second]) ** 2)))
+        unlikeness[first, second] = together / max(apart, 1e-12)
+    opposite = unlikeness.pop((0, 2))
     if opposite < OPPOSITE_LIMIT or opposite > 1.0 / OPPOSITE_LIMIT:
         return []  # They do, or move to the same side: `_sides` judges that.
-    pairs = {(a, b): _unlikeness(around[a], around[b])
-             for a in range(4) for b in range(a + 1, 4) if (a, b) != (0, 2)}
-    pair = min(pairs, key=lambda key: pairs[key])
-    if pairs[pair] > SWAPPED.limit or pairs[pair] > opposite / 3.0:
+    (first, second), least = min(unlikeness.items(), key=lambda item: item[1])
+    if least > SWAPPED.limit or least > opposite / 3.0:
         return []
-    return [SWAPPED.at(first=pair[0] + 1, second=pair[1] + 1, percent=100 * pairs[pair],
+    return [SWAPPED.at(first=first + 1, second=second + 1, percent=100 * least,
                        opposite=100 * opposite)]
 
 
