@@ -93,7 +93,6 @@ class ActionNode(Node):
         self._agreement = RigAgreement(self, self.rig)
         self.bag_root = parameters.root_folder(self, 'bag_root', share_directory() / 'bags')
         self.parameters_root = parameters.root_folder(self, 'parameters_root', self.bag_root)
-        self._hardware_id = names.rig_name(self, self.settings.text('hardware_id'))
         self.stopping = False
         self._answered: deque[float] = deque()
         self.busy = threading.Lock()
@@ -226,10 +225,8 @@ class ActionNode(Node):
 
     def _diagnose(self) -> None:
         status = TaskStatus(self._level, self._stage, {'last goal': self._last})
-        message = to_message(names.diagnostic_name(self), [
-            (f'/{self.NAME}', status), ('rig', self._agreement.report(1.0))], self._hardware_id)
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(to_message(self, self.settings['hardware_id'], [
+            (f'/{self.NAME}', status), ('rig', self._agreement.report(1.0))]))
 
     def destroy_node(self) -> None:
         """End the worker process too."""

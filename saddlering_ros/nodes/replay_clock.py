@@ -69,27 +69,21 @@ class ReplayClockNode(BagNode):
 
     PARAMETERS = (
         *BagNode.PARAMETERS,
-        NodeParameter(
-            'rate', 1.0, 'speed: 1 is real time; 0 is as fast as the nodes follow (in '
-            'lockstep only)', low=0.0, high=100.0),
-        NodeParameter(
-            'lockstep', False, 'advance the clock only when all participants have '
-            'processed all earlier messages'),
-        NodeParameter(
-            'participants', PARTICIPANTS, 'nodes for which the clock waits, before the '
-            'first message and in lockstep'),
-        NodeParameter(
-            'window', 0.2, 'longest bag time per step in lockstep [s]', low=0.001, high=1.8,
-            changeable=True),
+        NodeParameter('rate', 1.0, 'speed: 1 is real time; 0 is as fast as the nodes follow (in '
+                      'lockstep only)', low=0.0, high=100.0),
+        NodeParameter('lockstep', False, 'advance the clock only when all participants have '
+                      'processed all earlier messages'),
+        NodeParameter('participants', PARTICIPANTS, 'nodes for which the clock waits, before the '
+                      'first message and in lockstep'),
+        NodeParameter('window', 0.2, 'longest bag time per step in lockstep [s]', low=0.001,
+                      high=1.8, changeable=True),
         NodeParameter('clock_rate', 100.0, 'steps a second in real time', low=1.0, high=1000.0),
-        NodeParameter(
-            'timeout', 5.0, 'a node that does not catch up within this time [s] is '
-            'reported; the clock does not wait for this node until it has caught up', low=0.1,
-            high=3600.0),
+        NodeParameter('timeout', 5.0, 'a node that does not catch up within this time [s] is '
+                      'reported; the clock does not wait for this node until it has caught up',
+                      low=0.1, high=3600.0),
         NodeParameter('start_paused', False, 'wait for ~/play'),
-        NodeParameter(
-            'elevation_deg', math.nan, 'elevation of the test [deg], in place of that of '
-            'the bag; nan: that of the bag', low=-10.0, high=90.0, nan_allowed=True),
+        NodeParameter('elevation_deg', math.nan, 'elevation of the test [deg], in place of that '
+                      'of the bag; nan: that of the bag', low=-10.0, high=90.0, nan_allowed=True),
         NodeParameter('exit_at_end', False, 'exit at the end of the bag'),
     )
 
@@ -320,7 +314,7 @@ class ReplayClockNode(BagNode):
                    'rate': f'{self._rate:g}', 'speed': f'{max(0.0, self._speed):.2f}',
                    'malformed progress': str(self._group.malformed),
                    'time-outs': str(self._timeouts),
-                   'bag': Path(self.settings.text('bag')).name}
+                   'bag': Path(self.settings['bag']).name}
         if self._group.excused and self._lockstep:
             left = ', '.join(sorted(self._group.excused))
             return TaskStatus(ERROR, f'continues without {left}, which fell behind', figures)

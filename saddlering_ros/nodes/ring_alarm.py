@@ -11,13 +11,7 @@ from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, 
 from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring import stream
-from saddlering_ros.monitoring.monitor import (
-    ALARM,
-    alarm_words,
-    MonitorSettings,
-    state_words,
-    WAITING,
-)
+from saddlering_ros.monitoring.monitor import alarm_words, MonitorSettings, state_words
 from saddlering_ros.monitoring.noise import DEFAULT_PERCENT
 from saddlering_ros.monitoring.stream import AlarmStream, Sight
 from saddlering_ros.record import LOAD_TOPIC
@@ -43,8 +37,8 @@ SOUGHT_FOR = 5.0
 SILENT = 0.4
 """A stream above the residual is missing if nothing has come for so long [s]."""
 
-BLIND = RingAlarm.BLIND
-"""State of the node; those of the monitor have the numbers 0 to 3."""
+WAITING, ALARM, BLIND = RingAlarm.WAITING, RingAlarm.ALARM, RingAlarm.BLIND
+"""States of the node; those of the monitor have the same numbers, 0 to 3."""
 
 RECENT_NS = 10_000_000_000
 """A lapse that is over is a warning for so long [ns], by the stamps."""
@@ -55,9 +49,8 @@ class RingAlarmNode(StreamingNode):
 
     PARAMETERS = (
         streaming_node.INPUT_RELIABILITY,
-        NodeParameter(
-            'false_alarm_hours', 1000.0, 'hours of testing in which one false alarm is '
-            'allowed in the mean', low=1.0, high=1e6, while_inactive=True),
+        NodeParameter('false_alarm_hours', 1000.0, 'hours of testing in which one false alarm is '
+                      'allowed in the mean', low=1.0, high=1e6, while_inactive=True),
         NodeParameter(
             'materiality', DEFAULT_PERCENT, 'residual without an alarm, in percent of the '
             "channel's range from preload to full scale", low=0.0, high=100.0,
@@ -118,20 +111,16 @@ class RingAlarmNode(StreamingNode):
             alarm = self._stream.monitor.alarm
             self._make()
             self._stream.monitor.alarm = alarm
-        wanted = self.settings['input_reliability']
+        kinds = {names.RESIDUAL: RingDisplacement, LOAD.relative: WrenchStamped}
         self.inputs = [
-            RawSubscription(self, names.RESIDUAL, RingDisplacement, reliability=wanted),
-            RawSubscription(self, LOAD.relative, WrenchStamped, reliability=wanted)]
+            RawSubscription(self, topic, kind, reliability=self.settings['input_reliability'],
+                            task=task)
+            for (topic, kind), task in zip(kinds.items(), self._streams, strict=True)]
 
     def process_batch(self) -> None:
         """Process one batch of either topic, and publish the changes."""
         residual = self.inputs[0].take_as(decode_displacements)
         load = self.inputs[1].take_samples(LOAD)
-        for flow, task, stamps in zip(self.inputs, self._streams,
-                                      (residual.stamps, load.stamps), strict=True):
-            if len(stamps):
-                flow.last_stamp = int(stamps[-1])
-                task.push(stamps)
         now = time.monotonic()
         self._sight.hear_load(load.stamps, now)
         self._sight.hear_residual(residual.stamps, residual.channels[:3], now)

@@ -68,12 +68,10 @@ class RingDisplacementNode(StreamingNode):
         streaming_node.INPUT_RELIABILITY, streaming_node.MAX_GAP,
         NodeParameter(
             'frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
-        NodeParameter(
-            'displaced_frame_id', '', 'frame of the displaced ring, published below frame_id on '
-            '/tf (needs tf2_msgs); none: not published'),
-        NodeParameter(
-            'parity_noise', 0.3e-6, 'noise of the parity [m]; a mean of more than five '
-            'times this value is reported', low=1e-9, high=1e-3, changeable=True),
+        NodeParameter('displaced_frame_id', '', 'frame of the displaced ring, published below '
+                      'frame_id on /tf (needs tf2_msgs); none: not published'),
+        NodeParameter('parity_noise', 0.3e-6, 'noise of the parity [m]; a mean of more than five '
+                      'times this value is reported', low=1e-9, high=1e-3, changeable=True),
         NodeParameter(
             'elevation_deg', math.nan, 'elevation of the load [deg], which every displacement '
             'carries; nan: that of the replayed bag, else that of rig/elevation', low=-10.0,
@@ -93,7 +91,7 @@ class RingDisplacementNode(StreamingNode):
         self.offer(Trigger, '~/zero', self._on_zero)
         self._zero = self.create_publisher(Header, ZERO, ZERO_QOS)
         self._zero_request = self.create_publisher(ZeroRequest, ZERO_REQUEST, ZERO_QOS)
-        name = self.settings.text('displaced_frame_id')
+        name = self.settings['displaced_frame_id']
         self._frame = DisplacedFrame(self, self.settings['frame_id'], name) if name else None
 
     def configure(self) -> None:
@@ -118,19 +116,16 @@ class RingDisplacementNode(StreamingNode):
     def connect(self) -> None:
         """Subscribe to load and probes; publish the displacement."""
         wanted = self.settings['input_reliability']
-        self.inputs = [RawSubscription(self, LOAD.relative, WrenchStamped, reliability=wanted)]
-        self.inputs += [RawSubscription(self, topic.relative, Range, reliability=wanted)
-                        for topic in self._topics[1:]]
+        self.inputs = [
+            RawSubscription(self, topic.relative, WrenchStamped if topic is LOAD else Range,
+                            reliability=wanted, task=task)
+            for topic, task in zip(self._topics, self._streams, strict=True)]
         self.outputs = [RawPublisher(self, DISPLACEMENT, RingDisplacement)]
 
     def process_batch(self) -> None:
         """One batch: samples in, displacements out."""
         load, *gaps = (flow.take_samples(topic)
                        for flow, topic in zip(self.inputs, self._topics, strict=True))
-        for flow, task, samples in zip(self.inputs, self._streams, (load, *gaps), strict=True):
-            if len(samples):
-                flow.last_stamp = int(samples.stamps[-1])
-                task.push(samples.stamps)
         for watch, samples in zip(self._saturation, gaps, strict=True):
             watch.push(samples.values)
         self._arrived = time.monotonic()
@@ -193,9 +188,8 @@ class RingDisplacementNode(StreamingNode):
 
     def _zero_status(self) -> TaskStatus:
         zero = self._stream.zero
-        return zero_status(
-            self._rig, zero.reading if zero else None, zero.stamp if zero else 0,
-            self._stream.newest_stamp, self._stream.load)
+        return zero_status(self._rig, zero.reading if zero else None, zero.stamp if zero else 0,
+                           self._stream.newest_stamp, self._stream.load)
 
     def _events(self) -> dict[str, int]:
         return {**self._stream.events(), 'malformed': sum(flow.malformed for flow in self.inputs)}

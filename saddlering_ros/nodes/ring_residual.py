@@ -1,5 +1,8 @@
 """Node ring_residual: measured minus simulated displacement, of equal stamps and zeros only."""
 
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,10 +12,10 @@ from saddlering_ros.record.residual import ResidualStream
 from saddlering_ros.rig import CHANNELS
 from saddlering_ros.ros import diagnostics, streaming_node
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
-from saddlering_ros.ros.names import DISPLACEMENT, names, RESIDUAL, RING, SIMULATED
+from saddlering_ros.ros.names import DIAGNOSTICS, DISPLACEMENT, names, RESIDUAL, RING, SIMULATED
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
-from saddlering_ros.ros.rig_state import ReadinessTask, RigAgreement
+from saddlering_ros.ros.rig_state import Readiness, RigAgreement
 from saddlering_ros.ros.streaming_node import StreamingNode
 
 
@@ -22,16 +25,19 @@ class RingResidualNode(StreamingNode):
     PARAMETERS = (
         streaming_node.INPUT_RELIABILITY,
         NodeParameter('frame_id', 'ring', 'frame of the residual: reference point C of the ring'),
-        NodeParameter(
-            'needed_nodes', list(names(RING)), 'nodes that must be active and report '
-            'nothing but OK for the status `ready to test`'),
+        NodeParameter('needed_nodes', list(names(RING)), 'nodes that must be active and report '
+                      'nothing but OK for the status `ready to test`'),
     )
 
     def __init__(self) -> None:
         super().__init__('ring_residual')
         self._rig = declare_rig(self)
         self._agreement = RigAgreement(self, self._rig)
-        self._readiness = ReadinessTask(self, self.settings['needed_nodes'])
+        namespace = self.get_namespace()
+        prefix = '' if namespace == '/' else f'{namespace}/'
+        self._readiness = Readiness([
+            f'{prefix}{name}' for name in self.settings['needed_nodes'] if name])
+        self.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 100)
 
     def configure(self) -> None:
         """Make the join and its diagnostics."""
@@ -47,8 +53,9 @@ class RingResidualNode(StreamingNode):
     def connect(self) -> None:
         """Subscribe to both displacements; publish their difference."""
         wanted = self.settings['input_reliability']
-        self.inputs = [RawSubscription(self, topic, RingDisplacement, reliability=wanted)
-                       for topic in (DISPLACEMENT, SIMULATED)]
+        self.inputs = [
+            RawSubscription(self, topic, RingDisplacement, reliability=wanted, task=task)
+            for topic, task in zip((DISPLACEMENT, SIMULATED), self._streams, strict=True)]
         self.outputs = [RawPublisher(self, RESIDUAL, RingDisplacement)]
 
     def awaited(self) -> list[RawSubscription]:
@@ -58,11 +65,6 @@ class RingResidualNode(StreamingNode):
     def process_batch(self) -> None:
         """One batch of either, residuals out."""
         measured, simulated = (flow.take_as(decode_displacements) for flow in self.inputs)
-        both = (measured, simulated)
-        for flow, task, batch in zip(self.inputs, self._streams, both, strict=True):
-            if len(batch):
-                flow.last_stamp = int(batch.stamps[-1])
-                task.push(batch.stamps)
         residual = self._stream.push(measured, simulated)
         missing = [not count for count in self._stream.waiting]
         if not all(missing):
@@ -73,6 +75,10 @@ class RingResidualNode(StreamingNode):
             self.outputs[0].send(encode_displacements(residual, self.settings['frame_id'],
                                                       np.asarray(covariance)),
                                  int(residual.stamps[-1]))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self._readiness.hear(status.name, status.level[0], status.message, time.monotonic())
 
     def _zero_status(self) -> TaskStatus:
         measured, simulated = self._stream.waiting

@@ -12,19 +12,13 @@ from saddlering_interfaces.msg import RingDisplacement, RingExpected, RingParame
 from saddlering_ros.bags.wire import encode_displacements
 from saddlering_ros.doubts.comparison import refuse_parameters_of_other_rig
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.monitoring.expected import Expected, ExpectedMotion
+from saddlering_ros.monitoring.expected import ExpectedMotion
 from saddlering_ros.nodes.ring_displacement import FLUSH_AFTER as GUARD_FLUSH_AFTER
 from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.batches import Displacements
 from saddlering_ros.record.residual import SimulationStream
 from saddlering_ros.record.topics import LOAD
-from saddlering_ros.rig import (
-    parameters_from_mapping,
-    ParameterSet,
-    ParameterSource,
-    read_parameters,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.rig import parameter_file, ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.ros import diagnostics, messages, names, raw_topics, rig_state, streaming_node
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
 from saddlering_ros.ros.names import NodeError, PARAMETERS_IN_FORCE
@@ -35,7 +29,7 @@ from saddlering_ros.ros.parameters import (
     NodeParameter,
     TRUST_RIG,
 )
-from saddlering_ros.ros.raw_topics import LATCHED, promised_qos, RawPublisher, RawSubscription
+from saddlering_ros.ros.raw_topics import LATCHED, PROMISED_QOS, RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_state import Elevation, ElevationWatch, RigAgreement
 from saddlering_ros.ros.streaming_node import StreamingNode
 
@@ -52,19 +46,16 @@ class RingSimulatorNode(StreamingNode):
 
     PARAMETERS = (
         streaming_node.INPUT_RELIABILITY, streaming_node.MAX_GAP, TRUST_RIG,
-        NodeParameter(
-            'parameters_file', '', 'file of contact parameters and effects, from '
-            '`saddlering identify --out` (or pass the file by --params-file); none: the '
-            'true-to-scale values'),
-        NodeParameter(
-            'follow_parameters', False, 'use parameters that are offered on '
-            '/ring/parameters (the simulation then restarts)'),
+        NodeParameter('parameters_file', '', 'file of contact parameters and effects, from '
+                      '`saddlering identify --out` (or pass the file by --params-file); none: the '
+                      'true-to-scale values'),
+        NodeParameter('follow_parameters', False, 'use parameters that are offered on '
+                      '/ring/parameters (the simulation then restarts)'),
         NodeParameter('follow_zero', True, 'take a new zero when ring_displacement takes one'),
         NodeParameter('bag', '', 'a bag whose elevation is used, unless elevation_deg is given'),
-        NodeParameter(
-            'elevation_deg', math.nan, 'elevation of the load [deg]; nan: that of the bag, '
-            'else that of rig/elevation, else 50', low=-10.0, high=90.0, nan_allowed=True,
-            while_inactive=True),
+        NodeParameter('elevation_deg', math.nan, 'elevation of the load [deg]; nan: that of the '
+                      'bag, else that of rig/elevation, else 50', low=-10.0, high=90.0,
+                      nan_allowed=True, while_inactive=True),
         NodeParameter(
             'max_step', 1e-3, 'longest time step of the integration [s]', low=1e-6, high=0.1),
         NodeParameter(
@@ -96,16 +87,27 @@ class RingSimulatorNode(StreamingNode):
         self._in_force_message = RingParameters()
         self._zero_asked = 0
         self._expected: ExpectedMotion | None = None
-        self._expectation = self.create_publisher(RingExpected, names.EXPECTED, promised_qos())
+        self._expectation = self.create_publisher(RingExpected, names.EXPECTED, PROMISED_QOS)
         if self.settings['follow_parameters']:
             self.create_subscription(RingParameters, PARAMETERS_IN_FORCE, self._on_parameters,
                                      raw_topics.LATCHED_BY_SEVERAL)
 
     def configure(self) -> None:
         """Read parameters and elevation; compile and make the simulation."""
-        self._in_force = self._read_parameters()
+        path = self.settings['parameters_file']
+        if path and self._given:
+            raise NodeError(f'{self.get_name()}: parameters_file and {next(iter(self._given))}.* '
+                            'are both given: give one of them')
+        if path:
+            self._in_force = parameter_file.read_parameters(path)
+        elif self._given:
+            self._in_force = parameter_file.parameters_from_mapping(
+                self._given, f'parameters of {self.get_name()}')
+        else:
+            self._in_force = ParameterSet(
+                TRUE_TO_SCALE, source=ParameterSource(method='default', note='true to scale'))
         self._check_rig(self._in_force)
-        bag = self.settings.text('bag')
+        bag = self.settings['bag']
         self._started_with = math.nan
         if bag and math.isnan(self.settings['elevation_deg']):
             from saddlering_ros.ros.bag_replay import bag_elevation
@@ -115,8 +117,7 @@ class RingSimulatorNode(StreamingNode):
         # Load the compiled kernels before the first sample needs them.
         from saddlering_ros.ring import simulate
         times = [0.001 * step for step in range(10)]
-        simulate(self._rig, self._in_force or ParameterSet(TRUE_TO_SCALE), self._elevation, times,
-                 [self._rig.preload] * 10)
+        simulate(self._rig, self._in_force, self._elevation, times, [self._rig.preload] * 10)
         self._tell_in_force(self._in_force)
         self._stream_task = diagnostics.StreamTask(LOAD_TOPIC)
         self._failed_steps = 0
@@ -130,25 +131,13 @@ class RingSimulatorNode(StreamingNode):
 
     def connect(self) -> None:
         """Subscribe to the load; publish the simulated displacement."""
-        self.inputs = [RawSubscription(self, LOAD.relative, WrenchStamped,
+        self.inputs = [RawSubscription(self, LOAD.relative, WrenchStamped, task=self._stream_task,
                                        reliability=self.settings['input_reliability'])]
         self.outputs = [RawPublisher(self, names.SIMULATED, RingDisplacement)]
         self._on_elevation()
         offered, self._offered = self._offered, None
         if offered is not None:
             self._follow(offered)
-
-    def _read_parameters(self) -> ParameterSet:
-        path = self.settings.text('parameters_file')
-        if path and self._given:
-            raise NodeError(f'{self.get_name()}: parameters_file and {next(iter(self._given))}.* '
-                            'are both given: give one of them')
-        if path:
-            return read_parameters(path)
-        if self._given:
-            return parameters_from_mapping(self._given, f'parameters of {self.get_name()}')
-        return ParameterSet(
-            TRUE_TO_SCALE, source=ParameterSource(method='default', note='true to scale'))
 
     def _check_rig(self, parameters: ParameterSet) -> None:
         """NodeError if parameters state another rig than the node has, unless trust_rig is set."""
@@ -208,8 +197,6 @@ class RingSimulatorNode(StreamingNode):
         if not len(load):
             return
         self._arrived = time.monotonic()
-        self.inputs[0].last_stamp = int(load.stamps[-1])
-        self._stream_task.push(load.stamps)
         self._stream.recording = self._watch.recording
         if not self._watch.contradiction(self._elevation):
             self._send(self._stream.push(load))
@@ -231,26 +218,20 @@ class RingSimulatorNode(StreamingNode):
         if not len(states):
             return
         covariance = None
-        expected = self._expect(float(states.zero_loads[-1]))
-        if expected is not None:
+        assert self._in_force is not None
+        # The motion expected at the load now, if anybody could use it.
+        if self._in_force.source.covariance is not None \
+                or self._expectation.get_subscription_count():
+            if self._expected is None:
+                self._expected = ExpectedMotion(self._rig, self._in_force, self._elevation)
+            expected = self._expected.at(self._stream.load, float(states.zero_loads[-1]))
             covariance = np.zeros((4, 4))
             covariance[:3, :3] = expected.covariance
             self._expectation.publish(messages.expected_message(
                 expected, int(states.stamps[-1]), self._stream.load, self._in_force_message,
                 self.settings['frame_id']))
-        self.outputs[0].send(
-            encode_displacements(states, self.settings['frame_id'], covariance),
-            int(states.stamps[-1]))
-
-    def _expect(self, zero_load: float) -> Expected | None:
-        """The motion expected at the load now; None if nobody could use it."""
-        assert self._in_force is not None
-        if self._in_force.source.covariance is None \
-                and not self._expectation.get_subscription_count():
-            return None
-        if self._expected is None:
-            self._expected = ExpectedMotion(self._rig, self._in_force, self._elevation)
-        return self._expected.at(self._stream.load, zero_load)
+        self.outputs[0].send(encode_displacements(states, self.settings['frame_id'], covariance),
+                             int(states.stamps[-1]))
 
     def _on_restart(self, _: Trigger.Request) -> str:
         self._stream.restart()

@@ -49,7 +49,7 @@ class BagNode(StreamingNode):
         super().__init__(name, **options)
         self._rig = parameters.given_rig(self)
         self._agreement = RigAgreement(self, self._rig)
-        self._first_bag = self.settings.text('bag')
+        self._first_bag = self.settings['bag']
         self._bag_root = parameters.root_folder(
             self, 'bag_root', Path(self._first_bag).absolute().parent
             if self._first_bag else share_directory() / 'bags')
@@ -67,7 +67,7 @@ class BagNode(StreamingNode):
 
     def bag_path(self) -> str:
         """The bag to replay now; NodeError if there is none, or it may not be read."""
-        bag = self.settings.text('bag')
+        bag = self.settings['bag']
         if not bag:
             raise NodeError(f'{self.get_name()}: parameter bag is empty: give -p bag:=PATH')
         return self._allowed(bag)

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.node import Node
 
 from saddlering_ros.quantities import quantity
 
@@ -257,13 +258,20 @@ class Events:
         return TaskStatus(OK, 'nothing lost, late or dropped', figures)
 
 
-def to_message(node_name: str, statuses: Iterable[tuple[str, TaskStatus]],
-               hardware_id: str = 'saddlering') -> DiagnosticArray:
-    """The statuses of a node's tasks as /diagnostics wants them (no header stamp yet)."""
-    message = DiagnosticArray()
-    for name, status in statuses:
-        message.status.append(DiagnosticStatus(
-            level=bytes([status.level]), name=f'{node_name}: {name}', message=status.words,
-            hardware_id=hardware_id,
-            values=[KeyValue(key=key, value=value) for key, value in status.figures.items()]))
+def to_message(node: Node, hardware_id: str,
+               statuses: Iterable[tuple[str, TaskStatus]]) -> DiagnosticArray:
+    """The statuses of a node's tasks as /diagnostics wants them.
+
+    They carry the node's full name, in the root namespace without the slash; hardware_id '': that
+    of the namespace.
+    """
+    namespace = node.get_namespace().rstrip('/')
+    message = DiagnosticArray(status=[
+        DiagnosticStatus(
+            level=bytes([status.level]), message=status.words,
+            name=f'{f"{namespace}/" if namespace else ""}{node.get_name()}: {name}',
+            hardware_id=hardware_id or f'saddlering{namespace}',
+            values=[KeyValue(key=key, value=value) for key, value in status.figures.items()])
+        for name, status in statuses])
+    message.header.stamp = node.get_clock().now().to_msg()
     return message

@@ -188,10 +188,9 @@ class NodeGroup:
         command = [sys.executable, '-m', f'saddlering_ros.nodes.{name}',
                    *ros_arguments(parameters, files, renamed)]
         with log.open('wb') as stream, signals_held():  # or nobody would know of the process
-            process = Popen(
-                command, stdin=DEVNULL, stdout=stream, stderr=STDOUT,
-                env={**self.environment, LIFELINE: str(self._read_end)},
-                pass_fds=(self._read_end,), start_new_session=True)
+            process = Popen(command, stdin=DEVNULL, stdout=stream, stderr=STDOUT,
+                            env={**self.environment, LIFELINE: str(self._read_end)},
+                            pass_fds=(self._read_end,), start_new_session=True)
             self.processes[name] = NodeProcess(name, process, log)
         return self.processes[name]
 
@@ -336,12 +335,6 @@ def end_at_once() -> None:
         signal.signal(number, lambda *_: os._exit(0))
 
 
-def end_as_usual() -> None:
-    """From now on, SIGINT and SIGTERM act as in any Python program."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
 DISCOVERY_VARIABLES = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY')
 PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 MAX_LOCAL = 32
@@ -392,15 +385,11 @@ def prepare_transport() -> None:
     os.environ.update({**transport_environment(), **local_discovery()})
 
 
-FOLDER = Path('/dev/shm')
-PREFIX = 'fastrtps_'
-PORT_PREFIX = 'fastrtps_port'
-LOCK_SUFFIX = '_el'
 YOUNG = 2.0
 """Files younger than this [s] may belong to a process that has not locked them yet."""
 
 
-def sweep(folder: Path = FOLDER) -> int:
+def sweep(folder: Path = Path('/dev/shm')) -> int:
     """Remove the segments of Fast DDS that no living process holds; how many.
 
     Fast DDS keeps a lock on `<name>_el` for as long as the owner of `<name>` lives; the lock ends
@@ -408,14 +397,14 @@ def sweep(folder: Path = FOLDER) -> int:
     Ports are left alone: Fast DDS itself makes a dead one anew when it is next used.
     """
     removed = 0
-    for lock in sorted(folder.glob(f'{PREFIX}*{LOCK_SUFFIX}')):
-        if lock.name.startswith(PORT_PREFIX):
+    for lock in sorted(folder.glob('fastrtps_*_el')):
+        if lock.name.startswith('fastrtps_port'):
             continue
         with contextlib.suppress(OSError):
             if time.time() - lock.stat().st_mtime >= YOUNG:
                 with lock.open() as handle:
                     fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    lock.with_name(lock.name.removesuffix(LOCK_SUFFIX)).unlink(missing_ok=True)
+                    lock.with_name(lock.name.removesuffix('_el')).unlink(missing_ok=True)
                     lock.unlink(missing_ok=True)
                 removed += 1
     return removed

@@ -52,27 +52,22 @@ def parameters_from_message(message: msg.RingParameters) -> ParameterSet:
         PARAMETER_NAMES, message.determined, strict=True) if not is_determined]
     if len(undetermined) == len(PARAMETER_NAMES):  # The field was not filled.
         undetermined = []
-    source = ParameterSource(
-        method='message', note=str(message.source),
-        undetermined=dict.fromkeys(undetermined, 'by its identification'),
-        covariance=covariance.reshape(6, 6) if covariance.size else None,
-        rig_hash=str(message.rig_hash))
-    return ParameterSet(ContactParameters(*values), _effects(message), source)
-
-
-def _effects(message: msg.RingParameters) -> Effects:
-    names, values = message.effect_parameter_names, message.effect_parameter_values
-    if len(names) != len(values):
-        raise NodeError(f'/ring/parameters: {len(names)} effect parameters have {len(values)} '
+    source = ParameterSource(method='message', note=str(message.source),
+                             undetermined=dict.fromkeys(undetermined, 'by its identification'),
+                             covariance=covariance.reshape(6, 6) if covariance.size else None,
+                             rig_hash=str(message.rig_hash))
+    names, numbers = message.effect_parameter_names, message.effect_parameter_values
+    if len(names) != len(numbers):
+        raise NodeError(f'/ring/parameters: {len(names)} effect parameters have {len(numbers)} '
                         'values: give one each')
     effects: Effects = {}
-    for name, value in zip(names, values, strict=True):
+    for name, value in zip(names, numbers, strict=True):
         effect, dot, parameter = name.partition('.')
         if not dot or not np.isfinite(value):
             raise NodeError(f'/ring/parameters: effect parameter {name!r} = {value}: give '
                             'effect.parameter and a finite number')
         effects.setdefault(effect, {})[parameter] = float(value)
-    return effects
+    return ParameterSet(ContactParameters(*values), effects, source)
 
 
 def causes_to_messages(document: Mapping[str, Any]) -> list[msg.DiagnosedCause]:
@@ -87,9 +82,8 @@ def causes_to_messages(document: Mapping[str, Any]) -> list[msg.DiagnosedCause]:
             effect=cause['effect'], group=list(cause['group']), parameter_names=list(items),
             units=[item['unit'] for item in items.values()],
             values=[item['value'] for item in items.values()],
-            stds=[_number(item['std']) for item in items.values()],
-            lower=[low for low, _ in ends], upper=[high for _, high in ends],
-            p_value=_number(cause['evidence'].get('p_value')),
+            stds=[_number(item['std']) for item in items.values()], lower=[low for low, _ in ends],
+            upper=[high for _, high in ends], p_value=_number(cause['evidence'].get('p_value')),
             delta_bic=_number(cause['evidence'].get('delta_bic')),
             misfit_reduction_fit=_number(cause['gain'].get('fit')),
             misfit_reduction_held_out=_number(cause['gain'].get('held_out'))))
@@ -177,16 +171,15 @@ def to_stamp(time: Time) -> int:
 def progress_of(node: str, subscriptions: list[RawSubscription], publishers: list[RawPublisher],
                 replayed_until: int = 0) -> msg.ReplayProgress:
     """Report of a node with these flows."""
-    return msg.ReplayProgress(
-        node=node, replayed_until=to_time(replayed_until),
-        inputs=[flow.topic for flow in subscriptions],
-        input_stamps=[to_time(flow.last_stamp) for flow in subscriptions],
-        received=[flow.received for flow in subscriptions],
-        publishers=[flow.publishers() for flow in subscriptions],
-        outputs=[flow.topic for flow in publishers],
-        output_stamps=[to_time(flow.last_stamp) for flow in publishers],
-        published=[flow.published for flow in publishers],
-        subscriptions=[flow.subscriptions() for flow in publishers])
+    return msg.ReplayProgress(node=node, replayed_until=to_time(replayed_until),
+                              inputs=[flow.topic for flow in subscriptions],
+                              input_stamps=[to_time(flow.last_stamp) for flow in subscriptions],
+                              received=[flow.received for flow in subscriptions],
+                              publishers=[flow.publishers() for flow in subscriptions],
+                              outputs=[flow.topic for flow in publishers],
+                              output_stamps=[to_time(flow.last_stamp) for flow in publishers],
+                              published=[flow.published for flow in publishers],
+                              subscriptions=[flow.subscriptions() for flow in publishers])
 
 
 MAX_SPECTATORS = 8

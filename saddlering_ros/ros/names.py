@@ -5,15 +5,9 @@ A new node is a module in `saddlering_ros/nodes/` and one entry in NODES. ROS is
 here before a function needs it: set-up runs without it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from saddlering_ros.errors import SaddleringError
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
 
 TIME, REPLAY, RING, ALARM, ACTION = 'clock', 'replay', 'ring', 'alarm', 'action'
 
@@ -122,13 +116,3 @@ def namespace_of(text: str) -> str:
         raise NodeError(f'namespace {text!r}: give letters, digits and underscores, separated by '
                         '/ (rig1, or hall/rig1)') from problem
     return f'/{parts}'
-
-
-def diagnostic_name(node: Node) -> str:
-    """The node's full name as /diagnostics shows it; in the root namespace without the slash."""
-    return str(node.get_fully_qualified_name() if node.get_namespace() != '/' else node.get_name())
-
-
-def rig_name(node: Node, given: str = '') -> str:
-    """The hardware_id of a node's diagnostics: the one given, or that of its namespace."""
-    return given or ('saddlering' + node.get_namespace().rstrip('/'))

@@ -91,19 +91,13 @@ def in_parameters() -> Iterator[None]:
         raise NodeError(words.replace('trust_rig=True', '-p trust_rig:=true')) from problem
 
 
-class NodeSettings(dict[str, Any]):
-    """The values of a node's parameters by name; kept up to date when one is set."""
+def declare(node: Node, parameters: Sequence[NodeParameter]) -> dict[str, Any]:
+    """Declare `parameters` on `node`; their values by name, which follow what is set later.
 
-    def text(self, name: str) -> str:
-        """A text, stripped."""
-        return str(self[name]).strip()
-
-
-def declare(node: Node, parameters: Sequence[NodeParameter]) -> NodeSettings:
-    """Declare `parameters` on `node`; NodeError names the first that was given a bad value."""
-    settings = NodeSettings()
-    for parameter in parameters:
-        settings[parameter.name] = _declare_one(node, parameter)
+    Texts are stripped. NodeError names the first that was given a bad value.
+    """
+    settings = {parameter.name: _stripped(_declare_one(node, parameter))
+                for parameter in parameters}
     by_name = {parameter.name: parameter for parameter in parameters}
 
     def judge(changes: list[RosParameter]) -> msg.SetParametersResult:
@@ -120,11 +114,15 @@ def declare(node: Node, parameters: Sequence[NodeParameter]) -> NodeSettings:
     def keep(changes: list[RosParameter]) -> None:
         for change in changes:
             if change.name in by_name:
-                settings[change.name] = change.value
+                settings[change.name] = _stripped(change.value)
 
     node.add_on_set_parameters_callback(judge)
     node.add_post_set_parameters_callback(keep)
     return settings
+
+
+def _stripped(value: Any) -> Any:
+    return value.strip() if isinstance(value, str) else value
 
 
 def _declare_one(node: Node, parameter: NodeParameter) -> Any:
@@ -174,8 +172,7 @@ def declare_rig(node: Node) -> Rig:
             name=name, description=rig_words(name), read_only=True, dynamic_typing=True)
         value = node.declare_parameter(name, default, descriptor).value
         if not is_given or name in given:
-            _put(nested, name.split('.'), value if isinstance(value, (int, float, str)) else
-                 list(value))
+            _put(nested, name.split('.'), value)
     return rig_from_parameters(nested, f'parameters of {node.get_name()}')
 
 
@@ -235,8 +232,7 @@ def given_sections(node: Node, sections: Sequence[str]) -> dict[str, Any]:
             continue
         descriptor = msg.ParameterDescriptor(name=name, read_only=True, dynamic_typing=True)
         value = node.declare_parameter(name, overrides[name].value, descriptor).value
-        plain_value = value if isinstance(value, (bool, int, float, str)) else list(value)
-        _put(nested, name.split('.'), plain_value)
+        _put(nested, name.split('.'), value)
     return nested
 
 
@@ -279,7 +275,7 @@ def check_parameter_files(arguments: Sequence[str]) -> None:
 def _put(nested: dict[str, Any], path: Sequence[str], value: Any) -> None:
     for part in path[:-1]:
         nested = nested.setdefault(part, {})
-    nested[path[-1]] = value
+    nested[path[-1]] = value if isinstance(value, (int, float, str)) else list(value)
 
 
 def root_folder(node: Any, parameter: str, default: Path) -> Path:
@@ -287,7 +283,7 @@ def root_folder(node: Any, parameter: str, default: Path) -> Path:
 
     NodeError if it is not there.
     """
-    given = node.settings.text(parameter)
+    given = node.settings[parameter]
     root = Path(given).expanduser() if given else default
     if given and not root.is_dir():
         raise NodeError(f'{node.get_name()}: parameter {parameter} is {given}: '

@@ -20,9 +20,9 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from saddlering_ros.bags.wire import CdrError, decode_samples
-from saddlering_ros.record.batches import Samples
+from saddlering_ros.record.batches import Displacements, Samples
 from saddlering_ros.record.topics import RigTopic
-from saddlering_ros.ros.names import NodeError
+from saddlering_ros.ros.diagnostics import StreamTask
 
 if TYPE_CHECKING:
     from saddlering_ros.ros.streaming_node import StreamingNode
@@ -56,13 +56,11 @@ and time within which a dead publisher is noticed. A reader may ask for as much,
 """
 
 
-def promised_qos() -> qos.QoSProfile:
-    """The QoS of a stream that a node of the suite computes."""
-    promised = stream_qos()
-    promised.deadline, promised.liveliness, promised.liveliness_lease_duration = (
-        DEADLINE, qos.LivelinessPolicy.AUTOMATIC, LEASE)
-    return promised
-
+PROMISED_QOS = qos.QoSProfile(
+    depth=DEPTH, reliability=qos.ReliabilityPolicy.RELIABLE,
+    durability=qos.DurabilityPolicy.VOLATILE,
+    deadline=DEADLINE, liveliness=qos.LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=LEASE)
+"""Of a stream that a node of the suite computes."""
 
 LIMIT_QOS = qos.QoSProfile(
     depth=1, reliability=qos.ReliabilityPolicy.RELIABLE,
@@ -78,7 +76,7 @@ MANY_REQUESTS = stream_qos(depth=2000)
 """Requests that may wait: of 50 goals at once the default queue keeps 10, and drops the others."""
 
 
-Batch = TypeVar('Batch')
+Batch = TypeVar('Batch', Samples, Displacements)
 
 RELIABILITIES = ('auto', 'reliable', 'best_effort')
 
@@ -112,12 +110,9 @@ class RawSubscription:
     """
 
     def __init__(self, node: Node, topic: str, message_type: Any, *, reliability: str = 'auto',
-                 depth: int = DEPTH) -> None:
-        if reliability not in RELIABILITIES:
-            raise NodeError(f'reliability is {reliability!r}: give one of '
-                            f'{", ".join(RELIABILITIES)}')
+                 depth: int = DEPTH, task: StreamTask | None = None) -> None:
         self._node, self._type, self._depth = node, message_type, depth
-        self._automatic = reliability == 'auto'
+        self._automatic, self._task = reliability == 'auto', task
         self._group = _Drained()
         self.topic = node.resolve_topic_name(topic)
         self.reliable = reliability != 'best_effort'
@@ -166,10 +161,13 @@ class RawSubscription:
             messages.append(taken[0])
 
     def take_as(self, decode: Callable[[list[bytes]], Batch]) -> Batch:
-        """Messages that have arrived, decoded; undecodable ones are counted and dropped."""
+        """Messages that have arrived, decoded; undecodable ones are counted and dropped.
+
+        The task of the topic judges their stamps.
+        """
         messages = self.take()
         try:
-            return decode(messages)
+            batch = decode(messages)
         except CdrError as problem:
             sound = []
             for message in messages:
@@ -180,7 +178,12 @@ class RawSubscription:
             self._node.get_logger().error(
                 f'{self.topic}: malformed messages are dropped: {problem}',
                 throttle_duration_sec=1.0)
-            return decode(sound)
+            batch = decode(sound)
+        if len(batch):
+            self.last_stamp = int(batch.stamps[-1])
+            if self._task is not None:
+                self._task.push(batch.stamps)
+        return batch
 
     def take_samples(self, topic: RigTopic) -> Samples:
         """Everything that has arrived on a topic of the rig."""
@@ -201,7 +204,7 @@ class RawPublisher:
     def __init__(self, node: Node, topic: str, message_type: Any,
                  profile: qos.QoSProfile | None = None) -> None:
         self._node = node
-        self.publisher = node.create_publisher(message_type, topic, profile or promised_qos())
+        self.publisher = node.create_publisher(message_type, topic, profile or PROMISED_QOS)
         self.topic = node.resolve_topic_name(topic)
         self.published = 0
         self.last_stamp = 0
@@ -320,20 +323,13 @@ def spin_streaming(node: StreamingNode) -> None:
             if not asleep and woke - looked >= IDLE_WAIT:
                 looked, (_, called) = woke, calls.wait([], 0.0, node)
             if called or woke - served >= SERVE_ALL:
-                _serve(executor)
+                with suppress(TimeoutException, ShutdownException):
+                    for _ in range(16):  # of the callbacks that are due, a bounded number
+                        handler, _entity, _node = executor.wait_for_ready_callbacks(0.0)
+                        handler()
+                        handler.result()
                 served = time.monotonic()
             limit = min(ASLEEP_WAIT if asleep else IDLE_WAIT, node.tick(time.monotonic()))
     finally:
         executor.remove_node(node)
         executor.shutdown(timeout_sec=0.0)
-
-
-def _serve(executor: SingleThreadedExecutor) -> None:
-    """Run the callbacks that are due, a bounded number of them."""
-    for _ in range(16):
-        try:
-            handler, _entity, _node = executor.wait_for_ready_callbacks(timeout_sec=0.0)
-        except (TimeoutException, ShutdownException):
-            return
-        handler()
-        handler.result()

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import math
 import time
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Vector3, Vector3Stamped
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
 
 from saddlering_interfaces.msg import Elevation as ElevationMessage
@@ -24,7 +24,7 @@ from saddlering_ros.rig.description import short_digest
 from saddlering_ros.rig.geometry import NEAR_PRELOAD_SHARE, WINDOW_SECONDS, ZeroReading
 from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, OK, STATE_TASK, TaskStatus, WARN
 from saddlering_ros.ros.messages import to_stamp
-from saddlering_ros.ros.names import DIAGNOSTICS, INCLINOMETER, RIG, RIG_IDENTITY, STATE
+from saddlering_ros.ros.names import INCLINOMETER, RIG, RIG_IDENTITY, STATE
 from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, OF_ANY_SENSOR
 
 SAME_BAG = math.radians(0.01)
@@ -60,10 +60,10 @@ class ElevationWatch:
         self.impossible = 0
         self._on_news = on_news
         node.create_subscription(ReplayState, STATE, self._on_state, LATCHED)
-        node.create_subscription(Vector3Stamped, ELEVATION.relative, self._on_measured,
-                                 OF_ANY_SENSOR)
-        node.create_subscription(ElevationMessage, INCLINOMETER, self._on_inclinometer,
-                                 OF_ANY_SENSOR)
+        node.create_subscription(Vector3Stamped, ELEVATION.relative, lambda message:
+                                 self._on_measured(message.vector.x), OF_ANY_SENSOR)
+        node.create_subscription(ElevationMessage, INCLINOMETER, lambda message:
+                                 self._on_measured(message.elevation), OF_ANY_SENSOR)
 
     def resolve(self, given: float = math.nan, started_with: float = math.nan) -> Elevation:
         """The elevation that counts; given, started_with: setting and first bag [rad], or NaN."""
@@ -90,12 +90,7 @@ class ElevationWatch:
             self.of_bag = value
             self._on_news()
 
-    def _on_inclinometer(self, message: ElevationMessage) -> None:
-        self._on_measured(Vector3Stamped(
-            header=message.header, vector=Vector3(x=message.elevation)))
-
-    def _on_measured(self, message: Vector3Stamped) -> None:
-        value = float(message.vector.x)
+    def _on_measured(self, value: float) -> None:
         if not LOWEST_ELEVATION <= math.degrees(value) <= HIGHEST_ELEVATION:
             self.impossible += 1
             return
@@ -115,15 +110,13 @@ class RigAgreement:
         self._others: dict[str, str] = {}
         self._publisher = node.create_publisher(DiagnosticStatus, RIG, LATCHED)
         self._identity = node.create_publisher(RigIdentity, RIG_IDENTITY, LATCHED)
-        node.create_subscription(DiagnosticStatus, RIG, self._hear, LATCHED_BY_SEVERAL)
+        node.create_subscription(DiagnosticStatus, RIG, lambda message: self._others.update(
+            {message.name: message.message}), LATCHED_BY_SEVERAL)
         self._publisher.publish(DiagnosticStatus(
             name=node.get_fully_qualified_name(), message=self.digest))
         self._identity.publish(RigIdentity(
             node=node.get_fully_qualified_name(), rig_hash=self.digest))
         node.get_logger().info(f'rig {short_digest(self.digest)}')
-
-    def _hear(self, message: DiagnosticStatus) -> None:
-        self._others[message.name] = message.message
 
     def report(self, elapsed: float) -> TaskStatus:
         """Who of the nodes that are there has another rig."""
@@ -172,12 +165,14 @@ SHOWN = 3
 
 
 class Readiness:
-    """Receives the statuses of nodes; names the reasons that prevent a test.
+    """The diagnostics task `ready to test`: the reasons that prevent one, from nodes' statuses.
 
     needed: names of nodes as /diagnostics shows them. Ready means that each of them reports, is
     active, and reports nothing but OK: every stream comes at its rate, the zero is taken, the rig
     files agree, and no sample was refused or lost for EVENTS_COUNT.
     """
+
+    name = 'ready to test'
 
     def __init__(self, needed: Sequence[str]) -> None:
         self._heard: dict[str, dict[str, tuple[TaskStatus, float]]] = {
@@ -185,9 +180,9 @@ class Readiness:
         self._events: dict[str, tuple[float, str]] = {}
 
     def hear(self, name: str, level: int, words: str, now: float) -> None:
-        """Take the status 'NODE: TASK' at `now` [s, monotonic]."""
+        """Take the status 'NODE: TASK' at `now` [s, monotonic]; its own does not count."""
         node, _, task = name.partition(': ')
-        if node not in self._heard:
+        if node not in self._heard or task == self.name:
             return
         self._heard[node][task] = TaskStatus(level, words), now
         if task == EVENTS_TASK and level > OK:
@@ -211,27 +206,9 @@ class Readiness:
                     reasons.append(f'{node}: {words} in the last {EVENTS_COUNT:g} s')
         return reasons
 
-
-class ReadinessTask:
-    """The diagnostics task `ready to test` of a node, over all nodes of its namespace."""
-
-    name = 'ready to test'
-
-    def __init__(self, node: Node, needed: Sequence[str]) -> None:
-        prefix = '' if node.get_namespace() == '/' else f'{node.get_namespace()}/'
-        self._own = f'{prefix}{node.get_name()}: {self.name}'
-        self._readiness = Readiness([f'{prefix}{name}' for name in needed if name])
-        node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._hear, 100)
-
-    def _hear(self, message: DiagnosticArray) -> None:
-        now = time.monotonic()
-        for status in message.status:
-            if status.name != self._own:
-                self._readiness.hear(status.name, status.level[0], status.message, now)
-
     def report(self, elapsed: float) -> TaskStatus:
         """Ready, or the reasons that prevent a test."""
-        reasons = self._readiness.reasons(time.monotonic())
+        reasons = self.reasons(time.monotonic())
         if not reasons:
             return TaskStatus(OK, 'ready to test')
         more = len(reasons) - SHOWN

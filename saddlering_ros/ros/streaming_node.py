@@ -27,7 +27,7 @@ from saddlering_ros.errors import SaddleringError, UNUSABLE
 from saddlering_ros.ros import diagnostics, launcher, parameters, raw_topics
 from saddlering_ros.ros.diagnostics import OK, Task, TaskStatus
 from saddlering_ros.ros.messages import progress_of
-from saddlering_ros.ros.names import diagnostic_name, DIAGNOSTICS, NodeError, PROGRESS, rig_name
+from saddlering_ros.ros.names import DIAGNOSTICS, NodeError, PROGRESS
 from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 
@@ -39,9 +39,8 @@ DIAGNOSTICS_PERIOD = 1.0  # [s], as diagnostic_updater
 FIRST_DIAGNOSIS = 0.4
 """Time [s] within which a started node reports its missing inputs."""
 
-AUTOSTART = NodeParameter(
-    'autostart', True, 'configure and activate at the start; false: wait for '
-    '`ros2 lifecycle set`')
+AUTOSTART = NodeParameter('autostart', True, 'configure and activate at the start; false: wait '
+                          'for `ros2 lifecycle set`')
 INPUT_RELIABILITY = NodeParameter(
     'input_reliability', 'auto', 'requested QoS; auto: reliable if all publishers are reliable, '
                                  'else best effort', choices=raw_topics.RELIABILITIES)
@@ -96,9 +95,6 @@ class StreamingNode(LifecycleNode):
 
     def process_batch(self) -> None:
         """Take the messages of the subscriptions, process them, and send the results."""
-
-    def idle(self) -> None:
-        """Called after a time without data."""
 
     def at_intervals(self, now: float) -> float:
         """Do the work due by the wall clock; returns the time to the next call [s]."""
@@ -245,13 +241,10 @@ class StreamingNode(LifecycleNode):
             steps = 'activate' if self.tasks else 'configure, then activate'
             state = TaskStatus(
                 OK, f'not active: ros2 lifecycle set {self.get_fully_qualified_name()} {steps}')
-        message = diagnostics.to_message(
-            diagnostic_name(self),
-            [(diagnostics.STATE_TASK, state),
-             *((task.name, task.report(elapsed)) for task in self.tasks)],
-            rig_name(self, self.settings.text('hardware_id')))
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(diagnostics.to_message(
+            self, self.settings['hardware_id'], [
+                (diagnostics.STATE_TASK, state),
+                *((task.name, task.report(elapsed)) for task in self.tasks)]))
 
 
 REFUSALS = ('RCLError', 'UnknownROSArgsError', 'InvalidNodeNameException',
@@ -301,7 +294,9 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         parameters.check_parameter_files(sys.argv if args is None else args)
         launcher.prepare_transport()
         if launcher.is_node_program():
-            launcher.end_as_usual()
+            # From now on, both signals act as in any Python program.
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         parameters.refuse_undeclared(node)
