@@ -17,15 +17,16 @@ import numpy as np
 from rigs import RIG
 
 from saddlering_ros.monitoring.detector import (
+    assumed_noise,
     BlockNoise,
     Detector,
     Innovations,
+    least_wander,
     MAX_BEYOND,
     SINCE_ZERO,
     SIZES,
     wander_limit,
 )
-from saddlering_ros.monitoring.noise import assumed_noise, least_wander
 
 BLOCK = 0.02
 CHANNELS = 3

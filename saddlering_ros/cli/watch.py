@@ -51,8 +51,8 @@ def _watch_bag(
     """The result for one bag: its part of the document, and its text."""
     import numpy as np
 
+    from saddlering_ros.monitoring.detector import least_wander, materiality, MonitoringError
     from saddlering_ros.monitoring.monitor import alarm_words, Monitor, MonitorSettings, watch
-    from saddlering_ros.monitoring.noise import least_wander, materiality, MonitoringError
     from saddlering_ros.monitoring.stream import residual_samples
     from saddlering_ros.record.residual import residual_stretches
 

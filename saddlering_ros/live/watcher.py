@@ -27,7 +27,7 @@ from saddlering_ros.live.commands import Action, ACTIONS, Commands
 from saddlering_ros.live.gauges import Gauges
 from saddlering_ros.live.session import alarm_as_page, mcap_of, Session, with_link
 from saddlering_ros.live.traces import Traces
-from saddlering_ros.monitoring.noise import materiality, sound_motion
+from saddlering_ros.monitoring.detector import materiality, sound_motion
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.batches import BRIDGED, DOUBTFUL_LOAD, NOT_KNOWN
 from saddlering_ros.record.quality import white_noise

@@ -10,9 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.monitoring import noise
-from saddlering_ros.monitoring.detector import BlockWatch
-from saddlering_ros.monitoring.noise import MonitoringError, RestLearner, RestNoise, UNKNOWN
+from saddlering_ros.monitoring import detector
+from saddlering_ros.monitoring.detector import BlockWatch, MonitoringError, RestLearner, RestNoise
 from saddlering_ros.quantities import quantity, signed
 from saddlering_ros.record.batches import SECOND
 
@@ -246,11 +245,12 @@ class Monitor:
         if found is None:
             return
         self.rest = found
-        assumed = [noise.assumed_noise(one, least, found.block)
+        assumed = [detector.assumed_noise(one, least, found.block)
                    for one, least in zip(found.noise, self._least_wander, strict=True)]
         self._watch = BlockWatch(assumed, found.block, self.settings.false_alarm_hours)
         self.changes += 1
-        lost = [name for name, one in zip(CHANNELS, found.noise, strict=True) if one == UNKNOWN]
+        lost = [name for name, one in zip(CHANNELS, found.noise, strict=True)
+                if one == detector.UNKNOWN]
         if lost:
             self._lapse(f'{" and ".join(lost)} not known while the load rested, and not watched',
                         is_lasting=True)

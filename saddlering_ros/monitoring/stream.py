@@ -10,8 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.monitoring.detector import least_wander, materiality
 from saddlering_ros.monitoring.monitor import Monitor, MonitorSettings, Sample
-from saddlering_ros.monitoring.noise import least_wander, materiality
 from saddlering_ros.record import batches
 from saddlering_ros.record.batches import Displacements, join, Samples
 from saddlering_ros.rig import ContactParameters, Rig

@@ -11,8 +11,8 @@ from saddlering_interfaces.msg import ReplayState, RingAlarm, RingDisplacement, 
 from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring import stream
+from saddlering_ros.monitoring.detector import DEFAULT_PERCENT
 from saddlering_ros.monitoring.monitor import alarm_words, MonitorSettings, state_words
-from saddlering_ros.monitoring.noise import DEFAULT_PERCENT
 from saddlering_ros.monitoring.stream import AlarmStream, Sight
 from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.batches import no_displacements, no_samples

@@ -3,9 +3,3 @@
 `charts` describes a figure and draws its picture, `interactive` makes it a figure to zoom into,
 `html` writes the page around them. Nothing here knows a ring.
 """
-
-from saddlering_ros.errors import SaddleringError
-
-
-class ReportError(SaddleringError):
-    """A report that cannot be drawn or written."""

@@ -136,9 +136,9 @@ def curves_of_run(
 
     def means(values: Array) -> Array:
         """Means (..., N) of values (..., samples); NaN samples left out."""
-        sums = [np.nansum(values[..., start:stop], axis=-1) for start, stop in edges]
-        counts = [np.isfinite(values[..., start:stop]).sum(axis=-1) for start, stop in edges]
-        total, count = np.stack(sums, axis=-1), np.stack(counts, axis=-1)
+        total, count = (np.stack([np.nansum(items[..., start:stop], axis=-1)
+                                  for start, stop in edges], axis=-1)
+                        for items in (values, np.isfinite(values)))
         return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
     seen, first = means(measured), means(before)
@@ -257,9 +257,8 @@ def _compared(
     """
     place = CHANNELS.index(channel)
     is_static = run.test == 'static'
-    over, across = run.time, 'time / s'
-    if is_static if is_over_load is None else is_over_load:
-        over, across = run.load_in_unit, f'load / {run.force_unit}'
+    over, across = (run.load_in_unit, f'load / {run.force_unit}') if (
+        is_static if is_over_load is None else is_over_load) else (run.time, 'time / s')
     measured, before, after = (MICRO * item[place] for item in (
         run.measured, run.before, run.after))
     up = run.direction > 0.0
@@ -318,24 +317,19 @@ def over_time(time: Array, channels: Mapping[str, Array], title: str) -> Chart:
                  height=1.0 + 1.8 * len(panels), heights=(1.0,) * len(panels), shares_x=True)
 
 
-def misfit(
-    runs: Sequence[Mapping[str, Any]], channels: Sequence[str] = CHANNELS[:3], *,
-    is_extended: bool = True,
-) -> Chart:
+def misfit(runs: Sequence[Mapping[str, Any]], *, is_extended: bool = True) -> Chart:
     """Misfit before and after against the noise floor, for the `runs` of a verdict's JSON."""
     height, heights, words, series = 0.0, [], [], []
     for run in runs:
-        for name in channels:
-            if name not in run['channels']:
-                continue
+        for name in [name for name in SHOWN if name in run['channels']]:
             item = run['channels'][name]
             before, after, floor = (100.0 * max(item[key] or 0.0, 1e-6) for key in
                                     ('nrmse_before', 'nrmse_after', 'noise_floor'))
-            at = [height]
-            drawn = [charts.line([before, after], [height, height], '#cbd2d9', width=2.0),
-                     markers([floor], at, '|', charts.NOISE, 'noise floor', size=12.0),
-                     markers([before], at, 'o', charts.BEFORE, 'contact law alone', size=6.5),
-                     markers([after], at, 'D', charts.AFTER, 'extended model', size=4.5)]
+            drawn = [
+                charts.line([before, after], [height, height], '#cbd2d9', width=2.0),
+                markers([floor], [height], '|', charts.NOISE, 'noise floor', size=12.0),
+                markers([before], [height], 'o', charts.BEFORE, 'contact law alone', size=6.5),
+                markers([after], [height], 'D', charts.AFTER, 'extended model', size=4.5)]
             series += drawn if is_extended else drawn[1:3]
             heights.append(height)
             words.append(f'{name_of(run["bag"])}{" (held out)" if run.get("held_out") else ""}'
@@ -375,10 +369,9 @@ def _views(run: RunCurves, channel: str) -> list[Panel]:
 
     All but the spectrum with bands of noise and of a sound ring.
     """
-    shown = [(False, charts.BEFORE, 'measured minus simulated')]
-    if run.is_extended:
-        shown = [(False, charts.BEFORE, 'contact law alone'),
-                 (True, charts.AFTER, 'extended model')]
+    shown = [
+        (False, charts.BEFORE, 'contact law alone'), (True, charts.AFTER, 'extended model'),
+    ] if run.is_extended else [(False, charts.BEFORE, 'measured minus simulated')]
     load, unit, rate = run.load_in_unit, run.force_unit, smooth_rate(run.load_in_unit, run.time)
     over_load, by_branch, over_time, over_rate, over_frequency = (list[Series]() for _ in range(5))
     for extended, colour, name in shown:
@@ -408,9 +401,8 @@ def _views(run: RunCurves, channel: str) -> list[Panel]:
 
 def residual_map(runs: Sequence[RunCurves]) -> Chart:
     """Mean misfit in noise floors: load across, runs and branches down, channel by channel."""
-    versions = [(False, 'measured minus simulated')]
-    if any(run.is_extended for run in runs):
-        versions = [(False, 'contact law alone'), (True, 'extended model')]
+    versions = [(False, 'contact law alone'), (True, 'extended model')] if any(
+        run.is_extended for run in runs) else [(False, 'measured minus simulated')]
     rows = [(run, sign) for run in runs for sign in (1.0, -1.0)]
     names = tuple(f'{run.name} {"rising" if sign > 0 else "falling"}' for run, sign in rows)
     top = max(float(run.load.max()) for run in runs)

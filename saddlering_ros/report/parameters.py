@@ -34,15 +34,13 @@ OF_NOISE = ('Where no cause is in the model, standard deviations of a parameter 
 
 def identified(found: Mapping[str, Any], words: str = '') -> str:
     """Result of an identification: values, errors, intervals, undetermined parameters."""
-    items = found['parameters']
+    items = {name: found['parameters'][name] for name in PARAMETER_NAMES}
     rows: list[Row] = [
         [code(name), quantity(item['value'], item['unit'], item['std']),
          span(*item['interval']) if item['interval'] else '–',
          UNDETERMINED + item['reason'] if item['reason'] else
-         ('at its bound' if item['at_bound'] else '')]
-        for name, item in ((name, items[name]) for name in PARAMETER_NAMES)]
-    rows += [[code(name), words, '', ''] for name, words in _per_millimetre(
-        {name: items[name]['value'] for name in PARAMETER_NAMES})]
+         ('at its bound' if item['at_bound'] else '')] for name, item in items.items()]
+    rows += _per_millimetre({name: item['value'] for name, item in items.items()})
     covariance = np.array([[math.nan if value is None else value for value in row]
                            for row in found.get('covariance') or []])
     return html.section(
@@ -54,10 +52,7 @@ def identified(found: Mapping[str, Any], words: str = '') -> str:
         html.paragraph(ASSUMPTION, 'note'), html.bullets(list(found.get('notes') or [])))
 
 
-def before_and_after(
-    document: VerdictDocument, before: str = 'before', after: str = 'after',
-    covariance: Array | None = None,
-) -> str:
+def before_and_after(document: VerdictDocument, covariance: Array | None = None) -> str:
     """Contact parameters before and after, with intervals, correlation, and the bias removed."""
     first, last = document['parameters']['before'], document['parameters']['after']
     reasons = document['parameters'].get('undetermined', {}).get('after', {})
@@ -76,14 +71,14 @@ def before_and_after(
             moved if is_extended else '',
             f'{abs(first[name] - last[name]) / std:.1f}' if std and is_extended else '–',
             UNDETERMINED + reasons[name] if name in reasons else ''])
-    rows += [[code(name), before_words if is_extended else '', after_words, *[''] * 4]
-             for (name, before_words), (_, after_words) in zip(
+    rows += [[name, before_words if is_extended else '', after_words, *[''] * 4]
+             for (name, before_words, *_), (_, after_words, *_) in zip(
                  _per_millimetre(first), _per_millimetre(last), strict=True)]
     return html.section(
         'Contact parameters',
         html.table(['parameter', *map(number, (
-            before, f'{after if is_extended else "value"} ± standard deviation', '95 % interval',
-            'bias removed', 'bias / std')), ''], rows),
+            'before', f'{"after" if is_extended else "value"} ± standard deviation',
+            '95 % interval', 'bias removed', 'bias / std')), ''], rows),
         correlation(covariance),
         html.paragraph(ASSUMPTION + ' K and n of a row are strongly correlated: judge them '
                        'together.', 'note'),
@@ -95,36 +90,35 @@ def interval(value: float, std: float | None) -> str:
     return span(value - WIDTH_95 * std, value + WIDTH_95 * std) if std else '–'
 
 
-def _per_millimetre(values: Mapping[str, float]) -> list[tuple[str, str]]:
+def _per_millimetre(values: Mapping[str, float]) -> list[Row]:
     """K1 and K2 of parameters by name, each with its stiffness as catalogues give it."""
-    return [(name, quantity(stiffness_per_millimetre(values[name], values[exponent]), 'N/mm^n'))
+    return [[code(name), quantity(stiffness_per_millimetre(values[name], values[exponent]),
+                                  'N/mm^n'), '', '']
             for name, exponent in (('K1', 'n1'), ('K2', 'n2'))
             if name in values and exponent in values]
 
 
 def of_file(parameters: ParameterSet) -> str:
     """The parameter file: contact law with errors, effects, correlation, where it came from."""
-    covariance = parameters.source.covariance
+    source, covariance = parameters.source, parameters.source.covariance
     spread = [None] * 6 if covariance is None else np.sqrt(np.diag(covariance)).tolist()
     values_of = {name: float(getattr(parameters.contact, name)) for name in PARAMETER_NAMES}
     rows: list[Row] = []
     for (name, value), std in zip(values_of.items(), spread, strict=True):
-        reason = parameters.source.undetermined.get(name)
+        reason = source.undetermined.get(name)
         shown = std if reason is None else None
         rows.append([code(name), quantity(value, PARAMETER_UNITS[name], shown),
                      interval(value, shown), '' if reason is None else UNDETERMINED + reason])
-    rows += [[code(name), words, '', ''] for name, words in _per_millimetre(values_of)]
-    for effect, values in parameters.effects.items():
-        rows += [[code(f'{effect}.{name}'), f'{compact(value, 5)} (SI)', '', '']
-                 for name, value in values.items()]
-    source = parameters.source
+    rows += _per_millimetre(values_of)
+    rows += [[code(f'{effect}.{name}'), f'{compact(value, 5)} (SI)', '', '']
+             for effect, values in parameters.effects.items() for name, value in values.items()]
     words = 'As given' if source.method == 'given' else f'By {source.method}'
     words += f' from {", ".join(source.bags)}' if source.bags else ''
     return html.section(
         'Parameters',
         html.table(HEAD, rows, words + (f': {source.note}' if source.note else '')),
         correlation(covariance),
-        '' if covariance is None or source.method == 'given' else html.paragraph(OF_NOISE, 'note'),
+        html.paragraph('' if covariance is None or source.method == 'given' else OF_NOISE, 'note'),
         html.paragraph(ASSUMPTION, 'note'))
 
 
@@ -139,13 +133,12 @@ def correlation(covariance: Array | None) -> str:
         [code(name), *(_heat(share) if size > 0.0 else Cell('–', mark='heat')
                        for share, size in zip(*of, strict=True))]
         for name, *of in zip(PARAMETER_NAMES, shares, scale, strict=True)]
-    strong = [f'{first} and {second}' for i, first in enumerate(PARAMETER_NAMES)
-              for j, second in enumerate(PARAMETER_NAMES)
-              if i < j and abs(shares[i, j]) > STRONG]
+    strong = [f'{PARAMETER_NAMES[i]} and {PARAMETER_NAMES[j]}'
+              for i, j in zip(*np.triu_indices(6, 1), strict=True) if abs(shares[i, j]) > STRONG]
     words = (f'Strongly correlated: {"; ".join(strong)}.' if strong
              else 'No correlation exceeds 0.9.')
     return html.heading('Correlation') + html.table(
-        ['', *(number(name) for name in PARAMETER_NAMES)], rows) + html.paragraph(words, 'note')
+        ['', *map(number, PARAMETER_NAMES)], rows) + html.paragraph(words, 'note')
 
 
 def _heat(value: float) -> Cell:

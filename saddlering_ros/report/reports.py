@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,10 @@ from saddlering_ros.diagnosis.ring_wording import lowered, title_of, VerdictDocu
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.files import whole_file, write_csv
 from saddlering_ros.identification.validation import judge, Validation
-from saddlering_ros.pages import html, ReportError
+from saddlering_ros.pages import html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import draw
-from saddlering_ros.pages.html import Cell, code, number
+from saddlering_ros.pages.html import Cell, code, number, ReportError
 from saddlering_ros.quantities import allowed_misfit, percent, quantity
 from saddlering_ros.record import displacement_of_run, Record
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
@@ -69,7 +70,7 @@ def diagnosis_page(
         chapters.misfit(document),
         chapters.paper_split(curves),
         chapters.residual_map(curves),
-        parameters.before_and_after(document, covariance=covariance),
+        parameters.before_and_after(document, covariance),
         chapters.candidates(document),
         chapters.shape_tests(document),
         chapters.residuals(curves),
@@ -200,12 +201,13 @@ def head(title: str, rig: Rig, tests: Sequence[tuple[Record, str]]) -> str:
     tests: each run, and its role.
     """
     named = ', '.join(sorted({run.rig for run, _ in tests if run.rig})) or 'not named in the bags'
-    digest = rig.digest
+    digest, elevations = rig.digest, [round(math.degrees(run.elevation), 2) for run, _ in tests]
     rows = [
-        [run.path.name, run.test, f'{_degrees(run):g}°', role,
+        [run.path.name, run.test, f'{elevation:g}°', role,
          run.details.get('date', '') or date_of(int(run.stamps[0])) or '–',
-         run.details.get('operator', '') or '–', run.run or '–'] for run, role in tests]
-    svg = drawing_svg(rig, *(_degrees(run) for run, _ in tests[:1]))
+         run.details.get('operator', '') or '–', run.run or '–']
+        for elevation, (run, role) in zip(elevations, tests, strict=True)]
+    svg = drawing_svg(rig, *elevations[:1])
     return '\n'.join([
         f'<h1>{html.escape(title)}</h1>',
         f'<p class="soft">Rig: {html.escape(named)}, hash <code title="{digest}">'
@@ -216,11 +218,6 @@ def head(title: str, rig: Rig, tests: Sequence[tuple[Record, str]]) -> str:
             f'<div role="img" aria-label="Drawing of the rig with probes and signs">{svg}</div>',
             html.table(['dimension', number('value')], dimensions(rig), f'Rig hash {digest}')),
     ])
-
-
-def _degrees(run: Record) -> float:
-    """The elevation [deg] as a person writes it."""
-    return round(float(np.degrees(run.elevation)), 2)
 
 
 def dimensions(rig: Rig) -> list[tuple[str, str]]:
@@ -272,8 +269,8 @@ def data_quality(runs: Sequence[Record], rig: Rig) -> str:
                                                    for name in CHANNELS)))], rows,
         'Noise: white noise of one sample, from second differences. Red: more than 1 % of the '
         'samples lack a probe, the stamps have gaps, or the zero is not at preload.'),
-        html.bullets(said) if said else html.paragraph(
-            'These bags have no other fault.' if runs else '', 'soft'))
+        html.bullets(said),
+        html.paragraph('These bags have no other fault.' if runs and not said else '', 'soft'))
 
 
 def misfit_reductions(document: Mapping[str, Any]) -> str:
@@ -282,13 +279,12 @@ def misfit_reductions(document: Mapping[str, Any]) -> str:
     if document['verdict'] == 'none' or total.get('fit') is None:
         return ''
     rows = [[name_of(run['bag']), 'held out' if run['held_out'] else 'fitted',
-             *(_reduction_words(run['channels'].get(name)) for name in shown), '–']
+             *(_reduction_words(run['channels'].get(name) or {}) for name in shown), '–']
             for run in document['runs']]
+    every = 'all runs in turn' if total.get('how') == 'held out in turn' else 'all held-out runs'
     rows.append(['all fitted runs', 'fitted', *'–––', percent(total['fit'])])
     if total.get('held_out') is not None:
-        in_turn = total.get('how') == 'held out in turn'
-        rows.append(['all runs in turn' if in_turn else 'all held-out runs', 'held out',
-                     *'–––', percent(total['held_out'])])
+        rows.append([every, 'held out', *'–––', percent(total['held_out'])])
     return html.section('Misfit reduction', html.table(
         ['run', 'role', *(number(f'misfit reduction in {SYMBOLS[name]}') for name in shown),
          number('in all channels')], rows,
@@ -297,14 +293,13 @@ def misfit_reductions(document: Mapping[str, Any]) -> str:
         'noise before. The last column weights the channels by their noise.'))
 
 
-def _reduction_words(item: Mapping[str, float | None] | None) -> str:
-    before, after = (item or {}).get('nrmse_before'), (item or {}).get('nrmse_after')
+def _reduction_words(item: Mapping[str, float | None]) -> str:
+    before, after = item.get('nrmse_before'), item.get('nrmse_after')
     if not before or after is None:
         return '–'
     gain = 1.0 - after / before
     words = f'{100.0 * gain:.0f} %' if abs(gain) >= 5e-3 else '0 %'
-    floor = (item or {}).get('noise_floor')
-    return f'({words})' if before <= allowed_misfit(floor) else words
+    return f'({words})' if before <= allowed_misfit(item.get('noise_floor')) else words
 
 
 def reproduction(document: Mapping[str, Any], command: str = '', curves_file: str = '') -> str:

@@ -10,11 +10,15 @@ import pytest
 
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.monitoring.detector import (
+    assumed_noise,
     block_noise,
     BlockNoise,
     BlockWatch,
     Detector,
     Innovations,
+    least_wander,
+    MonitoringError,
+    RestLearner,
 )
 from saddlering_ros.monitoring.monitor import (
     ALARM,
@@ -26,12 +30,6 @@ from saddlering_ros.monitoring.monitor import (
     WAITING,
     watch,
     WATCHING,
-)
-from saddlering_ros.monitoring.noise import (
-    assumed_noise,
-    least_wander,
-    MonitoringError,
-    RestLearner,
 )
 from saddlering_ros.rig import default_rig
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from saddlering_ros.monitoring.detector import materiality
 from saddlering_ros.monitoring.monitor import LEARNING, MonitorSettings, Sample, WAITING, watch
-from saddlering_ros.monitoring.noise import materiality
 from saddlering_ros.monitoring.stream import AlarmStream
 from saddlering_ros.record.batches import Displacements, no_displacements, no_samples, Samples
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
