@@ -7,7 +7,7 @@ and numbers without message objects, about a hundred times as fast as rosbags de
 and 2, both byte orders).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import contextlib
 from dataclasses import dataclass
 import functools
@@ -184,7 +184,15 @@ def decode_records(
             return Records(_stamps_of(records), {name: records[name] for name in names}, frame_id)
     stamps = np.empty(len(starts), np.int64)
     fields = {name: np.empty(len(starts), kinds[name]) for name in names}
-    for (kind, length), which in _alike(data, starts):
+    kinds_there = np.unique(data[starts].astype(np.int64) << 8 | data[starts + 1]).tolist()
+    if unknown := set(kinds_there) - set(_BYTE_ORDER_AND_ALIGNMENT):
+        raise CdrError(f'CDR representation {min(unknown):#06x} is not supported')
+    groups: dict[tuple[int, int], list[int]] = {}
+    for row, start in enumerate(starts.tolist()):
+        groups.setdefault(_head_of(data[start:start + _HEAD].tobytes()), []).append(row)
+    if len(groups) > MAX_FRAME_IDS:
+        raise CdrError('the frame id is another in every message')
+    for (kind, length), which in groups.items():
         layout = _layout(message_type, kind, length, names)
         if (sizes[which] < layout.itemsize).any():
             raise CdrError(f'a message is shorter than a {message_type}')
@@ -193,24 +201,6 @@ def decode_records(
         for name in names:
             fields[name][which] = records[name]
     return Records(stamps, fields, frame_id)
-
-
-def _alike(data: NDArray[np.uint8], starts: NDArray[np.int64],
-           ) -> Iterator[tuple[list[int], NDArray[np.intp]]]:
-    """Representation and length of the frame id that messages have, and which have them."""
-    kinds = data[starts].astype(np.int64) << 8 | data[starts + 1]
-    unknown = set(np.unique(kinds).tolist()) - set(_BYTE_ORDER_AND_ALIGNMENT)
-    if unknown:
-        raise CdrError(f'CDR representation {min(unknown):#06x} is not supported')
-    lengths = np.zeros(len(starts), np.int64)
-    for kind, (order, _) in _BYTE_ORDER_AND_ALIGNMENT.items():
-        mine = kinds == kind
-        lengths[mine] = take(data, starts[mine] + ENCAPSULATION + 8, f'{order}u4')
-    groups = np.unique(np.stack([kinds, lengths]), axis=1).T.tolist()
-    if len(groups) > MAX_FRAME_IDS:
-        raise CdrError('the frame id is another in every message')
-    for group in groups:
-        yield group, np.flatnonzero((kinds == group[0]) & (lengths == group[1]))
 
 
 def _head_of(message: bytes) -> tuple[int, int]:

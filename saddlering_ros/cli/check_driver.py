@@ -1,17 +1,11 @@
 """`saddlering check-driver`: faults of a driver of the rig, before the first test."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys
-from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Command, option, tell_json, Within
-
-if TYPE_CHECKING:
-    from saddlering_ros.doubts.driver import HeardTopic
 
 COMMANDS = (Command(
     'check-driver', 'check rates, stamps, range and signs of a rig driver',
@@ -34,8 +28,11 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Listen, check, print; status 2 if a fault is found."""
+    import numpy as np
+
     from saddlering_ros.doubts.driver import check_driver
     from saddlering_ros.doubts.finding import FAULT
+    from saddlering_ros.quantities import finite_json
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.driver_listener import listen
     from saddlering_ros.ros.launcher import prepare_transport
@@ -46,16 +43,21 @@ def run(args: argparse.Namespace) -> int:
     heard = listen(arguments.domain_of(args), namespace, args.seconds)
     found = check_driver(rig, heard, math.radians(args.elevation), args.rate)
     count = sum(one.severity == FAULT for one in found)
-    topics = {name: _figures(one) for name, one in heard.items()}
+    topics = {}
+    for name, one in heard.items():
+        values = one.values[np.isfinite(one.values)]
+        topics[name] = finite_json({
+            'samples': len(one), 'publishers': one.publishers, 'rate': one.rate,
+            'delay': one.delay, 'mean': float(values.mean()) if len(values) else math.nan})
     document = {
         'faults': count, 'topics': topics,
         'findings': [{'level': one.severity, 'topic': one.where, 'words': one.words}
                      for one in found]}
     if not tell_json(args, document):
-        for name, one in topics.items():
-            if one['rate'] is not None and one['mean'] is not None:
-                print(f'{name}: {one["samples"]} samples at {one["rate"]:.5g} Hz, mean '
-                      f'{one["mean"]:.6g}, {1e3 * one["delay"]:.3g} ms from stamp to arrival')
+        for name, told in topics.items():
+            if told['rate'] is not None and told['mean'] is not None:
+                print(f'{name}: {told["samples"]} samples at {told["rate"]:.5g} Hz, mean '
+                      f'{told["mean"]:.6g}, {1e3 * told["delay"]:.3g} ms from stamp to arrival')
         for finding in found:
             print(f'{finding.severity}: {finding}')
         if not found:
@@ -65,15 +67,3 @@ def run(args: argparse.Namespace) -> int:
         print(f'saddlering check-driver: {count} fault{"s" * (count > 1)}: correct the driver '
               'before a test', file=sys.stderr)
     return 2 if count else 0
-
-
-def _figures(one: HeardTopic) -> dict[str, Any]:
-    from math import isfinite
-
-    import numpy as np
-
-    values = one.values[np.isfinite(one.values)]
-    figures = {'rate': one.rate, 'delay': one.delay,
-               'mean': float(values.mean()) if len(values) else float('nan')}
-    return {'samples': len(one), 'publishers': one.publishers,
-            **{name: value if isfinite(value) else None for name, value in figures.items()}}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
+import math
 from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
@@ -95,8 +97,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _plan(args: argparse.Namespace) -> TestPlan:
-    import math
-
     from saddlering_ros.rig import FORCE_UNITS, FULL_SCALE_LOAD, load_rig
     from saddlering_ros.virtual_rig.effects import parse_requests
     from saddlering_ros.virtual_rig.integrator import Scatter
@@ -131,8 +131,6 @@ def _plan(args: argparse.Namespace) -> TestPlan:
 
 def _contact(args: argparse.Namespace) -> ContactParameters:
     """The contact law of the rig: of a file, with the values of --set."""
-    from dataclasses import replace
-
     from saddlering_ros.rig import PARAMETER_NAMES, read_parameters, TRUE_TO_SCALE
 
     values = {}

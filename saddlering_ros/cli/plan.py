@@ -1,15 +1,9 @@
 """`saddlering plan`: what given tests could find, before they are made."""
 
-from __future__ import annotations
-
 import argparse
-from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, show_table, tell_json, Within
-
-if TYPE_CHECKING:
-    from saddlering_ros.diagnosis.plan import Plan
 
 COMMANDS = (Command(
     'plan', 'compute what given tests could find, before they are made',
@@ -34,7 +28,8 @@ def run(args: argparse.Namespace) -> int:
     """Compute and print, write or emit the plan."""
     from saddlering_ros import load_rig
     from saddlering_ros.diagnosis.plan import plan_tests, PlanError, planned_test
-    from saddlering_ros.rig import TRUE_TO_SCALE
+    from saddlering_ros.quantities import quantity
+    from saddlering_ros.rig import PARAMETER_UNITS, TRUE_TO_SCALE
 
     tests = [planned_test(text) for text in args.test]
     if len(set(tests)) < len(tests):
@@ -45,14 +40,6 @@ def run(args: argparse.Namespace) -> int:
                           on_progress=bar.tell)
     if args.json is not None and tell_json(args, plan.to_json()):
         return 0
-    _print(plan)
-    return 0
-
-
-def _print(plan: Plan) -> None:
-    from saddlering_ros.quantities import quantity
-    from saddlering_ros.rig import PARAMETER_UNITS
-
     console = arguments.stdout_console()
     console.print(f'tests: {", ".join(test.name for test in plan.tests)}', highlight=False)
     show_table(('cause', 'smallest size found', 'cannot be told from'), [
@@ -65,3 +52,4 @@ def _print(plan: Plan) -> None:
     if plan.further is not None:
         console.print(f'best further test: {plan.further.name} (limits lower by a factor of '
                       f'{10.0 ** plan.further_gain:.2f} in the geometric mean)', highlight=False)
+    return 0

@@ -173,15 +173,13 @@ def _check_unpacked_size(path: Path) -> None:
             if kind != COMPRESSED:
                 file.seek(size, os.SEEK_CUR)
                 continue
-            unzip, left = zlib.decompressobj(), size
-            while left > 0 and (piece := file.read(min(left, 1 << 16))):
-                left -= len(piece)
-                while piece:
-                    try:
-                        unpacked += len(unzip.decompress(piece, 1 << 24))
-                    except zlib.error:
-                        return
-                    piece = unzip.unconsumed_tail
-                    if unpacked > MAX_UNPACKED:
-                        raise ImportingError(f'{path}: unpacks to more than 1 GB, and this format '
-                                             'is only read as a whole: save it with -v7.3')
+            unzip, packed = zlib.decompressobj(), file.read(size)
+            while packed:
+                try:
+                    unpacked += len(unzip.decompress(packed, 1 << 24))
+                except zlib.error:
+                    return
+                packed = unzip.unconsumed_tail
+                if unpacked > MAX_UNPACKED:
+                    raise ImportingError(f'{path}: unpacks to more than 1 GB, and this format is '
+                                         'only read as a whole: save it with -v7.3')

@@ -17,7 +17,7 @@ from saddlering_ros.files import whole_file
 from saddlering_ros.importing.calibration import ImportingError, words_of
 from saddlering_ros.importing.feed import Feed, feeds_of, Part, Samples
 from saddlering_ros.importing.mapping import ImportMap, instruments_text
-from saddlering_ros.importing.source import open_sources
+from saddlering_ros.importing.source import open_sources, Source
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import RANGE_TYPE
@@ -112,13 +112,6 @@ def import_files(
     """
     sources = open_sources(files, mapping.csv)
     feeds = feeds_of(sources, mapping)
-    texts = {'import_sources': '; '.join(f'{source.path.name} sha256 {source.sha256}'
-                                         for source in sources),
-             'import_map': mapping.text}
-    if stated := instruments_text(mapping.channels):
-        texts['instruments'] = stated
-    if rig is not None:
-        texts['rig_hash'] = rig.digest
     ranges = {channel.name: channel.range for channel in mapping.channels}
     for channel in mapping.channels:
         if channel.topic.type == RANGE_TYPE and not channel.range:
@@ -133,7 +126,7 @@ def import_files(
             raise ImportingError(f'{out}: the channels do not agree on the runs: their files have '
                                  'gaps, or values of the split column, at different places')
         (number, label), _ = streams[0]
-        metadata = _metadata(mapping, number, label, texts)
+        metadata = _metadata(mapping, number, label, sources, rig)
         path = out
         if mapping.split is not None:
             name = re.sub(r'[^\w.+-]+', '_', metadata.run).strip('._') or f'run_{number + 1}'
@@ -165,9 +158,9 @@ def import_files(
 
 
 def _metadata(
-    mapping: ImportMap, number: int, label: str, texts: Mapping[str, str],
+    mapping: ImportMap, number: int, label: str, sources: Sequence[Source], rig: Rig | None,
 ) -> TestMetadata:
-    """The test metadata of run `number`, from 0 on; texts: entries that all runs share."""
+    """The test metadata of run `number`, from 0 on."""
     given = dict(mapping.test)
     if mapping.split is not None:
         label = label if mapping.split.by == 'column' else str(number + 1)
@@ -184,9 +177,16 @@ def _metadata(
                                  'test: static or dynamic, elevation_deg: degrees')
     details = {key: value for key, value in given.items()
                if key not in ('test', 'elevation_deg', 'rig', 'run')}
+    details |= {'import_sources': '; '.join(
+        f'{source.path.name} sha256 {source.sha256}' for source in sources),
+        'import_map': mapping.text}
+    if stated := instruments_text(mapping.channels):
+        details['instruments'] = stated
+    if rig is not None:
+        details['rig_hash'] = rig.digest
     try:
         return TestMetadata(given['test'], plain_number(given['elevation_deg']),
-                            given.get('rig', ''), given.get('run', ''), {**details, **texts})
+                            given.get('rig', ''), given.get('run', ''), details)
     except BagError as problem:
         raise ImportingError(f'test of the map: {problem}') from problem
     except ValueError as problem:

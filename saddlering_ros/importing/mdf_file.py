@@ -104,7 +104,7 @@ class MdfBlocks:
                 if len(piece) < size:
                     raise self.damaged('its records end too early')
         elif name == '##DZ':
-            yield self._unzipped(self.block(place))
+            yield self._unzipped(self.block(place).data)
         elif name == '##HL':
             yield from self.pieces(self.block(place).links[0])
         elif name == '##DL':
@@ -128,12 +128,12 @@ class MdfBlocks:
             raise self.damaged('a link does not lead to a block')
         return name.decode('ascii', 'replace'), length, links
 
-    def _unzipped(self, block: MdfBlock) -> bytes:
-        kind, parameter, size, packed = struct.unpack_from('<xxBxIQQ', block.data)
+    def _unzipped(self, block: bytes) -> bytes:
+        kind, parameter, size, packed = struct.unpack_from('<xxBxIQQ', block)
         if size > MAX_BLOCK:
             raise self.damaged('a zipped block of more than 256 MB')
         try:
-            data = zlib.decompressobj().decompress(block.data[24:24 + packed], size)
+            data = zlib.decompressobj().decompress(block[24:24 + packed], size)
         except zlib.error as problem:
             raise self.damaged('zipped records cannot be unzipped') from problem
         if len(data) != size:
@@ -233,22 +233,21 @@ class MdfSource(Source):
         if len(groups) > 1:
             raise ImportingError(f'{self.path}: {", ".join(names)} belong to different groups: '
                                  'give each channel a time: of its own')
-        for records in self._records(groups.pop()):
-            yield {name: self._channels[name].values(records) for name in names}
-
-    def _records(self, group: _Group) -> Iterator[NDArray[np.uint8]]:
-        left, rows = b'', group.rows
+        group, left = groups.pop(), b''
+        rows = group.rows
         for piece in self._blocks.pieces(group.data):
             left += piece
             while rows and len(left) >= group.record * min(BLOCK_ROWS, rows):
                 count = min(BLOCK_ROWS, rows)
-                yield _table(left, group.record, count)
+                records = _table(left, group.record, count)
+                yield {name: self._channels[name].values(records) for name in names}
                 left, rows = left[count * group.record:], rows - count
         if rows:
             count = len(left) // group.record
             self.warn(f'a group ends {rows - count} records early: the file was not closed '
                       'properly')
-            yield _table(left, group.record, count)
+            records = _table(left, group.record, count)
+            yield {name: self._channels[name].values(records) for name in names}
 
     def _read_data_group(self, block: MdfBlock, number: int, start: int | None) -> int:
         """Read the channels of a data group; how many groups of records it has, 0 or 1."""

@@ -132,7 +132,26 @@ def open_sources(
             raise ImportingError(f'{file}: is given twice: give each file once')
     sources: list[Source] = []
     for path in files:
-        module, name = _reader(path)
+        try:
+            if not stat.S_ISREG(path.stat().st_mode):
+                raise ImportingError(f'{path}: is no regular file: give a measured file')
+            with path.open('rb') as stream:
+                head = stream.read(4096)
+        except OSError as problem:
+            raise ImportingError(f'{path}: cannot be read ({problem.strerror}): check the path'
+                                 ) from problem
+        if not head:
+            raise ImportingError(f'{path}: is empty: give a measured file')
+        module, name = 'csv_file', 'CsvSource'
+        if head.startswith(b'TDSm'):
+            module, name = 'tdms_file', 'TdmsSource'
+        elif head.startswith(b'MDF     '):
+            module, name = 'mdf_file', 'MdfSource'
+        elif head.startswith(_HDF5) or head[512:520] == _HDF5:
+            is_matlab = head.startswith(b'MATLAB 7.3')
+            module, name = 'array_files', 'Matlab73Source' if is_matlab else 'Hdf5Source'
+        elif head.startswith(b'MATLAB 5.0'):
+            module, name = 'array_files', 'MatlabSource'
         try:
             reader = getattr(import_module(f'saddlering_ros.importing.{module}'), name)
         except ModuleNotFoundError as problem:
@@ -141,30 +160,6 @@ def open_sources(
                                  ) from problem
         sources.append(reader(path, csv_shape or {}) if name == 'CsvSource' else reader(path))
     return sources
-
-
-def _reader(path: Path) -> tuple[str, str]:
-    """Module and class of the reader for the file at `path`."""
-    try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise ImportingError(f'{path}: is no regular file: give a measured file')
-        with path.open('rb') as file:
-            head = file.read(4096)
-    except OSError as problem:
-        raise ImportingError(f'{path}: cannot be read ({problem.strerror}): check the path'
-                             ) from problem
-    if not head:
-        raise ImportingError(f'{path}: is empty: give a measured file')
-    if head.startswith(b'TDSm'):
-        return 'tdms_file', 'TdmsSource'
-    if head.startswith(b'MDF     '):
-        return 'mdf_file', 'MdfSource'
-    if head.startswith(_HDF5) or head[512:520] == _HDF5:
-        is_matlab = head.startswith(b'MATLAB 7.3')
-        return 'array_files', 'Matlab73Source' if is_matlab else 'Hdf5Source'
-    if head.startswith(b'MATLAB 5.0'):
-        return 'array_files', 'MatlabSource'
-    return 'csv_file', 'CsvSource'
 
 
 def find_column(sources: Sequence[Source], pattern: str, where: str) -> list[tuple[Source, str]]:
