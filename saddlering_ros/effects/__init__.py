@@ -45,7 +45,8 @@ def _shipped() -> dict[str, RingEffect]:
 @lru_cache(maxsize=1)
 def own_parameters() -> tuple[OwnParameter, ...]:
     """Extension parameters that the effects of this folder declare themselves, by their names."""
-    found = sorted(item for one in _shipped().values() for item in one.own_parameters)
+    found = sorted(item.adds_to for one in _shipped().values() for item in one.parameters
+                   if isinstance(item.adds_to, OwnParameter))
     names = [item.name for item in found] + [item.name for item in shared_parameters()]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

@@ -84,7 +84,8 @@ class EffectParameter:
     one_sided: physics fixes the sign. amplitude: the effect vanishes if this parameter is
     `neutral`; the other parameters only shape it. The first parameter of an effect is an
     amplitude. logarithmic: searched on a log scale (low > 0), for instance time constants.
-    adds_to: the extension parameter to which it is added, if that is all that it does.
+    adds_to: the extension parameter to which it is added, if that is all that it does; the name of
+    one that effects share, or one of its own.
     """
 
     name: str
@@ -98,7 +99,7 @@ class EffectParameter:
     one_sided: bool = False
     neutral: float = 0.0
     logarithmic: bool = False
-    adds_to: str = ''
+    adds_to: str | OwnParameter = ''
 
     def sized_for(self, rig: Rig) -> EffectParameter:
         """The same with bounds, typical size and start of a rig."""
@@ -157,7 +158,6 @@ class RingEffect:
     starts: ClassVar[tuple[Mapping[str, float], ...]] = ()
     dynamic_only: ClassVar[bool] = False
     line: ClassVar[bool] = False              # a steady line, at rest too
-    own_parameters: ClassVar[tuple[OwnParameter, ...]] = ()  # extension parameters of its own
     form: ClassVar[float] = 0.0               # share of the size that its idealised law may err
 
     def __init_subclass__(cls) -> None:
@@ -166,11 +166,18 @@ class RingEffect:
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """The extension with this effect added; `values` holds every parameter and choice.
 
-        What belongs to one of the four probes is added at the probe chosen.
+        What belongs to one of the four probes is added at the probe chosen. Parameters that only
+        another variant frees are not added.
         """
+        idle = {name for one in self.variants for name in one.frees
+                if any(values[key] != value for key, value in one.values.items())}
         changed: dict[str, Any] = {}
         for item in self.parameters:
-            if item.adds_to and item.name in values:
+            if item.name not in values or item.name in idle:
+                continue
+            if isinstance(item.adds_to, OwnParameter):
+                extension = item.adds_to.add(extension, values[item.name])
+            elif item.adds_to:
                 before, value = getattr(extension, item.adds_to), values[item.name]
                 changed[item.adds_to] = (with_probe(before, round(values['probe']), value)
                                          if isinstance(before, tuple) else before + value)

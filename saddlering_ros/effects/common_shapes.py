@@ -91,6 +91,15 @@ def probe_variants(more: Mapping[str, float] | None = None,
     )
 
 
+class ProbeEffect(RingEffect):
+    """An effect of the measurement at one of the probes."""
+
+    stage = 'measurement'
+    channels = ('delta_x', 'delta_y', 'gamma', 'parity')
+    variants = probe_variants()
+    choices: ClassVar[tuple[Choice, ...]] = (ONE_PROBE,)
+
+
 STIFFNESS, GAP = 0.0, 1.0
 KINDS = ((STIFFNESS, 'softer rollers'), (GAP, 'larger gap'))
 KIND = Choice('kind', (STIFFNESS, GAP), '0 softer rollers, 1 larger gap')

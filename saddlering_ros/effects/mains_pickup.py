@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect, UNCLEAR, Variant
-from saddlering_ros.effects.common_shapes import ANY_PROBE, probe_variants
+from saddlering_ros.effects.base import EffectParameter, Outcomes, UNCLEAR, Variant
+from saddlering_ros.effects.common_shapes import ANY_PROBE, probe_variants, ProbeEffect
 from saddlering_ros.effects.extension import RingExtension
 
 
-class MainsPickup(RingEffect):
+class MainsPickup(ProbeEffect):
     title = 'Mains pickup'
     words = ('The probe cables pick up the mains, or a pump. The readings contain a steady '
              'oscillation at one frequency, at zero load too. At a low sampling rate this '
@@ -16,8 +16,6 @@ class MainsPickup(RingEffect):
     settled_by = 'A zero-load record at the highest sampling rate.'
     outcomes = Outcomes(
         zero_load='a line in the spectrum at constant preload', swapped_probes=UNCLEAR)
-    stage = 'measurement'
-    channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (
         EffectParameter('cosine', 'm', -2e-5, 2e-5, 1e-6, 0.0,
                         'part in phase with a cosine from the start of the run', amplitude=True,

@@ -1,10 +1,10 @@
 """Drift of one probe: d_i += r t."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_variants
+from saddlering_ros.effects.base import EffectParameter, Outcomes
+from saddlering_ros.effects.common_shapes import ProbeEffect
 
 
-class ProbeDrift(RingEffect):
+class ProbeDrift(ProbeEffect):
     title = 'Probe drift'
     words = ('The reading of one probe drifts with time, mostly with temperature. The error '
              'follows time and not the load, continues at rest, and leaves the loop open at zero.')
@@ -14,10 +14,6 @@ class ProbeDrift(RingEffect):
         repeat_cycle='a misfit that continues to grow during the holds at preload',
         zero_load='readings that drift at constant preload',
         swapped_probes='a misfit that moves with the probe')
-    stage = 'measurement'
-    channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (EffectParameter(
         'rate', 'm/s', -5e-7, 5e-7, 2e-8, 0.0, 'drift per second', amplitude=True,
         adds_to='probe_drift'),)
-    variants = probe_variants()
-    choices = (ONE_PROBE,)

@@ -1,10 +1,10 @@
 """Slow probe electronics: a low-pass of one or two stages on one or all probes."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect, UNCLEAR, Variant
-from saddlering_ros.effects.common_shapes import ANY_PROBE, probe_variants
+from saddlering_ros.effects.base import EffectParameter, Outcomes, UNCLEAR, Variant
+from saddlering_ros.effects.common_shapes import ANY_PROBE, probe_variants, ProbeEffect
 
 
-class ProbeLag(RingEffect):
+class ProbeLag(ProbeEffect):
     title = 'Probe lag'
     words = ('A filter in the electronics delays one probe, or all probes. In a dynamic run the '
              'error is exponential after each change of the load rate. A static run shows '
@@ -13,8 +13,6 @@ class ProbeLag(RingEffect):
     settled_by = 'A second loading rate (x4), with swapped probes if only one is slow.'
     outcomes = Outcomes(
         second_rate='a delay of the same time with rounded corners', swapped_probes=UNCLEAR)
-    stage = 'measurement'
-    channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (
         EffectParameter('time', 's', 0.0, 1.0, 0.03, 0.03,
                         'time constant of the low-pass, of both its stages together',

@@ -1,10 +1,10 @@
 """Bent characteristic of one probe: d_i += q d_i^2."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_variants
+from saddlering_ros.effects.base import EffectParameter, Outcomes
+from saddlering_ros.effects.common_shapes import ProbeEffect
 
 
-class ProbeNonlinearity(RingEffect):
+class ProbeNonlinearity(ProbeEffect):
     title = 'Bent probe characteristic'
     words = ('The characteristic of one probe is bent, as happens near the end of its span. The '
              'error is a function of its reading, and does not depend on load, rate or elevation.')
@@ -13,11 +13,7 @@ class ProbeNonlinearity(RingEffect):
     outcomes = Outcomes(
         swapped_probes='a misfit that moves with the probe',
         other_gap='a misfit that moves to another load')
-    stage = 'measurement'
-    channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (EffectParameter(
         'curvature', '1/m', -3000.0, 3000.0, 100.0, 0.0,
         'curvature; 100 per metre is 1 % at 100 micrometres', amplitude=True,
         adds_to='probe_nonlinearity'),)
-    variants = probe_variants()
-    choices = (ONE_PROBE,)

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_variants
+from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes
+from saddlering_ros.effects.common_shapes import ONE_PROBE, probe_variants, ProbeEffect
 from saddlering_ros.effects.extension import RingExtension
 
 
-class ProbeSaturation(RingEffect):
+class ProbeSaturation(ProbeEffect):
     title = 'Probe saturation'
     words = ('One probe reaches the end of its span, and its reading stays constant while the '
              'ring moves on. The reading is cut off at one level, for rising and falling load, '
@@ -19,8 +19,6 @@ class ProbeSaturation(RingEffect):
     outcomes = Outcomes(
         swapped_probes='a misfit that moves with the probe',
         other_gap='a flat part that moves to another load or disappears')
-    stage = 'measurement'
-    channels = ('delta_x', 'delta_y', 'gamma', 'parity')
     parameters = (EffectParameter(
         'limit', 'm', 2e-6, 1e-3, 8e-5, 8e-5,
         'travel from zero at which the reading is cut off; large: never', amplitude=True,

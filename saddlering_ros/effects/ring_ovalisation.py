@@ -1,12 +1,7 @@
 """Ovalisation of the ring: d1 and d3 += c F_x, with the same sign."""
 
-from collections.abc import Mapping
-
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.extension import OwnParameter, READING, RingExtension
-
-OVALISATION = OwnParameter('ovalisation', 'ring', READING)
-"""d1 and d3 += c F_x [m/N]."""
+from saddlering_ros.effects.extension import OwnParameter, READING
 
 
 class RingOvalisation(RingEffect):
@@ -19,10 +14,7 @@ class RingOvalisation(RingEffect):
     outcomes = Outcomes(other_elevation='a parity in proportion to the radial force')
     stage = 'ring'
     channels = ('parity',)
-    own_parameters = (OVALISATION,)
     parameters = (EffectParameter(
         'compliance', 'm/N', -2e-10, 2e-10, 3e-11, 0.0,
-        'common radial motion per unit of radial force', amplitude=True),)
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        return OVALISATION.add(extension, values['compliance'])
+        'common radial motion per unit of radial force', amplitude=True,
+        adds_to=OwnParameter('ovalisation', 'ring', READING)),)

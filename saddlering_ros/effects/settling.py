@@ -35,10 +35,10 @@ class Settling(RingEffect):
                         'the axis', amplitude=True),
         EffectParameter('settling_y', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
                         'the same of delta_y where every coordinate has its own, the first being '
-                        'of delta_x', amplitude=True),
+                        'of delta_x', amplitude=True, adds_to='settling_y'),
         EffectParameter('settling_tilt', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
                         'the same of gamma, at 1 m from the axis, where every coordinate has its '
-                        'own', amplitude=True))
+                        'own', amplitude=True, adds_to='settling_tilt'))
     variants = (
         Variant('delta_x', {'coordinate': 0.0}, ('delta_x',)),
         Variant('delta_y', {'coordinate': 1.0}, ('delta_y',)),
@@ -48,11 +48,7 @@ class Settling(RingEffect):
         Choice('coordinate', (0.0, 1.0, 2.0, EACH), '0 delta_x, 1 delta_y, 2 gamma, 3 each'),)
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        if values['coordinate'] == EACH:
-            return replace(
-                extension,
-                settling_x=extension.settling_x + values['settling'],
-                settling_y=extension.settling_y + values['settling_y'],
-                settling_tilt=extension.settling_tilt + values['settling_tilt'])
-        name = SETTLING[round(values['coordinate'])]
-        return replace(extension, **{name: getattr(extension, name) + values['settling']})
+        # Where each coordinate has its own amount, the first is that of delta_x.
+        name = SETTLING[round(values['coordinate']) % len(SETTLING)]
+        extended = super().extend(extension, values)
+        return replace(extended, **{name: getattr(extended, name) + values['settling']})

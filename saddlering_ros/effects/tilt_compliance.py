@@ -1,10 +1,6 @@
 """A spring in series with the rollers: gamma += c M."""
 
-from collections.abc import Mapping
-from dataclasses import replace
-
 from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
-from saddlering_ros.effects.extension import RingExtension
 
 TILT, EACH = 2.0, 3.0
 """The choices: tilt alone, or every coordinate by its own amount."""
@@ -22,26 +18,17 @@ class TiltCompliance(RingEffect):
     channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter('compliance', 'rad/(N m)', 0.0, 5e-10, 1e-10, 1e-10,
-                        'motion per unit of moment', amplitude=True, one_sided=True),
+                        'motion per unit of moment', amplitude=True, one_sided=True,
+                        adds_to='tilt_compliance'),
         EffectParameter('compliance_x', 'm/N', 0.0, 4e-10, 6e-11, 0.0,
                         'radial motion per unit of radial force, where every coordinate has its '
-                        'own', amplitude=True, one_sided=True),
+                        'own', amplitude=True, one_sided=True, adds_to='radial_compliance'),
         EffectParameter('compliance_y', 'm/N', 0.0, 3e-10, 5e-11, 0.0,
                         'axial motion per unit of axial force, where every coordinate has its own',
-                        amplitude=True, one_sided=True))
+                        amplitude=True, one_sided=True, adds_to='axial_compliance'))
     variants = (
         Variant('gamma', {'coordinate': TILT}, ('gamma',)),
         Variant('each coordinate', {'coordinate': EACH},
                 frees=('compliance_x', 'compliance_y'),
                 contains=('radial_compliance', 'axial_compliance')))
     choices = (Choice('coordinate', (TILT, EACH), '2 gamma, 3 each'),)
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        tilted = replace(
-            extension, tilt_compliance=extension.tilt_compliance + values['compliance'])
-        if values['coordinate'] != EACH:
-            return tilted
-        return replace(
-            tilted,
-            radial_compliance=extension.radial_compliance + values['compliance_x'],
-            axial_compliance=extension.axial_compliance + values['compliance_y'])

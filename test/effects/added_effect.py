@@ -1,14 +1,7 @@
 """A spring in series with the rollers that hardens: gamma += c M |M|."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
-
 from saddlering_ros.effects.base import EffectParameter, RingEffect
-from saddlering_ros.effects.extension import OwnParameter, READING, RingExtension
-
-HARDENING = OwnParameter('tilt_hardening', 'ring', READING)
-"""c [rad/(N m)^2]."""
+from saddlering_ros.effects.extension import OwnParameter, READING
 
 
 class TiltHardening(RingEffect):
@@ -17,12 +10,9 @@ class TiltHardening(RingEffect):
     settled_by = 'An inclinometer on the upper ring itself.'
     stage = 'ring'
     channels = ('gamma',)
-    own_parameters = (HARDENING,)
     parameters = (
         EffectParameter(
             'hardening', 'rad/(N m)^2', -1e-14, 1e-14, 2e-15, 0.0,
-            'tilt per square of the moment', amplitude=True),
+            'tilt per square of the moment', amplitude=True,
+            adds_to=OwnParameter('tilt_hardening', 'ring', READING)),
     )
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        return HARDENING.add(extension, values['hardening'])
