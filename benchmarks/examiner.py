@@ -26,12 +26,18 @@ from scipy.stats import binom
 from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.files import sha256_of_file, write_text
 from saddlering_ros.rig import ContactParameters, default_rig, Rig, size_factor, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig import recording
 from saddlering_ros.virtual_rig.effects import EffectRequest, EFFECTS, request, RigEffect, TrueSize
+from saddlering_ros.virtual_rig.experiment import (
+    dynamic_schedule,
+    EPOCH,
+    Instruments,
+    PhysicalRig,
+    record_test,
+    static_schedule,
+    TestPlan,
+    write_record,
+)
 from saddlering_ros.virtual_rig.integrator import Scatter
-from saddlering_ros.virtual_rig.physics import PhysicalRig
-from saddlering_ros.virtual_rig.recording import Instruments, record_test, TestPlan, write_record
-from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 CLEAN, SINGLE, PAIR, OUTSIDE = 'clean', 'single', 'pair', 'outside'
 KINDS = (CLEAN, SINGLE, PAIR, OUTSIDE)
@@ -159,7 +165,7 @@ def plan_run(truth: Truth, run: RunPlan, settings: RecordSettings, rig: Rig) -> 
         rate = settings.dynamic_rate
     number = list(RUNS).index(run.name)
     seed = int(np.random.SeedSequence([truth.seed, number]).generate_state(1)[0])
-    begin = recording.EPOCH + 3600 * (truth.seed % HOURS) + BETWEEN_RUNS * number
+    begin = EPOCH + 3600 * (truth.seed % HOURS) + BETWEEN_RUNS * number
     return TestPlan(physical, schedule, seed, truth.instruments, rate, rig_name='virtual rig',
                     run_name=run.name, begin=begin)
 

@@ -35,9 +35,13 @@ from saddlering_ros.record import (
 )
 from saddlering_ros.record.record import Record, TestMetadata
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig.physics import PhysicalRig
-from saddlering_ros.virtual_rig.recording import record_test, TestPlan
-from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
+from saddlering_ros.virtual_rig.experiment import (
+    dynamic_schedule,
+    PhysicalRig,
+    record_test,
+    static_schedule,
+    TestPlan,
+)
 
 Topics = dict[str, RawTopic]
 ELEVATION = 50.0

@@ -24,10 +24,16 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
 )
 from saddlering_ros.ring import simulate, static_response
+from saddlering_ros.virtual_rig.experiment import (
+    dynamic_schedule,
+    Instruments,
+    PhysicalRig,
+    record_test,
+    static_schedule,
+    TestPlan,
+    TestRecord,
+)
 from saddlering_ros.virtual_rig.integrator import Scatter
-from saddlering_ros.virtual_rig.physics import PhysicalRig
-from saddlering_ros.virtual_rig.recording import Instruments, record_test, TestPlan, TestRecord
-from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 RIG = default_rig()
 NO_SCATTER = Scatter(gap=0.0, stiffness=0.0)

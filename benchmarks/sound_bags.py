@@ -20,10 +20,15 @@ from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
+from saddlering_ros.virtual_rig.experiment import (
+    dynamic_schedule,
+    Instruments,
+    PhysicalRig,
+    record_test,
+    static_schedule,
+    TestPlan,
+)
 from saddlering_ros.virtual_rig.integrator import Scatter
-from saddlering_ros.virtual_rig.physics import PhysicalRig
-from saddlering_ros.virtual_rig.recording import Instruments, record_test, TestPlan
-from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 
 def drawn(seed: int) -> tuple[Rig, TestMetadata, TestPlan]:

@@ -13,7 +13,7 @@ from saddlering_ros.errors import plain_number, VirtualRigError
 
 if TYPE_CHECKING:
     from saddlering_ros.rig import ContactParameters, Rig
-    from saddlering_ros.virtual_rig.recording import TestPlan
+    from saddlering_ros.virtual_rig.experiment import TestPlan
 
 COMMANDS = (Command(
     'generate', 'record a test of the virtual rig as a bag',
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     """Generate one bag and print its content."""
     from saddlering_ros.rig import load_rig
     from saddlering_ros.virtual_rig.effects import parse_requests
-    from saddlering_ros.virtual_rig.recording import record_test, write_record
+    from saddlering_ros.virtual_rig.experiment import record_test, write_record
 
     if args.list_effects:
         print(effects_text(load_rig(args.rig)))
@@ -99,10 +99,14 @@ def run(args: argparse.Namespace) -> int:
 def _plan(args: argparse.Namespace) -> TestPlan:
     from saddlering_ros.rig import FORCE_UNITS, FULL_SCALE_LOAD, load_rig
     from saddlering_ros.virtual_rig.effects import parse_requests
+    from saddlering_ros.virtual_rig.experiment import (
+        dynamic_schedule,
+        Instruments,
+        PhysicalRig,
+        static_schedule,
+        TestPlan,
+    )
     from saddlering_ros.virtual_rig.integrator import Scatter
-    from saddlering_ros.virtual_rig.physics import PhysicalRig
-    from saddlering_ros.virtual_rig.recording import Instruments, TestPlan
-    from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
     rig, static = load_rig(args.rig), args.test == 'static'
     load_noise = args.load_noise

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.virtual_rig.effects import effect, TrueSize
 from saddlering_ros.virtual_rig.effects_ring import Motion, X_AND_T
-from saddlering_ros.virtual_rig.numerics import low_pass
+from saddlering_ros.virtual_rig.integrator import low_pass
 
 Floats = NDArray[np.float64]
 ALL_CHANNELS = ('delta_x', 'delta_y', 'gamma', 'parity')

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from saddlering_ros.rig import Rig, size_factor
 from saddlering_ros.virtual_rig import integrator as at
 from saddlering_ros.virtual_rig.effects import effect, TrueSize
-from saddlering_ros.virtual_rig.integrator import Rollers
-from saddlering_ros.virtual_rig.numerics import hysteresis, LAWS, low_pass, second_mode
+from saddlering_ros.virtual_rig.integrator import hysteresis, LAWS, low_pass, Rollers, second_mode
 
 Floats = NDArray[np.float64]
 

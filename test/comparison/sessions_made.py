@@ -10,10 +10,15 @@ from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.record import Record, TestMetadata
 from saddlering_ros.rig import ContactParameters, default_rig, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig.effects import EffectRequest, request
+from saddlering_ros.virtual_rig.experiment import (
+    dynamic_schedule,
+    Instruments,
+    PhysicalRig,
+    record_test,
+    static_schedule,
+    TestPlan,
+)
 from saddlering_ros.virtual_rig.integrator import Scatter
-from saddlering_ros.virtual_rig.physics import PhysicalRig
-from saddlering_ros.virtual_rig.recording import Instruments, record_test, TestPlan
-from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 RIG = default_rig()
 EPOCH, DAY, HALF_HOUR = 1_760_000_000, 86_400, 1_800

@@ -16,10 +16,15 @@ from saddlering_ros.identification import IdentificationError, identify
 from saddlering_ros.record import align, LOAD_TOPIC, PROBE_TOPICS, Record, seconds_array
 from saddlering_ros.record.quality import topic_quality
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
+from saddlering_ros.virtual_rig.experiment import (
+    dynamic_schedule,
+    Instruments,
+    PhysicalRig,
+    record_test,
+    static_schedule,
+    TestPlan,
+)
 from saddlering_ros.virtual_rig.integrator import Scatter
-from saddlering_ros.virtual_rig.physics import PhysicalRig
-from saddlering_ros.virtual_rig.recording import Instruments, record_test, TestPlan
-from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 RIGS = {'1 t': sized_rig(1.0, 24, 0.15), '400 t': sized_rig(400.0, 400, 2.0)}
 

@@ -15,7 +15,7 @@ from saddlering_ros.cli.main import main
 from saddlering_ros.doubts.on_rig import check_rig
 from saddlering_ros.rig import default_rig, load_rig, Rig, RigError
 from saddlering_ros.rig.drawing import draft_rig_file, drawing_svg, ENTRIES, save_drawing
-from saddlering_ros.virtual_rig.recording import record_test, write_record
+from saddlering_ros.virtual_rig.experiment import record_test, write_record
 
 RIG = default_rig()
 BAG = Path(__file__).resolve().parents[2] / 'bags' / 'static_70'

@@ -8,10 +8,15 @@ import pytest
 
 from saddlering_ros.rig import default_rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig.effects import request
+from saddlering_ros.virtual_rig.experiment import (
+    dynamic_schedule,
+    Instruments,
+    PhysicalRig,
+    record_test,
+    static_schedule,
+    TestPlan,
+)
 from saddlering_ros.virtual_rig.integrator import Scatter
-from saddlering_ros.virtual_rig.physics import PhysicalRig
-from saddlering_ros.virtual_rig.recording import Instruments, record_test, TestPlan
-from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
 
 IDEAL = Instruments(noise=0.0, load_noise=0.0, jitter=0.0, gap_scatter=0.0, quantised=False)
 EQUAL = Scatter(gap=0.0, stiffness=0.0)

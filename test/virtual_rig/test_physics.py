@@ -9,8 +9,8 @@ import readable_ring as reference
 from saddlering_ros.rig import default_rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig import integrator as at
 from saddlering_ros.virtual_rig.effects import request
+from saddlering_ros.virtual_rig.experiment import PhysicalRig, run_test
 from saddlering_ros.virtual_rig.integrator import make_rollers, Scatter
-from saddlering_ros.virtual_rig.physics import PhysicalRig, run_test
 
 EQUAL = Scatter(gap=0.0, stiffness=0.0)
 ELEVATION = np.radians(50.0)

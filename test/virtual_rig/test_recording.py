@@ -10,9 +10,15 @@ from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.record import plateaus
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig.physics import PhysicalRig
-from saddlering_ros.virtual_rig.recording import Instruments, record_test, TestPlan, write_record
-from saddlering_ros.virtual_rig.schedule import dynamic_schedule, static_schedule
+from saddlering_ros.virtual_rig.experiment import (
+    dynamic_schedule,
+    Instruments,
+    PhysicalRig,
+    record_test,
+    static_schedule,
+    TestPlan,
+    write_record,
+)
 
 RIG = default_rig()
 PHYSICAL = PhysicalRig(RIG, TRUE_TO_SCALE, math.radians(50.0))
