@@ -255,8 +255,6 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
     name = run_name(run)
     if not np.isfinite(run.elevation):
         raise IdentificationError(f'{name}: its elevation is {run.elevation}: give it in degrees')
-    if not np.all(np.isfinite(run.load)):
-        raise IdentificationError(f'{name}: its load is not finite everywhere: cut the record')
     top = float(np.nanmax(run.load)) if len(run.load) else 0.0
     least = rig.limits.identification_min
     if not top > least:

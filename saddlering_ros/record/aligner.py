@@ -270,7 +270,17 @@ class Aligner:
                 jumped, stamps, values = of_load
                 if jumped:
                     self._restart()
-                self._take_loads(stamps, values)
+                if self._epoch is None:
+                    self._epoch = int(stamps[0])
+                if self._last_out is not None and stamps.min() <= self._last_out:
+                    late = stamps <= self._last_out
+                    self.counters.late_loads += int(np.count_nonzero(late))
+                    overtaken = np.where(stamps < self._last_out,
+                                         _newest_before(stamps, self._loads.newest) - stamps, 0)
+                    self._hold = batches.longer_hold(self._hold, int(overtaken.max()))
+                    stamps, values = stamps[~late], values[~late]
+                if len(stamps):
+                    self._loads.take(stamps, values)
             rows += self._drain()
         return rows
 
@@ -296,19 +306,6 @@ class Aligner:
             probe.jumped = False
         self._epoch = self._last_out = None
         self._released = 0
-
-    def _take_loads(self, stamps: Stamps, loads: Floats) -> None:
-        if self._epoch is None:
-            self._epoch = int(stamps[0])
-        if self._last_out is not None and stamps.min() <= self._last_out:
-            late = stamps <= self._last_out
-            self.counters.late_loads += int(np.count_nonzero(late))
-            overtaken = np.where(stamps < self._last_out,
-                                 _newest_before(stamps, self._loads.newest) - stamps, 0)
-            self._hold = batches.longer_hold(self._hold, int(overtaken.max()))
-            stamps, loads = stamps[~late], loads[~late]
-        if len(stamps):
-            self._loads.take(stamps, loads)
 
     def _drain(self, *, finish: bool = False) -> list[AlignedRows]:
         """The rows up to the first that a probe may still answer (`finish`: all)."""
