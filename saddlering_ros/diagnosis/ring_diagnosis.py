@@ -19,8 +19,8 @@ from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
 from saddlering_ros.discrepancy import probabilities_of, Settings
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.errors import Cancelled
-from saddlering_ros.estimation.identifiability import distinct_elevations
 from saddlering_ros.identification import Identification, IdentificationError, identify
+from saddlering_ros.identification.uncertainty import distinct_elevations
 from saddlering_ros.progress import IsCancelled, OnProgress, Progress
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig

@@ -11,7 +11,7 @@ from saddlering_ros.diagnosis.proposed_law import proposal_lines
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
 from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry, wording
 from saddlering_ros.effects import catalogue
-from saddlering_ros.estimation.identifiability import undetermined_words
+from saddlering_ros.identification.uncertainty import undetermined_words
 from saddlering_ros.quantities import (
     allowed_misfit,
     CHANCE,

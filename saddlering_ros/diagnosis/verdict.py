@@ -27,9 +27,9 @@ from saddlering_ros.discrepancy import (
     RunBlocks,
     ShapeTest,
 )
-from saddlering_ros.estimation.identifiability import reason_wide
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import Identification
+from saddlering_ros.identification.uncertainty import reason_wide
 from saddlering_ros.quantities import finite_json, is_left, MATERIAL, percent, quantity
 from saddlering_ros.rig import (
     CHANNELS,

@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.files import Provenance
-from saddlering_ros.identification.uncertainty import IMPERFECTIONS, Uncertainty
+from saddlering_ros.identification.uncertainty import (
+    IMPERFECTIONS,
+    Uncertainty,
+    undetermined_words,
+)
 from saddlering_ros.quantities import finite_json, percent, quantity, significant, span
 from saddlering_ros.rig import (
     ContactParameters,

@@ -13,7 +13,6 @@ import numpy as np
 
 from saddlering_ros import quantities
 from saddlering_ros.errors import BagError
-from saddlering_ros.estimation.identifiability import undetermined_words
 from saddlering_ros.estimation.noise import LEVEL_REACH, noise_alone, noise_by_class, RestSource
 from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, TIME_CONSTANTS
 from saddlering_ros.estimation.rest import RestSegment, stretches_at_rest
@@ -26,6 +25,7 @@ from saddlering_ros.identification.figures import (
 )
 from saddlering_ros.identification.prepared import MIN_REST, parity_at_rest, run_name
 from saddlering_ros.identification.settings import IdentificationError
+from saddlering_ros.identification.uncertainty import undetermined_words
 from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.record import Record

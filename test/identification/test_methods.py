@@ -16,7 +16,6 @@ from identification_records import (
 import numpy as np
 import pytest
 
-from saddlering_ros.estimation.identifiability import MAX_HALF_WIDTH, reason_open
 from saddlering_ros.identification import (
     IdentificationError,
     IdentificationSettings,
@@ -32,6 +31,7 @@ from saddlering_ros.identification.objective import (
     WeightedObjective,
 )
 from saddlering_ros.identification.result import identification_text
+from saddlering_ros.identification.uncertainty import MAX_HALF_WIDTH, reason_open
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
 

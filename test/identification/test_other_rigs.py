@@ -11,8 +11,8 @@ from benchmarks.rigs import sized_rig
 from saddlering_ros.diagnosis.records import build_record, check_set
 from saddlering_ros.doubts.readings import check_load_unit
 from saddlering_ros.errors import BagError
-from saddlering_ros.estimation.identifiability import reason_wide
 from saddlering_ros.identification import IdentificationError, identify
+from saddlering_ros.identification.uncertainty import reason_wide
 from saddlering_ros.record import align, LOAD_TOPIC, PROBE_TOPICS, Record, seconds_array
 from saddlering_ros.record.quality import topic_quality
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
