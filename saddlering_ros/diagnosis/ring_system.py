@@ -20,7 +20,6 @@ from saddlering_ros.effects.law import Law
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, size_factor, TRUE_TO_SCALE
 from saddlering_ros.ring import roller_scatter
 from saddlering_ros.ring.neighbours import has_tangent, Neighbourhoods
-from saddlering_ros.ring.roller_scatter import compressed, SimulatedCourse
 from saddlering_ros.ring.simulator import Additions, probe_batch
 
 Array = NDArray[np.float64]
@@ -229,9 +228,9 @@ class RingSystem:
             grid: LoadGrid = run.payload
             static = run.rate is None or not np.any(run.rate)
             load = next(iter(run.inputs.values()))
-            course = SimulatedCourse(
-                grid.elevation, grid.zero_load, load, run.time, contacts, static)
-            parts.append(roller_scatter.scatter_columns(self.rig, point.base, course)[self.seen])
+            parts.append(roller_scatter.scatter_columns(
+                self.rig, point.base, grid.elevation, grid.zero_load, load, run.time, contacts,
+                static=static)[self.seen])
             sides = [
                 [replace(self, rig=rig).predict_many(run, [point])[0] for rig in pair]
                 for pair in roller_scatter.known_rigs(self.rig)]
@@ -239,7 +238,8 @@ class RingSystem:
                 *(0.5 * (above - below) for above, below in sides),
                 *(CURVATURE * (0.5 * (above + below) - usual) for above, below in sides),
                 *self.instrument_errors(run, point.base)], axis=-1))
-        joined = compressed(np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
+        joined = roller_scatter.compressed(
+            np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
         noisy = self._load_noise(runs, points)
         answer, start = [], 0
         for run, own, load in zip(runs, known, noisy, strict=True):

@@ -19,7 +19,7 @@ from saddlering_ros.estimation.process import Array
 from saddlering_ros.identification.objective import predict, Refinement, WeightedObjective
 from saddlering_ros.quantities import compact, WIDTH_95
 from saddlering_ros.rig import PARAMETER_NAMES, probes_to_displacement, Rig
-from saddlering_ros.ring.roller_scatter import scatter_columns, SimulatedCourse
+from saddlering_ros.ring.roller_scatter import scatter_columns
 
 
 @dataclass(frozen=True)
@@ -284,10 +284,9 @@ def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
         x, y, gamma = np.concatenate([np.zeros((3, 1)), found[0]], axis=1)
         probes = np.stack([x + height * gamma, y + half * gamma, -x - height * gamma,
                            y - half * gamma])
-        course = SimulatedCourse(
-            one.elevation, one.zero_load, np.append(one.zero_load, one.load),
-            np.append(one.time[0] - BEFORE, one.time), probes, not one.dynamic)
-        columns = scatter_columns(rig, contact, course)
+        columns = scatter_columns(
+            rig, contact, one.elevation, one.zero_load, np.append(one.zero_load, one.load),
+            np.append(one.time[0] - BEFORE, one.time), probes, static=not one.dynamic)
         since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(0, 2, 1))
         moved = probes_to_displacement(rig.probes, since_zero).channels[:3]
         effects.append(moved.transpose(1, 0, 2))

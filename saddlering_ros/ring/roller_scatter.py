@@ -7,7 +7,7 @@ v_i'. Both are averaged over the scatter, because a roller that is about to touc
 contact.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,64 +24,50 @@ CLEARANCE_UNKNOWN = 1e-6
 WEIGHT_UNKNOWN = 0.02
 """Standard deviation of the weight of the carriage, as a share."""
 GRID = 70
+"""Loads at which the columns are computed, those between follow straight: the spread of a dynamic
+run is on average within 3 % of that with 280."""
 SOUND_LOADS = 25
+"""The same for `sound_deviation`, which 200 loads change by 5 %."""
 COLUMNS = 60
+"""Directions kept of the scatter; of a dynamic run they leave out 2e-7 of its variance."""
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
 
-@dataclass(frozen=True)
-class SimulatedCourse:
-    """One run as input of the columns: time and probes (4, N) [m], simulated at the base values.
-
-    `static`: the blocks lie in holds, in which the ring rests.
-    """
-
-    elevation: float
-    zero_load: float
-    load: Floats
-    time: Floats
-    probes: Floats
-    static: bool
-
-
-def scatter_columns(rig: Rig, contact: Floats, course: SimulatedCourse) -> Floats:
+def scatter_columns(
+    rig: Rig, contact: Floats, elevation: float, zero_load: float, load: Floats, time: Floats,
+    probes: Floats, *, static: bool
+) -> Floats:
     """Probe increments (4, N, k) along a run by one standard deviation of the scatter.
 
-    The rollers in contact are those of the simulated motion, which lags behind the load. The
-    dampers delay the contribution of the scatter too.
+    probes (4, N) [m] are simulated at the base values; `static`: the run lies in holds, in which
+    the ring rests. The rollers in contact are those of the simulated motion, which lags behind the
+    load. The dampers delay the contribution of the scatter too.
     """
-    low, high = float(course.load.min()), float(course.load.max())
+    low, high = float(load.min()), float(load.max())
     # A finer grid where contact begins.
     grid = low + (high - low) * np.linspace(0.0, 1.0, GRID) ** 1.5
-    motion = static_response(rig, contact, course.elevation, grid)
+    motion = static_response(rig, contact, elevation, grid)
     per_load = np.gradient(motion, grid, axis=1)
     columns, moving, decay = map(np.nan_to_num, _columns_at(rig, contact, motion.T, per_load.T))
 
-    def at(rows: slice, load: Floats, rate: Floats) -> tuple[Floats, Floats]:
-        """Columns (N, r, k), decay rates (N, r, 3) of some coordinates at loads and rates (N,)."""
-        place = np.clip(np.searchsorted(grid, load) - 1, 0, grid.size - 2)
-        low = grid[place]
-        share = np.clip((load - low) / (grid[place + 1] - low), 0.0, 1.0)[:, None, None]
-        still, by_rate, rates = ((1.0 - share) * item[place] + share * item[place + 1]
-                                 for item in (columns[:, rows], moving[:, rows], decay[:, rows]))
-        return still + rate[:, None, None] * by_rate, rates
-
-    # Loads (N,) under which the ring would rest at its motion: by delta_x, and by gamma.
-    zero = static_response(rig, contact, course.elevation, np.array([course.zero_load]))[:, 0]
-    moved = probes_to_displacement(rig.probes, course.probes)
-    answers = []
-    for row, seen in ((0, moved.delta_x), (2, moved.gamma)):
+    zero = static_response(rig, contact, elevation, np.array([zero_load]))[:, 0]
+    moved = probes_to_displacement(rig.probes, probes)
+    parts = []
+    for row, seen, rows in ((0, moved.delta_x, slice(0, 1)), (2, moved.gamma, slice(1, 3))):
+        # Loads (N,) under which the ring would rest at its motion: by delta_x, and by gamma.
         known = np.maximum.accumulate(motion[row] - zero[row])
-        answers.append(np.interp(np.asarray(seen), known, grid))
-    radial, tilting = answers[0], answers[1]
-    rates = [np.zeros(course.time.size) if course.static else np.gradient(load, course.time)
-             for load in answers]
-    first, first_decay = at(slice(0, 1), radial, rates[0])
-    others, other_decay = at(slice(1, 3), tilting, rates[1])
-    q = np.concatenate([first, others], axis=1)
-    if not course.static:
-        q = _late(course.time, q, np.concatenate([first_decay, other_decay], axis=1))
+        at_rest = np.interp(np.asarray(seen), known, grid)
+        rate = np.zeros(time.size) if static else np.gradient(at_rest, time)
+        place = np.clip(np.searchsorted(grid, at_rest) - 1, 0, grid.size - 2)
+        below = grid[place]
+        share = np.clip((at_rest - below) / (grid[place + 1] - below), 0.0, 1.0)[:, None, None]
+        still, by_rate, decays = ((1.0 - share) * item[place] + share * item[place + 1]
+                                  for item in (columns[:, rows], moving[:, rows], decay[:, rows]))
+        parts.append((still + rate[:, None, None] * by_rate, decays))
+    q, decays = (np.concatenate(pair, axis=1) for pair in zip(*parts, strict=True))
+    if not static:
+        q = _late(time, q, decays)
     height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
     x = q[:, 0] + height * q[:, 2]
     return np.stack([x, q[:, 1] + half * q[:, 2], -x, q[:, 1] - half * q[:, 2]])

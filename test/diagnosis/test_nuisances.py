@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,7 @@ from saddlering_ros.diagnosis.ring_system import CURVATURE, LOAD_WANDER, MAX_STE
 from saddlering_ros.discrepancy import Point, RunBlocks
 from saddlering_ros.effects import FOLDER_VARIABLE
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE, units
-from saddlering_ros.ring.roller_scatter import CLEARANCE_UNKNOWN, scatter_columns, SimulatedCourse
+from saddlering_ros.ring.roller_scatter import CLEARANCE_UNKNOWN, scatter_columns
 
 BASE = TRUE_TO_SCALE.to_array()
 KNOWN = 6
@@ -60,10 +58,9 @@ def test_unequal_rollers_show_at_the_load_that_the_ring_feels(campaign):
 def test_what_scatter_adds_comes_as_late_as_the_dampers_let_it(fast):
     rig = default_rig()
     usual = RingSystem(rig).predict_many(fast, [Point(BASE)])[0]
-    course = SimulatedCourse(fast.payload.elevation, fast.payload.zero_load, fast.inputs['load'],
-                             fast.time, usual, static=False)
-    late = scatter_columns(rig, BASE, course)
-    at_once = scatter_columns(rig, BASE, replace(course, static=True))
+    late, at_once = (scatter_columns(
+        rig, BASE, fast.payload.elevation, fast.payload.zero_load, fast.inputs['load'], fast.time,
+        usual, static=static) for static in (False, True))
     rising = (fast.rate > 0.5 * fast.rate.max())
     # The rearmost roller of the lower row, in the load zone; mirror twins share a column.
     gap = rig.axial_rows.rollers // 2 + 1
