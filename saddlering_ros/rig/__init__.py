@@ -40,10 +40,10 @@ from saddlering_ros.rig.parameter_file import (
     ParameterSet,
     ParameterSource,
     read_parameters,
+    RigError,
     TRUE_TO_SCALE,
     write_parameters,
 )
-from saddlering_ros.rig.ros_yaml import RigError
 from saddlering_ros.rig.units import (
     force_decimals,
     FORCE_UNITS,

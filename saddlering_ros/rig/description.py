@@ -15,8 +15,12 @@ from saddlering_ros.errors import did_you_mean, refuse_unknown_keys
 from saddlering_ros.quantities import compact
 from saddlering_ros.rig import units
 from saddlering_ros.rig.instruments import Instruments, instruments_from
-from saddlering_ros.rig.parameter_file import EXPONENTS
-from saddlering_ros.rig.ros_yaml import check_sections, read_ros_parameters, RigError
+from saddlering_ros.rig.parameter_file import (
+    check_sections,
+    EXPONENTS,
+    read_ros_parameters,
+    RigError,
+)
 from saddlering_ros.rig.units import FORCE_UNITS, LoadLimits
 
 

@@ -15,7 +15,7 @@ from saddlering_ros.errors import did_you_mean
 from saddlering_ros.files import whole_file
 from saddlering_ros.plain_yaml import parse_strict_yaml
 from saddlering_ros.rig.description import FIELDS, Rig, rig_from_parameters, short_digest
-from saddlering_ros.rig.ros_yaml import plain_exponents, RigError, unfold
+from saddlering_ros.rig.parameter_file import plain_exponents, RigError, unfold
 
 STEEL, FIXED, ROLLER, PROBE = '#c6d4e3', '#d9d5cc', '#666666', '#0072B2'
 LOAD, SIGN, MEASURE = '#D55E00', '#222222', '#777777'

@@ -20,7 +20,7 @@ from xml.parsers import expat
 import numpy as np
 
 from saddlering_ros.errors import refuse_unknown_keys
-from saddlering_ros.rig.ros_yaml import RigError
+from saddlering_ros.rig.parameter_file import RigError
 
 FOUR_PROBES = 'probe_gain'
 """The entry that may be one number or four, one for each probe."""

@@ -17,8 +17,7 @@ from rclpy.parameter import Parameter as RosParameter
 from saddlering_ros.errors import did_you_mean, SaddleringError
 from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.rig import default_rig, load_rig, PARAMETER_NAMES, Rig, rig_from_parameters
-from saddlering_ros.rig.parameter_file import SOURCE_KEYS
-from saddlering_ros.rig.ros_yaml import unfold
+from saddlering_ros.rig.parameter_file import SOURCE_KEYS, unfold
 from saddlering_ros.ros.names import NodeError
 
 Value = bool | int | float | str | list[str] | list[float]

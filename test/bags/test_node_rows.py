@@ -25,7 +25,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
     write_parameters,
 )
-from saddlering_ros.rig.ros_yaml import RigError
+from saddlering_ros.rig.parameter_file import RigError
 
 RIG = default_rig()
 NO_DELTA_Y, NO_GAMMA = 2, 4
