@@ -6,8 +6,16 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from saddlering_ros.api.curves import Curves, displacement, residual, simulate
-    from saddlering_ros.api.functions import compare, diagnose, identify, validate
+    from saddlering_ros.api.functions import (
+        compare,
+        Curves,
+        diagnose,
+        displacement,
+        identify,
+        residual,
+        simulate,
+        validate,
+    )
     from saddlering_ros.api.inputs import Bag, read_bag
     from saddlering_ros.api.results import (
         ComparisonResult,
@@ -23,8 +31,8 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 
 _PLACES = {name: place for place, names in {
-    'api.curves': 'Curves displacement residual simulate', 'api.inputs': 'Bag read_bag',
-    'api.functions': 'compare diagnose identify validate', 'errors': 'Cancelled SaddleringError',
+    'api.functions': 'Curves compare diagnose displacement identify residual simulate validate',
+    'api.inputs': 'Bag read_bag', 'errors': 'Cancelled SaddleringError',
     'api.results': 'ComparisonResult DiagnosisResult IdentificationResult ValidationResult',
     'identification': 'IdentificationSettings SwarmSettings',
     'progress': 'Progress show_progress', 'rig': 'load_rig ParameterSet read_parameters Rig',

@@ -293,7 +293,7 @@ def write_all(story: Story, folder: Path, command: str) -> list[Path]:
     """Write everything beside `folder` first, then move it in, at one go; the paths."""
     from saddlering_ros.files import temporary_folder
     from saddlering_ros.pages.html import pictures_of
-    from saddlering_ros.report import parameters, write_diagnosis_report
+    from saddlering_ros.report import chapters, write_diagnosis_report
     from saddlering_ros.ros.launcher import signals_held
 
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -301,7 +301,7 @@ def write_all(story: Story, folder: Path, command: str) -> list[Path]:
         page, _ = write_diagnosis_report(
             story.diagnosed.found, staging / 'report.html', command,
             (live_chapter(story),
-             parameters.identified(story.identified.to_json(), 'Before the diagnosis. The missing '
+             chapters.identified(story.identified.to_json(), 'Before the diagnosis. The missing '
                                    'cause biases these contact parameters.')))
         for name, data in pictures_of(page.read_text(encoding='utf-8')).items():
             (staging / f'{name}.png').write_bytes(data)

@@ -20,7 +20,7 @@ from saddlering_ros.quantities import allowed_misfit, percent, quantity
 from saddlering_ros.record import displacement_of_run, Record
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
 from saddlering_ros.record.quality import white_noise
-from saddlering_ros.report import chapters, figures, parameters
+from saddlering_ros.report import chapters, figures
 from saddlering_ros.report.figures import Array, name_of, RunCurves, SYMBOLS
 from saddlering_ros.rig import CHANNELS, Rig, short_digest, units
 from saddlering_ros.rig.drawing import drawing_svg
@@ -70,7 +70,7 @@ def diagnosis_page(
         chapters.misfit(document),
         chapters.paper_split(curves),
         chapters.residual_map(curves),
-        parameters.before_and_after(document, covariance),
+        chapters.before_and_after(document, covariance),
         chapters.candidates(document),
         chapters.shape_tests(document),
         chapters.residuals(curves),
@@ -95,8 +95,8 @@ def write_validation_report(
     html.write_page(path, html.page(VALIDATION, [
         head(VALIDATION, rig, tests),
         _banner(validation, curves),
-        parameters.of_file(validation.parameters) if identification is None else
-        parameters.identified(identification),
+        chapters.of_file(validation.parameters) if identification is None else
+        chapters.identified(identification),
         html.section('Criteria', html.table(
             ['criterion', 'worst channel', number('value'), number('limit')],
             [[item.words, f'{item.bag}, {SYMBOLS[item.channel]}',

@@ -11,11 +11,14 @@ from sessions_made import dirt, RIG, session, with_size
 
 from saddlering_ros.comparison.change import (
     check_sessions,
+    common_loads,
     compare_records,
     ComparisonError,
+    judged_wear,
+    maker_figures,
+    MakerFigures,
     renewed_between,
 )
-from saddlering_ros.comparison.maker import common_loads, judged_wear, maker_figures, MakerFigures
 from saddlering_ros.comparison.series import ChangeSeries, Evidence
 from saddlering_ros.comparison.sessions import (
     beside,

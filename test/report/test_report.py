@@ -22,7 +22,7 @@ from saddlering_ros.pages.html import pictures_of
 from saddlering_ros.pages.interactive import chart_of
 from saddlering_ros.quantities import shares_in_words
 from saddlering_ros.record.quality import white_noise
-from saddlering_ros.report import figures, parameters
+from saddlering_ros.report import chapters, figures
 from saddlering_ros.report.chapters import proposal
 from saddlering_ros.report.figures import branches, curve_columns, curves_path, spectrum
 from saddlering_ros.report.reports import date_of, diagnosis_page, head, misfit_reductions
@@ -260,7 +260,7 @@ def test_a_page_on_parameters_shows_the_interval_that_was_identified_not_one_of_
         for name in ('K1', 'n1', 'D1', 'K2', 'n2', 'D2')}}
     found['parameters']['n1'] |= {'value': 1.1, 'std': None, 'interval': None, 'reason': 'why'}
     found['parameters']['n2']['value'] = 1.1
-    shown = parameters.identified(found)
+    shown = chapters.identified(found)
     assert '(1.2 to 1.5) × 10⁸' in shown
     cells = re.sub(r' (class|data-is)="[^"]*"', '', shown)
     assert '<td>–</td><td>not determined by these data: why</td>' in cells
@@ -268,7 +268,7 @@ def test_a_page_on_parameters_shows_the_interval_that_was_identified_not_one_of_
 
 def test_no_interval_and_no_removed_bias_is_printed_for_what_the_data_do_not_determine():
     values = document()['parameters']
-    table = parameters.before_and_after(document(parameters={
+    table = chapters.before_and_after(document(parameters={
         **values, 'undetermined': {'after': {'K2': 'no run loads the radial row'}}}))
     row = next(line for line in table.split('<tr>') if '<code>K2</code>' in line)
     assert 'not determined by these data: no run loads the radial row' in row
