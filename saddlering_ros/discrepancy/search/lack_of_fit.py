@@ -64,10 +64,10 @@ class BlockColumns:
 
     def products(self, columns: Array) -> Array:
         """Products (m, B) or (m,) with whitened stacked columns (n, B) or (n,)."""
-        flat = columns[:, None] if columns.ndim == 1 else columns
+        flat = columns.reshape(columns.shape[0], -1)
         seen = self._metric.shared.shrink[:, None] * (self._metric.shared.directions.T @ flat)
         answer = self._noise_products(flat) - self._along @ seen
-        return answer[:, 0] if columns.ndim == 1 else answer
+        return answer.reshape(self.count, *columns.shape[1:])
 
     def combined(self, weights: Array) -> Array:
         """The plain columns times `weights` (m,): stacked (n,)."""
@@ -194,10 +194,8 @@ class LackOfFitTests:
         kept = values > 1e-8 * values[-1]
         self._root = vectors[:, kept] / np.sqrt(values[kept])
         self._dimensions = int(kept.sum())
-        self._variances = {
-            view: _view_variance(metric, self._structure, self._root, view)
-            for view in metric.problem.system.views
-        }
+        self._variances = {view: _view_variance(metric, self._structure, self._root, view)
+                           for view in problem.system.views}
         self._bands = list(_fast_bands(metric))
 
     def fast(self, fit: Fit) -> FastResidual:
@@ -235,76 +233,66 @@ class LackOfFitTests:
         statistic = float(inner @ inner)
         p_value = float(fisher_chance(statistic / free, free, self._pairs))
         shape = self._structure.combined(self._root @ inner)
-        visible, where = 0.0, ''
-        powers: dict[str, float] = {}
-        sizes: dict[str, Array] = {}
-        problem = self._metric.problem
-        for view in problem.system.views:
-            own = []
-            for run, part, variance, whole in zip(
-                    problem.runs, problem.view_residuals(shape, view), self._variances[view],
-                    self._whole(fit, view), strict=True):
-                power = min(problem.mean_square(part, run, view), whole) - variance
-                size = float(np.sqrt(max(power, 0.0))) / self._ranges[view]
-                own.append(size)
-                powers[view] = max(powers.get(view, 0.0), size**2)
-                if size > visible:
-                    visible, where = size, f'{view} in {run.name}'
-            sizes[view] = np.array(own)
+        sizes, runs = {}, self._metric.problem.runs
+        for view, variances in self._variances.items():
+            powers = self._powers(fit, shape, view) - variances
+            sizes[view] = np.sqrt(np.maximum(powers, 0.0)) / self._ranges[view]
+        most = {view: float(size.max()) for view, size in sizes.items()}
+        view = max(most, key=lambda name: most[name])
+        where = f'{view} in {runs[int(sizes[view].argmax())].name}' if most[view] > 0.0 else ''
         return SlowResidual(
-            excess=statistic - free, dimensions=free, p_value=p_value, visible=visible,
-            where=where, powers=powers, sizes=sizes, chances=self._chances(slopes))
+            excess=statistic - free, dimensions=free, p_value=p_value, visible=most[view],
+            where=where, powers={name: size**2 for name, size in most.items()}, sizes=sizes,
+            chances=self._chances(slopes))
 
-    def _whole(self, fit: Fit, view: str) -> list[float]:
-        """Mean square of the residual in each run, which no structure in it exceeds.
+    def _powers(self, fit: Fit, shape: Array, view: str) -> Array:
+        """Mean squares (R,) of a structure (n,), of at most that of the residual in each run.
 
         A structure that nuisance parameters can imitate has an estimate with a large error. The
         estimate may then be larger than the residual itself.
         """
         problem = self._metric.problem
-        left = problem.view_residuals(fit.prediction - problem.measured, view)
-        return [problem.mean_square(part, run, view)
-                for part, run in zip(left, problem.runs, strict=True)]
+        return np.min([[problem.mean_square(part, run, view) for part, run in zip(
+            problem.view_residuals(stacked, view), problem.runs, strict=True)]
+            for stacked in (shape, fit.prediction - problem.measured)], axis=0)
 
     def _chances(self, slopes: Array) -> dict[tuple[str, str], float]:
         """Chance that noise alone leaves as much slow structure in each channel of each run."""
-        problem = self._metric.problem
-        names = problem.system.channel_names
-        blocks = self._structure.blocks
+        problem, blocks = self._metric.problem, self._structure.blocks
         chances = {}
         for block in blocks:
             number, channel, _ = problem.slices[block.slot]
-            run = problem.runs[number]
+            run, own = problem.runs[number], slopes[block.index]
             gram = self._structure.gram[np.ix_(block.index, block.index)]
-            own = slopes[block.index]
-            count = own.size
             statistic = float(own @ np.linalg.lstsq(gram, own, rcond=1e-8)[0])
             pairs = min(self._pairs, max(self._metric.noise[run.name, channel].pairs, 1))
-            chance = float(fisher_chance(statistic / count, count, pairs)) * len(blocks)
-            chances[names[channel], run.name] = min(1.0, chance)
+            chance = float(fisher_chance(statistic / own.size, own.size, pairs)) * len(blocks)
+            chances[problem.system.channel_names[channel], run.name] = min(1.0, chance)
         return chances
 
     def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
         """Every family, the most significant first; the p-values count the number of families."""
         problem = self._metric.problem
         orthogonal = orthonormal(white_columns)
-        families = _families(problem.runs, problem.assumptions)
         tests = [
             self._shape_test(fit, orthogonal, coordinate, family, view)
-            for coordinate, family in families.items()
-            for view in problem.system.views
-        ]
-        total = len(tests)
+            for coordinate, family in _families(problem.runs, problem.assumptions).items()
+            for view in problem.system.views]
         return sorted(
-            (replace(test, p_value=min(1.0, test.p_value * total)) for test in tests),
+            (replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests),
             key=lambda test: (test.p_value, -test.statistic / test.dimensions))
 
     def _shape_test(
         self, fit: Fit, orthogonal: Array, coordinate: str, family: Family, view: str
     ) -> ShapeTest:
         """One family in one view, beside the sensitivities of the model."""
-        metric = self._metric
-        columns = _spread(metric, family, metric.problem.system.views[view])
+        metric, weights = self._metric, self._metric.problem.system.views[view]
+        # The smallest change of channels with 1 in the view.
+        pattern = weights / float(weights @ weights)
+        columns = BlockColumns(metric, [
+            Block(slot, family[number][0], pattern[channel] * family[number][1])
+            for slot, (number, channel, _) in enumerate(metric.problem.slices)
+            if weights[channel]], 1 + max(int(index.max()) for index, _ in family))
         shared = columns.products(orthogonal)
         gram = columns.gram - shared @ shared.T
         values, vectors = np.linalg.eigh(gram)
@@ -313,16 +301,11 @@ class LackOfFitTests:
         root = vectors[:, kept] / np.sqrt(values[kept])
         slopes = columns.products(fit.whitened) - shared @ (orthogonal.T @ fit.whitened)
         inner = root.T @ slopes
-        count = int(kept.sum())
-        statistic = float(inner @ inner)
-        seen = metric.problem.view_residuals(columns.combined(root @ inner), view)
-        sizes = [
-            min(metric.problem.mean_square(part, run, view), whole) ** 0.5 / self._ranges[view]
-            for run, part, whole in zip(
-                metric.problem.runs, seen, self._whole(fit, view), strict=True)
-        ]
+        count, statistic = int(kept.sum()), float(inner @ inner)
+        powers = self._powers(fit, columns.combined(root @ inner), view)
+        size = float(powers.max()) ** 0.5 / self._ranges[view]
         p_value = float(fisher_chance(statistic / count, count, self._pairs)) if count else 1.0
-        return ShapeTest(view, coordinate, p_value, statistic, max(count, 1), max(sizes))
+        return ShapeTest(view, coordinate, p_value, statistic, max(count, 1), size)
 
 
 def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str) -> list[float]:
@@ -331,17 +314,14 @@ def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str
     weights = problem.system.views[view]
     variances = []
     for number, run in enumerate(problem.runs):
-        seen, rows = [], []
-        for block in columns.blocks:
-            index, channel, _ = problem.slices[block.slot]
-            weight = weights[channel]
-            if weight and index == number:
-                seen.append(weight * block.plain)
-                rows.append(root[block.index])
-        joined = problem.freed(np.hstack(seen), run, view)
+        own = [(weights[channel] * block.plain, root[block.index])
+               for block in columns.blocks
+               for index, channel, _ in [problem.slices[block.slot]]
+               if weights[channel] and index == number]
+        joined = problem.freed(np.hstack([seen for seen, _ in own]), run, view)
         share = problem.sample_weights(run, view)
         gram = joined.T @ (joined * (share / share.sum())[:, None])
-        stacked = np.vstack(rows)
+        stacked = np.vstack([rows for _, rows in own])
         variances.append(float(np.sum(stacked * (gram @ stacked))))
     return variances
 
@@ -352,15 +332,11 @@ def half_waves(values: Array, count: int) -> Array:
     return np.asarray(np.cos(np.pi * share[:, None] * np.arange(count + 1)))
 
 
-@dataclass(frozen=True)
-class Family:
-    """Shapes along one coordinate: by run, the indices of its shapes, and the shapes (N, k)."""
-
-    by_run: tuple[tuple[Index, Array], ...]
-    count: int
+Family = Sequence[tuple[Index, Array]]
+"""Shapes along one coordinate: by run, the indices of its shapes, and the shapes (N, k)."""
 
 
-def _families(runs: tuple[RunBlocks, ...], assumptions: Assumptions) -> dict[str, Family]:
+def _families(runs: Sequence[RunBlocks], assumptions: Assumptions) -> dict[str, Family]:
     """Shapes by coordinate. Runs of one group share them; shapes over time belong to one run."""
     first, others = assumptions.coordinate_waves
     seen = [run.coordinates for run in runs]
@@ -377,12 +353,10 @@ def _families(runs: tuple[RunBlocks, ...], assumptions: Assumptions) -> dict[str
         waves = np.arange(1, (first if number == 0 else others) + 1)
         families[name] = _family([np.cos(share * waves) for share in shares], places)
         if number == 0 and len(directions) == len(runs):
-            turned = [
+            families['direction'] = _family([
                 direction[:, None]
                 * np.hstack([np.ones_like(share), np.sin(share * np.arange(1, 3))])
-                for direction, share in zip(directions, shares, strict=True)
-            ]
-            families['direction'] = _family(turned, places)
+                for direction, share in zip(directions, shares, strict=True)], places)
     families['time'] = _family(
         [half_waves(run.time, TIME_WAVES)[:, 1:] for run in runs], range(len(runs)))
     return families
@@ -391,20 +365,8 @@ def _families(runs: tuple[RunBlocks, ...], assumptions: Assumptions) -> dict[str
 def _family(shapes: Sequence[Array], places: Sequence[int]) -> Family:
     """Shapes (N, k) of each run, with the same indices in the runs of one place."""
     each = shapes[0].shape[1]
-    by_run = [(each * place + np.arange(each), part)
-              for place, part in zip(places, shapes, strict=True)]
-    return Family(tuple(by_run), each * (max(places) + 1))
-
-
-def _spread(metric: Metric, family: Family, weights: Array) -> BlockColumns:
-    """Shapes of a view as stacked columns: the smallest change of channels with 1 in the view."""
-    pattern = weights / float(weights @ weights)
-    blocks = []
-    for slot, (number, channel, _) in enumerate(metric.problem.slices):
-        if weights[channel]:
-            index, part = family.by_run[number]
-            blocks.append(Block(slot, index, pattern[channel] * part))
-    return BlockColumns(metric, blocks, family.count)
+    return [(each * place + np.arange(each), part)
+            for place, part in zip(places, shapes, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -456,13 +418,10 @@ class TransformBand(_Octave):
 
     @cached_property
     def noise(self) -> Array:
-        random = np.random.default_rng(0)
-        drawn = random.normal(size=(self.stop - self.first, NOISE_DRAWS))
+        drawn = np.random.default_rng(0).normal(size=(self.stop - self.first, NOISE_DRAWS))
         return np.array([
             float(np.average((self._measured(whitener, drawn) ** 2).mean(axis=1),
-                             weights=self.run.width))
-            for whitener in self.whiteners
-        ])
+                             weights=self.run.width)) for whitener in self.whiteners])
 
     def coefficients(self, white: Array) -> list[Array]:
         return [dct(white[part], norm='ortho')[self.first : self.stop] for part in self.parts]

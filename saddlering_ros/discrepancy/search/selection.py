@@ -29,27 +29,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import (
-    Candidate,
-    COARSE_BASE,
-    Fit,
-    MAX_BASE_STARTS,
-    QUIET_GAIN,
-    refit,
-    run_refits,
-    spread_starts,
-)
+from saddlering_ros.discrepancy.problem import fits as fitting
+from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits
 from saddlering_ros.discrepancy.problem.problem import Metric, nuisance_columns, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect
+from saddlering_ros.discrepancy.search import evidence
 from saddlering_ros.discrepancy.search import space as spaces
-from saddlering_ros.discrepancy.search.evidence import (
-    alternative_floor,
-    changes_of_effects,
-    Comparison,
-    explained_share,
-    indistinguishable,
-    SearchLog,
-)
+from saddlering_ros.discrepancy.search.evidence import Comparison, SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import half_waves
 from saddlering_ros.discrepancy.search.ranking import best_of_each, best_pairs, rank, shortlist
 from saddlering_ros.discrepancy.search.signatures import effect_starts, MIN_LENGTH, Signature
@@ -138,7 +124,7 @@ def _concealed(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     singles = _fit_from_all_over(space, silent_effects(space.signatures), MAX_STARTS)
     best = min([fit, *singles], key=space.penalised)
     if space.problem.assumptions.many_valleys:
-        share = explained_share(
+        share = evidence.explained_share(
             space.slow_residual(space.base), space.slow_residual(best), space.settings)
         if share < space.settings.min_partial:
             effects = {one.key: (one.effect, one.variant) for one in space.signatures}
@@ -208,11 +194,8 @@ def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     """
     if len(fit.candidate.effects) < 2:
         return fit
-    untried = [
-        score
-        for score in best_of_each(space.scores(space.base))
-        if Candidate().plus(score.effect, score.variant).key not in space.fits
-    ]
+    untried = [score for score in best_of_each(space.scores(space.base))
+               if Candidate().plus(score.effect, score.variant).key not in space.fits]
     singles = space.fit_best(space.base, untried)
     log.candidates += [Comparison(space, space.base, single).evidence(1) for single in singles]
     return min([fit, *space.single_effect_fits()], key=space.penalised)
@@ -276,11 +259,11 @@ def stopped_sizes(problem: Problem, fit: Fit) -> list[tuple[Effect, float]]:
 
 def _is_indistinguishable(space: ModelSpace, other: Fit, best: Fit, less: Fit) -> bool:
     """Whether these data leave `other` open beside `best`; `less`: the common model."""
-    return indistinguishable(
+    return evidence.indistinguishable(
         distance=other.misfit - best.misfit, taken=less.misfit - best.misfit,
         excess=max(space.slow_residual(best).excess, 0.0),
         fewer=best.theta_unit.size - other.theta_unit.size,
-        floor=alternative_floor(space.pairs, space.settings), settings=space.settings)
+        floor=evidence.alternative_floor(space.pairs, space.settings), settings=space.settings)
 
 
 def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
@@ -294,12 +277,11 @@ def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
         return fit
     refits = run_refits(space.metric, [
         refit(space.metric, pair.candidate, pair.start, rounds=space.settings.rounds)
-        for pair in pairs
-    ])
+        for pair in pairs])
     log.candidates += [Comparison(space, space.base, pair_fit).evidence(1) for pair_fit in refits]
     best = min(refits, key=space.penalised)
     known = space.fits.get(best.candidate.key)
-    if known is not None and known.misfit < best.misfit + QUIET_GAIN:
+    if known is not None and known.misfit < best.misfit + fitting.QUIET_GAIN:
         best = known  # What is beside it has been refitted.
     p_value = space.likelihood_ratio_test(
         fit.misfit - best.misfit, best.theta_unit.size - fit.theta_unit.size,
@@ -315,13 +297,10 @@ an effect without starts of its own."""
 
 def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:
     """Effects and variants whose starts change the prediction by less than the noise hides."""
-    loudest: dict[tuple[str, int], float] = {}
-    effects: dict[tuple[str, int], Effect] = {}
-    for signature in signatures:
-        effects[signature.key] = signature.effect
-        change = signature.length / signature.share if signature.share > 0.0 else 0.0
-        loudest[signature.key] = max(loudest.get(signature.key, 0.0), change)
-    return [(effects[key], key[1]) for key, change in loudest.items() if change < MIN_LENGTH]
+    effects = {signature.key: signature.effect for signature in signatures}
+    heard = {signature.key for signature in signatures
+             if signature.share > 0.0 and signature.length / signature.share >= MIN_LENGTH}
+    return [(effect, key[1]) for key, effect in effects.items() if key not in heard]
 
 
 def _fit_from_all_over(
@@ -336,7 +315,7 @@ def _fit_from_all_over(
         return []
     metric, problem, single_fits = space.metric, space.problem, []
     base = problem.system.base_parameters
-    thetas = spread_starts(base, space.settings.seed)
+    thetas = fitting.spread_starts(base, space.settings.seed)
     alone = problem.predict([Candidate().point(base, theta) for theta in thetas])
     for effect, variant in effects:
         space.watch.check()
@@ -352,8 +331,9 @@ def _fit_from_all_over(
         left = metric.whiten(seen[:, acts] - problem.measured[:, None])
         misfits = np.where(lengths > MIN_LENGTH, (left**2).sum(axis=0), np.inf)
         fits = run_refits(metric, [
-            refit(metric, candidate, wholes[acts[number]], rounds=COARSE_BASE)
-            for number in np.argsort(misfits)[:MAX_BASE_STARTS] if np.isfinite(misfits[number])])
+            refit(metric, candidate, wholes[acts[number]], rounds=fitting.COARSE_BASE)
+            for number in np.argsort(misfits)[:fitting.MAX_BASE_STARTS]
+            if np.isfinite(misfits[number])])
         if fits:
             best = min(fits, key=lambda fit: fit.misfit)
             single_fits += [space.keep(fit) for fit in space.refine([best])]
@@ -411,7 +391,8 @@ def learnt_without(
     secondary cause changes would be evidence, and a sharp law would replace the main cause.
     """
     fit = search.fit
-    dropped.append(changes_of_effects(alone.problem, fit)[:, fit.candidate.ids.index(name)])
+    changes = evidence.changes_of_effects(alone.problem, fit)
+    dropped.append(changes[:, fit.candidate.ids.index(name)])
     space, fit, process = space_beside_error(alone, search.space.without(fit, name), dropped)
     alternatives: Alternatives = {}
     if fit.candidate.effects:

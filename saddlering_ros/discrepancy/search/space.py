@@ -8,30 +8,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import (
-    Asking,
-    Candidate,
-    declared_start,
-    Fit,
-    fit_base,
-    Key,
-    refit,
-    run_refits,
-    Tangent,
-    tangent,
-)
+from saddlering_ros.discrepancy.problem import fits as fitting
+from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits, tangent
 from saddlering_ros.discrepancy.problem.problem import Metric, noise_metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array
+from saddlering_ros.discrepancy.search import signatures as shown_by
 from saddlering_ros.discrepancy.search.lack_of_fit import LackOfFitTests, SlowResidual
 from saddlering_ros.discrepancy.search.ranking import rank, Score, shortlist, starts_of_each, Trial
-from saddlering_ros.discrepancy.search.signatures import (
-    ChangeScale,
-    measure_signatures,
-    shapes_tried,
-    Signature,
-    testable,
-    whitened_by,
-)
+from saddlering_ros.discrepancy.search.signatures import ChangeScale, shapes_tried, Signature
 from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
 
 COARSE_ROUNDS = 4
@@ -53,7 +37,6 @@ of the step of its sensitivity."""
 FREE_SPREAD = 10.0
 """Spread, in shares of the range, of a parameter that counts as free."""
 
-
 BASE_ROUNDS = 25
 """Largest number of rounds of the fit of the base parameters alone. The fit ends earlier if its
 gain is negligible."""
@@ -63,12 +46,10 @@ MIN_DEEPER, MIN_DEEPER_SHARE = 10.0, 0.01
 likelihood ratio of ten cannot come from an unfinished refit. In a wrong minimum of the base, an
 effect of no size was named with p = 1e-173."""
 
-
 MIN_GAIN, MIN_GAIN_SHARE = 4.0, 1.0 / 3.0
 """First-order gain below which an effect is not refitted, and the same as a share of the gain at
 which an effect with one parameter is real. With this share and SCREENED_SHARE the refits of the
 shipped bags need 400 evaluations instead of 512."""
-
 
 Result = TypeVar('Result')
 
@@ -82,14 +63,8 @@ class ModelSpace:
     """
 
     def __init__(
-        self,
-        *,
-        metric: Metric,
-        base: Fit,
-        base_tangent: Tangent,
-        signatures: Sequence[Signature],
-        scale: ChangeScale,
-        trials: int,
+        self, *, metric: Metric, base: Fit, base_tangent: fitting.Tangent,
+        signatures: Sequence[Signature], scale: ChangeScale, trials: int,
         inputs: Sequence[Signature] = (),
     ) -> None:
         problem = self.problem = metric.problem
@@ -100,11 +75,11 @@ class ModelSpace:
         self.pairs = max(MIN_PAIRS, min(known_from))
         self.max_pairs = max(MIN_PAIRS, max(known_from))
         self.shown = [*signatures, *inputs]
-        self.usable = testable(self.shown)
+        self.usable = shown_by.testable(self.shown)
         self.tests = LackOfFitTests(metric, self.max_pairs)
         self.log_size = float(np.log(metric.free_count))
-        self.fits: dict[Key, Fit] = {}
-        self._results: dict[tuple[str, Key], tuple[Fit, Any]] = {}
+        self.fits: dict[fitting.Key, Fit] = {}
+        self._results: dict[tuple[str, fitting.Key], tuple[Fit, Any]] = {}
         self.once('tangent', base, lambda: base_tangent)
 
     def keep(self, fit: Fit) -> Fit:
@@ -123,7 +98,7 @@ class ModelSpace:
             stored = self._results[kind, fit.candidate.key] = fit, compute()
         return stored[1]
 
-    def tangent_of(self, fit: Fit) -> Tangent:
+    def tangent_of(self, fit: Fit) -> fitting.Tangent:
         """All sensitivities of a fit, computed once."""
         return self.once('tangent', fit, lambda: tangent(self.metric, fit))
 
@@ -138,9 +113,8 @@ class ModelSpace:
 
     def conceals_effects(self, fit: Fit) -> bool:
         """Whether base parameters could conceal effects beside `fit`."""
-        if self.stopped_base(fit).any() and not fit.candidate.effects:
-            return True
-        return self.leaves_misfit(fit)
+        is_stopped = self.stopped_base(fit).any() and not fit.candidate.effects
+        return bool(is_stopped) or self.leaves_misfit(fit)
 
     def scores(self, fit: Fit, skip: Sequence[str] = ()) -> list[Score]:
         """First-order gains beside `fit` of all testable effects that are not in it."""
@@ -192,21 +166,18 @@ class ModelSpace:
         base = self.problem.system.base_parameters
         stopped = self.stopped_base(fit)
         freed = fit.theta_unit.copy()
-        freed[: len(base)][stopped] = declared_start(base)[stopped]
+        freed[: len(base)][stopped] = fitting.declared_start(base)[stopped]
         columns = self.tangent_of(fit).white[:, : len(base)] if trials else None
-        wanted: list[Asking] = []
+        wanted: list[fitting.Asking] = []
         for score, starts in trials:
             candidate = fit.candidate.plus(score.effect, score.variant)
-            wanted += [
-                refit(self.metric, candidate, np.concatenate([fit.theta_unit, start]), columns,
-                      rounds=rounds, fresh_base=score.amplitude_dependent)
-                for start in starts
-            ]
+            wanted += [refit(self.metric, candidate, np.concatenate([fit.theta_unit, start]),
+                             columns, rounds=rounds, fresh_base=score.amplitude_dependent)
+                       for start in starts]
             if stopped.any():
                 wanted += [
                     refit(self.metric, candidate, np.concatenate([freed, start]), rounds=rounds)
-                    for start in starts
-                ]
+                    for start in starts]
         return [begun for begun in run_refits(self.metric, wanted) if np.isfinite(begun.misfit)]
 
     def stopped_base(self, fit: Fit) -> Array:
@@ -235,12 +206,9 @@ class ModelSpace:
             return self.base
         if candidate.key not in self.fits:
             count = len(self.problem.system.base_parameters)
-            kept = [fit.theta_unit[:count]]
-            kept += [
-                fit.theta_unit[part]
-                for effect, _, part in fit.candidate.slices(count)
-                if effect.id != effect_id
-            ]
+            kept = [fit.theta_unit[:count], *(
+                fit.theta_unit[part] for effect, _, part in fit.candidate.slices(count)
+                if effect.id != effect_id)]
             begun = refit(self.metric, candidate, np.concatenate(kept),
                           self.tangent_of(self.base).white, rounds=self.settings.rounds)
             self.keep(run_refits(self.metric, [begun])[0])
@@ -255,7 +223,7 @@ def refit_full_jacobian(metric: Metric, fits: Sequence[Fit], rounds: int) -> lis
 
 def best_fit_of_each(fits: Sequence[Fit]) -> list[Fit]:
     """The best fit of each candidate, in their order."""
-    best: dict[Key, Fit] = {}
+    best: dict[fitting.Key, Fit] = {}
     for fit in fits:
         key = fit.candidate.key
         if key not in best or fit.misfit < best[key].misfit:
@@ -370,8 +338,7 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
         is_found = any(
             space.likelihood_ratio_test(
                 current.misfit - tried.misfit, tried.theta_unit.size - current.theta_unit.size)
-            < space.settings.error_rate
-            for tried in first)
+            < space.settings.error_rate for tried in first)
         if not (is_found or space.conceals_effects(current)):
             return first
         others = [score for score in scores if all(score is not tried for tried in listed)]
@@ -385,7 +352,7 @@ def prepare(problem: Problem) -> ModelSpace:
     problem.watch.progress('noise of the channels', 0.0)
     metric = noise_metric(problem).with_offsets()
     problem.watch.progress('fit without effects', 0.05)
-    return space_about(problem, fit_base(metric))
+    return space_about(problem, fitting.fit_base(metric))
 
 
 def space_about(problem: Problem, rough: Fit) -> ModelSpace:
@@ -393,7 +360,7 @@ def space_about(problem: Problem, rough: Fit) -> ModelSpace:
     metric = noise_metric(problem, rough.prediction)
     metric = metric.with_nuisances(rough.point, rough.prediction)
     # A large misfit has several minima.
-    starts = [rough.theta_unit, declared_start(problem.system.base_parameters)]
+    starts = [rough.theta_unit, fitting.declared_start(problem.system.base_parameters)]
     wanted = [refit(metric, Candidate(), start, rounds=BASE_ROUNDS) for start in starts]
     base = min(run_refits(metric, wanted), key=lambda fit: fit.misfit)
     problem.watch.progress('sensitivity to each effect', 0.25)
@@ -401,7 +368,7 @@ def space_about(problem: Problem, rough: Fit) -> ModelSpace:
     sensitivities = tangent(metric, base)
     scale = ChangeScale(problem, sensitivities.plain)
     effects = problem.system.effects
-    signatures = measure_signatures(metric, base, sensitivities, scale, effects)
+    signatures = shown_by.measure_signatures(metric, base, sensitivities, scale, effects)
     trials = shapes_tried(signatures) + sum(bool(effect.line) for effect in effects)
     return ModelSpace(
         metric=metric, base=base, base_tangent=sensitivities, signatures=signatures, scale=scale,
@@ -420,7 +387,8 @@ def with_inputs(space: ModelSpace) -> ModelSpace:
     if max(gains, default=0.0) < space.real_gain and not space.leaves_misfit(space.base):
         return space
     tangents = space.tangent_of(space.base)
-    inputs = measure_signatures(space.metric, space.base, tangents, space.scale, errors)
+    inputs = shown_by.measure_signatures(
+        space.metric, space.base, tangents, space.scale, errors)
     return ModelSpace(
         metric=space.metric, base=space.base, base_tangent=tangents,
         signatures=space.signatures, scale=space.scale,
@@ -459,8 +427,9 @@ def in_metric(space: ModelSpace, metric: Metric, fit: Fit) -> tuple[ModelSpace, 
     """The space in another metric, with its base and a fit refitted there."""
     base, fit = refit_full_jacobian(metric, [space.base, fit], space.settings.max_rounds)
     sensitivities = tangent(metric, base)
+    signatures, inputs = (shown_by.whitened_by(metric, own, sensitivities)
+                          for own in (space.signatures, space.inputs))
     moved = ModelSpace(
-        metric=metric, base=base, base_tangent=sensitivities,
-        signatures=whitened_by(metric, space.signatures, sensitivities), scale=space.scale,
-        trials=space.trials, inputs=whitened_by(metric, space.inputs, sensitivities))
+        metric=metric, base=base, base_tangent=sensitivities, signatures=signatures,
+        scale=space.scale, trials=space.trials, inputs=inputs)
     return moved, moved.keep(fit)
