@@ -25,6 +25,7 @@ from saddlering_ros.discrepancy.problem.problem import (
 from saddlering_ros.discrepancy.problem.system import (
     DiscrepancyError,
     Effect,
+    Estimate,
     ModelErrorPrior,
     Neighbourhood,
     Parameter,
@@ -47,7 +48,6 @@ from saddlering_ros.discrepancy.verdict.results import (
     Cause,
     CauseEntry,
     Diagnosis,
-    Estimate,
     ReductionEntry,
     Residual,
     SizeEntry,

@@ -160,17 +160,14 @@ SOUND_RATIO = 1.2
 """Residual of the base fit over the noise below which nothing seems wrong."""
 
 TIMED = 3
-"""Number of simulations that are timed: enough for the first digit, which is all that is
-printed."""
+"""Simulations that are timed: enough for the one digit that is printed."""
 
 WHITENED = 50
-"""Columns that could be whitened in the time that a diagnosis spends beside each simulation: 34 to
-84 in twelve trials of four machines."""
+"""Columns whitened in the time spent beside each simulation: 34 to 84 in twelve trials."""
 
 MIN_SENSITIVITY = 1.0
 """Change of the residual by the whole range of a parameter, in standard deviations of the noise,
-below which the parameter cannot be seen: a smaller change is less than the noise of one
-number."""
+below which it cannot be seen: less than the noise of one number."""
 
 
 class CheckReport(list[str]):

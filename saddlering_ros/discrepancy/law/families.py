@@ -35,19 +35,16 @@ REACHES = (0.004, 0.5)
 is a change of sign with the direction; a larger one hardly slips."""
 
 LAGS = 8
-"""Number of relaxations, evenly spaced on a log scale from two samples to half of the longest
-run."""
+"""Number of relaxations, from two samples to half of the longest run on a log scale."""
 
 STRENGTHS = np.geomspace(1e-6, 1e4, 11)
-"""Strengths of the regularisation, in shares of the size of the columns: from a free curve to a
-straight line, by factors of ten."""
+"""Strengths of the regularisation, in shares of the columns: free curve to straight line."""
 
 FOLDS = 5
 """Parts of a single run that are held out in turn: the usual five-fold cross-validation."""
 
 MIN_RIDGE = 1e-9
-"""Smallest regularisation, as a share of the mean square of the columns, for sums that stay
-invertible in double precision."""
+"""Smallest regularisation, as a share of the mean square: invertible in double precision."""
 
 
 def stop_operators(drive: Array, reaches: Array) -> Array:

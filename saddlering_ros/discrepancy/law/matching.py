@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 
 from saddlering_ros.discrepancy.law import families
 from saddlering_ros.discrepancy.law.families import BlockFit, DIRECTION, LOAD, Misfit, TIME
-from saddlering_ros.discrepancy.problem.system import Array
+from saddlering_ros.discrepancy.problem.system import Array, Estimate
 
 Coordinates = Mapping[str, Array]
 Shape = Sequence[float] | Array
@@ -23,8 +23,7 @@ CURVE_POINTS = 65
 """Number of points at which a curve is tabulated: two for each piece of its spline."""
 
 STEP = 1e-3
-"""Step of a shape parameter for its sensitivity, as a share: the truncation error is small and
-the rounding error of a difference too."""
+"""Step of a shape parameter, as a share: small errors of truncation and of rounding."""
 
 
 @dataclass(frozen=True)
@@ -123,15 +122,6 @@ MEMORY = Form('exponential memory', ('slope',), ('lag_s',),
 
 
 @dataclass(frozen=True)
-class LawParameter:
-    """One number of a law with its standard deviation; unit: in those of target and coordinate."""
-
-    value: float
-    std: float
-    unit: str
-
-
-@dataclass(frozen=True)
 class Term:
     """One addition to one target: a simple law, or a curve with its band.
 
@@ -144,7 +134,7 @@ class Term:
     coordinate: str
     law: str
     words: str
-    parameters: Mapping[str, LawParameter]
+    parameters: Mapping[str, Estimate]
     at: Array
     values: Array
     band: Array
@@ -168,8 +158,7 @@ class Term:
 
 
 MAX_REFINED = 3
-"""Number of forms whose shape is searched beyond its grid: those that fit best there. Chosen for
-cost."""
+"""Number of best forms whose shape is searched beyond its grid. Chosen for cost."""
 
 
 def match_law(misfit: Misfit, fit: BlockFit, wanted: Array) -> Term:
@@ -264,14 +253,14 @@ def _law_term(misfit: Misfit, fit: BlockFit, form: Form, shape: Array, wanted: A
                   * max(1.0, float(left @ left) / misfit.size))
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     parameters = {
-        name: LawParameter(float(size), std,
+        name: Estimate(float(size), std,
                            'target per coordinate' if name == 'slope' else 'target')
         for name, size, std in zip(form.amplitudes, sizes, deviations, strict=False)}
     # A shape parameter that was not searched has the deviation 0.
     of_shapes = dict(zip(form.searched, deviations[len(form.amplitudes):], strict=True))
     for index, name in enumerate(form.shapes):
         unit = 'coordinate' if name.endswith('*') else 's' if name.endswith('_s') else '1'
-        parameters[name.rstrip('*').removesuffix('_s')] = LawParameter(
+        parameters[name.rstrip('*').removesuffix('_s')] = Estimate(
             float(shape[index]), of_shapes.get(index, 0.0), unit)
     at = np.linspace(*fit.block.span, CURVE_POINTS)
     term = Term(fit.target, fit.block.coordinate, form.name, form.words, parameters, at,

@@ -23,20 +23,16 @@ from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, System
 
 MIN_SHARE = 0.1
-"""Smallest share of the misfit that the first family must predict. A law that predicts less is no
-description of the misfit, however significant it is."""
+"""Smallest share of the misfit that the first family must predict to describe it."""
 
 MIN_SECOND_SHARE = 0.1
-"""Smallest share of the remaining misfit that a second family must predict, for the same
-reason."""
+"""The same share of the remaining misfit for a second family."""
 
 ALIKE = 0.9
-"""Predicted share, relative to the best, at which another coordinate or target is a doubt. The
-sentence to the reader states it as within 10 %."""
+"""Share of the best at which another coordinate or target is a doubt, told as 10 %."""
 
 BEYOND = 0.02
-"""Share of the observed range by which a held-out run may exceed it: tests to one full scale
-differ a little in their largest load."""
+"""Share of the range by which a held-out run may exceed it: full scales differ a little."""
 
 BACKFITS = 3
 """Rounds in which two families are fitted in turn. Chosen for cost."""

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from saddlering_ros.discrepancy.problem import system
-from saddlering_ros.discrepancy.problem.problem import Problem, Whitening
+from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, Point, RunBlocks
 from saddlering_ros.estimation.least_squares import descend, Descent, Rule
 
@@ -91,8 +91,7 @@ class Fit:
 
 
 PRIOR = 1.0
-"""The whole range of a parameter counts as so many standard deviations. It keeps idle parameters
-still and hardly moves the others."""
+"""Standard deviations in the whole range of a parameter: idle ones stay, others hardly move."""
 
 QUIET_GAIN, QUIET_SHARE = 0.02, 1e-4
 """Gains below this number, or below this share of the misfit, are negligible. A likelihood ratio
@@ -102,17 +101,14 @@ NEGLIGIBLE_GAIN = 0.1 * QUIET_GAIN
 """Smallest expected gain of a step that is taken: a tenth of a negligible gain."""
 
 SPREAD = 24
-"""Number of starts of the base that cover the range of every parameter. Chosen for cost: they are
-simulated once, in one batch."""
+"""Number of starts that cover the range of the base. Chosen for cost: one batch."""
 
 MAX_BASE_STARTS, COARSE_BASE = 6, 6
-"""Number of starts of the base that are followed, and of their rounds, before the best two are
-fitted. With fewer starts a base fit ended in a wrong minimum, in which an effect of no size was
-named with p = 1e-173."""
+"""Number of starts of the base that are followed, and of their rounds. With fewer starts a base
+fit ended in a wrong minimum, in which an effect of no size had p = 1e-173."""
 
 WHITENED_AT_ONCE = 8_000_000
-"""Numbers whitened together (64 MB), because one product of matrices is faster than one per
-refit."""
+"""Numbers whitened together (64 MB): one product is faster than one per refit."""
 
 
 @dataclass(frozen=True)
@@ -326,6 +322,10 @@ class GainMetric:
     def whiten(self, columns: Array) -> Array:
         """Stacked columns (n, B) or (n,) in their views, weighted by time, over the range."""
         return self.problem.in_views(columns) / self.unit
+
+
+Whitening = Metric | GainMetric
+"""A metric for refits: its problem, and `whiten`, which divides by the usual size."""
 
 
 def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:

@@ -159,23 +159,19 @@ class Model:
 
 
 PROVISIONAL_STD = 0.01
-"""Unknown noise as a share of range, with which the first fit is plain least squares. Any size
-gives the same fit, because all channels have the same."""
+"""Unknown noise as a share of range in the first fit: any size gives plain least squares."""
 
 COORDINATE_WAVES = 40
-"""Half waves along each coordinate, so that fine ripples such as cogging are seen. A residual
-that repeats along a coordinate is no noise."""
+"""Half waves along each coordinate, so that fine ripples such as cogging are seen."""
 
 EXACT = 1e-9
-"""Share of range below which a residual is rounding: far above double precision, and far below
-the noise of any instrument."""
+"""Share of range below which a residual is rounding: far below any instrument's noise."""
 
 SURE = 1000
 """Degrees of freedom of the level of a residual that is nothing, or not yet known."""
 
 DIVERGED = 1e6
-"""Distance, in ranges, of a prediction that has diverged. No sound simulator between its bounds
-comes near it, and its square is still a finite number."""
+"""Ranges at which a prediction has diverged: none is near, and its square is finite."""
 
 
 class ModelSystem:
@@ -366,8 +362,7 @@ class ModelSystem:
 
 
 MAX_LOST = 25
-"""Number of failed points after which a simulator without success is abandoned: all starts of the
-base failed by then."""
+"""Failed points after which a simulator is abandoned: all starts of the base failed by then."""
 
 
 def _range(name: str, fitted: Sequence[Run]) -> float:

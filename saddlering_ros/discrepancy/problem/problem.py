@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -44,8 +43,7 @@ EMPTY_VIEW = 0.1
 Chosen for parity, which holds only noise and small errors in a sound ring."""
 
 MIN_VIEW_SHARE = 0.2
-"""Smallest range of a view, as a share of its neighbours' range, so that a misfit in a view that
-hardly moves is not counted as large."""
+"""Smallest range of a view over its neighbours': a view at rest has no large misfit."""
 
 
 NoiseByRun = Mapping[tuple[str, int], ChannelNoise]
@@ -297,17 +295,6 @@ class Problem:
         return float(np.average(seen**2, weights=self.sample_weights(run, view)))
 
 
-class Whitening(Protocol):
-    """The interface of a metric for refits."""
-
-    @property
-    def problem(self) -> Problem: ...
-
-    def whiten(self, columns: Array) -> Array:
-        """Stacked columns (n, B) or (n,) in units of their usual size."""
-        ...
-
-
 @dataclass(frozen=True)
 class Metric:
     """Noise of every run and channel, with the nuisance parameters marginalised.
@@ -392,8 +379,7 @@ def noise_metric(problem: Problem, prediction: Array | None = None) -> Metric:
 
 
 RATE_SHAPES = 4
-"""Shapes over the drive of the error that depends on its rate: a mean and three half waves, as
-smooth as the error over the drive."""
+"""Shapes over the drive of the error by its rate: a mean and three half waves."""
 
 
 def nuisance_columns(problem: Problem, point: Point, prediction: Array) -> Array:

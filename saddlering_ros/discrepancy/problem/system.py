@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.rest import RestSegment
+from saddlering_ros.quantities import WIDTH_95
 
 Array = NDArray[np.float64]
 EffectValues = Mapping[str, Mapping[str, float]]
@@ -88,6 +89,23 @@ class Parameter:
     def first_guess(self) -> float:
         """Bound-scaled coordinate of the start (default: the middle)."""
         return 0.5 if self.start is None else self.to_unit(self.start)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted number with its standard deviation."""
+
+    value: float
+    std: float
+    unit: str
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The 95 % interval; None for a chosen value, which is not fitted."""
+        if not self.std:
+            return None
+        half = WIDTH_95 * self.std
+        return self.value - half, self.value + half
 
 
 @dataclass(frozen=True)
@@ -313,8 +331,7 @@ class Settings:
 
 
 FREE_OFFSET = 10.0
-"""Spread of a free constant, in ranges of the channel: a constant of one range costs a misfit of
-0.01, which is nothing."""
+"""Spread of a free constant, in ranges: a constant of one costs a misfit of 0.01, nothing."""
 
 
 @dataclass(frozen=True)
@@ -368,13 +385,10 @@ def _shares_content(one: Array, other: Array) -> bool:
 
 
 MAX_SPREADS = 2.5
-"""Largest size of a nuisance parameter, in its standard deviations: 1 % of normal numbers are
-larger."""
+"""Largest nuisance parameter in standard deviations: 1 % of normal numbers are larger."""
 
 FREE_STRENGTH = 1e3
-"""Size of a nuisance parameter, in units of noise, above which it counts as free: the prior then
-adds a millionth to its information."""
+"""Size of a nuisance parameter over noise that is free: the prior adds a millionth."""
 
 JITTER = 1e-6
-"""Noise added to every sample, as a share of the range of the widest channel: rounding of the
-simulator, below any instrument."""
+"""Noise added to every sample, as a share of the widest range: rounding of the simulator."""

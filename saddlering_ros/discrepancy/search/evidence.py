@@ -36,17 +36,14 @@ LOAD_WAVES = 4
 """Half waves over the drive by which a law may deviate: as smooth as the declared model error."""
 
 HIGHEST_WAVES = 2
-"""The same over the highest drive so far, because joints remember it. It moves in one direction
-only, so that fewer waves follow it."""
+"""The same over the highest drive so far, which moves in one direction only: fewer."""
 
 OTHER_SHAPES = (-0.2, -0.1, 0.1, 0.2)
 """Distances to the other laws of a mixture, in ranges of a shape parameter. Film creep with two
-time constants and a load offset of 2.5 kN were `unknown` without these mixtures, and both are
-named with them."""
+time constants and a load offset of 2.5 kN are named with them only."""
 
 LAGS = (0.01, 0.05, 0.2)
-"""Delays of the change of a law, as shares of the duration of a run, a factor of four to five
-apart."""
+"""Delays of the change of a law, as shares of a run, a factor of four to five apart."""
 
 Sizes = Mapping[str, Array]
 """Rms shares of range: per view one number per run (R,)."""

@@ -92,23 +92,19 @@ class BlockColumns:
 
 
 WAVES_PER_RUN = 20
-"""Half waves per run that are tested together as slow structure: enough for a ramp with a kink or
-a loop; anything faster is tested by octaves."""
+"""Half waves per run of the slow structure: a ramp with a kink, or a loop."""
 
 TIME_WAVES = 8
-"""Half waves along the time of each run, as one family of shapes: drifts and returns, fewer than
-the slow structure so that a small drift is significant."""
+"""Half waves along the time of each run, as one family: few, for small drifts."""
 
 MAX_CHANCE = 0.01
 """Largest probability under noise alone at which a band counts: the default error rate."""
 
 WAVE_SAMPLES = 4
-"""Samples per half wave at the fastest structure. A faster wave has too few samples to be told
-from scatter."""
+"""Samples per half wave at the fastest structure: fewer look like scatter."""
 
 MAX_BASIS = 512
-"""Largest number of half waves in a basis. Wider octaves are read from a cosine transform, whose
-cost does not grow with the square."""
+"""Half waves in a basis at most; the cost of wider ones would grow with the square."""
 
 MAX_BASIS_NUMBERS = 2_000_000
 """Largest number of values in a basis, which limits its memory to 16 MB."""

@@ -22,8 +22,7 @@ from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.estimation.statistics import fisher_limit
 
 NOTHING = 1e-3
-"""A size shows nothing if its height is below this share of the wanted one: an interpolation of
-logarithms from there would have no meaning."""
+"""Share of the wanted height below which a size shows nothing: logarithms fail there."""
 
 POWER_QUANTILE = 1.2816
 """Normal quantile of 0.9: a size is found nine times in ten."""
@@ -170,16 +169,13 @@ def _size_at(heights: Sequence[tuple[float, float]], wanted: float) -> float:
 
 
 ENOUGH = 0.9
-"""Share of the required length that must remain beside the refitted base for a limit to hold. The
-limit itself is known to about 10 %."""
+"""Share of the required length that must remain for a limit, which is known to 10 %."""
 
 MAX_TRIES = 6
-"""Largest number of larger sizes that are tried; at the smallest factor they reach five times the
-stated limit."""
+"""Larger sizes that are tried; at the smallest factor they reach five times the limit."""
 
 MIN_FACTOR, MAX_FACTOR = 1.3, 4.0
-"""Factor between two sizes that are tried: smaller steps cost refits, larger ones leave the
-interpolation."""
+"""Factor between two sizes: smaller ones cost refits, larger ones leave the interpolation."""
 
 ROUNDS = 8
 """Rounds of each refit of the base, as in the refits of candidates."""

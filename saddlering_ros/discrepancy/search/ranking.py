@@ -15,23 +15,20 @@ from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search.signatures import orthonormal, Signature
 
 OTHER_SHARE = 0.3
-"""A start of another shape is tried if its first-order gain is at least this share of the best,
-because a first-order gain is a poor guide to a refit."""
+"""First-order gain over the best at which another shape is a start: a gain is a poor guide."""
 
 MAX_OTHERS = 2
 """Largest number of further starts of one effect, which limits the cost of a step."""
 
 MIN_APART = 0.05
-"""Shapes that differ by less than this share of their range count as one: a refit covers such a
-distance by itself."""
+"""Shapes within this share of their range are one: a refit covers such a distance."""
 
 STRAIGHT_REACH, AMPLITUDE_DEPENDENT_REACH = (-5.0, 5.0), (0.7, 1.4)
-"""Factors by which a start is scaled at most: of straight effects, and of amplitude-dependent
-ones, whose signature holds near its own size only."""
+"""Factors by which a start is scaled at most: an amplitude-dependent signature holds near its own
+size only."""
 
 SEEN_ENOUGH = 0.5
-"""An amplitude-dependent effect starts at the size that was simulated if that size takes this
-share of the misfit that its shape could take."""
+"""Share of what its shape could take at which an amplitude-dependent effect starts as seen."""
 
 ALIKE = 1e-4
 """Variants of one effect with first-order gains this close are equal in these data."""

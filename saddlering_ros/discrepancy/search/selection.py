@@ -42,16 +42,13 @@ from saddlering_ros.discrepancy.search.signatures import effect_starts, MIN_LENG
 from saddlering_ros.discrepancy.search.space import in_metric, ModelSpace, refit_full_jacobian
 
 MAX_BASES = 3
-"""Number of times that the search begins again about a better fit of the base. Chosen for cost:
-each time is a whole search."""
+"""Searches begun again about a better base. Chosen for cost: each is a whole search."""
 
 MAX_SILENT = 2
-"""Largest number of immaterial effects in the model while others are searched. Each takes part of
-the misfit of a later cause."""
+"""Immaterial effects in the model during a search: each takes part of a later cause's."""
 
 MAX_CHECKS = 3
-"""Largest number of rounds of alternatives; a round follows each replaced member, and a model has
-at most three."""
+"""Rounds of alternatives: one follows each replaced member, of which there are three."""
 
 Alternatives = Mapping[str, tuple[Fit, ...]]
 """Models that these data cannot tell from the best, by the member that they replace."""
@@ -291,8 +288,7 @@ def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
 
 
 MAX_STARTS = 3
-"""Number of first guesses of a silent effect for each start of the base: the sizes on one side of
-an effect without starts of its own."""
+"""First guesses of a silent effect for each start of the base: the sizes on one side."""
 
 
 def silent_effects(signatures: Sequence[Signature]) -> list[tuple[Effect, int]]:

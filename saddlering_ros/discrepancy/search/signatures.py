@@ -65,8 +65,7 @@ MIN_LENGTH = 1.0
 """A change shorter than this, in standard deviations before the projection, does not show."""
 
 MIN_STRAIGHT = 0.9
-"""Signatures of two sizes with a smaller cosine than this differ in shape: a fifth of their power
-lies in another direction."""
+"""Cosine below which two sizes differ in shape: a fifth of the power lies elsewhere."""
 
 SMALLER, STANDS_OUT, MAX_SMALLER = 0.3, 12.0, 4
 """An amplitude-dependent effect is looked at in ever smaller sizes, each this share of the last,

@@ -19,32 +19,27 @@ from saddlering_ros.discrepancy.search.signatures import ChangeScale, shapes_tri
 from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
 
 COARSE_ROUNDS = 4
-"""Rounds of a refit from each of several starts, before the best one is refined: half of the
-rounds of a refinement on a ring."""
+"""Rounds of a refit from each of several starts: half of a refinement's on a ring."""
 
 FULL_JACOBIANS = 2
-"""Number of the best refits of a step that are repeated with a full Jacobian. The decision is
-between the best and the second best."""
+"""Best refits of a step with a full Jacobian: the decision is between these two."""
 
 MIN_PAIRS = 12
 """Smallest number of degrees of freedom of the level, whatever the length of the stretches. With
 fewer, one short stretch at rest would leave nothing certain."""
 
 AT_BOUND = 1e-3
-"""Distance from a bound, as a share of the range, within which a parameter is at the bound: half
-of the step of its sensitivity."""
+"""Distance from a bound, as a share of the range: half of the step of a sensitivity."""
 
 FREE_SPREAD = 10.0
 """Spread, in shares of the range, of a parameter that counts as free."""
 
 BASE_ROUNDS = 25
-"""Largest number of rounds of the fit of the base parameters alone. The fit ends earlier if its
-gain is negligible."""
+"""Rounds of the fit of the base alone, which ends earlier if its gain is negligible."""
 
 MIN_DEEPER, MIN_DEEPER_SHARE = 10.0, 0.01
-"""A minimum is deeper if its misfit is smaller by more than this, and by more than this share. A
-likelihood ratio of ten cannot come from an unfinished refit. In a wrong minimum of the base, an
-effect of no size was named with p = 1e-173."""
+"""Fall of the misfit, and its share, from which a minimum is deeper: a likelihood ratio of ten
+cannot come from an unfinished refit."""
 
 MIN_GAIN, MIN_GAIN_SHARE = 4.0, 1.0 / 3.0
 """First-order gain below which an effect is not refitted, and the same as a share of the gain at

@@ -24,7 +24,7 @@ from saddlering_ros.discrepancy.problem.fits import (
     Tangent,
 )
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, RunBlocks
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, Parameter, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import Comparison, crowded
 from saddlering_ros.discrepancy.search.selection import Alternatives, stopped_sizes
 from saddlering_ros.discrepancy.search.signatures import effect_starts, orthonormal
@@ -33,7 +33,6 @@ from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.naming import allowed_sizes, shapes_at_bounds
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
-    Estimate,
     PublishedFits,
     Remainder,
     Residual,

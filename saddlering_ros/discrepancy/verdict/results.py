@@ -9,11 +9,10 @@ from saddlering_ros.discrepancy.law.proposal import LawProposal
 from saddlering_ros.discrepancy.next_test import HeldOutEvidence, Separation
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain
 from saddlering_ros.discrepancy.problem.problem import Metric
-from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual, ShapeTest, SlowResidual
 from saddlering_ros.discrepancy.search.limits import Observability
-from saddlering_ros.quantities import WIDTH_95
 
 Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
 
@@ -62,23 +61,6 @@ class CauseEntry(_CausePartial):
     parameters: dict[str, SizeEntry]
     evidence: EvidenceEntry
     gain: ReductionEntry
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A fitted number with its standard deviation."""
-
-    value: float
-    std: float
-    unit: str
-
-    @property
-    def interval(self) -> tuple[float, float] | None:
-        """The 95 % interval; None for a chosen value, which is not fitted."""
-        if not self.std:
-            return None
-        half = WIDTH_95 * self.std
-        return self.value - half, self.value + half
 
 
 @dataclass(frozen=True)

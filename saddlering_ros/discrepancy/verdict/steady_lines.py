@@ -24,10 +24,10 @@ from scipy.ndimage import median_filter
 
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
-from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import Evidence
 from saddlering_ros.discrepancy.search.limits import DetectionLimit, POWER_QUANTILE
-from saddlering_ros.discrepancy.verdict.results import Cause, Estimate
+from saddlering_ros.discrepancy.verdict.results import Cause
 from saddlering_ros.estimation.rest import RestSegment
 from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
 
@@ -36,8 +36,7 @@ MIN_FREQUENCY = 8.0
 and a stretch at rest has too few of their periods."""
 
 MIN_SAMPLES = 100
-"""Smallest number of samples of a stretch whose spectrum is used: three times the frequencies
-that give the level of the noise."""
+"""Samples of a stretch: three times the frequencies that give the level of the noise."""
 
 NEIGHBOURS = 15
 """Independent frequencies on each side that give the level of the noise, to a fifth."""
@@ -46,31 +45,25 @@ WINDOW_WIDTH = 2.0
 """Independent frequencies that a Hann window combines into one."""
 
 ROUNDING = 1e-12
-"""Deviation from a straight line below which values are still, as a share of the largest one:
-double precision."""
+"""Deviation from a straight line, as a share, below which values are still: rounding."""
 
 MAX_LINES = 3
-"""Largest number of lines, searched one after the other. Chosen for cost: each is a search of all
-runs."""
+"""Lines searched one after the other. Chosen for cost: each is a search of all runs."""
 
 MIN_HOLDS, MIN_HOLD_SAMPLES = 8, 40
-"""Number of holds of a static test, and of samples in each, that show a line: fewer holds do not
-show that its strength is constant."""
+"""Holds of a static test, and samples in each, that show a constant strength."""
 
 MIN_PERIODS = 20.0
 """Periods of the slowest line in the longest run. Fewer periods are a drift or a sway."""
 
 MAX_SHARE = 0.8
-"""Share of half their rate up to which block means show lines: there the mean of a block has 76 %
-of the amplitude."""
+"""Share of half their rate up to which block means show 76 % of a line or more."""
 
 PIECES, PIECE_PERIODS = 8, 3.0
-"""Pieces of a run, and periods in each, that show the strength of a line over time. Three periods
-give a strength without the bias of a part of a period."""
+"""Pieces of a run, and periods in each: three give a strength without bias."""
 
 MAX_UNSTEADY = 0.35
-"""Deviation of the strength in a piece from its mean that is allowed beside noise. A line of 0.80
-um at 3.7 Hz on all probes of four runs passes."""
+"""Allowed deviation of a strength beside noise: a line of 0.80 um on four runs passes."""
 
 HARMONICS = 5
 """Number of multiples of its frequency at which a line of the drive may show in the readings.
@@ -80,8 +73,7 @@ DRIVEN_SHARE = 0.1
 """Share of a line below which the swing of the drive does not cause the line."""
 
 NOISE_SPREAD = 3.0
-"""Allowed deviation of a strength in standard deviations of noise: three, as usual for a few
-dozen comparisons."""
+"""Allowed deviation of a strength over noise: three, for a few dozen comparisons."""
 
 
 @dataclass(frozen=True)
