@@ -16,7 +16,6 @@ from functools import cached_property
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from saddlering_ros.discrepancy.problem import problem as problems
@@ -204,14 +203,20 @@ class _OpenModels:
         start = old.size
         for proposal, view in zip(proposals, views, strict=True):
             stop = start + proposal.run.channels.size
-            again, anew = _of_test(nuisances[start:stop], seen, shared, proposal)
-            start = stop
+            # Columns that act on the old data, and those of the test. Other units of the machine
+            # have small errors of their own; the test stand has the same.
+            own = nuisances[start:stop]
+            start, stays = stop, seen & (np.arange(seen.size) < shared)
+            stays = stays if proposal.is_other_place else seen
+            again, anew = np.where(stays[seen], own[:, seen], 0.0), own[:, ~stays]
+            readings = ((0, len(proposal.readings)), (0, 0))
+            again, anew = (np.pad(part, readings) for part in (again, anew[:, anew.any(axis=0)]))
             whiten = _whitener(metric, proposal)
             forecasts = []
             for (mean, root), (values, slopes) in zip(known, view, strict=True):
                 white = whiten(np.column_stack([values, slopes, again, anew]))
-                inner, own = np.split(white[:, 1:], [mean.size], axis=1)
-                spread = np.hstack([solve_triangular(root, inner.T, lower=True).T, own])
+                inner, new = np.split(white[:, 1:], [mean.size], axis=1)
+                spread = np.hstack([solve_triangular(root, inner.T, lower=True).T, new])
                 forecasts.append(_Forecast(
                     white[:, 0] + inner @ mean, spread,
                     cholesky(np.eye(spread.shape[1]) + spread.T @ spread, lower=True)))
@@ -259,24 +264,6 @@ def _seen_by(
         rows = np.hstack([np.asarray(answer).reshape(len(group), -1), direct])
         views.append((rows[0], ((rows[1:] - rows[0]) / step[:, None]).T))
     return views
-
-
-def _of_test(
-    columns: Array, seen: NDArray[np.bool_], shared: int, proposal: Proposal
-) -> tuple[Array, Array]:
-    """Nuisance columns (m, k) of a test: those that act on the old data, and its own.
-
-    seen (k,): those that act on the old data. The first `shared` columns belong to the test stand,
-    the others to the units of the machine that carry the load.
-    """
-    again, anew = columns[:, seen], columns[:, ~seen]
-    if proposal.is_other_place:
-        is_shared = np.arange(seen.size) < shared
-        again = np.where(is_shared[seen], again, 0.0)
-        anew = columns[:, ~(seen & is_shared)]
-    anew = anew[:, anew.any(axis=0)]
-    readings = ((0, len(proposal.readings)), (0, 0))
-    return np.pad(again, readings), np.pad(anew, readings)
 
 
 def _whitener(metric: Metric, proposal: Proposal) -> Whiten:

@@ -112,14 +112,6 @@ WHITENED_AT_ONCE = 8_000_000
 
 
 @dataclass(frozen=True)
-class Asked:
-    """Request of a refit: a point, and others that lie `steps` away from it."""
-
-    points: list[Point]
-    steps: list[float]
-
-
-@dataclass(frozen=True)
 class Told:
     """Answer to a request: whitened residual (n,), sensitivities (n, k), and prediction."""
 
@@ -127,6 +119,9 @@ class Told:
     columns: Array
     prediction: Array
 
+
+Asked = tuple[list[Point], list[float]]
+"""Request of a refit: a point and others, and the steps by which the others lie away from it."""
 
 Asking = Generator[Asked, Told | None, Fit]
 
@@ -161,7 +156,7 @@ def refit(
             end: Descent[Told] = stop.value
             break
         thetas, steps = neighbours(parameters, asked, aside)
-        told = yield Asked([candidate.point(base, theta_unit) for theta_unit in thetas], steps)
+        told = yield [candidate.point(base, theta_unit) for theta_unit in thetas], steps
         aside = differenced
     residual = end.answer.residual
     return Fit(
@@ -232,10 +227,10 @@ def _told(metric: Whitening, asked: Sequence[Asked]) -> list[Told]:
     problem = metric.problem
     if not asked:
         return []
-    answers = problem.predict_neighbours([request.points for request in asked])
+    answers = problem.predict_neighbours([points for points, _ in asked])
     raw = []
-    for request, answer in zip(asked, answers, strict=True):
-        aside = (answer[:, 1:] - answer[:, :1]) / np.array(request.steps)
+    for (_, steps), answer in zip(asked, answers, strict=True):
+        aside = (answer[:, 1:] - answer[:, :1]) / np.array(steps)
         raw.append(np.column_stack([answer[:, 0] - problem.measured, aside]))
     together = max(1, WHITENED_AT_ONCE // problem.size)
     told, start = [], 0

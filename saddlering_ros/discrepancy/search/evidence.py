@@ -139,9 +139,19 @@ class Comparison:
 
     @property
     def exceeds_form_error(self) -> bool:
-        """Whether the cause exceeds the form error of the effects in `less`."""
-        return not self.less.candidate.effects or bool(views_beyond_form_error(
-            self.added, self.explained_before, self.space.settings))
+        """Whether the cause exceeds the form error of the effects in `less` in some view.
+
+        Every view of every run is judged. A form leaves a share of the misfit that it explains
+        where it acts. In the other runs it leaves the same share of this remainder, because base
+        parameters adapt to it. In a view in which the effect has no part, the immaterial size is
+        the limit.
+        """
+        settings = self.space.settings
+        powers = {view: size**2 for view, size in self.explained_before.items()}
+        return not self.less.candidate.effects or any(
+            bool(np.any(size > np.maximum(settings.materiality, np.sqrt(settings.form_error * (
+                powers[view] + settings.form_error * powers[view].max())))))
+            for view, size in self.added.items())
 
     @cached_property
     def exceeds_forms(self) -> bool:
@@ -241,22 +251,6 @@ def _misfit_with_inflated_nuisances(space: ModelSpace, fit: Fit) -> float:
     return float(white @ white - inner @ np.linalg.solve(gram, inner))
 
 
-def views_beyond_form_error(added: Sizes, explained: Sizes, settings: Settings) -> list[str]:
-    """Views in which `added` exceeds the form error of the effects that explain `explained`.
-
-    Every view of every run is judged. A form leaves a share of the misfit that it explains where
-    it acts. In the other runs it leaves the same share of this remainder, because base parameters
-    adapt to it. In a view in which the effect has no part, the immaterial size is the limit.
-    """
-    form_error, views = settings.form_error, []
-    for view, size in added.items():
-        power = explained[view] ** 2
-        form = np.sqrt(form_error * (power + form_error * power.max()))
-        if np.any(size > np.maximum(form, settings.materiality)):
-            views.append(view)
-    return views
-
-
 def explained_share(before: SlowResidual, after: SlowResidual, settings: Settings) -> float:
     """Share of the misfit `before` that `after` has not: in all, or in one material view."""
     return max([
@@ -310,11 +304,9 @@ def with_forms(space: ModelSpace, fit: Fit, about: Fit) -> Fit:
     The prediction is that of the simulator to first order. The misfit counts the forms and the
     moved parameters by their prior spreads.
     """
-    def columns() -> tuple[Array, Array]:
-        forms = form_columns(space.problem, about, space.settings.form_error)
-        return forms, space.metric.whiten(forms)
-
-    forms, white_forms = space.once('forms', about, columns)
+    forms = space.once('forms', about, lambda: form_columns(
+        space.problem, about, space.settings.form_error))
+    white_forms = space.once('white forms', about, lambda: space.metric.whiten(forms))
     tangents = space.tangent_of(fit)
     plain = np.hstack([FREE_SPREAD * tangents.plain, forms])
     white = np.hstack([FREE_SPREAD * tangents.white, white_forms])
@@ -355,11 +347,10 @@ def _mixtures(problem: Problem, fit: Fit) -> list[list[Array]]:
                     owners.append(number)
                     points.append(fit.candidate.point(base, moved))
     mixtures: list[list[Array]] = [[] for _ in fit.candidate.effects]
-    if points:
-        changes = problem.predict(points) - fit.prediction[:, None]
-        for owner, change in zip(owners, changes.T, strict=True):
-            if np.isfinite(change).all():
-                mixtures[owner].append(change)
+    changes = problem.predict(points) - fit.prediction[:, None] if points else np.zeros((0, 0))
+    for owner, change in zip(owners, changes.T, strict=True):
+        if np.isfinite(change).all():
+            mixtures[owner].append(change)
     return mixtures
 
 

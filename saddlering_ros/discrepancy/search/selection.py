@@ -30,14 +30,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saddlering_ros.discrepancy.problem import fits as fitting
+from saddlering_ros.discrepancy.problem import problem as problems
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits
-from saddlering_ros.discrepancy.problem.problem import Metric, nuisance_columns, Problem
+from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect
-from saddlering_ros.discrepancy.search import evidence
+from saddlering_ros.discrepancy.search import evidence, ranking
 from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.evidence import Comparison, SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import half_waves
-from saddlering_ros.discrepancy.search.ranking import best_of_each, best_pairs, rank, shortlist
 from saddlering_ros.discrepancy.search.signatures import effect_starts, MIN_LENGTH, Signature
 from saddlering_ros.discrepancy.search.space import in_metric, ModelSpace, refit_full_jacobian
 
@@ -86,8 +86,14 @@ def _search(begun: ModelSpace) -> Search:
     alternatives: Alternatives = {}
     space.watch.progress('check of alternatives', 0.75)
     if fit.candidate.effects:
-        space, fit = spaces.moved_to(space, fit)
-        if space.problem.assumptions.relearns:  # With less noise, more effects may show.
+        # A load that is wrong by some percent moves the point at which rollers begin to touch, and
+        # with it the contribution of unequal rollers. Seen from the model without the effects,
+        # this difference is evidence.
+        metric, problem = space.metric, space.problem
+        if problem.assumptions.relearns:
+            metric = problems.noise_metric(problem, fit.prediction)
+        space, fit = in_metric(space, metric.with_nuisances(fit.point, fit.prediction), fit)
+        if problem.assumptions.relearns:  # With less noise, more effects may show.
             fit = forward(space, fit, log)
         fit = prune(space, fit, log)
         fit, alternatives = check_alternatives(space, fit, log)
@@ -187,13 +193,16 @@ def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     """The single effect that fits better than the several of `fit`, if there is one.
 
     Two effects that were found in turn can share the part of one effect that was not on the
-    first shortlist. Every effect is therefore tried.
+    first shortlist. Every effect is therefore tried by coarse fits, and the best are refined.
     """
     if len(fit.candidate.effects) < 2:
         return fit
-    untried = [score for score in best_of_each(space.scores(space.base))
+    untried = [score for score in ranking.best_of_each(space.scores(space.base))
                if Candidate().plus(score.effect, score.variant).key not in space.fits]
-    singles = space.fit_best(space.base, untried)
+    begun = space.started(space.base, ranking.starts_of_each(untried), spaces.COARSE_ROUNDS)
+    coarse = sorted(spaces.best_fit_of_each(begun), key=space.penalised)
+    refined = space.refine(coarse[: space.settings.refits])
+    singles = sorted(map(space.keep, refined), key=space.penalised)
     log.candidates += [Comparison(space, space.base, single).evidence(1) for single in singles]
     return min([fit, *space.single_effect_fits()], key=space.penalised)
 
@@ -207,8 +216,12 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
             space.watch.check()
             less = space.without(fit, name)
             fits = _alternatives_to(space, name, less, fit, log)
-            alternatives[name] = tuple(
-                other for other in fits if _is_indistinguishable(space, other, fit, less))
+            excess = max(space.slow_residual(fit).excess, 0.0) if fits else 0.0
+            alternatives[name] = tuple(other for other in fits if evidence.indistinguishable(
+                distance=other.misfit - fit.misfit, taken=less.misfit - fit.misfit, excess=excess,
+                fewer=fit.theta_unit.size - other.theta_unit.size,
+                floor=evidence.alternative_floor(space.pairs, space.settings),
+                settings=space.settings))
             material = [fit for fit in fits if Comparison(space, less, fit).is_material]
             if material and space.penalised(material[0]) < space.penalised(fit) - 1.0:
                 better.append(material[0])
@@ -226,15 +239,16 @@ def _alternatives_to(
     An effect that base parameters almost imitate is not searched, but it may be the cause.
     """
     taken = less.misfit - fit.misfit
-    scores = rank(less, space.tangent_of(less).white, space.shown, [*less.candidate.ids, name])
-    listed = shortlist(scores, 0.1 * taken, space.settings.refits)
+    skipped = [*less.candidate.ids, name]
+    scores = ranking.rank(less, space.tangent_of(less).white, space.shown, skipped)
+    listed = ranking.shortlist(scores, 0.1 * taken, space.settings.refits)
     # Effects that were almost as good as the best one beside those of `less` are tried too.
     members = set(less.candidate.ids)
     tried = [candidate for candidate in log.candidates if set(candidate.effects[:-1]) == members]
     least = spaces.CLOSE_SHARE * max((candidate.delta_bic for candidate in tried), default=0.0)
     names = {candidate.effects[-1] for candidate in tried if candidate.delta_bic > least}
     names -= {score.effect.id for score in listed}
-    listed += [score for score in best_of_each(scores) if score.effect.id in names]
+    listed += [score for score in ranking.best_of_each(scores) if score.effect.id in names]
     listed = [score for score in listed if name not in score.effect.contains]
     return [
         other for other in spaces.fit_each(space, less, listed, [fit])
@@ -254,22 +268,13 @@ def stopped_sizes(problem: Problem, fit: Fit) -> list[tuple[Effect, float]]:
     return stopped
 
 
-def _is_indistinguishable(space: ModelSpace, other: Fit, best: Fit, less: Fit) -> bool:
-    """Whether these data leave `other` open beside `best`; `less`: the common model."""
-    return evidence.indistinguishable(
-        distance=other.misfit - best.misfit, taken=less.misfit - best.misfit,
-        excess=max(space.slow_residual(best).excess, 0.0),
-        fewer=best.theta_unit.size - other.theta_unit.size,
-        floor=evidence.alternative_floor(space.pairs, space.settings), settings=space.settings)
-
-
 def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     """Two effects that explain surely more than a `fit` of at most one effect; else `fit`."""
     count = len(fit.candidate.effects)
     if count > 1:
         return fit
     least = space.base.misfit - fit.misfit + space.real_gain * (2 - count)
-    pairs = [pair for pair in best_pairs(space.base, space.usable) if pair.gain > least]
+    pairs = [pair for pair in ranking.best_pairs(space.base, space.usable) if pair.gain > least]
     if not pairs:
         return fit
     refits = run_refits(space.metric, [
@@ -406,7 +411,7 @@ def space_beside_error(
     problem = space.problem
     process, degrees = error_process(space.metric, fit)
     process = np.column_stack([process, *dropped])
-    nuisances = nuisance_columns(problem, fit.point, fit.prediction)
+    nuisances = problems.nuisance_columns(problem, fit.point, fit.prediction)
     metric = space.metric.marginalise(np.hstack([nuisances, process]))
     beside, fit = in_metric(space, metric, fit)
     beside.pairs = min(space.pairs, degrees)
@@ -437,21 +442,17 @@ def error_process(metric: Metric, fit: Fit) -> tuple[Array, int]:
             weighted = waves * weight[:, None]
             found = np.linalg.lstsq(weighted, weight * residual[part], rcond=1e-6)[0]
             row[: found.size] = found**2
-        spread = np.sqrt(_smoothed(power))
+        # The mean over the runs and the lines about each line.
+        smooth = np.zeros(ERROR_WAVES + 1)
+        for line in range(smooth.size):
+            half = max(MIN_SMOOTHED, round(SMOOTHED_SHARE * line))
+            around = power[:, max(0, line - half) : line + half + 1]
+            if np.isfinite(around).any():
+                smooth[line] = np.nanmean(around)
+        spread = np.sqrt(smooth)
         degrees.append(len(slots) * float((spread**2).sum() ** 2 / max((spread**4).sum(), 1e-300)))
         for waves, (_, _, part) in zip(shapes, slots, strict=True):
             block = np.zeros((problem.size, waves.shape[1]))
             block[part] = waves * spread[: waves.shape[1]]
             columns.append(block)
     return np.hstack(columns), max(MIN_DEGREES, int(min(degrees)))
-
-
-def _smoothed(power: Array) -> Array:
-    """Mean square (K + 1,) of each line over the runs (R, K + 1) and the lines about it."""
-    answer = np.zeros(power.shape[1])
-    for line in range(power.shape[1]):
-        half = max(MIN_SMOOTHED, round(SMOOTHED_SHARE * line))
-        around = power[:, max(0, line - half) : line + half + 1]
-        if np.isfinite(around).any():
-            answer[line] = np.nanmean(around)
-    return answer

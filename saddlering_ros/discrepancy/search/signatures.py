@@ -152,37 +152,28 @@ def measure_signatures(
         for effect in effects if not effect.line
         for variant in range(effect.first_variant, len(effect.variants))
         for start in effect_starts(effect)]
-    orthogonal = orthonormal(base.white)
+    parameters, orthogonal = metric.problem.system.base_parameters, orthonormal(base.white)
     signatures: list[Signature] = []
     for _ in range(1 + MAX_SMALLER):
         for begin in range(0, len(starts), BATCH):
-            signatures += _measured(metric, fit, orthogonal, scale, starts[begin : begin + BATCH])
+            batch = starts[begin : begin + BATCH]
+            part = metric.problem.predict([
+                Candidate(((effect, variant),)).point(
+                    parameters, np.concatenate([fit.theta_unit, theta_unit]))
+                for effect, variant, theta_unit in batch]) - fit.prediction[:, None]
+            left, lengths, shares = _beyond(metric, part, orthogonal)
+            visible = scale.beyond_base_of_each(part)
+            signatures += [
+                Signature(
+                    effect=effect, variant=variant, theta_unit=theta_unit,
+                    size=effect.size.from_unit(float(theta_unit[0])) - effect.neutral,
+                    plain=part[:, column], white=left[:, column], share=float(shares[column]),
+                    length=float(lengths[column]), visible=float(visible[column]))
+                for column, (effect, variant, theta_unit) in enumerate(batch)
+                if np.isfinite(part[:, column]).all()]
         signatures = with_amplitude_dependence(signatures)
         starts = _smaller(signatures)
     return signatures
-
-
-def _measured(
-    metric: Metric, fit: Fit, orthogonal: Array, scale: ChangeScale,
-    starts: Sequence[tuple[Effect, int, Array]],
-) -> list[Signature]:
-    """Signatures of effects in one variant at one start each."""
-    parameters = metric.problem.system.base_parameters
-    points = [
-        Candidate(((effect, variant),)).point(
-            parameters, np.concatenate([fit.theta_unit, theta_unit]))
-        for effect, variant, theta_unit in starts]
-    part = metric.problem.predict(points) - fit.prediction[:, None]
-    left, lengths, shares = _beyond(metric, part, orthogonal)
-    visible = scale.beyond_base_of_each(part)
-    return [
-        Signature(
-            effect=effect, variant=variant, theta_unit=theta_unit,
-            size=effect.size.from_unit(float(theta_unit[0])) - effect.neutral,
-            plain=part[:, column], white=left[:, column], share=float(shares[column]),
-            length=float(lengths[column]), visible=float(visible[column]))
-        for column, (effect, variant, theta_unit) in enumerate(starts)
-        if np.isfinite(part[:, column]).all()]
 
 
 def _smaller(signatures: Sequence[Signature]) -> list[tuple[Effect, int, Array]]:

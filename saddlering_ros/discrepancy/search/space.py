@@ -106,11 +106,6 @@ class ModelSpace:
         return any(residual.is_real_and_material(self.settings)
                    for residual in (self.slow_residual(fit), self.tests.fast(fit)))
 
-    def conceals_effects(self, fit: Fit) -> bool:
-        """Whether base parameters could conceal effects beside `fit`."""
-        is_stopped = self.stopped_base(fit).any() and not fit.candidate.effects
-        return bool(is_stopped) or self.leaves_misfit(fit)
-
     def scores(self, fit: Fit, skip: Sequence[str] = ()) -> list[Score]:
         """First-order gains beside `fit` of all testable effects that are not in it."""
         skipped = [*fit.candidate.ids, *skip]
@@ -133,13 +128,6 @@ class ModelSpace:
     def penalised(self, fit: Fit) -> float:
         """Misfit plus the penalty of its parameters (BIC)."""
         return fit.misfit + fit.theta_unit.size * self.log_size
-
-    def fit_best(self, fit: Fit, scores: Sequence[Score]) -> list[Fit]:
-        """The model of `fit` plus each scored candidate by coarse fits; the best is refined."""
-        begun = self.started(fit, starts_of_each(scores), COARSE_ROUNDS)
-        coarse = sorted(best_fit_of_each(begun), key=self.penalised)
-        refined = self.refine(coarse[: self.settings.refits])
-        return sorted((self.keep(one) for one in refined), key=self.penalised)
 
     def continued(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
         """The same fits after further rounds."""
@@ -334,7 +322,9 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
             space.likelihood_ratio_test(
                 current.misfit - tried.misfit, tried.theta_unit.size - current.theta_unit.size)
             < space.settings.error_rate for tried in first)
-        if not (is_found or space.conceals_effects(current)):
+        # Base parameters at their bounds could conceal effects.
+        is_stopped = not current.candidate.effects and space.stopped_base(current).any()
+        if not (is_found or is_stopped or space.leaves_misfit(current)):
             return first
         others = [score for score in scores if all(score is not tried for tried in listed)]
         return fit_race(space, current, first, others)
@@ -403,19 +393,6 @@ def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
     other_base = run_refits(space.metric, [begun])[0]
     gain = space.base.misfit - other_base.misfit
     return other_base if gain > max(MIN_DEEPER, MIN_DEEPER_SHARE * other_base.misfit) else None
-
-
-def moved_to(space: ModelSpace, fit: Fit) -> tuple[ModelSpace, Fit]:
-    """Nuisance columns evaluated with the found effects, and base and model refitted.
-
-    A load that is wrong by some percent moves the point at which rollers begin to touch, and
-    with it the contribution of unequal rollers. Seen from the model without the effects, this
-    difference is evidence.
-    """
-    metric, problem = space.metric, space.problem
-    if problem.assumptions.relearns:
-        metric = noise_metric(problem, fit.prediction)
-    return in_metric(space, metric.with_nuisances(fit.point, fit.prediction), fit)
 
 
 def in_metric(space: ModelSpace, metric: Metric, fit: Fit) -> tuple[ModelSpace, Fit]:
