@@ -195,7 +195,15 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
         report.append(f'channel {name} [{unit}]: range {scale:.4g}')
     report += _base_lines(metric, fit)
     report += _effect_lines(metric, fit)
-    residuals = _residuals(metric, fit)
+    # Whitened, a slow misfit of many times the noise would hide among fast samples.
+    residual, residuals = problem.by_run(fit.prediction - problem.measured), []
+    for index, channel, _ in problem.slices:
+        name, run = system.channel_names[channel], problem.runs[index]
+        size = problem.mean_square(
+            problem.freed(residual[index][channel], run, name), run, name) ** 0.5
+        noise = float(np.mean(metric.noise[run.name, channel].variances(run.width))) ** 0.5
+        residuals.append((f'{name} in {run.name}', size / max(noise, systems.JITTER),
+                          size / problem.view_ranges[name]))
     report += [f'{where}: the residual of the base fit is {ratio:.3g} times the noise, '
                f'{percent(share)} of range' for where, ratio, share in residuals]
     is_sound = max(ratio for _, ratio, _ in residuals) < SOUND_RATIO
@@ -249,21 +257,3 @@ def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
             seen = f'reaches {lengths.max():.3g} standard deviations at the best start'
         lines.append(f'effect {effect.id}: {seen}')
     return lines
-
-
-def _residuals(metric: Metric, fit: Fit) -> list[tuple[str, float, float]]:
-    """Channel and run, rms of the residual of the base over that of the noise, and over range.
-
-    Whitened, a slow misfit of many times the noise would hide among fast samples.
-    """
-    problem = metric.problem
-    residual = fit.prediction - problem.measured
-    found = []
-    for index, channel, _ in problem.slices:
-        name, run = problem.system.channel_names[channel], problem.runs[index]
-        seen = problem.freed(problem.by_run(residual)[index][channel], run, name)
-        size = problem.mean_square(seen, run, name) ** 0.5
-        noise = metric.noise[run.name, channel].variances(run.width)
-        ratio = size / max(float(np.mean(noise)) ** 0.5, systems.JITTER)
-        found.append((f'{name} in {run.name}', ratio, size / problem.view_ranges[name]))
-    return found

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import time as clock
 
 from saddlering_ros.discrepancy.law.proposal import Proposer
-from saddlering_ros.discrepancy.next_test import next_test_of, NextTest
+from saddlering_ros.discrepancy.next_test import next_test_of
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search.limits import observed
@@ -71,10 +71,10 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     lines, immaterial, limits = find_steady_lines(space.problem, space.trials)
     log.immaterial += immaterial
 
-    parted = NextTest()
-    if judgement.verdict == 'ambiguous':
+    is_ambiguous = judgement.verdict == 'ambiguous'
+    if is_ambiguous:
         watch.progress('next test', 0.85)
-        parted = next_test_of(space, fit, alternatives)
+    separations, by_held_out = next_test_of(space, fit, alternatives if is_ambiguous else {})
     law = None
     if judgement.verdict == 'unknown' and problem.assumptions.proposes_law:
         watch.progress('search for a law', 0.9)
@@ -101,9 +101,9 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         gain=published.gain,
         explained=judgement.explained,
         next_test=' '.join(filter(None, (
-            wording.free_test_words(parted.by_held_out),
-            parted.separations[0].proposal.sentence if parted.separations else ''))) or None,
-        separations=parted.separations,
+            wording.free_test_words(by_held_out),
+            separations[0].proposal.sentence if separations else ''))) or None,
+        separations=separations,
         warnings=judgement.warnings,
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.runs,
@@ -121,7 +121,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         refits=stability.refits,
         near_limit=stability.near_limit,
         influence=stability.influence,
-        held_out_evidence=parted.by_held_out,
+        held_out_evidence=by_held_out,
     )
 
 

@@ -76,20 +76,14 @@ class Separation:
         return max(0.0, middle - half), min(1.0, middle + half)
 
 
-@dataclass(frozen=True)
-class NextTest:
-    """What parts open models: proposed tests, the best first, and the held-out runs."""
-
-    separations: tuple[Separation, ...] = ()
-    by_held_out: tuple[HeldOutEvidence, ...] = ()
-
-
-def next_test_of(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> NextTest:
-    """The tests and the held-out runs that part a model and its alternatives."""
+def next_test_of(
+    space: ModelSpace, fit: Fit, alternatives: Alternatives
+) -> tuple[tuple[Separation, ...], tuple[HeldOutEvidence, ...]]:
+    """Tests, the best first, and held-out runs that part a model and its alternatives."""
     others = [(other, space.without(fit, name))
               for name, models in alternatives.items() for other in models]
     if not others:
-        return NextTest()
+        return (), ()
     pairs = [(fit, others[0][1]), *others]
     fits = list({one.candidate.key: one for pair in pairs for one in pair}.values())
     keys = [one.candidate.key for one in fits]
@@ -98,7 +92,7 @@ def next_test_of(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> Nex
     models = _OpenModels(
         space, fits, own, less, floor=alternative_floor(space.pairs, space.settings),
         excess=max(space.slow_residual(fit).excess, 0.0))
-    return NextTest(models.separations(), models.judged_by_held_out())
+    return models.separations(), models.judged_by_held_out()
 
 
 @dataclass(frozen=True)

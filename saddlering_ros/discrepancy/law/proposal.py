@@ -124,18 +124,23 @@ def propose_law(
         chosen.sort(key=lambda fit: -fit.taken)
     terms = tuple(match_law(misfit, fit, _left(wanted, chosen, number))
                   for number, fit in enumerate(chosen))
-    unexplained, move, white_left = _beside_base(misfit, terms)
-    law = LawProposal(
-        terms=terms, share=1.0 - float(white_left @ white_left) / total, p_value=p_value,
-        reasons=tuple(_reasons(misfit, ranked, terms, held_out)))
-    fitted = {
-        run.name: (mean_square(run, run.residual), mean_square(run, part - run.slopes @ move))
-        for run, part in zip(misfit.runs, unexplained, strict=True)}
-    held = {
-        run.name: (mean_square(run, run.residual),
-                   mean_square(run, run.residual - law.addition(run) - run.slopes @ move))
-        for run in held_out}
-    return law.judged_by(fitted, held)
+    law = LawProposal(terms, 0.0, p_value, tuple(_reasons(misfit, ranked, terms, held_out)))
+    # The change of base parameters (P,) beside the law. Bound-scaled parameters have a prior of
+    # one range, so that idle ones stay.
+    plain = np.concatenate([(run.residual - law.addition(run)).ravel() for run in misfit.runs])
+    white, columns = np.split(misfit.whiten(np.column_stack([plain, misfit.slopes])), [1], axis=1)
+    gram = columns.T @ columns + np.eye(columns.shape[1])
+    move = np.linalg.solve(gram, columns.T @ white[:, 0])
+    left = white[:, 0] - columns @ move
+
+    def outcomes(runs: Sequence[ObservedRun]) -> Outcomes:
+        return {run.name: (
+            mean_square(run, run.residual),
+            mean_square(run, run.residual - law.addition(run) - run.slopes @ move))
+            for run in runs}
+
+    return replace(law, share=1.0 - float(left @ left) / total).judged_by(
+        outcomes(misfit.runs), outcomes(held_out))
 
 
 def _left(wanted: Array, chosen: Sequence[BlockFit], without: int | None = None) -> Array:
@@ -145,28 +150,6 @@ def _left(wanted: Array, chosen: Sequence[BlockFit], without: int | None = None)
         if number != without:
             left -= fit.white @ fit.coefficients
     return left
-
-
-def _beside_base(misfit: Misfit, terms: Sequence[Term]) -> tuple[list[Array], Array, Array]:
-    """What terms leave, and the change of base parameters (P,) beside them.
-
-    First the plain residual (C, N) of each run without the part of all terms, and last the
-    whitened residual (n,) without that of the base parameters either.
-    """
-    total = np.zeros(misfit.size)
-    for term in terms:
-        shapes = [term.evaluate(run.coordinates)[:, None] for run in misfit.runs]
-        total += misfit.plain(term.target, shapes)[:, 0]
-    ends = np.cumsum([run.residual.size for run in misfit.runs])
-    unexplained = [run.residual - part.reshape(run.residual.shape)
-                   for run, part in zip(misfit.runs, np.split(total, ends[:-1]), strict=True)]
-    plain = np.concatenate([part.ravel() for part in unexplained])
-    joined = misfit.whiten(np.column_stack([plain, misfit.slopes]))
-    white, columns = joined[:, 0], joined[:, 1:]
-    # Bound-scaled parameters have a prior of one range, so that idle ones stay.
-    gram = columns.T @ columns + np.eye(columns.shape[1])
-    move = np.linalg.solve(gram, columns.T @ white)
-    return unexplained, np.asarray(move), np.asarray(white - columns @ move)
 
 
 def _reasons(
