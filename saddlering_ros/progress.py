@@ -86,7 +86,7 @@ class Watch:
     is_cancelled: IsCancelled | None = None
     stage: str = field(default='', init=False)
     share: float = field(default=0.0, init=False)
-    began: float = field(default_factory=clock.monotonic, init=False)
+    began: float = field(default_factory=lambda: clock.monotonic(), init=False)
     told: float = field(default=0.0, init=False)
 
     def progress(self, stage: str, share: float) -> None:

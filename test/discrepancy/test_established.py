@@ -24,9 +24,10 @@ from saddlering_ros.discrepancy import (
 )
 from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
+from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.problem.problem import Metric
-from saddlering_ros.discrepancy.verdict import established, results, wording
+from saddlering_ros.discrepancy.verdict import established, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 
 TIME = np.linspace(0.0, 20.0, 500)
@@ -303,7 +304,7 @@ def test_a_cause_whose_interval_includes_its_absence_has_no_name(
 ) -> None:
     runs = [record(number, 0.3, 0.0) for number in range(2)]
     assert diagnose(MODEL, runs).verdict == 'named'
-    monkeypatch.setattr(results, 'WIDTH_95', 1e6)
+    monkeypatch.setattr(system, 'WIDTH_95', 1e6)
     answer = diagnose(MODEL, runs)
     assert answer.verdict == 'unknown'
     assert any('includes its absence' in item for item in answer.warnings)
