@@ -16,17 +16,7 @@ from frame import arguments, table
 import numpy as np
 from rigs import RIG
 
-from saddlering_ros.monitoring.detector import (
-    assumed_noise,
-    BlockNoise,
-    Detector,
-    Innovations,
-    least_wander,
-    MAX_BEYOND,
-    SINCE_ZERO,
-    SIZES,
-    wander_limit,
-)
+from saddlering_ros.monitoring import detector
 
 BLOCK = 0.02
 CHANNELS = 3
@@ -44,11 +34,11 @@ class ManyStreams:
     def __init__(self, streams: int, values: int, views: int = 1,
                  allowed_hours: float = ALLOWED_HOURS) -> None:
         """views: how many equal values stand behind each of these and share the threshold."""
-        self._sizes = SIZES.astype(np.float32)[:, None, None]
+        self._sizes = detector.SIZES.astype(np.float32)[:, None, None]
         self._half = 0.5 * self._sizes**2
-        self._evidence = np.zeros((SIZES.size, 2 * values, streams), np.float32)
+        self._evidence = np.zeros((detector.SIZES.size, 2 * values, streams), np.float32)
         self._gain = np.empty_like(self._evidence)
-        self._limit = 3600.0 * allowed_hours / BLOCK * 2 * values * views * SIZES.size
+        self._limit = 3600.0 * allowed_hours / BLOCK * 2 * values * views * detector.SIZES.size
 
     def count(self, values: np.ndarray, bounds: np.ndarray | float) -> int:
         """How many streams alarm at one block; they begin anew."""
@@ -59,7 +49,7 @@ class ManyStreams:
     def step(self, values: np.ndarray, bounds: np.ndarray | float) -> np.ndarray:
         """One block: values (C, streams), bounds (C, 1); which streams alarm."""
         beyond = np.concatenate([values - bounds, -values - bounds])
-        np.minimum(beyond, MAX_BEYOND, out=beyond)
+        np.minimum(beyond, detector.MAX_BEYOND, out=beyond)
         gain = np.multiply(self._sizes, beyond.astype(np.float32), out=self._gain)
         gain -= self._half
         np.exp(gain, out=gain)
@@ -84,14 +74,15 @@ def false_alarms_swinging(hours: float, seed: int) -> int:
     `BlockWatch` forms them, once they are steady, with the wander that is assumed of the rig.
     """
     memory, white, true_wander, allowed_size = math.exp(-BLOCK / 4.0), 0.045, 0.064, 1.0
-    noise = assumed_noise(BlockNoise(white**2, 0.0, 0.0), 1e6 * least_wander(RIG)[0], BLOCK)
-    whitener = Innovations([noise])
+    noise = detector.assumed_noise(detector.BlockNoise(white**2, 0.0, 0.0),
+                                   1e6 * detector.least_wander(RIG)[0], BLOCK)
+    whitener = detector.Innovations([noise])
     for _ in range(2000):  # until it is steady
         _, (scale,) = whitener.step(np.zeros(1))
     gain, response = 1.0 - noise.white / scale**2, float(whitener.response[0])
-    wander_size = wander_limit(noise, BLOCK, ALLOWED_HOURS, CHANNELS)
+    wander_size = detector.wander_limit(noise, BLOCK, ALLOWED_HOURS, CHANNELS)
     both = [((1.0 + response) * allowed_size + (1.0 - response) * wander_size) / scale,
-            (allowed_size + SINCE_ZERO * wander_size) / white]
+            (allowed_size + detector.SINCE_ZERO * wander_size) / white]
     bounds = np.repeat(both, CHANNELS)[:, None]
     streams, chance = ManyStreams(STREAMS, 2 * CHANNELS), np.random.default_rng(seed)
     shape = (CHANNELS, STREAMS)
@@ -141,7 +132,7 @@ def theory(size: float, drift: float = 0.0) -> float:
 def check_streams() -> None:
     """Assert that the array of streams takes the steps of `Detector`."""
     chance = np.random.default_rng(9)
-    one, many = Detector(4, 3600.0 * ALLOWED_HOURS / BLOCK), ManyStreams(1, 4)
+    one, many = detector.Detector(4, 3600.0 * ALLOWED_HOURS / BLOCK), ManyStreams(1, 4)
     for block in range(2000):
         values = chance.standard_normal(4)
         values[1] += 0.6 * (block > 1000)

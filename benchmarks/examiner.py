@@ -26,17 +26,8 @@ from scipy.stats import binom
 from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.files import sha256_of_file, write_text
 from saddlering_ros.rig import ContactParameters, default_rig, Rig, size_factor, TRUE_TO_SCALE
+from saddlering_ros.virtual_rig import experiment
 from saddlering_ros.virtual_rig.effects import EffectRequest, EFFECTS, request, RigEffect, TrueSize
-from saddlering_ros.virtual_rig.experiment import (
-    dynamic_schedule,
-    EPOCH,
-    Instruments,
-    PhysicalRig,
-    record_test,
-    static_schedule,
-    TestPlan,
-    write_record,
-)
 from saddlering_ros.virtual_rig.integrator import Scatter
 
 CLEAN, SINGLE, PAIR, OUTSIDE = 'clean', 'single', 'pair', 'outside'
@@ -80,7 +71,7 @@ class Truth:
     contact: ContactParameters
     effects: tuple[EffectRequest, ...]
     scatter: Scatter
-    instruments: Instruments
+    instruments: experiment.Instruments
 
     def to_json(self) -> dict[str, Any]:
         """Everything as plain numbers and texts (SI units)."""
@@ -134,7 +125,7 @@ def draw_truth(seed: int, kind: str, settings: DrawSettings | None = None,
     noise = math.exp(chance.uniform(math.log(0.2e-6), math.log(0.45e-6)))
     contact, scatter = _draw_contact(chance), Scatter(float(chance.uniform(0.5e-6, 1e-6)), 0.02)
     load_noise = size_factor('N', rig) * float(chance.uniform(20.0, 90.0))
-    instruments = Instruments(noise=settings.noise or noise, load_noise=load_noise)
+    instruments = experiment.Instruments(noise=settings.noise or noise, load_noise=load_noise)
     drawn = _draw_effects(chance, kind, settings)
     requests = tuple(_draw_request(chance, effect, settings, rig) for effect in drawn)
     return Truth(seed, kind, contact, requests, scatter, instruments)
@@ -147,27 +138,28 @@ def write_campaign(truth: Truth, out: Path, runs: Sequence[str] = tuple(RUNS),
     rig = rig or default_rig()
     settings = settings or RecordSettings()
     return [
-        write_record(out / name, record_test(plan_run(truth, RUNS[name], settings, rig)), rig,
-                     overwrite=overwrite)
-        for name in runs
-    ]
+        experiment.write_record(
+            out / name, experiment.record_test(plan_run(truth, RUNS[name], settings, rig)), rig,
+            overwrite=overwrite) for name in runs]
 
 
-def plan_run(truth: Truth, run: RunPlan, settings: RecordSettings, rig: Rig) -> TestPlan:
+def plan_run(
+    truth: Truth, run: RunPlan, settings: RecordSettings, rig: Rig,
+) -> experiment.TestPlan:
     """The plan of one run on the rig of `truth`."""
-    physical = PhysicalRig(rig, truth.contact, math.radians(run.elevation_deg), truth.effects,
-                           truth.scatter, truth.seed)
+    physical = experiment.PhysicalRig(rig, truth.contact, math.radians(run.elevation_deg),
+                                      truth.effects, truth.scatter, truth.seed)
     if run.test == 'static':
-        schedule, rate = static_schedule(rig, hold=settings.hold), settings.static_rate
+        schedule, rate = experiment.static_schedule(rig, hold=settings.hold), settings.static_rate
     else:
-        schedule = dynamic_schedule(rig, duration=settings.duration, speed=run.speed,
-                                    rest=settings.rest)
+        schedule = experiment.dynamic_schedule(rig, duration=settings.duration, speed=run.speed,
+                                               rest=settings.rest)
         rate = settings.dynamic_rate
     number = list(RUNS).index(run.name)
     seed = int(np.random.SeedSequence([truth.seed, number]).generate_state(1)[0])
-    begin = EPOCH + 3600 * (truth.seed % HOURS) + BETWEEN_RUNS * number
-    return TestPlan(physical, schedule, seed, truth.instruments, rate, rig_name='virtual rig',
-                    run_name=run.name, begin=begin)
+    begin = experiment.EPOCH + 3600 * (truth.seed % HOURS) + BETWEEN_RUNS * number
+    return experiment.TestPlan(physical, schedule, seed, truth.instruments, rate,
+                               rig_name='virtual rig', run_name=run.name, begin=begin)
 
 
 def _draw_contact(chance: np.random.Generator) -> ContactParameters:

@@ -35,13 +35,7 @@ from saddlering_ros.record import (
 )
 from saddlering_ros.record.record import Record, TestMetadata
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig.experiment import (
-    dynamic_schedule,
-    PhysicalRig,
-    record_test,
-    static_schedule,
-    TestPlan,
-)
+from saddlering_ros.virtual_rig import experiment
 
 Topics = dict[str, RawTopic]
 ELEVATION = 50.0
@@ -51,10 +45,10 @@ FALL = 3.0
 
 def raw_record(test: str) -> RawRecord:
     """A sound record of the virtual rig, of equal rollers, as the reader finds it."""
-    schedule = (static_schedule(RIG, hold=2.0, step=RIG.full_scale_load / 12.0)
-                if test == 'static' else dynamic_schedule(RIG))
-    ring = PhysicalRig(RIG, TRUE_TO_SCALE, math.radians(ELEVATION), (), NO_SCATTER, 1)
-    return as_read(record_test(TestPlan(ring, schedule, 1)), RIG.probes,
+    schedule = (experiment.static_schedule(RIG, hold=2.0, step=RIG.full_scale_load / 12.0)
+                if test == 'static' else experiment.dynamic_schedule(RIG))
+    ring = experiment.PhysicalRig(RIG, TRUE_TO_SCALE, math.radians(ELEVATION), (), NO_SCATTER, 1)
+    return as_read(experiment.record_test(experiment.TestPlan(ring, schedule, 1)), RIG.probes,
                    TestMetadata(test, ELEVATION), f'{test}_50')
 
 

@@ -24,15 +24,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
 )
 from saddlering_ros.ring import simulate, static_response
-from saddlering_ros.virtual_rig.experiment import (
-    dynamic_schedule,
-    Instruments,
-    PhysicalRig,
-    record_test,
-    static_schedule,
-    TestPlan,
-    TestRecord,
-)
+from saddlering_ros.virtual_rig import experiment
 from saddlering_ros.virtual_rig.integrator import Scatter
 
 RIG = default_rig()
@@ -60,7 +52,9 @@ def sized_rig(tonnes: float, rollers: int, radius: float) -> Rig:
         preload=usual.preload * scale, full_scale_load=tonnes * TONNE)
 
 
-def as_read(record: TestRecord, probes: Probes, facts: TestMetadata, name: str) -> RawRecord:
+def as_read(
+    record: experiment.TestRecord, probes: Probes, facts: TestMetadata, name: str,
+) -> RawRecord:
     """A record of the virtual rig as the reader finds it in a bag called `name`."""
     topics = {LOAD_TOPIC: RawTopic(LOAD_TOPIC, '', '', record.load_stamps, record.load)}
     for topic, stamps, gaps in zip(PROBE_TOPICS, record.probe_stamps, record.gaps, strict=True):
@@ -107,13 +101,13 @@ def virtual_run(
 ) -> Record:
     """One test on the virtual rig, as `bags` would align it; noise is the rms of a probe [m];
     number: of the rig, whose rollers it draws; quantised: whether readings have steps."""
-    physical = PhysicalRig(rig, contact, float(np.radians(elevation_deg)), scatter=scatter,
-                           number=number)
-    schedule = static_schedule(rig) if test == 'static' else dynamic_schedule(rig, speed=speed)
-    record = record_test(
-        TestPlan(physical, schedule, seed=seed, rate=rate,
-                 instruments=Instruments(noise=noise, quantised=quantised))
-    )
+    physical = experiment.PhysicalRig(rig, contact, float(np.radians(elevation_deg)),
+                                      scatter=scatter, number=number)
+    schedule = (experiment.static_schedule(rig) if test == 'static' else
+                experiment.dynamic_schedule(rig, speed=speed))
+    record = experiment.record_test(experiment.TestPlan(
+        physical, schedule, seed=seed, rate=rate,
+        instruments=experiment.Instruments(noise=noise, quantised=quantised)))
     stamps = record.load_stamps
     time = (stamps - stamps[0]) * 1e-9
     gaps = np.stack([

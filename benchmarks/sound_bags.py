@@ -20,18 +20,11 @@ from saddlering_ros.doubts.on_rig import findings_on_rig
 from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.rig import FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig.experiment import (
-    dynamic_schedule,
-    Instruments,
-    PhysicalRig,
-    record_test,
-    static_schedule,
-    TestPlan,
-)
+from saddlering_ros.virtual_rig import experiment
 from saddlering_ros.virtual_rig.integrator import Scatter
 
 
-def drawn(seed: int) -> tuple[Rig, TestMetadata, TestPlan]:
+def drawn(seed: int) -> tuple[Rig, TestMetadata, experiment.TestPlan]:
     """The test of a seed, and how it is recorded."""
     random = np.random.default_rng([2026, seed])
     tonnes = float(np.exp(random.uniform(0.0, math.log(400.0))))
@@ -46,16 +39,16 @@ def drawn(seed: int) -> tuple[Rig, TestMetadata, TestPlan]:
     rate = float(random.choice([20.0, 50.0, 100.0] if static else [100.0, 200.0, 500.0, 1e3]))
     probe_rate = rate * float(random.choice([1.0, 1.0, 2.0]))
     degrees = float(random.choice([0.0, 10.0, 30.0, 45.0, 50.0, 70.0]))
-    instruments = Instruments(
+    instruments = experiment.Instruments(
         noise=float(np.exp(random.uniform(math.log(0.08e-6), math.log(1e-6)))),
         load_noise=float(np.exp(random.uniform(-9.7, -7.1))) * rig.full_scale_load)
     scatter = Scatter(gap=float(random.uniform(0.0, 1e-6)),
                       stiffness=float(random.uniform(0.0, 0.03)))
     speed = float(random.uniform(1.0, 4.0))
-    schedule = (static_schedule(rig, hold=2.0, step=rig.full_scale_load / 6.0) if static else
-                dynamic_schedule(rig, duration=6.0, speed=speed))
-    physical = PhysicalRig(rig, contact, math.radians(degrees), (), scatter, seed)
-    return rig, TestMetadata('static' if static else 'dynamic', degrees), TestPlan(
+    schedule = (experiment.static_schedule(rig, hold=2.0, step=rig.full_scale_load / 6.0)
+                if static else experiment.dynamic_schedule(rig, duration=6.0, speed=speed))
+    physical = experiment.PhysicalRig(rig, contact, math.radians(degrees), (), scatter, seed)
+    return rig, TestMetadata('static' if static else 'dynamic', degrees), experiment.TestPlan(
         physical, schedule, seed, instruments, rate, probe_rate)
 
 
@@ -64,7 +57,7 @@ def main() -> None:
     noted = 0
     for seed in range(args.first, args.first + args.count):
         rig, facts, plan = drawn(seed)
-        record = as_read(record_test(plan), rig.probes, facts, f'seed_{seed}')
+        record = as_read(experiment.record_test(plan), rig.probes, facts, f'seed_{seed}')
         run = run_of_record(record, facts, rig)
         notes = [*run.notes, *map(str, findings_on_rig(rig, run, record))]
         noted += bool(notes)
