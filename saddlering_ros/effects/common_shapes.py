@@ -13,7 +13,7 @@ from saddlering_ros.effects.base import (
     UNCLEAR,
     Variant,
 )
-from saddlering_ros.effects.extension import Hysteron, RingExtension, RowGeometry, Wear
+from saddlering_ros.effects.extension import Hysteron, RingExtension, Wear
 
 
 def loop_parameters(presliding_unit: str, low: float, high: float,
@@ -56,19 +56,29 @@ class FrictionEffect(RingEffect):
         return replace(extension, **changed)
 
 
-CLEARANCE_PARAMETERS = (
-    EffectParameter('change', 'm', -4e-5, 1e-4, 2e-5, 0.0,
-                    'true clearance minus the clearance in the rig file', amplitude=True),
-    EffectParameter('spread', '1', 0.0, 1.0, 0.3, 0.0,
-                    'difference of rollers: evenly from 1 - s to 1 + s times the change; 0: all '
-                    'alike', one_sided=True))
-CLEARANCE_STARTS = ({'change': 2e-5, 'spread': 0.8}, {'change': -1e-5, 'spread': 0.8})
+class ClearanceEffect(RingEffect):
+    """Another clearance than in the rig file; half the change is at each side of a row."""
 
+    rows: ClassVar[tuple[str, ...]]
+    stage = 'ring'
+    form = 0.1  # rollers differ by a pattern of their own
+    parameters = (
+        EffectParameter('change', 'm', -4e-5, 1e-4, 2e-5, 0.0,
+                        'true clearance minus the clearance in the rig file', amplitude=True),
+        EffectParameter('spread', '1', 0.0, 1.0, 0.3, 0.0,
+                        'difference of rollers: evenly from 1 - s to 1 + s times the change; 0: '
+                        'all alike', one_sided=True))
+    starts = ({'change': 2e-5, 'spread': 0.8}, {'change': -1e-5, 'spread': 0.8})
 
-def widened(row: RowGeometry, values: Mapping[str, float]) -> RowGeometry:
-    """A row with half the change of its clearance at each side."""
-    half = 0.5 * values['change']
-    return replace(row, gap=row.gap + half, gap_spread=abs(half) * values['spread'])
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        """The extension with the gaps of the rows changed."""
+        half = 0.5 * values['change']
+        changed: dict[str, Any] = {}
+        for name in self.rows:
+            row = getattr(extension, name)
+            changed[name] = replace(row, gap=row.gap + half,
+                                    gap_spread=abs(half) * values['spread'])
+        return replace(extension, **changed)
 
 
 ONE_PROBE = Choice(

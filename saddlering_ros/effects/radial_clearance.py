@@ -1,14 +1,10 @@
 """Another clearance than assumed: mu2 + e (1 + s u), half at each side, u in -1 to 1 by roller."""
 
-from collections.abc import Mapping
-from dataclasses import replace
-
-from saddlering_ros.effects.base import Outcomes, RingEffect
-from saddlering_ros.effects.common_shapes import CLEARANCE_PARAMETERS, CLEARANCE_STARTS, widened
-from saddlering_ros.effects.extension import RingExtension
+from saddlering_ros.effects.base import Outcomes
+from saddlering_ros.effects.common_shapes import ClearanceEffect
 
 
-class RadialClearance(RingEffect):
+class RadialClearance(ClearanceEffect):
     title = 'Wrong radial clearance'
     words = ('The clearance of the radial row differs from the rig file. The radial channel '
              'begins with a dead zone and then has a nearly constant error, because fewer or more '
@@ -16,11 +12,5 @@ class RadialClearance(RingEffect):
     settled_by = ('Pull-push through zero load: the jump between the two directions is the '
                   'clearance.')
     outcomes = Outcomes(pull_push='a radial jump other than the clearance in the rig file')
-    stage = 'ring'
-    form = 0.1  # rollers differ by a pattern of their own
+    rows = ('radial_row',)
     channels = ('delta_x',)
-    parameters = CLEARANCE_PARAMETERS
-    starts = CLEARANCE_STARTS
-
-    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
-        return replace(extension, radial_row=widened(extension.radial_row, values))
