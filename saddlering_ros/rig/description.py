@@ -96,7 +96,6 @@ WEAR_LIMITS = ('tilting_clearance', 'axial_reduction')
 Pair = tuple[float, float]
 """A low and a high bound."""
 
-
 DEFAULT_BOUNDS: dict[str, Pair] = {
     'K1': (2e7, 1e9), 'n1': (1.0, 1.5), 'D1': (1e4, 2e7),
     'K2': (2e7, 1e9), 'n2': (1.0, 1.5), 'D2': (1e4, 2e7)}
@@ -109,8 +108,7 @@ class Rig:
 
     radial_row is called middle_row in files. full_scale_time [s]: the shortest time in which the
     hydraulics change the load by full scale. instruments: what certificates state; wear_limits:
-    the user's own [m], by the names of WEAR_LIMITS. source: the
-    file that it was read from, '' for none.
+    the user's own [m], by the names of WEAR_LIMITS. source: its file, '' for none.
     """
 
     axial_rows: RollerRow
@@ -143,9 +141,10 @@ class Rig:
         return units.force_words(force, self.force_unit, shown)
 
     def force_range(self, low: float, high: float, decimals: int = 1) -> str:
-        """Two forces [N] in that unit."""
+        """Two forces [N] in that unit: '0.5 to 25.0 t'."""
         shown = units.force_decimals(self.full_scale_load, self.force_unit, decimals)
-        return units.force_range(low, high, self.force_unit, shown)
+        return (f'{low / FORCE_UNITS[self.force_unit]:.{shown}f} to '
+                + units.force_words(high, self.force_unit, shown))
 
     @property
     def digest(self) -> str:

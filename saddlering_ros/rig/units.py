@@ -6,11 +6,8 @@ a rig of 400 t are judged by the same shares.
 
 import math
 
-STANDARD_GRAVITY = 9.80665
-"""Standard acceleration of gravity [m/s2]."""
-
-TONNE = 1000.0 * STANDARD_GRAVITY
-"""One tonne-force [N], the step of the static test."""
+TONNE = 1000.0 * 9.80665
+"""One tonne-force [N], the step of the static test: 1000 kg at standard gravity."""
 
 FULL_SCALE_LOAD = 25.0 * TONNE
 """Full scale of the hydraulic cylinder [N] where a rig file gives none: 25 t."""
@@ -25,9 +22,6 @@ FORCE_UNITS = {'t': TONNE, 'kN': 1e3}
 MICRO_UNITS = {'delta_x': 'µm', 'delta_y': 'µm', 'gamma': 'µrad', 'parity': 'µm'}
 """Unit in which each channel is shown: a millionth of its SI unit."""
 
-MILLIMETRE = 1e-3
-"""One millimetre [m]."""
-
 
 def force_decimals(largest: float, unit: str, decimals: int = 1) -> int:
     """Decimals for loads up to `largest` [N]: `decimals` for 25 units, more for smaller loads."""
@@ -40,14 +34,9 @@ def force_words(force: float, unit: str = 't', decimals: int = 1) -> str:
     return f'{force / FORCE_UNITS[unit]:.{decimals}f} {unit}'
 
 
-def force_range(low: float, high: float, unit: str = 't', decimals: int = 1) -> str:
-    """Two forces [N] in one of FORCE_UNITS: '0.5 to 25.0 t'."""
-    return f'{low / FORCE_UNITS[unit]:.{decimals}f} to {force_words(high, unit, decimals)}'
-
-
 def stiffness_per_millimetre(stiffness: float, exponent: float) -> float:
     """Contact stiffness in N/mm^n (what ADAMS users know) from N/m^n."""
-    return float(stiffness * MILLIMETRE**exponent)
+    return float(stiffness * 1e-3**exponent)
 
 
 def line_contact_stiffness(length: float = 20.0) -> float:
