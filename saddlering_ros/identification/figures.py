@@ -138,7 +138,11 @@ def channel_figures(
         smooth = np.convolve(smooth, np.ones(width) / width, mode='valid')
     extent = float(np.ptp(smooth))
     zero_noise = noise.deviation(zero_lasting)
-    zero_error = _zero_error(residual[compared], noise, step, zero_noise)
+    # Error of the zero from the mean of the residual, within the limits of its noise.
+    of_mean = noise.deviation(step * np.count_nonzero(compared)) ** 2
+    share = zero_noise**2 / max(zero_noise**2 + of_mean, 1e-300)
+    limit = MAX_ZERO_ERROR * zero_noise
+    zero_error = float(np.clip(share * np.mean(residual[compared]), -limit, limit))
     rmse = float(np.sqrt(np.mean((residual[compared] - zero_error) ** 2)))
     reading_noise = noise.deviation(step)
     if static:
@@ -190,14 +194,6 @@ def _noise_of_sample(residual: Array, rests: Spans, noise: ChannelNoise, step: f
         return noise.deviation(step)
     kept = noise.lasting(LAG * step)
     return math.sqrt(0.5 * float(np.mean(steps**2)) + kept)
-
-
-def _zero_error(residual: Array, noise: ChannelNoise, step: float, zero_noise: float) -> float:
-    """Error of the zero from the mean of a residual (N,), within the limits of its noise."""
-    variance = noise.deviation(step * len(residual)) ** 2
-    share = zero_noise**2 / max(zero_noise**2 + variance, 1e-300)
-    limit = MAX_ZERO_ERROR * zero_noise
-    return float(np.clip(share * np.mean(residual), -limit, limit))
 
 
 def _closed_area(load: Array, values: Array) -> float:
@@ -260,11 +256,17 @@ def rate(reference: Array, signal: Array) -> Rating:
     score = (outer - np.abs(reference - signal)) / (outer - inner)
     window = max(1, int(WARPING_WINDOW * len(matched_reference)))
     distance = float(_warping_distance(matched_reference, matched_signal, window))
+    smooth = np.ones(SLOPE_POINTS) / SLOPE_POINTS
+    first, second = (np.convolve(np.gradient(values), smooth, mode='valid')
+                     for values in (matched_reference, matched_signal))
+    size = float(np.sum(np.abs(first)))
+    slope = float(np.array_equal(first, second)) if size == 0.0 else _score(
+        float(np.sum(np.abs(first - second))) / size, MAX_SLOPE_ERROR)
     return Rating(
         corridor=float(np.mean(np.clip(score, 0.0, 1.0) ** 2)),
         phase=_score(abs(shift) / len(reference), MAX_SHIFT),
         magnitude=_score(distance / float(np.sum(np.abs(matched_reference))), MAX_MAGNITUDE_ERROR),
-        slope=_slope(matched_reference, matched_signal))
+        slope=slope)
 
 
 def _shortened(values: Array) -> Array:
@@ -315,13 +317,3 @@ def _warping_distance(reference: Array, signal: Array, window: int) -> float:
             cost[i, j] = cost[a, b] + error * error
             distance[i, j] = distance[a, b] + error
     return float(distance[count, count])
-
-
-def _slope(reference: Array, signal: Array) -> float:
-    smooth = np.ones(SLOPE_POINTS) / SLOPE_POINTS
-    first = np.convolve(np.gradient(reference), smooth, mode='valid')
-    second = np.convolve(np.gradient(signal), smooth, mode='valid')
-    size = float(np.sum(np.abs(first)))
-    if size == 0.0:
-        return float(np.array_equal(first, second))
-    return _score(float(np.sum(np.abs(first - second))) / size, MAX_SLOPE_ERROR)

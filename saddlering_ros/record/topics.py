@@ -42,17 +42,13 @@ class RigTopic:
         return (self.field, self.low, self.high) if self.low else (self.field,)
 
 
-def _probe(number: int) -> RigTopic:
-    return RigTopic(
-        name=f'/rig/eddy_current_{number}', type=RANGE_TYPE, field='range', unit='m',
-        frame_id=f'eddy_current_{number}', words=f'gap [m] of eddy-current probe {number}',
-        replayed_by='eddy_current', low='min_range', high='max_range')
-
-
 LOAD = RigTopic(
     '/rig/hydraulic_load', WRENCH_TYPE, 'wrench.force.x', 'N', 'hydraulic_cylinder',
     'load of the hydraulic cylinder: wrench.force.x [N]', 'hydraulic_load')
-PROBES = tuple(_probe(number) for number in (1, 2, 3, 4))
+PROBES = tuple(RigTopic(
+    f'/rig/eddy_current_{number}', RANGE_TYPE, 'range', 'm', f'eddy_current_{number}',
+    f'gap [m] of eddy-current probe {number}', 'eddy_current', 'min_range', 'max_range')
+    for number in (1, 2, 3, 4))
 ELEVATION = RigTopic(
     '/rig/elevation', VECTOR_TYPE, 'vector.x', 'rad', 'inclinometer',
     'elevation of the barrel, where a rig measures it: vector.x [rad]', 'hydraulic_load',
