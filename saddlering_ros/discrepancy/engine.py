@@ -182,14 +182,16 @@ def _beside_error(strict: Answer) -> Answer:
     """The verdict if what remains is error of the model: whether causes are established beside it.
 
     A secondary cause that takes too little of what remains without it is left out, and what it
-    took becomes model error. So is the smallest of causes that are not established together,
-    because the main one may be. If none is, all are told.
+    took becomes model error. So is the smallest of causes that are not established together, or
+    of which it has alternatives, because the main one may be established without it. If it is
+    not, those that are established together are named, and if none are, all are told.
     """
     noise_alone = strict.search.space
     has_forms = not noise_alone.problem.assumptions.exact_laws
     if has_forms and strict.taken < HOPELESS:
         return strict
     search, process = search_beside_error(strict.search)
+    together: Answer | None = None
     unknown: Answer | None = None
     dropped: list[Array] = []
     most_dropped = 0.0
@@ -198,20 +200,22 @@ def _beside_error(strict: Answer) -> Answer:
         before, after = residual_of(space, space.base), residual_of(space, fit)
         published = publish(space, fit, search.alternatives, before, after, process)
         sizes = {cause.effect: cause.visible for cause in published.causes}
-        main = max(sizes, key=lambda name: sizes[name])
-        weak = _weakest({
-            name: own for name, own in published.member_shares.items() if name != main})
+        weak = _weakest({name: own for name, own in published.member_shares.items()
+                         if name != published.main.effect})
         if weak is None:
             answer = _answer_beside(strict, search, published, process, most_dropped)
-            if answer.judgement.verdict != 'unknown':
+            if answer.judgement.verdict == 'unknown':
+                unknown = _with_suspect(strict, answer) if has_forms else unknown or answer
+            elif answer.judgement.verdict == 'named' or len(sizes) == 1:
                 return answer
-            unknown = _with_suspect(strict, answer) if has_forms else unknown or answer
+            else:
+                together = together or answer
             if len(sizes) == 1:
-                return unknown
+                return together or unknown or strict
             weak = min(sizes, key=lambda name: sizes[name])
         most_dropped = max(most_dropped, sizes[weak])
         search, process = learnt_without(noise_alone, search, weak, dropped)
-    return unknown or strict
+    return together or unknown or strict
 
 
 def _with_suspect(strict: Answer, beside: Answer) -> Answer:
@@ -231,18 +235,17 @@ def _answer_beside(
     seen = replace(published.fits.after, whitened=whitened, misfit=float(whitened @ whitened))
     left = residual_of(noise_alone, seen)
     assert published.shares is not None
-    doubts = [
-        *doubts_of(search.space, fit, published.shares, published.member_shares,
-                   search.alternatives),
-        *established.own_kind_left(noise_alone, seen, left)]
+    doubts = [*doubts_of(search.space, fit, published, search.alternatives),
+              *established.own_kind_left(noise_alone, seen, left)]
     if noise_alone.problem.assumptions.exact_laws:
         doubts += unsteady_sizes(search.space, fit, published.causes)
     doubts += uncertain_size(search.space, published.causes)
-    is_open = any(search.alternatives.get(name) for name in fit.candidate.ids)
+    main = published.main
     # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
-    most = 1.0 - established.MIN_TAKEN if is_open else established.MAINLY
-    if most_dropped**2 > most * max(one.visible for one in published.causes) ** 2:
+    most = established.MAINLY if main.group == (main.effect,) else 1.0 - established.MIN_TAKEN
+    if most_dropped**2 > most * main.visible**2:
         doubts.append(wording.AS_LARGE)
+    is_open = any(len(cause.group) > 1 for cause in published.causes)
     verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'
     judgement = Judgement(verdict, explained_share_of(strict.before, left),
                           tuple(doubts or [wording.REST_IS_ERROR]))

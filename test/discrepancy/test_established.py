@@ -197,6 +197,11 @@ def test_a_secondary_cause_with_alternatives_takes_no_name_from_the_main_one() -
     assert named_beside_friction(0.06, cubic=0.8, channel='seen') == ['cubic']
 
 
+def test_a_main_cause_without_alternatives_may_have_one_with_some_beside_it() -> None:
+    assert named_beside_friction(0.2, cubic=0.8, channel='seen') == ['cubic', 'friction']
+    assert named_beside_friction(0.06, cubic=0.3, channel='seen', power=2) == []
+
+
 def test_a_main_cause_with_alternatives_has_no_other_beside_it_but_a_small_one() -> None:
     """Of several laws beside another cause, some pair fits a cause that is in no catalogue."""
     assert named_beside_friction(0.3, cubic=0.1, channel='other') == ['friction']
@@ -216,7 +221,9 @@ def test_with_laws_that_are_not_exact_unknown_says_why_the_main_cause_has_no_nam
     assert [' of the power of the misfit' in item for item in said] == [True]
 
 
-def named_beside_friction(friction: float, cubic: float, channel: str) -> list[str]:
+def named_beside_friction(
+    friction: float, cubic: float, channel: str, power: int = 3
+) -> list[str]:
     """Names for a spring in a channel, and for friction in `seen`, which two effects could be."""
     def predicted(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         drive, speed = (np.asarray(run.inputs[name]) for name in ('drive', 'speed'))
@@ -229,7 +236,8 @@ def named_beside_friction(friction: float, cubic: float, channel: str) -> list[s
     def recorded(number: int) -> Run:
         run = record(number, friction, 0.02)
         outputs = {**run.outputs, 'other': record(number, 0.0, 0.02, seed=2).outputs['seen']}
-        outputs[channel] = outputs[channel] + cubic * np.asarray(run.inputs['drive']) ** 3
+        drive = np.asarray(run.inputs['drive'])
+        outputs[channel] = outputs[channel] + cubic * np.sign(drive) * np.abs(drive) ** power
         return replace(run, outputs={name: outputs[name] for name in channels})
 
     channels = {name: Channel() for name in ('seen', channel)}
@@ -412,7 +420,8 @@ def test_a_fitted_run_that_gets_worse_is_a_doubt(monkeypatch: pytest.MonkeyPatch
         candidate=SimpleNamespace(ids=(), effects=()))
     for worst, doubts in ((0.1, []), (-0.1, [wording.WORSE_RUN])):
         shares = established.Shares({'seen': 1.0}, {'seen': 1.0}, worst, ('seen', 0.9), (0.8, 0.9))
-        assert established.doubts_of(space, fit, shares, {}, {}) == doubts
+        published = SimpleNamespace(shares=shares, member_shares={})
+        assert established.doubts_of(space, fit, published, {}) == doubts
 
 
 def test_a_remainder_that_goes_as_the_cause_acts_is_stated() -> None:

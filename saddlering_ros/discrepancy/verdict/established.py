@@ -9,8 +9,9 @@ metric in which likelihood ratios and alternatives are judged.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
@@ -45,6 +46,10 @@ MIN_TAKEN = 0.85
 """Share of the power of a view's misfit beyond noise that an established cause takes, both where
 it is fitted and where it predicts. Stand-ins took up to 0.80 on the development seeds of
 docs/benchmarks."""
+
+MIN_TAKEN_BESIDE = 1.0 - 0.5 * (1.0 - MIN_TAKEN)
+"""The same of a main cause beside one with alternatives, which can take part of what a wrong main
+cause leaves: half as much is left."""
 
 MAX_ALIKE = 0.9
 """Share of the power of what a cause changes beyond the base from which another listed effect
@@ -112,7 +117,8 @@ class Prediction:
         runs = fitted.more.sum(axis=(1, 2)) / np.maximum(fitted.less.sum(axis=(1, 2)), 1e-300)
         touched = [item for powers in known for item in powers.touched(problem, floor)]
         return Shares(
-            fitted.mainly_taken(problem, floor),
+            # What a cause may leave of the worst view is a small misfit in another one.
+            fitted.taken(problem, floor, 1.0 - MIN_TAKEN),
             {} if predicted is None else predicted.taken(problem, floor),
             1.0 - float(runs.max()),
             min(touched, key=lambda item: item[1], default=('', 1.0)),
@@ -132,11 +138,9 @@ class Prediction:
     def _floor(self) -> Array:
         """Mean square of noise (V,) in each view, as a share of the squared range."""
         problem = self._problem
-        floors = []
-        for view, weights in problem.system.views.items():
-            powers = [noise_power(self._noise, run, weights) for run in problem.runs]
-            floors.append(float(np.mean(powers)) / problem.view_ranges[view] ** 2)
-        return np.array(floors)
+        return np.array([
+            np.mean([noise_power(self._noise, run, weights) for run in problem.runs])
+            / problem.view_ranges[view] ** 2 for view, weights in problem.system.views.items()])
 
 
 def noise_power(noise: Noises, run: RunBlocks, weights: Array) -> float:
@@ -176,30 +180,23 @@ class _Powers:
         changes = [one - other for one, other in zip(*left, strict=True)]
         return cls(*(_squares(problem, runs, item) for item in (*left, changes)))
 
-    def taken(self, problem: Problem, floor: Array) -> dict[str, float]:
-        """Share of the power beyond noise in `less` that `more` has not, by view."""
-        shares = {}
-        for place, view in enumerate(problem.system.views):
-            before = float(self.less[:, place].mean()) - float(floor[place])
-            after = max(float(self.more[:, place].mean()) - float(floor[place]), 0.0)
-            if before > 0.0:
-                shares[view] = 1.0 - after / before
-        return shares
+    def taken(self, problem: Problem, floor: Array, least: float = 0.0) -> dict[str, float]:
+        """Share of the power beyond noise in `less` that `more` has not, by view.
 
-    def mainly_taken(self, problem: Problem, floor: Array) -> dict[str, float]:
-        """The same of views whose misfit exceeds what a cause may leave of that of the worst."""
-        powers = dict(zip(problem.system.views, self.less.mean(axis=(0, 2)) - floor, strict=True))
-        least = (1.0 - MIN_TAKEN) * max(powers.values())
-        return {view: share for view, share in self.taken(problem, floor).items()
-                if powers[view] >= least}
+        least: smallest share of the power of the worst view for a view to count.
+        """
+        before = self.less.mean(axis=(0, 2)) - floor
+        after = np.maximum(self.more.mean(axis=(0, 2)) - floor, 0.0)
+        return {view: 1.0 - float(left / whole)
+                for view, whole, left in zip(problem.system.views, before, after, strict=True)
+                if whole > max(least * before.max(), 0.0)}
 
-    def touched(self, problem: Problem, floor: Array) -> Iterator[tuple[str, float]]:
+    def touched(self, problem: Problem, floor: Array) -> list[tuple[str, float]]:
         """Shares in the views in which the change is more than half of the misfit."""
-        powers = zip(self.less.mean(axis=(0, 2)), self.change.mean(axis=(0, 2)), strict=True)
-        moved = [change > MAINLY * less for less, change in powers]
+        moved = self.change.mean(axis=(0, 2)) > MAINLY * self.less.mean(axis=(0, 2))
         shares = self.taken(problem, floor)
-        yield from ((view, shares[view]) for view, is_main in
-                    zip(problem.system.views, moved, strict=True) if is_main and view in shares)
+        return [(view, shares[view]) for view in compress(problem.system.views, moved)
+                if view in shares]
 
 
 def _interval(less: Array, more: Array) -> tuple[float, float]:
@@ -211,15 +208,19 @@ def _interval(less: Array, more: Array) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def doubts_of(
-    space: ModelSpace, fit: Fit, whole: Shares, members: Mapping[str, Shares],
-    alternatives: Alternatives,
-) -> list[str]:
+def doubts_of(space: ModelSpace, fit: Fit, published: Publication,
+              alternatives: Alternatives) -> list[str]:
     """Reasons why the effects of a fit beside model error are not established."""
-    doubts = other_laws(space, fit, alternatives)
-    for name, own in {' and '.join(fit.candidate.ids): whole, **members}.items():
-        if own.best < MIN_TAKEN:
-            doubts.append(wording.weak_words(name, own.best, MIN_TAKEN))
+    doubts, whole = other_laws(space, fit, alternatives), published.shares
+    assert whole is not None
+    main = published.main.effect if published.member_shares else ''
+    if alternatives.get(main):
+        doubts.append(wording.replaced_words(main))
+    for name, own in {' and '.join(fit.candidate.ids): whole, **published.member_shares}.items():
+        is_beside = name == main and any(alternatives.values())
+        required = MIN_TAKEN_BESIDE if is_beside else MIN_TAKEN
+        if own.best < required:
+            doubts.append(wording.weak_words(name, own.best, required))
     view, least = whole.worst_view
     if least < 0.0:
         doubts.append(wording.worse_view_words(view))
@@ -234,9 +235,6 @@ def doubts_of(
         doubts.append(wording.BY_CHANCE)
     if crowded([item.added for item in explained], space.settings):
         doubts.append(wording.THREE_EFFECTS)
-    open_members = [name for name in fit.candidate.ids if alternatives.get(name)]
-    if open_members and len(fit.candidate.effects) > 1:
-        doubts.append(wording.replaced_words(open_members[0]))
     return doubts
 
 
@@ -372,6 +370,11 @@ class Publication:
     doubts: tuple[str, ...]
     converged: bool
 
+    @property
+    def main(self) -> Cause:
+        """The cause that moves most."""
+        return max(self.causes, key=lambda cause: cause.visible)
+
 
 def publish(
     space: ModelSpace, fit: Fit, alternatives: Alternatives, before: Residual, after: Residual,
@@ -413,12 +416,8 @@ def publish(
     causes = []
     for effect, variant, part in model.candidate.slices(len(parameters)):
         evidence = Comparison(space, less[effect.id], fit).evidence()
-        others_named = {
-            other
-            for alternative in alternatives.get(effect.id, ())
-            for other in alternative.candidate.ids
-            if other not in model.candidate.ids
-        }
+        others_named = {other for alternative in alternatives.get(effect.id, ())
+                        for other in alternative.candidate.ids} - {*model.candidate.ids}
         deviations = np.sqrt(np.diag(covariance)[part])
         causes.append(Cause(
             effect=effect.id, definition=effect, variant=variant,
