@@ -12,20 +12,12 @@ import math
 
 import numpy as np
 
+from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis.records import Array, LoadGrid, LONGEST_STEP
 from saddlering_ros.diagnosis.rig_dimensions import entries_of, title_of_dimension
 from saddlering_ros.diagnosis.ring_wording import lowered, title_of
 from saddlering_ros.diagnosis.verdict import signature_cosines
-from saddlering_ros.discrepancy import (
-    Diagnosis,
-    Point,
-    Proposal,
-    Reading,
-    Residual,
-    RunBlocks,
-    Separation,
-    wording,
-)
+from saddlering_ros.discrepancy import Point, Proposal, Reading, RunBlocks
 from saddlering_ros.doubts.comparison import rig_in_words
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import RIG_TESTS, RigTest, UNCLEAR
@@ -78,7 +70,7 @@ MOVES = 'a misfit that moves with the probe'
 """Outcome of swapped probes for an effect that belongs to the probe and not to its place."""
 
 
-def next_test(diagnosis: Diagnosis, runs: Sequence[Record], rig: Rig) -> str | None:
+def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig) -> str | None:
     """The most valuable next test, and the cause that each outcome means.
 
     With `unknown` the rig file comes before the hardware, if no hash identifies the file: a wrong
@@ -108,11 +100,11 @@ def next_test(diagnosis: Diagnosis, runs: Sequence[Record], rig: Rig) -> str | N
     elif not title_of_dimension(named):
         alike = look_alikes(named, signature_cosines(diagnosis))
         sentence = confirming(named, alike[:MAX_ALTERNATIVES])
-    free = wording.free_test_words(diagnosis.held_out_evidence)
+    free = discrepancy.wording.free_test_words(diagnosis.held_out_evidence)
     return ' '.join(filter(None, (free, first, sentence)))
 
 
-def for_residual(after: Residual) -> str:
+def for_residual(after: discrepancy.Residual) -> str:
     """The test for the largest part of the misfit that no cause explains; else the least likely.
 
     Among shapes that are all within chance, the largest one is that of the noisiest channel.
@@ -158,7 +150,7 @@ def separated(test: RigTest, effects: Sequence[str]) -> int:
     return sum(UNCLEAR not in pair and pair[0] != pair[1] for pair in combinations(shown, 2))
 
 
-def for_group(effects: Sequence[str], separations: Sequence[Separation]) -> str | None:
+def for_group(effects: Sequence[str], separations: Sequence[discrepancy.Separation]) -> str | None:
     """The next test for a group, with its share of simulated draws that leave only the true cause.
 
     A test that could not be simulated comes first if no simulated test separates the group.
@@ -361,14 +353,12 @@ def staircase(rig: Rig, degrees: float) -> RunBlocks:
     load = np.hstack([before + moving * (level - before), np.repeat(level, still.size, axis=1)])
     held = np.flatnonzero(level[:, 0] >= rig.limits.hold_min)
     first = 1 + np.arange(time.size).reshape(time.shape)[held, moving.size:].ravel()
-    grid = LoadGrid(
-        float(np.radians(degrees)), np.append(0.0, time), np.append(levels[0], load),
-        float(levels[0]), first, first + 1, 1.0)
+    grid = LoadGrid(float(np.radians(degrees)), np.append(0.0, time), np.append(levels[0], load),
+                    float(levels[0]), first, first + 1, 1.0)
     branch = np.where(level > before, 1.0, -1.0)[held, 0]
-    return _empty_run(
-        rig, grid, grid.time[first], np.full(first.size, HOLD / 4),
-        np.repeat(branch, still.size), np.zeros(first.size),
-        np.repeat(held.astype(np.float64), still.size))
+    return _empty_run(rig, grid, grid.time[first], np.full(first.size, HOLD / 4),
+                      np.repeat(branch, still.size), np.zeros(first.size),
+                      np.repeat(held.astype(np.float64), still.size))
 
 
 def _empty_run(

@@ -12,18 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis.next_test import load_run, staircase
 from saddlering_ros.diagnosis.records import Array
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.discrepancy import (
-    Assumptions,
-    Observability,
-    observed,
-    Point,
-    prepare,
-    Problem,
-    RunBlocks,
-)
+from saddlering_ros.discrepancy import RunBlocks
 from saddlering_ros.effects import catalogue
 from saddlering_ros.errors import plain_number, SaddleringError
 from saddlering_ros.estimation.process import ChannelNoise, TIME_CONSTANTS
@@ -96,6 +89,10 @@ COURSES: dict[str, tuple[list[float], list[float], float]] = {
 """Times [s], shares of full scale over the preload, and longest step [s] of each kind of ramp."""
 
 KINDS = ('static', *COURSES)
+
+
+ALL_TESTS = [PlannedTest(kind, degrees) for degrees in ELEVATIONS for kind in KINDS]
+"""Tests among which the best are chosen."""
 
 
 def planned_test(text: str) -> PlannedTest:
@@ -202,30 +199,30 @@ class Planner:
         chosen: list[PlannedTest] = []
         for number in range(count):
             self.watch.progress(f'test {number + 1} of {count}', number / count)
-            plans = [self._without_further([*chosen, test]) for test in all_tests()
+            plans = [self._without_further([*chosen, test]) for test in ALL_TESTS
                      if test not in chosen]
             chosen.append(min(plans, key=lambda plan: plan.score).tests[-1])
-        return self.plan(chosen, all_tests())
+        return self.plan(chosen, ALL_TESTS)
 
     def _without_further(self, tests: Sequence[PlannedTest]) -> Plan:
         for test in tests:
             if test not in self._runs:  # The readings are those of the ring without any cause.
                 empty = test.run(self.rig)
-                plain = Point(self.contact.to_array())
+                plain = discrepancy.Point(self.contact.to_array())
                 self._runs[test] = replace(
                     empty, channels=self._system.predict_many(empty, [plain])[0])
         start = dict(zip(PARAMETER_NAMES, self.contact.to_array(), strict=True))
-        space = prepare(Problem(
+        space = discrepancy.prepare(discrepancy.Problem(
             self._system, [self._runs[test] for test in tests], start=start, watch=Watch('plan'),
-            assumptions=Assumptions(learn_noise=self._noise_of)))
+            assumptions=discrepancy.Assumptions(learn_noise=self._noise_of)))
         white = space.tangent_of(space.base).white
         covariance = np.linalg.inv(white.T @ white + np.eye(white.shape[1]))
         accuracy = {
             item.name: float(item.slope(float(unit)) * np.sqrt(covariance[index, index]))
             for index, (item, unit) in enumerate(zip(
                 self._system.base_parameters, space.base.theta_unit, strict=True))}
-        return Plan(tuple(tests), _causes(observed(space), self.rig), accuracy, self.contact, None,
-                    0.0, self.noise)
+        causes = _causes(discrepancy.observed(space), self.rig)
+        return Plan(tuple(tests), causes, accuracy, self.contact, None, 0.0, self.noise)
 
     def _noise_of(
         self, runs: Sequence[RunBlocks], residuals: Sequence[Array] | None,
@@ -239,12 +236,7 @@ class Planner:
             for run, rate in zip(runs, rates, strict=True) for channel in range(len(run.channels))}
 
 
-def all_tests() -> list[PlannedTest]:
-    """Tests among which the best are chosen."""
-    return [PlannedTest(kind, degrees) for degrees in ELEVATIONS for kind in KINDS]
-
-
-def _causes(seen: Observability, rig: Rig) -> tuple[CausePlan, ...]:
+def _causes(seen: discrepancy.Observability, rig: Rig) -> tuple[CausePlan, ...]:
     alike: dict[str, set[str]] = {}
     for label, row in zip(seen.labels, seen.cosines, strict=True):
         name = label.partition(':')[0]
@@ -270,7 +262,7 @@ class KeptSystem:
         self.channel_names, self.views = ring.channel_names, ring.views
         self.base_parameters, self.effects = ring.base_parameters, ring.effects
 
-    def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
+    def predict_many(self, run: RunBlocks, points: Sequence[discrepancy.Point]) -> Array:
         """Channels (B, C, N); points that were asked for before are not simulated again."""
         keys = [
             (run.name, f'{point.base.tolist()} '
@@ -283,7 +275,7 @@ class KeptSystem:
             self._readings.update(zip(new, simulated, strict=True))
         return np.stack([self._readings[key] for key in keys])
 
-    def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
+    def nuisances(self, runs: Sequence[RunBlocks], point: discrepancy.Point) -> list[Array]:
         """As the ring."""
         return self._ring.nuisances(runs, point)
 
@@ -296,4 +288,4 @@ def plan_tests(
 ) -> Plan:
     """What the tests would find and the best further one; without tests, the four best."""
     planner = Planner(rig, contact, noise, Watch('plan', on_progress, is_cancelled))
-    return planner.plan(list(tests), all_tests()) if tests else planner.best()
+    return planner.plan(list(tests), ALL_TESTS) if tests else planner.best()

@@ -107,9 +107,8 @@ def build_record(rig: Rig, test_run: Record, *, held_out: bool) -> PreparedRecor
         there = [number - 1 for number in rig.probes.present]
         probes, quiet = probes[there], quiet[there]
     if time.size < MIN_SAMPLES:
-        raise DiagnosisError(
-            f'{test_run.path}: {time.size} complete samples are too few for a diagnosis: '
-            'record longer')
+        raise DiagnosisError(f'{test_run.path}: {time.size} complete samples are too few for a '
+                             'diagnosis: record longer')
     divided = _static if test_run.test == 'static' else _dynamic
     blocks = divided(rig, test_run, time, load, quiet)
     grid = _load_grid(test_run.elevation, time, load, measured.zero.load, blocks)
@@ -235,23 +234,19 @@ def check_set(records: Sequence[PreparedRecord], rig: Rig) -> list[str]:
     if tests == {'dynamic'}:
         notes.append('dynamic runs only: slow effects and loops are hard to tell from damping')
     if len(elevations) == 1:
-        notes.append(
-            f'one elevation only ({elevations[0]:g} deg): load gain, elevation error, '
-            'moment arm and compliances are hard to tell apart')
+        notes.append(f'one elevation only ({elevations[0]:g} deg): load gain, elevation error, '
+                     'moment arm and compliances are hard to tell apart')
     if len(rigs) > 1:
-        notes.append(
-            f'bags from different rigs ({", ".join(rigs)}), simulated as one: a difference '
-            'between the rigs is a misfit too, so that no cause is certain; diagnose each rig '
-            'separately')
+        notes.append(f'bags from different rigs ({", ".join(rigs)}), simulated as one: a '
+                     'difference between the rigs is a misfit too, so that no cause is certain; '
+                     'diagnose each rig separately')
     for record in fitted:
         peak = float(np.max(record.measured.load))
         if peak < rig.limits.threshold_min:
-            notes.append(
-                f'{record.run.name}: peak load {rig.force_words(peak)} is under half of full '
-                f'scale ({rig.force_words(rig.full_scale_load)}): effects that begin above this '
-                'load cannot show')
+            notes.append(f'{record.run.name}: peak load {rig.force_words(peak)} is under half of '
+                         f'full scale ({rig.force_words(rig.full_scale_load)}): effects that '
+                         'begin above this load cannot show')
         if float(np.ptp(record.run.time)) < 5.0:
-            notes.append(
-                f'{record.run.name}: {np.ptp(record.run.time):.1f} s long: slower effects cannot '
-                'show')
+            notes.append(f'{record.run.name}: {np.ptp(record.run.time):.1f} s long: slower '
+                         'effects cannot show')
     return notes

@@ -77,18 +77,16 @@ def diagnose_ring(
     notes += repeated_laws(laws_of_user, verdict.signature_cosines(diagnosis))
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
     if diagnosis.verdict == 'unknown' and _is_rounding(figures):
-        diagnosis = replace(
-            diagnosis, verdict='none', causes=(), complete=True, remainder=(),
-            probabilities=probabilities_of('none'))
+        diagnosis = replace(diagnosis, verdict='none', causes=(), complete=True, remainder=(),
+                            probabilities=probabilities_of('none'))
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '
                      'coarse probes')
     sentence = next_test(diagnosis, [*runs, *hold_out], rig)
     rigs = rigs_of(records)
     if len(rigs) > 1 and diagnosis.verdict != 'none':
         # A difference between the rigs would be named as a cause.
-        diagnosis = replace(
-            diagnosis, verdict='unknown',
-            probabilities=probabilities_of('unknown', diagnosis.causes))
+        diagnosis = replace(diagnosis, verdict='unknown',
+                            probabilities=probabilities_of('unknown', diagnosis.causes))
         sentence = f'Diagnose the bags of each rig separately: {", ".join(rigs)}.'
     return Verdict(diagnosis, figures, tuple(notes), sentence, rig, seed, law)
 

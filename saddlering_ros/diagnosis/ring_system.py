@@ -77,9 +77,8 @@ class RingNeighbourhood:
         # By tangents; NaN for a point that must be simulated.
         grid: LoadGrid = run.payload
         seen, answers = self.system.seen, []
-        responses = self.passes.along(
-            grid.elevation, grid.time, grid.load, grid.zero_load, grid.max_step,
-            (grid.first, grid.last))
+        responses = self.passes.along(grid.elevation, grid.time, grid.load, grid.zero_load,
+                                      grid.max_step, (grid.first, grid.last))
         for near, response in zip(self.near, responses, strict=True):
             answer = np.full((1 + len(near), *run.channels.shape), np.nan)
             answer[0] = response.centre[seen]
@@ -124,11 +123,10 @@ class RingSystem:
     def base_parameters(self) -> tuple[Parameter, ...]:
         starts = dict(zip(PARAMETER_NAMES, TRUE_TO_SCALE.to_array(), strict=True))
         return tuple(
-            Parameter(
-                *self.rig.bounds[name], name=name,
-                start=float(np.clip(starts[name], *self.rig.bounds[name])),
-                scale='linear' if name.startswith('n') else 'log', unit=PARAMETER_UNITS[name],
-                step=FINE_STEP)
+            Parameter(*self.rig.bounds[name], name=name,
+                      start=float(np.clip(starts[name], *self.rig.bounds[name])),
+                      scale='linear' if name.startswith('n') else 'log',
+                      unit=PARAMETER_UNITS[name], step=FINE_STEP)
             for name in PARAMETER_NAMES)
 
     @cached_property
@@ -201,9 +199,8 @@ class RingSystem:
         self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]
     ) -> Array:
         grid: LoadGrid = run.payload
-        means = probe_batch(
-            self.rig, candidates, grid.elevation, grid.time, grid.load, grid.zero_load,
-            grid.max_step, (grid.first, grid.last))
+        means = probe_batch(self.rig, candidates, grid.elevation, grid.time, grid.load,
+                            grid.zero_load, grid.max_step, (grid.first, grid.last))
         known = np.nan_to_num(means, nan=FAILED, posinf=FAILED, neginf=-FAILED)
         return np.clip(known, -10.0 * FAILED, 10.0 * FAILED)
 
@@ -303,9 +300,8 @@ class RingSystem:
         grid: LoadGrid = run.payload
         step = LOAD_STEP * self.rig.full_scale_load
         less, more = (
-            self.simulated(
-                replace(run, payload=replace(grid, load=grid.load + change)),
-                [(point.base, self.extension(point))])[0]
+            self.simulated(replace(run, payload=replace(grid, load=grid.load + change)),
+                           [(point.base, self.extension(point))])[0]
             for change in (-step, step))
         return {'hydraulic_load': (more - less) / (2.0 * step)}
 

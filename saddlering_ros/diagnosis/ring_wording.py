@@ -7,20 +7,13 @@ read. Sentences that serve a declared model too stand in discrepancy/verdict/wor
 from collections.abc import Collection, Mapping
 from typing import Any, cast, TypedDict
 
+from saddlering_ros import quantities
 from saddlering_ros.diagnosis.proposed_law import proposal_lines
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
 from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry, wording
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.uncertainty import undetermined_words
-from saddlering_ros.quantities import (
-    allowed_misfit,
-    CHANCE,
-    compact,
-    MATERIAL,
-    percent,
-    quantity,
-    signed_percent,
-)
+from saddlering_ros.quantities import percent, quantity
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
 
 Shares = dict[str, float]
@@ -166,8 +159,8 @@ def headline(document: VerdictDocument) -> str:
     verdict = document['verdict']
     if verdict == 'none':
         return ('The simulation lacks nothing that these data could show: the residual is noise, '
-                f"{_sound_words(document)}or smaller than {100.0 * MATERIAL:g} % of a channel's "
-                'range.')
+                f'{_sound_words(document)}or smaller than {100.0 * quantities.MATERIAL:g} % of a '
+                "channel's range.")
     if verdict == 'unknown':
         return _unknown(document)
     causes, rest = causes_of(document), ''
@@ -227,7 +220,7 @@ def _sound_words(document: VerdictDocument) -> str:
     for run in document['runs']:
         for name, channel in run['channels'].items():
             misfit, sound = channel['nrmse_before'] or 0.0, channel.get('sound') or 0.0
-            is_noise = misfit <= allowed_misfit(channel['noise_floor'])
+            is_noise = misfit <= quantities.allowed_misfit(channel['noise_floor'])
             if name != 'parity' and not is_noise and misfit > largest:
                 largest, words = misfit, (
                     f'or what unequal rollers, clearances and the weight of a sound ring do '
@@ -282,7 +275,7 @@ def value_words(
     effect = catalogue().get(effect_id)
     for parameter in effect.parameters if effect is not None else ():
         if parameter.name == name and parameter.amplitude and unit in ('', '1'):
-            return signed_percent(value, std, is_signed=not parameter.one_sided)
+            return quantities.signed_percent(value, std, is_signed=not parameter.one_sided)
     return quantity(value, '' if unit == '1' else unit, std)
 
 
@@ -314,18 +307,18 @@ def why_lost(candidate: CandidateEntry, best: CandidateEntry, chosen: Collection
     effect_id = candidate['effects'][-1]
     if candidate is best and effect_id in chosen:
         return 'chosen: it explains most'
-    if (candidate['p_value'] or 0.0) > CHANCE:
+    if (candidate['p_value'] or 0.0) > quantities.CHANCE:
         return 'dropped: no better than chance'
     behind = (best['delta_bic'] or 0.0) - (candidate['delta_bic'] or 0.0)
     if effect_id in chosen:
         return 'chosen in another step'
     if effect_id in alike:
-        return f'alternative: {compact(behind)} less evidence, a similar signature'
-    if (candidate['share_of_range'] or 0.0) < MATERIAL:
+        return f'alternative: {quantities.compact(behind)} less evidence, a similar signature'
+    if (candidate['share_of_range'] or 0.0) < quantities.MATERIAL:
         return 'dropped: too small to matter'
     if candidate is best:
         return 'best of this step, but not enough to be named'
-    return f'dropped: {compact(behind)} less evidence than the best'
+    return f'dropped: {quantities.compact(behind)} less evidence than the best'
 
 
 def shape_words(shape: ShapeEntry) -> str:
@@ -340,8 +333,7 @@ def certainty_lines(document: VerdictDocument) -> list[str]:
     """Probabilities and stability, why the verdict is near its limit, which runs it rests on."""
     influence = document.get('influence', []) if causes_of(document) else []
     return [*filter(None, (
-        wording.certainty_words(
-            document.get('probabilities', {}), document.get('stability', 1.0)),
+        wording.certainty_words(document.get('probabilities', {}), document.get('stability', 1.0)),
         *wording.limit_lines(document.get('near_limit', [])),
         wording.influence_words([
             (one['run'], one['start'], one['end'], one['evidence']) for one in influence])))]
@@ -370,16 +362,13 @@ def document_text(document: VerdictDocument) -> str:
     for run in document['runs']:
         columns = ['nrmse_before', *(['nrmse_after'] if is_extended else []), 'noise_floor']
         shares = ', '.join(
-            f'{name} ' + ' / '.join(_share_words(cast(Shares, misfit)[key]) for key in columns)
+            f'{name} ' + ' / '.join('-' if (share := cast(Shares, misfit)[key]) is None else
+                                    f'{100.0 * share:.2f}' for key in columns)
             for name, misfit in run['channels'].items())
         lines.append(f'  {_bag_name(run)}{" (held out)" if run["held_out"] else ""}: {shares}')
     lines += ['', 'Contact parameters (before -> after):' if is_extended else
               'Contact parameters:', *_parameter_lines(document, is_extended)]
     return '\n'.join([*lines, *(f'note: {note}' for note in document['notes'])])
-
-
-def _share_words(share: float | None) -> str:
-    return '-' if share is None else f'{100.0 * share:.2f}'
 
 
 def _parameter_lines(document: VerdictDocument, is_extended: bool) -> list[str]:

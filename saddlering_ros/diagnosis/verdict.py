@@ -13,20 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis import ring_wording
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.records import LoadGrid, PreparedRecord
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
 from saddlering_ros.diagnosis.ring_wording import ShapeEntry, VerdictDocument
-from saddlering_ros.discrepancy import (
-    CauseEntry,
-    DetectionLimit,
-    Diagnosis,
-    Estimate,
-    Evidence,
-    RunBlocks,
-    ShapeTest,
-)
+from saddlering_ros.discrepancy import Diagnosis
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import Identification
 from saddlering_ros.identification.uncertainty import reason_wide
@@ -59,8 +52,8 @@ class ContactLaw:
     determine a parameter; refusal: why the runs could not be identified, '' if they could.
     """
 
-    before: Mapping[str, Estimate]
-    after: Mapping[str, Estimate]
+    before: Mapping[str, discrepancy.Estimate]
+    after: Mapping[str, discrepancy.Estimate]
     covariance: Array
     reasons_before: Mapping[str, str]
     reasons_after: Mapping[str, str]
@@ -79,12 +72,11 @@ def contact_law(
     if isinstance(alone, str):
         before = _still_open(diagnosis.base_alone, {}, elevations)
         after = _still_open(diagnosis.base, before, elevations)
-        return ContactLaw(
-            diagnosis.base_alone, diagnosis.base, covariance, before, after, alone)
+        return ContactLaw(diagnosis.base_alone, diagnosis.base, covariance, before, after, alone)
     deviations = np.sqrt(np.diag(alone.covariance))
     estimates = {
-        name: Estimate(float(getattr(alone.parameters.contact, name)), float(deviation),
-                       PARAMETER_UNITS[name])
+        name: discrepancy.Estimate(float(getattr(alone.parameters.contact, name)),
+                                   float(deviation), PARAMETER_UNITS[name])
         for name, deviation in zip(PARAMETER_NAMES, deviations, strict=True)}
     if not diagnosis.causes:
         of_noise = alone.parameters.source.covariance
@@ -95,7 +87,7 @@ def contact_law(
 
 
 def _still_open(
-    estimates: Mapping[str, Estimate], before: Mapping[str, str], elevations: int
+    estimates: Mapping[str, discrepancy.Estimate], before: Mapping[str, str], elevations: int
 ) -> dict[str, str]:
     """Reasons by name for parameters that a larger model leaves open.
 
@@ -186,7 +178,53 @@ class Verdict:
 
     def to_json(self) -> VerdictDocument:
         """The JSON of docs/diagnosis.md."""
-        return verdict_document(self)
+        diagnosis, gain = self.diagnosis, self.diagnosis.gain
+        shapes_after = [_shape_entry(shape) for shape in diagnosis.residual_after.shapes]
+        document: VerdictDocument = finite_json({
+            'verdict': diagnosis.verdict,
+            'causes': _cause_entries(diagnosis),
+            'runs': [
+                {'bag': str(figures.record.test_run.path),
+                 'elevation_deg': float(np.degrees(figures.record.test_run.elevation)),
+                 'test': figures.record.test_run.test, 'held_out': figures.record.run.held_out,
+                 'channels': {name: vars(misfit) for name, misfit in figures.channels.items()}}
+                for figures in self.runs],
+            'parameters': _parameters_entry(self.contact_law),
+            'next_test': self.next_test,
+            'complete': diagnosis.complete,
+            'remainder': [vars(rest) for rest in diagnosis.remainder],
+            'probabilities': diagnosis.probabilities,
+            'stability': diagnosis.stability,
+            'refits': [vars(refit) for refit in diagnosis.refits],
+            'near_limit': list(diagnosis.near_limit),
+            'influence': [vars(stretch) for stretch in diagnosis.influence],
+            'held_out_evidence': [vars(one) for one in diagnosis.held_out_evidence],
+            'simulated_tests': [
+                {'test': one.proposal.sentence, 'kind': one.proposal.kind, 'draws': one.draws,
+                 'share_alone': one.share, 'interval_95': list(one.interval),
+                 'share_kept': one.kept / one.draws,
+                 'by_truth': {' + '.join(ids): share for ids, share in one.by_truth.items()}}
+                for one in diagnosis.separations],
+            'detection_limits': [limit_entry(limit) for limit in diagnosis.observability.limits],
+            'immaterial': [_evidence_entry(one) for one in diagnosis.search.immaterial],
+            'unexplained': shapes_after[:8],
+            'candidates': [
+                {**_evidence_entry(one), 'step': one.step, 'delta_bic': one.delta_bic,
+                 'misfit': one.misfit,
+                 'parameters': {effect: dict(values) for effect, values in one.values.items()}}
+                for one in diagnosis.search.candidates],
+            'shapes': {
+                'before': [_shape_entry(shape) for shape in diagnosis.residual_before.shapes],
+                'after': shapes_after},
+            'signature_cosines': signature_cosines(diagnosis),
+            'gain': {'fit': gain.fit, 'held_out': gain.held_out, 'how': gain.how},
+            'proposal': proposal_document(diagnosis.law, self.effect_files),
+            'notes': list(self.notes),
+            'provenance': self.provenance().as_dict(),
+            'seed': self.seed,
+            'seconds': diagnosis.seconds})
+        document['headline'] = ring_wording.headline(document)
+        return document
 
 
 def run_figures(
@@ -201,22 +239,20 @@ def run_figures(
     channels = {}
     views = diagnosis.fits.metric.problem.system.views
     grid: LoadGrid = run.payload
-    sound = np.append(sound_deviation(
-        rig, diagnosis.fits.before.point.base, grid.elevation,
-        grid.block_means(grid.load), grid.zero_load), 0.0)
+    sound = np.append(sound_deviation(rig, diagnosis.fits.before.point.base, grid.elevation,
+                                      grid.block_means(grid.load), grid.zero_load), 0.0)
     for index, name in enumerate(CHANNELS):
         if name not in views:
             continue  # A probe is absent.
         measured, first, last = (curve[index] for curve in curves)
         span = max(float(np.ptp(measured)), 1e-12)
         noise = _noise_floor(diagnosis, run, views[name])
-        channels[name] = ChannelMisfit(
-            _rms(first - measured) / span, _rms(last - measured) / span, noise / span,
-            float(sound[index]) / span)
+        channels[name] = ChannelMisfit(_rms(first - measured) / span, _rms(last - measured) / span,
+                                       noise / span, float(sound[index]) / span)
     return RunFigures(record, channels, *curves)
 
 
-def _noise_floor(diagnosis: Diagnosis, run: RunBlocks, weights: Array) -> float:
+def _noise_floor(diagnosis: Diagnosis, run: discrepancy.RunBlocks, weights: Array) -> float:
     """Rms noise of a view over the block means of the run, with the noise of the zero.
 
     The noise of a held-out run is that of the fitted run with block means of about its length.
@@ -240,58 +276,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def verdict_document(verdict: Verdict) -> VerdictDocument:
-    """The JSON of docs/diagnosis.md."""
-    diagnosis, gain = verdict.diagnosis, verdict.diagnosis.gain
-    shapes_after = [_shape_entry(shape) for shape in diagnosis.residual_after.shapes]
-    document: VerdictDocument = finite_json({
-        'verdict': diagnosis.verdict,
-        'causes': _cause_entries(diagnosis),
-        'runs': [
-            {'bag': str(figures.record.test_run.path),
-             'elevation_deg': float(np.degrees(figures.record.test_run.elevation)),
-             'test': figures.record.test_run.test, 'held_out': figures.record.run.held_out,
-             'channels': {name: vars(misfit) for name, misfit in figures.channels.items()}}
-            for figures in verdict.runs],
-        'parameters': _parameters_entry(verdict.contact_law),
-        'next_test': verdict.next_test,
-        'complete': diagnosis.complete,
-        'remainder': [vars(rest) for rest in diagnosis.remainder],
-        'probabilities': diagnosis.probabilities,
-        'stability': diagnosis.stability,
-        'refits': [vars(refit) for refit in diagnosis.refits],
-        'near_limit': list(diagnosis.near_limit),
-        'influence': [vars(stretch) for stretch in diagnosis.influence],
-        'held_out_evidence': [vars(one) for one in diagnosis.held_out_evidence],
-        'simulated_tests': [
-            {'test': one.proposal.sentence, 'kind': one.proposal.kind, 'draws': one.draws,
-             'share_alone': one.share, 'interval_95': list(one.interval),
-             'share_kept': one.kept / one.draws,
-             'by_truth': {' + '.join(ids): share for ids, share in one.by_truth.items()}}
-            for one in diagnosis.separations],
-        'detection_limits': [limit_entry(limit) for limit in diagnosis.observability.limits],
-        'immaterial': [_evidence_entry(one) for one in diagnosis.search.immaterial],
-        'unexplained': shapes_after[:8],
-        'candidates': [
-            {**_evidence_entry(one), 'step': one.step, 'delta_bic': one.delta_bic,
-             'misfit': one.misfit,
-             'parameters': {effect: dict(values) for effect, values in one.values.items()}}
-            for one in diagnosis.search.candidates],
-        'shapes': {
-            'before': [_shape_entry(shape) for shape in diagnosis.residual_before.shapes],
-            'after': shapes_after},
-        'signature_cosines': signature_cosines(diagnosis),
-        'gain': {'fit': gain.fit, 'held_out': gain.held_out, 'how': gain.how},
-        'proposal': proposal_document(diagnosis.law, verdict.effect_files),
-        'notes': list(verdict.notes),
-        'provenance': verdict.provenance().as_dict(),
-        'seed': verdict.seed,
-        'seconds': diagnosis.seconds})
-    document['headline'] = ring_wording.headline(document)
-    return document
-
-
-def limit_entry(limit: DetectionLimit) -> dict[str, Any]:
+def limit_entry(limit: discrepancy.DetectionLimit) -> dict[str, Any]:
     """The entry of a limit in a verdict document."""
     names = ('effect', 'limit', 'best_limit', 'material_limit', 'unit', 'share', 'testable')
     return {
@@ -300,7 +285,7 @@ def limit_entry(limit: DetectionLimit) -> dict[str, Any]:
                     'material_limit': one.material_limit} for one in limit.configurations]}
 
 
-def _cause_entries(diagnosis: Diagnosis) -> list[CauseEntry | ShapeEntry]:
+def _cause_entries(diagnosis: Diagnosis) -> list[discrepancy.CauseEntry | ShapeEntry]:
     """The causes; with `unknown`, first the shapes that no cause explains."""
     if diagnosis.verdict == 'none':
         return []
@@ -308,7 +293,7 @@ def _cause_entries(diagnosis: Diagnosis) -> list[CauseEntry | ShapeEntry]:
     if diagnosis.verdict != 'unknown':
         return [*causes]
     after = diagnosis.residual_after
-    entries: list[CauseEntry | ShapeEntry] = []
+    entries: list[discrepancy.CauseEntry | ShapeEntry] = []
     for shape in [one for one in after.shapes if is_left(one.p_value, one.visible)][:4]:
         entry = _shape_entry(shape)
         entries.append({'shape': ring_wording.shape_words(entry), **entry})
@@ -340,11 +325,11 @@ def _parameters_entry(law: ContactLaw) -> dict[str, Any]:
         'undetermined': {'before': dict(law.reasons_before), 'after': dict(law.reasons_after)}}
 
 
-def _evidence_entry(one: Evidence) -> dict[str, Any]:
+def _evidence_entry(one: discrepancy.Evidence) -> dict[str, Any]:
     return {'effects': list(one.effects), 'p_value': one.p_value, 'share_of_range': one.visible}
 
 
-def _shape_entry(shape: ShapeTest) -> ShapeEntry:
+def _shape_entry(shape: discrepancy.ShapeTest) -> ShapeEntry:
     return {
         'channel': shape.view, 'coordinate': shape.coordinate, 'p_value': shape.p_value,
         'share_of_range': shape.visible}
