@@ -34,7 +34,9 @@ constants [s].
 """
 
 MIN_POINTS = {'hysteresis': 1, 'relaxation': 1}
+"""Of other coordinates a table needs two points, because values between them follow straight."""
 MAX_POINTS = 4096
+"""Every sample of a record moves all plays or relaxations of a law."""
 RATE_TIME = 0.1
 """Time constant [s] of the filter by which the rate of the load is seen."""
 

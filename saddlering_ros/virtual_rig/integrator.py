@@ -159,6 +159,7 @@ RESIDUAL = 1e-4
 """Newton stops when no force or moment is left over by more than this [N, N m]."""
 
 MAX_NEWTON, MAX_HALVINGS = 30, 12
+"""A step that so many iterations do not solve is halved, at most to its 4096th part."""
 
 # Inverse of the Radau IIA matrix, times the step; stage times are h/3 and h.
 I00, I01, I10, I11 = 1.5, 0.5, -4.5, 2.5
