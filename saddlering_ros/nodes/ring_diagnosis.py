@@ -1,6 +1,5 @@
 """Node ring_diagnosis: the action /diagnose_ring, which names the cause of a misfit or change."""
 
-from collections.abc import Sequence
 import json
 from typing import Any
 
@@ -11,7 +10,7 @@ from saddlering_ros.progress import Progress
 from saddlering_ros.ros.messages import fill_diagnosis
 from saddlering_ros.ros.names import DIAGNOSE, NodeError
 from saddlering_ros.ros.parameters import below
-from saddlering_ros.ros.streaming_node import leave
+from saddlering_ros.ros.streaming_node import executable
 
 
 class RingDiagnosisNode(ActionNode):
@@ -46,9 +45,7 @@ class RingDiagnosisNode(ActionNode):
         fill_diagnosis(result, json.loads(result.verdict_json))
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    leave(serve(RingDiagnosisNode, args))
+main = executable(RingDiagnosisNode, serve)
 
 
 if __name__ == '__main__':

@@ -1,6 +1,5 @@
 """Node ring_identification: the action /identify_ring, contact parameters from recorded bags."""
 
-from collections.abc import Sequence
 import math
 from typing import Any
 
@@ -11,7 +10,7 @@ from saddlering_ros.jobs.requests import IdentificationRequest
 from saddlering_ros.progress import Progress, SearchStep
 from saddlering_ros.rig import PARAMETER_NAMES
 from saddlering_ros.ros.names import IDENTIFY, NodeError
-from saddlering_ros.ros.streaming_node import leave
+from saddlering_ros.ros.streaming_node import executable
 
 SWARM_FIELDS = {
     'particles': ('particles', 10_000), 'iterations': ('iterations', 10_000_000),
@@ -84,9 +83,7 @@ def _bounds(goal: IdentifyRing.Goal) -> dict[str, tuple[float, float]]:
     return dict(zip(PARAMETER_NAMES, zip(low, high, strict=True), strict=True))
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    leave(serve(RingIdentificationNode, args))
+main = executable(RingIdentificationNode, serve)
 
 
 if __name__ == '__main__':

@@ -272,10 +272,11 @@ def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None 
     return run(make, spin, args)
 
 
-def executable(make: Callable[[], StreamingNode]) -> Callable[..., None]:
-    """The function `main` of a streaming node's module."""
+def executable(make: Callable[[], Any], serve: Callable[..., int] = run_streaming,
+               ) -> Callable[..., None]:
+    """The function `main` of a node's module; serve: makes and runs it, for the exit status."""
     def main(args: Sequence[str] | None = None) -> None:
-        leave(run_streaming(make, args))
+        leave(serve(make, args))
 
     return main
 
