@@ -196,10 +196,6 @@ class RingEffect:
         others = {name for item in self.variants for name in item.frees} - set(variant.frees)
         return tuple(item for item in self.parameters_on(rig) if item.name not in others)
 
-    def channels_of(self, variant: Variant) -> tuple[str, ...]:
-        """Channels in which the effect shows in one of its variants."""
-        return variant.channels or self.channels
-
     def complete(self, values: Mapping[str, float], rig: Rig | None = None) -> dict[str, float]:
         """`values` with start values for missing ones.
 

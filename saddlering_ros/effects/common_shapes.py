@@ -86,17 +86,15 @@ ONE_PROBE = Choice(
 ANY_PROBE = Choice('probe', (0.0, 1.0, 2.0, 3.0, 4.0), '0 for all probes, else one of them')
 
 
-def probe_channels(probe: int) -> tuple[str, ...]:
-    """Channels that one probe feeds: 1 and 3 are the radial probes, 2 and 4 the axial ones."""
-    return ('delta_x', 'parity') if probe in (1, 3) else ('delta_y', 'gamma')
-
-
 def probe_variants(more: Mapping[str, float] | None = None,
                    words: str = '') -> tuple[Variant, ...]:
-    """One variant per probe 1 to 4, each with `more` values and `words` if given."""
+    """One variant per probe 1 to 4, each with `more` values and `words` if given.
+
+    1 and 3 are the radial probes, 2 and 4 the axial ones.
+    """
     return tuple(
         Variant(f'probe {probe}{words}', {'probe': float(probe), **(more or {})},
-                probe_channels(probe))
+                ('delta_x', 'parity') if probe in (1, 3) else ('delta_y', 'gamma'))
         for probe in (1, 2, 3, 4)
     )
 

@@ -52,10 +52,6 @@ class Wear:
         off_centre = np.abs(np.angle(np.exp(1j * (angle - self.centre))))
         return np.asarray(0.5 * (1.0 - np.tanh((off_centre - self.half_width) / self.edge)))
 
-    @property
-    def is_none(self) -> bool:
-        return self.loss == 0.0 and self.gap == 0.0
-
 
 @dataclass(frozen=True)
 class RowGeometry:

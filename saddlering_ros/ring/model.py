@@ -76,8 +76,9 @@ def _row(row: RollerRow, geometry: RowGeometry, twins: bool) -> Floats:
 def _rows(axial: RollerRow, radial: RollerRow, geometry: tuple[RowGeometry, ...],
           twins: bool) -> Rows:
     """Rows of upper, lower and radial geometry; `twins`: equal mirror twins share a place."""
-    equal = [twins and part.wear.is_none and part.oval_amplitude == part.gap_spread == 0.0
-             for part in geometry]
+    equal = [
+        twins and part.wear.loss == part.wear.gap == part.oval_amplitude == part.gap_spread == 0.0
+        for part in geometry]
     # The kernels have one number of places for both axial rows.
     equal[0] = equal[1] = equal[0] and equal[1]
     parts = [_row(row, part, same)

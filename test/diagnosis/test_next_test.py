@@ -50,7 +50,7 @@ def plain_channels(name: str) -> set[str]:
     """Channels of an effect's choices, wider forms left out."""
     effect = catalogue()[name]
     plain = [item for item in effect.variants if not item.frees]
-    return {channel for item in plain for channel in effect.channels_of(item)}
+    return {channel for item in plain for channel in item.channels or effect.channels}
 
 
 @pytest.mark.parametrize('effect', sorted(catalogue()))

@@ -95,8 +95,8 @@ def test_channels_are_known_ones(one: RingEffect) -> None:
     assert one.channels
     assert set(one.channels) <= set(CHANNELS)
     for variant in one.variants:
-        assert set(one.channels_of(variant)) <= set(one.channels)
-    assert {name for variant in one.variants for name in one.channels_of(variant)} == set(
+        assert set(variant.channels) <= set(one.channels)
+    assert {name for variant in one.variants for name in variant.channels or one.channels} == set(
         one.channels)
 
 
