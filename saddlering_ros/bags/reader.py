@@ -19,9 +19,6 @@ from saddlering_ros.record.scratch import count_where, extremes, scratch_copy
 from saddlering_ros.record.topics import ELEVATION, PROBE_TOPICS, TOPICS
 from saddlering_ros.rig import OPPOSITE, Rig
 
-RADIAL_TOPICS = tuple(PROBE_TOPICS[number - 1] for number in OPPOSITE)
-"""Topics of probes that a rig may lack."""
-
 ELEVATION_TOLERANCE_DEG = 0.5
 """Difference [degrees] between inclinometer and stated elevation that is a contradiction."""
 
@@ -115,7 +112,7 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
     if topic is None:
         have = ', '.join(sorted(found.topics)) or 'none'
         radial = (f', or state rig.probes.absent: {name[-1]} in the rig file if the rig does not '
-                  'have this probe') if name in RADIAL_TOPICS else ''
+                  'have this probe') if name in [PROBE_TOPICS[one - 1] for one in OPPOSITE] else ''
         raise BagError(f'{found.path}: has no topic {name} (it has: {have}): record this topic '
                        f'too{radial}')
     if topic.fault:

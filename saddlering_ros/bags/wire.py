@@ -47,11 +47,8 @@ LAYOUTS: dict[str, Fields] = {
 """Fields after the header by message type, in the order of the message's definition. The name of a
 field is its path in the message; kinds are those of NumPy."""
 
-INFRARED = 1
-"""Radiation type of sensor_msgs/Range. Of its two values, the other (ultrasound) fits less."""
-
-DEFAULTS: dict[str, dict[str, float]] = {RANGE_TYPE: {'radiation_type': INFRARED}}
-"""Fields whose default is not 0."""
+DEFAULTS: dict[str, dict[str, float]] = {RANGE_TYPE: {'radiation_type': 1}}
+"""Fields whose default is not 0: infrared, because the other type (ultrasound) fits less."""
 
 ENCAPSULATION = 4
 """Bytes before the first field; alignment counts from their end."""
@@ -66,9 +63,6 @@ _BYTE_ORDER_AND_ALIGNMENT = {0: ('>', 8), 1: ('<', 8), 6: ('>', 4), 7: ('<', 4)}
 
 FEW = 8
 """So few messages are read and written sooner one by one than as arrays."""
-
-_FORMATS = {'i4': 'i', 'u4': 'I', 'u1': 'B', 'f4': 'f', 'f8': 'd'}
-"""Of `struct`, by the type of a field."""
 
 MAX_FRAME_IDS = 100
 """Largest number of different lengths of frame ids in a block; a topic of the rig has one."""
@@ -249,7 +243,7 @@ def _row(message_type: str, kind: int, length: int, names: tuple[str, ...]) -> s
     place = _HEAD + length
     for name in [name for name, _ in LAYOUTS[message_type] if name in names]:
         found, offset = layout.fields[name][:2]
-        words.append(f'{offset - place}x{_FORMATS[found.str[1:]]}')
+        words.append(f'{offset - place}x{found.char}')
         place = offset + found.itemsize
     return struct.Struct(''.join(words))
 

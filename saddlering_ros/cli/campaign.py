@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from saddlering_ros.campaign.store import Status, Store
     from saddlering_ros.campaign.task import SessionTask
 
-STATUS = 'status'
 MAX_SHOWN = 40
 """Sessions listed before a campaign starts."""
 
@@ -66,7 +65,7 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Find, group, show, compute, compact, judge the fleet."""
-    if str(args.folder) == STATUS and args.store is not None:
+    if str(args.folder) == 'status' and args.store is not None:
         return _show_status(args.store)
 
     from saddlering_ros.campaign import sessions, task

@@ -20,9 +20,6 @@ MAX_COLUMNS = 4096
 MAX_UNPACKED = 1 << 30
 """Most bytes of a MATLAB file of format 5, whose variables are read as a whole."""
 
-COMPRESSED = 15
-"""Type of a compressed element (miCOMPRESSED)."""
-
 _UNITS = ('unit', 'units', 'Unit', 'Units', 'UNITS', 'UNIT')
 _DAMAGED = (OSError, RuntimeError, KeyError, ValueError, TypeError)
 
@@ -170,7 +167,7 @@ def _check_unpacked_size(path: Path) -> None:
         order = '<' if file.read(128)[126:128] == b'IM' else '>'
         while len(head := file.read(8)) == 8:
             kind, size = struct.unpack(f'{order}II', head)
-            if kind != COMPRESSED:
+            if kind != 15:  # miCOMPRESSED
                 file.seek(size, os.SEEK_CUR)
                 continue
             unzip, packed = zlib.decompressobj(), file.read(size)

@@ -33,9 +33,6 @@ each point has its extremes."""
 _COLOURS = {'hydraulic_load': '#333333', 'eddy_current_1': '#0072B2', 'eddy_current_2': '#D55E00',
             'eddy_current_3': '#009E73', 'eddy_current_4': '#CC79A7'}
 
-Progress = Callable[[int], None]
-"""Called with the number of samples written so far."""
-
 
 @dataclass
 class Course:
@@ -104,11 +101,12 @@ class ImportResult:
 
 def import_files(
     files: Sequence[Path], mapping: ImportMap, out: Path, *, rig: Rig | None = None,
-    overwrite: bool = False, on_progress: Progress | None = None,
+    overwrite: bool = False, on_progress: Callable[[int], None] = lambda samples: None,
 ) -> ImportResult:
     """Write the channels of `mapping` in the files as a bag at `out`.
 
     If the map splits the files into runs, `out` becomes a folder with a bag for each.
+    `on_progress` is called with the number of samples written so far.
     """
     sources = open_sources(files, mapping.csv)
     feeds = feeds_of(sources, mapping)
@@ -141,8 +139,7 @@ def import_files(
                                           ranges[channel.name]) for channel in mapping.channels])
                 for name, course in courses.items():
                     course.add(*samples[name])
-                if on_progress is not None:
-                    on_progress(sum(course.count for course in courses.values()))
+                on_progress(sum(course.count for course in courses.values()))
             empty = [name for name, course in courses.items() if not course.count]
             if empty:
                 raise ImportingError(f'{path}: channel {empty[0]} has no sample: correct its '

@@ -39,7 +39,6 @@ ANSWER_PERIOD = 0.05
 
 ANSWERS_AT_ONCE = 5  # half of the queue of a client
 
-SHUTTING_DOWN = 'the server is shutting down'
 FAREWELL = 0.3
 """Time [s] that a server stays after its end was requested, so that the result of its last goal is
 sent: callbacks of the executor send it, and send lost packets again."""
@@ -182,7 +181,7 @@ class ActionNode(Node):
 
         def reason_to_stop() -> str:
             if self.stopping:
-                return SHUTTING_DOWN
+                return 'the server is shutting down'
             if time.monotonic() - started > self.settings['longest_goal']:
                 return f'took longer than longest_goal, {self.settings["longest_goal"]:g} s'
             return 'canceled' if goal_handle.is_cancel_requested else ''
