@@ -241,9 +241,9 @@ class SharedErrors:
 
     def apply(self, columns: Array) -> Array:
         """Whitened columns (n, B) or (n,)."""
-        inner = self.directions.T @ columns
-        scale = self.shrink if columns.ndim == 1 else self.shrink[:, None]
-        return np.asarray(columns - self.directions @ (scale * inner))
+        # With a few columns, the product of rows takes half the time of that of columns.
+        along = self.shrink * (columns.T @ self.directions)
+        return np.asarray(columns - (along @ self.directions.T).T)
 
     def along(self, residual: Array) -> Array:
         """The errors along the directions (k,) that a residual (n,) makes most likely."""

@@ -127,27 +127,27 @@ Asking = Generator[Asked, Told | None, Fit]
 
 
 def refit(
-    metric: Whitening, candidate: Candidate, start: Array, base_columns: Array | None = None, *,
+    metric: Whitening, candidate: Candidate, start: Array, known_columns: Array | None = None, *,
     rounds: int = 8, fresh_base: bool = False, known_start: Fit | None = None,
 ) -> Asking:
     """Levenberg-Marquardt from `start`; yields requests and receives residuals and sensitivities.
 
-    Without `base_columns` every column is differenced at every step. With them the columns of
-    the base begin there and are improved during the fit (`fresh_base`: they begin with
-    differences at `start`, where an effect changes them). known_start: the fit in this metric
-    that ended at `start`, with sensitivities to all differenced parameters.
+    Without `known_columns` every column is differenced at every step. With them the columns of
+    the first parameters begin there and are improved during the fit (`fresh_base`: those of the
+    base begin with differences at `start`, where an effect changes them). known_start: the fit in
+    this metric that ended at `start`, with sensitivities to all differenced parameters.
     """
     base = metric.problem.system.base_parameters
     parameters = candidate.parameters(base)
-    every = range(start.size)
-    differenced = every if base_columns is None else range(len(base), start.size)
+    known = 0 if known_columns is None else known_columns.shape[1]
+    differenced = list(range(known, start.size))
+    aside = [*range(len(base)), *differenced] if fresh_base else differenced
     periodic = np.array([parameter.periodic for parameter in parameters])
     rule = Rule(periodic, PRIOR, rounds, QUIET_GAIN, QUIET_SHARE, negligible=NEGLIGIBLE_GAIN)
     first = None if known_start is None else Told(
-        known_start.whitened, known_start.jacobian[:, list(differenced)], known_start.prediction)
+        known_start.whitened, known_start.jacobian[:, differenced], known_start.prediction)
     descent: Generator[Array, Told, Descent[Told]] = descend(
-        start, rule, differenced, base_columns, every if fresh_base else None, first)
-    aside: Sequence[int] = every if fresh_base else differenced
+        start, rule, differenced, known_columns, aside, first)
     told: Told | None = None
     while True:
         try:

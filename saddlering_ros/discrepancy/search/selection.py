@@ -110,7 +110,7 @@ def select(space: ModelSpace, log: SearchLog) -> Fit:
     if other is not fit:
         fit = prune(space, forward(space, other, log), log)
     pair = masked_pair(space, fit, log)
-    if pair is fit:
+    if pair is fit or prune(space, pair, log) is not pair:  # Each of a pair needs the other.
         return fit
     return min(fit, prune(space, forward(space, pair, log), log), key=space.penalised)
 

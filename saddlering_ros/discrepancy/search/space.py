@@ -4,6 +4,7 @@ Candidates are refitted together; candidates far behind the best one stop after 
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -150,7 +151,9 @@ class ModelSpace:
         stopped = self.stopped_base(fit)
         freed = fit.theta_unit.copy()
         freed[: len(base)][stopped] = fitting.declared_start(base)[stopped]
-        columns = self.tangent_of(fit).white[:, : len(base)] if trials else None
+        # Without rounds, the columns of what is in the model are not needed at each start.
+        known = len(base) if rounds else fit.theta_unit.size
+        columns = self.tangent_of(fit).white[:, :known] if trials else None
         wanted: list[fitting.Asking] = []
         for score, starts in trials:
             candidate = fit.candidate.plus(score.effect, score.variant)
@@ -299,7 +302,9 @@ def _split(
     """
     foreseen = [space.foreseen(fit) for fit in fits]
     lowest = min([*foreseen, *map(space.foreseen, beside)], default=np.inf)
-    highest = space.penalised(fit) - share * (space.penalised(fit) - lowest)
+    # What a fit short of its minimum promises by itself is the gain of no candidate.
+    alone = space.foreseen(replace(fit, jacobian=space.tangent_of(fit).white))
+    highest = alone - share * (alone - lowest)
     going = [fit for fit, end in zip(fits, foreseen, strict=True) if end < highest]
     resting = [fit for fit, end in zip(fits, foreseen, strict=True) if not end < highest]
     return going, resting
