@@ -23,7 +23,8 @@ def spin(voltage, law, parts):  # type: ignore[no-untyped-def]
         for _ in range(parts):
             ohm = r * (1.0 + heat)
             flux = k / (1.0 + saturation * i * i)
-            steady = (voltage[n] - flux * w - brush * np.tanh(i / 0.1)) / ohm
+            drives = voltage[n] - flux * w
+            steady = (drives - min(max(drives, -brush), brush)) / ohm
             i += (steady - i) * min(1.0, dt * ohm / henry)
             lost = viscous * w + dry * np.tanh(w / 2.0) + 1e-6 * (fan + iron) * w * abs(w)
             w += dt * (flux * i - lost) / inertia
