@@ -141,8 +141,11 @@ def refuse_repeats(runs: Sequence[Record], held_out: Sequence[Record] = ()) -> N
         for first in every[:later]:
             if not is_same_recording(first, second):
                 continue
-            reason = ': give it once, because a second copy would make the errors too small'
             if later >= len(runs) and any(first is run for run in runs):
-                reason = (', which is fitted: hold out another recording, because the agreement '
-                          'of this one would prove nothing')
-            raise BagError(f'{second.path}: holds the same recording as {first.path}{reason}')
+                raise BagError(
+                    f'{second.path}: holds the same recording as {first.path}, which is fitted: '
+                    'hold out another recording, because the agreement of this one would prove '
+                    'nothing')
+            raise BagError(
+                f'{second.path}: holds the same recording as {first.path}: give it once, because '
+                'a second copy would make the errors too small')
