@@ -89,17 +89,19 @@ def read_regular_text(path: Path, error: type[SaddleringError], limit: int = MAX
     never ends.
     """
     try:
-        mode = path.stat().st_mode
-        if not stat.S_ISREG(mode):
-            kind = 'a directory' if stat.S_ISDIR(mode) else 'a pipe or device'
-            raise error(f'{path}: cannot be read ({kind}): give the path of a regular file')
         handle, data = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), b''
-        with open(handle, 'rb', buffering=0) as file:
-            while len(data) <= limit and (part := file.read(limit + 1 - len(data))) != b'':
-                if part is None:
-                    raise error(f'{path}: cannot be read (it waits for data): give the path of a '
-                                'regular file')
+        try:
+            mode = os.fstat(handle).st_mode  # of the open file: its path may change meanwhile
+            if not stat.S_ISREG(mode):
+                kind = 'a directory' if stat.S_ISDIR(mode) else 'a pipe or device'
+                raise error(f'{path}: cannot be read ({kind}): give the path of a regular file')
+            while len(data) <= limit and (part := os.read(handle, limit + 1 - len(data))):
                 data += part
+        except BlockingIOError as problem:
+            raise error(f'{path}: cannot be read (it waits for data): give the path of a regular '
+                        'file') from problem
+        finally:
+            os.close(handle)
         if len(data) > limit:
             raise error(f'{path}: is larger than {limit >> 20} MB, the limit for such files: '
                         'check the path')
