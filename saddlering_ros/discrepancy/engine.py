@@ -91,7 +91,8 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         key=lambda cause: -cause.visible)
     # A steady line that is found takes itself whole.
     taken = answer.taken if published.causes else float(bool(steady))
-    stability = stability_of(space, fit, alternatives, None if answer.process is None else taken)
+    refits, near_limit, influence = stability_of(
+        space, fit, alternatives, None if answer.process is None else taken)
     is_other = verdict == 'unknown' and bool(established.other_laws(space, fit, alternatives))
     return Diagnosis(
         verdict=verdict,
@@ -118,9 +119,9 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         complete=not answer.remainder and verdict != 'unknown',
         remainder=answer.remainder,
         probabilities=probabilities_of(verdict, causes, 0.0 if is_other else taken),
-        refits=stability.refits,
-        near_limit=stability.near_limit,
-        influence=stability.influence,
+        refits=refits,
+        near_limit=near_limit,
+        influence=influence,
         held_out_evidence=by_held_out,
     )
 

@@ -6,13 +6,12 @@ model error and other nuisance parameters are half and twice as large as well. A
 simulation, because fits keep their residuals and sensitivities.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
-from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.problem.system import Array, FREE_STRENGTH
 from saddlering_ros.discrepancy.search.evidence import changes_of_effects, Comparison
 from saddlering_ros.discrepancy.search.selection import Alternatives
@@ -56,15 +55,6 @@ stand-ins of development, which differ by 40 to 60 %, are refused; with 0.05 one
 
 NOTHING = 0.97
 """How often nothing was there if no misfit beyond noise was found in draws: 138 of 143."""
-
-
-@dataclass(frozen=True)
-class Stability:
-    """Refits of all models, why the verdict is near its limit, and what each stretch adds."""
-
-    refits: tuple[Refit, ...]
-    near_limit: tuple[str, ...]
-    influence: tuple[Influence, ...]
 
 
 def uncertain_size(space: ModelSpace, causes: Sequence[Cause]) -> list[str]:
@@ -131,19 +121,20 @@ def _freed_sizes(
 
 def stability_of(
     space: ModelSpace, fit: Fit, alternatives: Alternatives, taken: float | None
-) -> Stability:
+) -> tuple[tuple[Refit, ...], tuple[str, ...], tuple[Influence, ...]]:
     """How far the verdict on a fit hangs on runs, on model error and on chance.
 
-    taken: share of the misfit that causes beside model error take.
+    Refits of all models, why the verdict is near its limit, and what each stretch adds. taken:
+    share of the misfit that causes beside model error take.
     """
     refits = _refits(space, fit, alternatives)
     falls = space.base.whitened**2 - fit.whitened**2
-    influence = [
+    influence = tuple(
         Influence(run.name, float(run.time[part[0]]), float(run.time[part[-1]]),
                   float(fall[:, part].sum()))
         for run, fall in zip(space.problem.runs, space.problem.by_run(falls), strict=True)
-        for part in np.array_split(np.arange(run.time.size), STRETCHES) if part.size]
-    return Stability(refits, _near_limit(space, fit, refits, taken), tuple(influence))
+        for part in np.array_split(np.arange(run.time.size), STRETCHES) if part.size)
+    return refits, _near_limit(space, fit, refits, taken), influence
 
 
 def _refits(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> tuple[Refit, ...]:
@@ -156,37 +147,29 @@ def _refits(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> tuple[Re
         space.base, *space.single_effect_fits(), fit,
         *(other for others in alternatives.values() for other in others))}
     answers = []
-    open_ids = {name for others in alternatives.values() for other in others
-                for name in other.candidate.ids}
-    wanted = {*fit.candidate.ids, *open_ids} or {''}
-    count = len(space.problem.runs)
-    plain = np.ones(count * STRETCHES)
-    cases = [*_reweighted(space.problem), ('half the model error', 0.5, plain),
-             ('twice the model error', 2.0, plain)]
+    wanted = {*fit.candidate.ids, *(
+        name for others in alternatives.values() for other in others
+        for name in other.candidate.ids)} or {''}
+    # What changes, the factor of the model error, and weights (R, S) of the stretches.
+    runs = space.problem.runs
+    plain = np.ones((len(runs), STRETCHES))
+    cases = [(WITHOUT + run.name, 1.0, plain - row[:, None])
+             for run, row in zip(runs, np.eye(len(runs)), strict=True) if len(runs) > 1]
+    random = np.random.default_rng(space.settings.seed)
+    for number in range(SEEDS):
+        drawn = random.integers(0, plain.size, plain.size)
+        cases.append((f'stretches drawn again, {number + 1}', 1.0,
+                      np.bincount(drawn, minlength=plain.size).astype(float)))
+    cases += [('half the model error', 0.5, plain), ('twice the model error', 2.0, plain)]
     for factor in (1.0, 0.5, 2.0):
         sums = [_Sums(space.metric, factor, model) for model in models.values()]
         for change, own, weights in cases:
             if own == factor:
-                best = min(sums, key=lambda one: one.penalised(space, weights))
+                best = min(sums, key=lambda one: one.penalised(space, weights.ravel()))
                 ids = best.fit.candidate.ids
                 answers.append(Refit(
                     change, ids[0] if ids else None, bool(wanted & (set(ids) or {''}))))
     return tuple(answers)
-
-
-def _reweighted(problem: Problem) -> Iterator[tuple[str, float, Array]]:
-    """What changes, the factor of the model error, and weights (R * S,) of the stretches."""
-    count = len(problem.runs)
-    for number, run in enumerate(problem.runs):
-        if count > 1:
-            weights = np.ones((count, STRETCHES))
-            weights[number] = 0.0
-            yield WITHOUT + run.name, 1.0, weights.ravel()
-    random = np.random.default_rng(problem.settings.seed)
-    for number in range(SEEDS):
-        drawn = random.integers(0, count * STRETCHES, count * STRETCHES)
-        yield (f'stretches drawn again, {number + 1}', 1.0,
-               np.bincount(drawn, minlength=count * STRETCHES).astype(float))
 
 
 class _Sums:
