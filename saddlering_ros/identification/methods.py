@@ -32,7 +32,7 @@ from saddlering_ros.identification.settings import (
     StopReason,
     SwarmSettings,
 )
-from saddlering_ros.identification.uncertainty import assess
+from saddlering_ros.identification.uncertainty import assess, UNDETERMINED
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Progress, SearchStep
 from saddlering_ros.record import Record
 from saddlering_ros.rig import (
@@ -375,7 +375,7 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
             f'the misfit is {np.sqrt(trust.reduced_chi_square):.1f} times the noise: intervals '
             f'are widened and may be biased ({advice})')
     if open_names:
-        words.append(f'not determined by these data: {", ".join(open_names)}')
+        words.append(f'{UNDETERMINED}: {", ".join(open_names)}')
     status = '; '.join(words) or 'identified'
     if cancelled:
         status = 'cancelled: the best result so far'

@@ -342,9 +342,12 @@ def reason_open(
             f'change it by {moved}; add a run at another elevation')
 
 
+UNDETERMINED = 'not determined by these data'
+
+
 def undetermined_words(name: str, value: str, reason: str) -> str:
     """A parameter that data do not determine, as every command prints it."""
-    return f'{name}: not determined by these data (best known {value}): {reason}'
+    return f'{name}: {UNDETERMINED} (best known {value}): {reason}'
 
 
 def distinct_elevations(elevations: Iterable[float]) -> int:

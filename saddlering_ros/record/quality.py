@@ -17,6 +17,16 @@ from saddlering_ros.record.scratch import blocks, count_where, extremes, spread,
 HELD_SHARE = 0.5
 """Share of readings equal to the one before above which readings may be held."""
 
+MIN_NEW = 10
+"""Smallest number of changes by which held readings are judged: their distances have a median."""
+
+EVEN_SHARE = 0.6
+"""Share of changes at an even distance, to a sample, above which a slower clock made them. Repeats
+by chance, eight in ten and more, reach 0.31; with fewer of them HELD_STEPS decides."""
+
+HELD_RATE = 0.75
+"""Share of the rate below which readings are taken: half of it or less where a clock is slower."""
+
 HELD_STEPS = 2.0
 """Smallest change (rms) of held readings, in steps of the converter."""
 
@@ -108,7 +118,7 @@ class TopicQuality:
     @property
     def is_held(self) -> bool:
         """Whether readings are published more often than they are taken."""
-        return self.update_rate < 0.75 * self.rate
+        return self.update_rate < HELD_RATE * self.rate
 
     @property
     def is_coarse(self) -> bool:
@@ -135,12 +145,12 @@ def topic_quality(stamps: Stamps, values: Floats) -> TopicQuality:
     repeated = repeats / max(len(values) - 1, 1)
     resolution = common_step(values)
     new = changes[changes != 0.0]
-    held = (repeated > HELD_SHARE and new.size > 10
+    held = (repeated > HELD_SHARE and new.size > MIN_NEW
             and float(np.sqrt(np.mean(new**2))) > HELD_STEPS * max(resolution, 1e-300))
     if held:  # New readings of a slower clock come at even distances.
         apart = np.diff(np.flatnonzero(changes != 0.0))
         usual = float(np.median(apart))
-        held = usual >= 2.0 and float(np.mean(np.abs(apart - usual) <= 1.0)) > 0.6
+        held = usual >= 2.0 and float(np.mean(np.abs(apart - usual) <= 1.0)) > EVEN_SHARE
     update_rate = rate * (1.0 - repeated) if held else rate
     seen = spread(values)
     fresh = seen[np.append(True, np.diff(seen) != 0.0)] if held else seen

@@ -11,6 +11,7 @@ from saddlering_ros.diagnosis.ring_wording import causes_of, value_words, Verdic
 from saddlering_ros.discrepancy import CauseEntry
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.result import INTERVALS
+from saddlering_ros.identification.uncertainty import UNDETERMINED
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import (
@@ -343,7 +344,6 @@ STRONG = 0.9
 
 Row = list[str | Cell]
 HEAD = ('parameter', number('value ± standard deviation'), number('95 % interval'), '')
-UNDETERMINED = 'not determined by these data: '
 ASSUMPTION = ('Every dimension of the rig is an assumption of this project, so the parameters are '
               "equivalent ones: they reproduce the ring's response, not a single roller's.")
 OF_NOISE = ('Where no cause is in the model, standard deviations of a parameter file count noise '
@@ -357,7 +357,7 @@ def identified(found: Mapping[str, Any], words: str = '') -> str:
     rows: list[Row] = [
         [code(name), quantity(item['value'], item['unit'], item['std']),
          span(*item['interval']) if item['interval'] else '–',
-         UNDETERMINED + item['reason'] if item['reason'] else
+         f'{UNDETERMINED}: {item["reason"]}' if item['reason'] else
          ('at its bound' if item['at_bound'] else '')] for name, item in items.items()]
     rows += _per_millimetre({name: item['value'] for name, item in items.items()})
     covariance = np.array([[math.nan if value is None else value for value in row]
@@ -389,7 +389,7 @@ def before_and_after(document: VerdictDocument, covariance: Array | None = None)
             quantity(last[name], PARAMETER_UNITS[name], std), interval(last[name], std),
             moved if is_extended else '',
             f'{abs(first[name] - last[name]) / std:.1f}' if std and is_extended else '–',
-            UNDETERMINED + reasons[name] if name in reasons else ''])
+            f'{UNDETERMINED}: {reasons[name]}' if name in reasons else ''])
     rows += [[name, before_words if is_extended else '', after_words, *[''] * 4]
              for (name, before_words, *_), (_, after_words, *_) in zip(
                  _per_millimetre(first), _per_millimetre(last), strict=True)]
@@ -427,7 +427,8 @@ def of_file(parameters: ParameterSet) -> str:
         reason = source.undetermined.get(name)
         shown = std if reason is None else None
         rows.append([code(name), quantity(value, PARAMETER_UNITS[name], shown),
-                     interval(value, shown), '' if reason is None else UNDETERMINED + reason])
+                     interval(value, shown),
+                     '' if reason is None else f'{UNDETERMINED}: {reason}'])
     rows += _per_millimetre(values_of)
     rows += [[code(f'{effect}.{name}'), f'{compact(value, 5)} (SI)', '', '']
              for effect, values in parameters.effects.items() for name, value in values.items()]
