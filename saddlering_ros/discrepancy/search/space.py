@@ -4,7 +4,6 @@ Candidates are refitted together; candidates far behind the best one stop after 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -302,9 +301,7 @@ def _split(
     """
     foreseen = [space.foreseen(fit) for fit in fits]
     lowest = min([*foreseen, *map(space.foreseen, beside)], default=np.inf)
-    # What a fit short of its minimum promises by itself is the gain of no candidate.
-    alone = space.foreseen(replace(fit, jacobian=space.tangent_of(fit).white))
-    highest = alone - share * (alone - lowest)
+    highest = space.penalised(fit) - share * (space.penalised(fit) - lowest)
     going = [fit for fit, end in zip(fits, foreseen, strict=True) if end < highest]
     resting = [fit for fit, end in zip(fits, foreseen, strict=True) if not end < highest]
     return going, resting
