@@ -2,7 +2,7 @@
 
 import math
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from saddlering_ros.rig import TONNE
 
@@ -12,8 +12,19 @@ FRESH = 2.0
 NARROW, ENDED = 0.10, 0.01
 """Shares of a probe's span: a margin below NARROW is a warning, one below ENDED an error."""
 
-Reading = tuple[float, float, float, float]
-"""A value, the ends of its sensor's range (NaN: not stated), and when it came [s, monotonic]."""
+
+class Reading(NamedTuple):
+    """A value in SI units, its sensor's range (NaN: not stated), when it came [s, monotonic]."""
+
+    value: float
+    low: float
+    high: float
+    at: float
+
+    @property
+    def is_old(self) -> bool:
+        """Whether it is no longer current."""
+        return time.monotonic() - self.at > FRESH
 
 
 class Gauges:
@@ -24,7 +35,7 @@ class Gauges:
 
     def push(self, name: str, value: float, low: float = math.nan, high: float = math.nan) -> None:
         """Take a reading: 'load' [N], 'elevation' [rad], 'probe_1' to 'probe_4' [m]."""
-        self._readings[name] = value, low, high, time.monotonic()
+        self._readings[name] = Reading(value, low, high, time.monotonic())
 
     def as_page(self, assumed_elevation: float | None = None, absent: int = 0) -> dict[str, Any]:
         """Load in t and kN, elevation in degrees, gaps in mm with margin; None where none came.
@@ -38,27 +49,23 @@ class Gauges:
             'deg': assumed_elevation, 'is_measured': False, 'is_old': False}
         return {
             'load': None if load is None else {
-                't': round(load[0] / TONNE, 3), 'kN': round(load[0] / 1e3, 2),
-                'is_old': _is_old(load)},
+                't': round(load.value / TONNE, 3), 'kN': round(load.value / 1e3, 2),
+                'is_old': load.is_old},
             'elevation': assumed if elevation is None else {
-                'deg': round(math.degrees(elevation[0]), 2), 'is_measured': True,
-                'is_old': _is_old(elevation)},
+                'deg': round(math.degrees(elevation.value), 2), 'is_measured': True,
+                'is_old': elevation.is_old},
             'probes': [{'is_absent': True} if number == absent
                        else _probe(self._readings.get(f'probe_{number}'))
                        for number in (1, 2, 3, 4)]}
 
 
-def _is_old(reading: Reading) -> bool:
-    return time.monotonic() - reading[3] > FRESH
-
-
 def _probe(found: Reading | None) -> dict[str, Any] | None:
     """Gap and span in mm, the margin to the nearer end, and its judgement."""
-    if found is None or not math.isfinite(found[0]):
+    if found is None or not math.isfinite(found.value):
         return None
-    gap, low, high = found[:3]
+    gap, low, high = found.value, found.low, found.high
     shown = {'gap': round(1e3 * gap, 4), 'low': None, 'high': None, 'margin': None, 'level': 'ok',
-             'is_old': _is_old(found)}
+             'is_old': found.is_old}
     if high > low:
         margin = min(gap - low, high - gap)
         share = margin / (high - low)
