@@ -245,7 +245,7 @@ def proof(run: RunCurves, channel: str) -> Chart:
     """One channel of one run, measured and simulated, with its residual below."""
     upper, below = _compared(run, channel, 0, 0)
     return Chart((replace(upper, title=''), below), width=9.4, height=4.4,
-                 heights=(charts.MAIN, charts.STRIP), shares_x=True)
+                 heights=(charts.MAIN, charts.STRIP), shares_x=True, legend_columns=3)
 
 
 def _compared(

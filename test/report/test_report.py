@@ -87,6 +87,13 @@ def test_every_axis_names_what_is_read_off_and_those_at_the_edge_show_it(name):
     assert all(axes.get_xlabel() for axes in bottom)
 
 
+def test_the_whole_legend_of_the_proof_is_in_the_picture():
+    figure = draw(figures.proof(replace(RUNS[0], sound={'delta_x': 1e-6}), 'delta_x'))
+    figure.draw_without_rendering()
+    left, right = figure.legends[0].get_window_extent().intervalx
+    assert 0.0 <= left < right <= figure.bbox.width
+
+
 @pytest.mark.parametrize('name', CHARTS)
 def test_picture_and_interactive_figure_show_the_same_data(name):
     chart = CHARTS[name]()
