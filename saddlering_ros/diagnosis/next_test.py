@@ -37,10 +37,6 @@ MAX_ALTERNATIVES = 3
 ENOUGH = 0.5
 """Share of draws below which a simulated test is replaced by a test of the table."""
 
-
-CHANNEL_PROBES = {'delta_x': '1 and 3', 'parity': '1 and 3', 'delta_y': '2 and 4',
-                  'gamma': '2 and 4'}
-
 ELEVATIONS = (30.0, 50.0, 70.0)
 """Elevations [deg] that are proposed besides those of the data."""
 
@@ -65,7 +61,6 @@ CELL_GAIN, CELL_SHARE = 2e-3, 5e-4
 INCLINOMETER, SCALE = math.radians(0.02), 1e-3
 """Standard deviations of an inclinometer [rad] and of a measured height [m]."""
 
-OTHER_PROBE = {1.0: 3.0, 3.0: 1.0, 2.0: 4.0, 4.0: 2.0}
 MOVES = 'a misfit that moves with the probe'
 """Outcome of swapped probes for an effect that belongs to the probe and not to its place."""
 
@@ -87,16 +82,15 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
                 '--check BAG and its drawing show a wrong dimension, span, polarity or '
                 f'elevation. {for_rest}')
     entries = entries_of(rig, diagnosis.causes)
-    first = ''
-    if entries:
-        first = f'First compare the rig file with the drawing and the ring: {", ".join(entries)}.'
+    first = ('First compare the rig file with the drawing and the ring: '
+             f'{", ".join(entries)}.') if entries else ''
     named = diagnosis.causes[0].effect
     open_groups = [cause.group for cause in diagnosis.causes if len(cause.group) > 1]
     sentence: str | None = ''
     if open_groups:
-        group = [name for name in open_groups[0] if not title_of_dimension(name)]
-        sentence = for_group(open_groups[0], diagnosis.separations)
-        sentence = sentence or (catalogue()[group[0]].settled_by if group else '')
+        sentence = for_group(open_groups[0], diagnosis.separations) or next(
+            (catalogue()[name].settled_by for name in open_groups[0]
+             if not title_of_dimension(name)), '')
     elif not title_of_dimension(named):
         alike = look_alikes(named, signature_cosines(diagnosis))
         sentence = confirming(named, alike[:MAX_ALTERNATIVES])
@@ -117,7 +111,7 @@ def for_residual(after: discrepancy.Residual) -> str:
         return (f'Record ten minutes at constant preload, at the highest sampling rate. If '
                 f'{fast.view} oscillates at {fast.frequency:.2g} Hz there too, pickup of a probe '
                 'is the cause. If it does not, the rig oscillates with the load.')
-    probes = CHANNEL_PROBES.get(channel, '1 and 3')
+    probes = '2 and 4' if channel in ('delta_y', 'gamma') else '1 and 3'
     sentences = {
         'load': f'Swap probes {probes} and repeat the static test. If the misfit of {channel} '
         'moves with a probe, the probe is the cause. If the misfit stays, the ring or the load '
@@ -137,10 +131,9 @@ def for_residual(after: discrepancy.Residual) -> str:
 
 def outcome(effect_id: str, test: RigTest) -> str:
     """Outcome of a test if this effect is the cause; UNCLEAR if any outcome is possible."""
-    effect = catalogue().get(effect_id)
-    if effect is None:
+    if effect_id not in catalogue():
         return UNCLEAR
-    stated: str | None = getattr(effect.outcomes, test.id)
+    stated: str | None = getattr(catalogue()[effect_id].outcomes, test.id)
     return test.otherwise if stated is None else stated
 
 
@@ -160,8 +153,8 @@ def for_group(effects: Sequence[str], separations: Sequence[discrepancy.Separati
     simulated = {one.proposal.kind for one in separations}
     if best is None or (best.share < ENOUGH and table is not None and table.id not in simulated):
         return between(effects)
-    tests = [test for test in RIG_TESTS if test.id == best.proposal.kind]
-    meanings = _meanings(tests[0], effects) if tests and separated(tests[0], effects) else ''
+    meanings = ''.join(_meanings(test, effects) for test in RIG_TESTS
+                       if test.id == best.proposal.kind and separated(test, effects))
     share, low, high = (round(100.0 * value) for value in (best.share, *best.interval))
     words = (f'In {share} of 100 simulated draws, this test leaves the true cause alone '
              f'(95 % interval {low} to {high}).')
@@ -187,16 +180,11 @@ def _of_table(effects: Sequence[str]) -> RigTest | None:
 
 def confirming(effect_id: str, alternatives: Sequence[str]) -> str:
     """The test that confirms a named effect against its look-alikes in these data."""
+    alone = (f'{test.instruction} {_capital(shown)} confirms it.' for test in RIG_TESTS
+             if (shown := outcome(effect_id, test)) not in (UNCLEAR, test.otherwise))
     sentence = between([effect_id, *alternatives]) if alternatives else None
-    if sentence is not None:
-        return f'To confirm {lowered(title_of(effect_id))}: {sentence}'
-    for test in RIG_TESTS:
-        shown = outcome(effect_id, test)
-        if shown not in (UNCLEAR, test.otherwise):
-            return (f'To confirm {lowered(title_of(effect_id))}: {test.instruction} '
-                    f'{_capital(shown)} confirms it.')
     effect = catalogue().get(effect_id)
-    words = '' if effect is None else effect.settled_by
+    words = sentence or next(alone, '' if effect is None else effect.settled_by)
     return f'To confirm {lowered(title_of(effect_id))}: {words}'
 
 
@@ -215,14 +203,11 @@ def look_alikes(
 
 def repeated_laws(laws: Sequence[str], cosines: Mapping[str, Mapping[str, float]]) -> list[str]:
     """One sentence for each law of the user that repeats an effect of the catalogue here."""
-    sentences = []
-    for name in laws:
-        others = [other for other in look_alikes(name, cosines, SAME) if other not in laws]
-        if others:
-            sentences.append(f'{name} changes these data in the same way as {", ".join(others)} '
-                             'of the catalogue: the law and the effect are one cause in these '
-                             'data')
-    return sentences
+    alike = {name: [other for other in look_alikes(name, cosines, SAME) if other not in laws]
+             for name in laws}
+    return [f'{name} changes these data in the same way as {", ".join(others)} of the catalogue: '
+            'the law and the effect are one cause in these data'
+            for name, others in alike.items() if others]
 
 
 def for_unseen(effects: Sequence[str]) -> str | None:
@@ -303,7 +288,7 @@ def with_swapped_probes(point: Point) -> Point:
         probe = values.get('probe', 0.0)
         effect = catalogue().get(name)
         moves = effect is not None and effect.outcomes.swapped_probes == MOVES
-        effects[name] = {**values, 'probe': OTHER_PROBE[probe]} if moves and probe else values
+        effects[name] = {**values, 'probe': (probe + 1) % 4 + 1} if moves and probe else values
     return Point(point.base, effects)
 
 
@@ -311,13 +296,12 @@ def on_slewed_ring(point: Point) -> Point:
     """The same with the ring turned by a quarter, so that an oval and worn arcs lie elsewhere."""
     effects = {}
     for name, values in point.effects.items():
+        effects[name] = dict(values)
         if name == 'out_of_round':
-            effects[name] = {**values, 'amplitude': -values['amplitude']}
+            effects[name]['amplitude'] *= -1.0
         elif name in ('worn_sector_axial', 'worn_sector_radial'):
             centre = values['centre'] + math.pi / 2
-            effects[name] = {**values, 'centre': min(centre, 2.0 * math.pi - centre)}
-        else:
-            effects[name] = dict(values)
+            effects[name]['centre'] = min(centre, 2.0 * math.pi - centre)
     return Point(point.base, effects)
 
 
@@ -327,8 +311,7 @@ def load_run(
 ) -> RunBlocks:
     """An empty run along a course of load: times [s] and loads [N], linear in between.
 
-    max_step [s]: longest step of its simulation. The samples of a slow course are close
-    enough.
+    max_step [s]: longest step of its simulation.
     """
     edge = np.linspace(times[0], times[-1], 2 * BLOCKS + 1)
     time = 0.5 * (edge[:-1] + edge[1:])

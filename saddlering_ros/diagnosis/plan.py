@@ -51,8 +51,7 @@ ELEVATIONS = (0.0, 30.0, 50.0, 70.0)
 MISSED = 1.0
 """Score of a cause that the tests cannot show: as if its limit were ten typical sizes."""
 
-BEST_COUNT = 4
-"""Number of tests of the default plan."""
+BEST_COUNT = 4  # tests of the default plan
 
 
 class PlanError(SaddleringError):
@@ -90,7 +89,6 @@ COURSES: dict[str, tuple[list[float], list[float], float]] = {
 
 KINDS = ('static', *COURSES)
 
-
 ALL_TESTS = [PlannedTest(kind, degrees) for degrees in ELEVATIONS for kind in KINDS]
 """Tests among which the best are chosen."""
 
@@ -126,9 +124,7 @@ class CausePlan:
     @property
     def score(self) -> float:
         """Logarithm of the limit over the typical size, at most MISSED."""
-        if not self.is_testable:
-            return MISSED
-        return min(MISSED, math.log10(self.limit / self.typical))
+        return min(MISSED, math.log10(self.limit / self.typical)) if self.is_testable else MISSED
 
 
 @dataclass(frozen=True)
@@ -194,21 +190,21 @@ class Planner:
         gain = plan.score - best.score
         return replace(plan, further=best.tests[-1], further_gain=gain) if gain > 0.0 else plan
 
-    def best(self, count: int = BEST_COUNT) -> Plan:
+    def best(self) -> Plan:
         """The tests that are found one after another, each the one that adds most."""
         chosen: list[PlannedTest] = []
-        for number in range(count):
-            self.watch.progress(f'test {number + 1} of {count}', number / count)
+        for number in range(BEST_COUNT):
+            self.watch.progress(f'test {number + 1} of {BEST_COUNT}', number / BEST_COUNT)
             plans = [self._without_further([*chosen, test]) for test in ALL_TESTS
                      if test not in chosen]
             chosen.append(min(plans, key=lambda plan: plan.score).tests[-1])
         return self.plan(chosen, ALL_TESTS)
 
     def _without_further(self, tests: Sequence[PlannedTest]) -> Plan:
+        plain = discrepancy.Point(self.contact.to_array())
         for test in tests:
             if test not in self._runs:  # The readings are those of the ring without any cause.
                 empty = test.run(self.rig)
-                plain = discrepancy.Point(self.contact.to_array())
                 self._runs[test] = replace(
                     empty, channels=self._system.predict_many(empty, [plain])[0])
         start = dict(zip(PARAMETER_NAMES, self.contact.to_array(), strict=True))
@@ -221,8 +217,21 @@ class Planner:
             item.name: float(item.slope(float(unit)) * np.sqrt(covariance[index, index]))
             for index, (item, unit) in enumerate(zip(
                 self._system.base_parameters, space.base.theta_unit, strict=True))}
-        causes = _causes(discrepancy.observed(space), self.rig)
-        return Plan(tuple(tests), causes, accuracy, self.contact, None, 0.0, self.noise)
+        seen = discrepancy.observed(space)
+        alike: dict[str, set[str]] = {}
+        causes_of = [label.partition(':')[0] for label in seen.labels]
+        for name, row in zip(causes_of, seen.cosines, strict=True):
+            alike.setdefault(name, set()).update(
+                other for other, cosine in zip(causes_of, row, strict=True)
+                if cosine >= LOOK_ALIKE and other != name)
+        causes = []
+        for limit in seen.limits:
+            effect = catalogue()[limit.effect]
+            size = next(item for item in effect.parameters_on(self.rig) if item.amplitude)
+            causes.append(CausePlan(
+                limit.effect, effect.title, limit.limit, limit.unit, limit.testable,
+                (limit.effect, *sorted(alike.get(limit.effect, ()))), abs(size.scale)))
+        return Plan(tuple(tests), tuple(causes), accuracy, self.contact, None, 0.0, self.noise)
 
     def _noise_of(
         self, runs: Sequence[RunBlocks], residuals: Sequence[Array] | None,
@@ -230,27 +239,10 @@ class Planner:
         """The same noise for every probe; a reading has `noise`, and the probe wanders."""
         slow = np.array([(WANDER.get(tau, 0.0) * self.noise) ** 2
                          for tau in TIME_CONSTANTS.tolist()])
-        rates = [STATIC_RATE if run.name.startswith('static') else DYNAMIC_RATE for run in runs]
         return {
-            (run.name, channel): ChannelNoise(self.noise**2 / rate, slow, 0.0, PAIRS)
-            for run, rate in zip(runs, rates, strict=True) for channel in range(len(run.channels))}
-
-
-def _causes(seen: discrepancy.Observability, rig: Rig) -> tuple[CausePlan, ...]:
-    alike: dict[str, set[str]] = {}
-    for label, row in zip(seen.labels, seen.cosines, strict=True):
-        name = label.partition(':')[0]
-        for other, cosine in zip(seen.labels, row, strict=True):
-            if cosine >= LOOK_ALIKE and other.partition(':')[0] != name:
-                alike.setdefault(name, set()).add(other.partition(':')[0])
-    answers = []
-    for limit in seen.limits:
-        effect = catalogue()[limit.effect]
-        size = next(item for item in effect.parameters_on(rig) if item.amplitude)
-        answers.append(CausePlan(
-            limit.effect, effect.title, limit.limit, limit.unit, limit.testable,
-            (limit.effect, *sorted(alike.get(limit.effect, ()))), abs(size.scale)))
-    return tuple(answers)
+            (run.name, channel): ChannelNoise(self.noise**2 / (
+                STATIC_RATE if run.name.startswith('static') else DYNAMIC_RATE), slow, 0.0, PAIRS)
+            for run in runs for channel in range(len(run.channels))}
 
 
 class KeptSystem:

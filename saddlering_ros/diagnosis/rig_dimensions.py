@@ -18,10 +18,11 @@ from saddlering_ros.rig import Rig
 REVERSED = 'rig_polarity'
 """A probe whose sign is reversed. It acts on the readings."""
 
-IN_CATALOGUE = {
+ENTRIES = {
     'moment_arm': 'rig.trunnion.y', 'axial_clearance': 'rig.axial_rows.clearance',
-    'radial_clearance': 'rig.middle_row.clearance', 'probe_height': 'rig.probes.radial_height'}
-"""Entry of the rig file by effect of the catalogue that its error would look like."""
+    'radial_clearance': 'rig.middle_row.clearance', 'probe_height': 'rig.probes.radial_height',
+    REVERSED: 'rig.probes.polarity'}
+"""Entry of the rig file by the effect that its error would look like."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +102,8 @@ def entries_of(rig: Rig, causes: Sequence[Cause]) -> list[str]:
     entries: dict[str, str] = {}
     for cause in causes:
         for name in cause.group:
-            entry = IN_CATALOGUE.get(name, '')
-            if name == REVERSED:
-                entry = 'rig.probes.polarity'
-            elif name in DIMENSIONS:
+            entry = ENTRIES.get(name, '')
+            if name in DIMENSIONS:
                 one = DIMENSIONS[name]
                 entry = one.entry
                 if name == cause.effect:
@@ -177,21 +176,17 @@ CERTIFIED = {
 """Effect and parameter of an instrument's error, by the name in the rig file."""
 
 
-def certified_errors(rig: Rig) -> list[dict[str, dict[str, float]]]:
+def certified_effects(rig: Rig) -> list[dict[str, dict[str, float]]]:
     """One standard uncertainty of each stated instrument, as effects of the catalogue."""
-    stated = {name: getattr(rig.instruments, name) for name in CERTIFIED
-              if getattr(rig.instruments, name) is not None}
+    stated = {name: one for name, one in vars(rig.instruments).items() if one is not None}
     of_probes = ('probe_gain', 'probe_nonlinearity')
     errors = [{effect: {parameter: float(stated[name])}}
               for name, (effect, parameter) in CERTIFIED.items()
               if name in stated and name not in of_probes]
-    for probe in rig.probes.present:
-        for name in of_probes:
-            if name in stated:
-                effect, parameter = CERTIFIED[name]
-                size = float(np.broadcast_to(stated[name], 4)[probe - 1])
-                errors.append({effect: {'probe': float(probe), parameter: size}})
-    return errors
+    return [*errors, *(
+        {CERTIFIED[name][0]: {'probe': float(probe), CERTIFIED[name][1]: float(
+            np.broadcast_to(stated[name], 4)[probe - 1])}}
+        for probe in rig.probes.present for name in of_probes if name in stated)]
 
 
 def certificate_notes(rig: Rig, causes: Iterable[Cause]) -> list[str]:
@@ -211,7 +206,7 @@ def certificate_notes(rig: Rig, causes: Iterable[Cause]) -> list[str]:
 
 def assumed_notes(rig: Rig) -> list[str]:
     """What is assumed of instruments without a certificate, and how to state it."""
-    missing = rig.instruments.not_stated
-    return [] if not missing else [
-        f'no certificate states {", ".join(missing)}: they count as exact in an identification, '
-        'and a diagnosis may accuse them; give their standard uncertainties as rig.instruments']
+    missing = ', '.join(rig.instruments.not_stated)
+    return [f'no certificate states {missing}: they count as exact in an identification, and a '
+            'diagnosis may accuse them; give their standard uncertainties as rig.instruments'
+            ] if missing else []

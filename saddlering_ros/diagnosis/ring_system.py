@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis import rig_dimensions
 from saddlering_ros.diagnosis.records import LoadGrid
-from saddlering_ros.diagnosis.rig_dimensions import certified_errors, NeighbourhoodsByRig
+from saddlering_ros.diagnosis.rig_dimensions import certified_effects, NeighbourhoodsByRig
 from saddlering_ros.discrepancy import Effect, Neighbourhood, Parameter, Point, RunBlocks
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
@@ -53,43 +53,43 @@ KEPT_POINTS = 4096
 """Number of stored extensions, because every run is simulated at the same effects."""
 
 
-@dataclass(frozen=True)
 class RingNeighbourhood:
-    """Groups of points of a ring, prepared for any run.
+    """Groups of points of a ring, prepared for any run."""
 
-    candidates: each group as contact laws with extensions; near: whether a point after the first
-    of its group has a tangent; passes: the first points and the near ones.
-    """
-
-    system: RingSystem
-    groups: Sequence[Sequence[Point]]
-    candidates: list[list[tuple[Array, RingExtension]]]
-    near: list[list[bool]]
-    passes: Neighbourhoods
+    def __init__(self, system: RingSystem, groups: Sequence[Sequence[Point]]) -> None:
+        self._system, self._groups = system, groups
+        self._candidates = [[(point.base, system.extension(point)) for point in group]
+                            for group in groups]
+        # Whether a point after the first of its group has a tangent.
+        self._near = [[has_tangent(group[0], other) for other in group[1:]]
+                      for group in self._candidates]
+        self._passes = Neighbourhoods(system.rig, [
+            (group[0], list(compress(group[1:], own)))
+            for group, own in zip(self._candidates, self._near, strict=True)])
 
     def predict(self, run: RunBlocks) -> list[Array]:
         """Points (B, C, N) of each group: the first simulated, its neighbours by exact tangents.
 
         A neighbour without a tangent is simulated.
         """
-        if any(self.system.laws(group[0]) for group in self.groups):
-            return [self.system.predict_many(run, group) for group in self.groups]
+        if any(self._system.laws(group[0]) for group in self._groups):
+            return [self._system.predict_many(run, group) for group in self._groups]
         # By tangents; NaN for a point that must be simulated.
         grid: LoadGrid = run.payload
-        seen, answers = self.system.seen, []
-        responses = self.passes.along(grid.elevation, grid.time, grid.load, grid.zero_load,
-                                      grid.max_step, (grid.first, grid.last))
-        for near, response in zip(self.near, responses, strict=True):
+        seen, answers = self._system.seen, []
+        responses = self._passes.along(grid.elevation, grid.time, grid.load, grid.zero_load,
+                                       grid.max_step, (grid.first, grid.last))
+        for near, response in zip(self._near, responses, strict=True):
             answer = np.full((1 + len(near), *run.channels.shape), np.nan)
             answer[0] = response.centre[seen]
             answer[1:][near] = response.neighbours[:, seen]
             answers.append(answer)
         missing = [
             (answer, index, candidate)
-            for answer, group in zip(answers, self.candidates, strict=True)
+            for answer, group in zip(answers, self._candidates, strict=True)
             for index, candidate in enumerate(group) if not np.isfinite(answer[index]).all()]
         if missing:
-            simulated = self.system.simulated(run, [candidate for _, _, candidate in missing])
+            simulated = self._system.simulated(run, [candidate for _, _, candidate in missing])
             for (answer, index, _), values in zip(missing, simulated, strict=True):
                 answer[index] = values
         return [np.clip(answer, -10.0 * FAILED, 10.0 * FAILED) for answer in answers]
@@ -131,10 +131,8 @@ class RingSystem:
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        return tuple(
-            one
-            for effect in catalogue_of_effects.catalogue().values()
-            for one in engine_effects(effect, self.rig))
+        return tuple(one for effect in catalogue_of_effects.catalogue().values()
+                     for one in engine_effects(effect, self.rig))
 
     @cached_property
     def inputs(self) -> tuple[Effect, ...]:
@@ -157,31 +155,25 @@ class RingSystem:
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
         if any(map(rig_dimensions.has_dimensions, points)):
             return np.concatenate(self._by_rig([[point] for point in points]).predict(run))
-        answer = self.simulated(run, [(point.base, self.extension(point)) for point in points])
+        candidates = [(point.base, self.extension(point)) for point in points]
+        answer, grid = self.simulated(run, candidates), run.payload
         for number, point in enumerate(points):
-            laws = self.laws(point)
-            if laws:
-                # Channels (C, N) with the user's own laws, from those without.
-                plain = answer[number]
-                grid: LoadGrid = run.payload
-                additions = Additions(self.rig, laws, float(grid.time[0]), grid.zero_load)
-                at_ring, added = additions.push(grid.time, grid.load)
-                if not np.array_equal(at_ring, grid.load):
-                    changed = replace(run, payload=replace(grid, load=at_ring))
-                    plain = self.simulated(changed, [(point.base, self.extension(point))])[0]
-                answer[number] = plain + grid.block_means(np.ascontiguousarray(added.T[self.seen]))
+            if not (laws := self.laws(point)):
+                continue
+            # The user's own laws change the load at the ring, or add to the channels (C, N).
+            additions = Additions(self.rig, laws, float(grid.time[0]), grid.zero_load)
+            at_ring, added = additions.push(grid.time, grid.load)
+            if not np.array_equal(at_ring, grid.load):
+                changed = replace(run, payload=replace(grid, load=at_ring))
+                answer[number] = self.simulated(changed, [candidates[number]])[0]
+            answer[number] += grid.block_means(np.ascontiguousarray(added.T[self.seen]))
         return answer
 
     def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> Neighbourhood:
         """Groups of points with their extensions, and the tangents that each group allows."""
         if any(rig_dimensions.has_dimensions(point) for group in groups for point in group):
             return self._by_rig(groups)
-        candidates = [[(point.base, self.extension(point)) for point in group] for group in groups]
-        near = [[has_tangent(group[0], other) for other in group[1:]] for group in candidates]
-        passes = Neighbourhoods(self.rig, [
-            (group[0], list(compress(group[1:], own)))
-            for group, own in zip(candidates, near, strict=True)])
-        return RingNeighbourhood(self, groups, candidates, near, passes)
+        return RingNeighbourhood(self, groups)
 
     def _by_rig(self, groups: Sequence[Sequence[Point]]) -> NeighbourhoodsByRig:
         """The groups, with the points of each rig together."""
@@ -237,23 +229,18 @@ class RingSystem:
                 *self.instrument_errors(run, point.base)], axis=-1))
         joined = roller_scatter.compressed(
             np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
-        noisy = self._load_noise(runs, points)
-        answer, start = [], 0
-        for run, own, load in zip(runs, known, noisy, strict=True):
-            block = joined[start : start + run.channels.size]
-            block = block.reshape(*run.channels.shape, -1)
-            answer.append(np.concatenate([block, load, own], axis=2))
-            start += run.channels.size
-        return answer
+        blocks = np.split(joined, np.cumsum([run.channels.size for run in runs])[:-1])
+        return [
+            np.concatenate([block.reshape(*run.channels.shape, -1), load, own], axis=2)
+            for run, block, load, own in zip(
+                runs, blocks, self._load_noise(runs, points), known, strict=True)]
 
     def instrument_errors(self, run: RunBlocks, base: Array) -> list[Array]:
         """Changes (C, N) of a run by one standard uncertainty of each stated instrument."""
-        errors = certified_errors(self.rig)
-        points = [Point(base), *(Point(base, effects) for effects in errors)]
-        span = self.rig.instruments.axial_span
+        errors, span = certified_effects(self.rig), self.rig.instruments.axial_span
         if not errors and span is None:
             return []
-        predicted = self.predict_many(run, points)
+        predicted = self.predict_many(run, [Point(base), *(Point(base, one) for one in errors)])
         changes = [one - predicted[0] for one in predicted[1:]]
         if span is not None:
             weights = self.views['gamma']
@@ -297,8 +284,7 @@ class RingSystem:
 
         The zero of the probes stays where it is: a law counts from there.
         """
-        grid: LoadGrid = run.payload
-        step = LOAD_STEP * self.rig.full_scale_load
+        grid, step = run.payload, LOAD_STEP * self.rig.full_scale_load
         less, more = (
             self.simulated(replace(run, payload=replace(grid, load=grid.load + change)),
                            [(point.base, self.extension(point))])[0]
@@ -307,8 +293,7 @@ class RingSystem:
 
     def start_of(self, run: RunBlocks) -> float:
         """The start of the zero window."""
-        grid: LoadGrid = run.payload
-        return float(grid.time[0])
+        return float(run.payload.time[0])
 
     def extension(self, point: Point) -> RingExtension:
         """Extension parameters that the effects of a point set."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saddlering_ros.diagnosis.rig_dimensions import certified_errors as errors_of_diagnosis
+from saddlering_ros.diagnosis.rig_dimensions import certified_effects
 from saddlering_ros.identification.uncertainty import certified_errors
 from saddlering_ros.rig import default_rig, Instruments, RigError
 from saddlering_ros.rig.instruments import difference_of, instruments_from, NAMES, stated_by
@@ -39,7 +39,7 @@ def test_certificates_do_not_change_the_hash_of_a_rig():
 
 def test_every_stated_instrument_has_an_error_and_the_others_have_none():
     assert certified_errors(RIG) == []
-    assert errors_of_diagnosis(RIG) == []
+    assert certified_effects(RIG) == []
     made = certified_errors(replace(RIG, instruments=instruments_from(STATED, 'f')))
     covered = {one.name.rstrip('_1234').replace('_axial', '').replace('_radial', '').replace(
         '_x', '').replace('_y', '') for one in made}
