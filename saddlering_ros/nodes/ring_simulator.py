@@ -25,8 +25,8 @@ from saddlering_ros.ros.names import NodeError, PARAMETERS_IN_FORCE
 from saddlering_ros.ros.parameters import (
     declare_rig,
     given_sections,
-    in_parameters,
     NodeParameter,
+    refuse_other_rig,
     TRUST_RIG,
 )
 from saddlering_ros.ros.raw_topics import LATCHED, PROMISED_QOS, RawPublisher, RawSubscription
@@ -106,7 +106,7 @@ class RingSimulatorNode(StreamingNode):
         else:
             self._in_force = ParameterSet(
                 TRUE_TO_SCALE, source=ParameterSource(method='default', note='true to scale'))
-        self._check_rig(self._in_force)
+        refuse_other_rig(self, refuse_parameters_of_other_rig, self._in_force, self._rig)
         bag = self.settings['bag']
         self._started_with = math.nan
         if bag and math.isnan(self.settings['elevation_deg']):
@@ -138,12 +138,6 @@ class RingSimulatorNode(StreamingNode):
         offered, self._offered = self._offered, None
         if offered is not None:
             self._follow(offered)
-
-    def _check_rig(self, parameters: ParameterSet) -> None:
-        """NodeError if parameters state another rig than the node has, unless trust_rig is set."""
-        if not self.settings['trust_rig']:
-            with in_parameters():
-                refuse_parameters_of_other_rig(parameters, self._rig)
 
     def _take_elevation(self) -> bool:
         """Settle the elevation to simulate at; whether it is another than before."""
@@ -278,7 +272,7 @@ class RingSimulatorNode(StreamingNode):
         before = self._in_force
         try:
             found = messages.parameters_from_message(message)
-            self._check_rig(found)
+            refuse_other_rig(self, refuse_parameters_of_other_rig, found, self._rig)
             if before is None or (found.contact, found.effects) != (
                     before.contact, before.effects):
                 self._make(found, self._stream.hold)

@@ -47,7 +47,7 @@ class BagNode(StreamingNode):
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
-        self._rig = parameters.given_rig(self)
+        self._rig = parameters.declare_rig(self)
         self._agreement = RigAgreement(self, self._rig)
         self._first_bag = self.settings['bag']
         self._bag_root = parameters.root_folder(
@@ -75,9 +75,7 @@ class BagNode(StreamingNode):
     def read_record(self, topics: Sequence[str] | None = None) -> RawRecord:
         """The bag to replay now; NodeError if it states another rig, unless trust_rig is set."""
         record = read_raw(self.bag_path(), topics, rig=self._rig)
-        if not self.settings['trust_rig']:
-            with parameters.in_parameters():
-                refuse_other_hash(record, self._rig)
+        parameters.refuse_other_rig(self, refuse_other_hash, record, self._rig)
         return record
 
     def _allowed(self, bag: str) -> str:

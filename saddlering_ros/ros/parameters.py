@@ -1,8 +1,7 @@
 """Node parameters declared once: default, range and words, for ROS, the checks and the docs."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 import math
 from operator import attrgetter
@@ -80,11 +79,16 @@ TRUST_RIG = NodeParameter(
     'trust_rig', False, 'accept a bag or parameters that state another rig than the node has')
 
 
-@contextmanager
-def in_parameters() -> Iterator[None]:
-    """Raise a refusal of the Python API again, with the parameters of a node for its arguments."""
+def refuse_other_rig(node: Any, refuse: Callable[[Any, Rig], None], stated: Any, rig: Rig) -> None:
+    """NodeError if `refuse` finds that another rig than the node's is stated.
+
+    A node with trust_rig does not look. The remedy names parameters in place of arguments of the
+    Python API.
+    """
+    if node.settings[TRUST_RIG.name]:
+        return
     try:
-        yield
+        refuse(stated, rig)
     except SaddleringError as problem:
         words = str(problem).replace('rig=FILE', '--params-file FILE')
         raise NodeError(words.replace('trust_rig=True', '-p trust_rig:=true')) from problem
@@ -163,27 +167,17 @@ def declare_rig(node: Node) -> Rig:
     as commands refuse it: the rest would be that of another rig. Raises RigError with one line on
     a bad one.
     """
-    given = set(node._parameter_overrides)
-    is_given = any(name.startswith('rig.') for name in given)
-    nested: dict[str, Any] = {}
-    for name, default in _rig_values(default_rig() if is_given else load_rig()).items():
-        descriptor = msg.ParameterDescriptor(
-            name=name, description=rig_words(name), read_only=True, dynamic_typing=True)
-        value = node.declare_parameter(name, default, descriptor).value
-        if not is_given or name in given:
-            _put(nested, name.split('.'), value)
-    return rig_from_parameters(nested, f'parameters of {node.get_name()}')
-
-
-def given_rig(node: Node) -> Rig:
-    """The same rig as of `declare_rig`, with only the given entries declared.
-
-    It is for nodes that need little of the rig.
-    """
     nested = given_sections(node, ('rig', 'bounds'))
-    if 'rig' not in nested:
-        return load_rig()
-    return rig_from_parameters(nested, f'parameters of {node.get_name()}')
+    is_given = 'rig' in nested
+    project = default_rig() if is_given else load_rig()
+    for name, default in _rig_values(project).items():
+        if not node.has_parameter(name):
+            node.declare_parameter(name, default, _descriptor_of(name))
+            if not is_given:
+                _put(nested, name.split('.'), default)
+    rig = rig_from_parameters(nested, f'parameters of {node.get_name()}')
+    return rig if is_given else replace(
+        rig, instruments=project.instruments, wear_limits=project.wear_limits)
 
 
 _RIG_WORDS = {
@@ -215,8 +209,14 @@ _RIG_WORDS = {
 
 
 def rig_words(name: str) -> str:
-    """Meaning of a parameter of the rig."""
-    return _RIG_WORDS.get(name) or f'[low, high] of {name.removeprefix("bounds.")} in a search'
+    """Meaning of a parameter of the rig; '' of what needs a text in the rig file alone."""
+    section, _, key = name.partition('.')
+    return f'[low, high] of {key} in a search' if section == 'bounds' else _RIG_WORDS.get(name, '')
+
+
+def _descriptor_of(name: str) -> msg.ParameterDescriptor:
+    return msg.ParameterDescriptor(
+        name=name, description=rig_words(name), read_only=True, dynamic_typing=True)
 
 
 def given_sections(node: Node, sections: Sequence[str]) -> dict[str, Any]:
@@ -229,8 +229,7 @@ def given_sections(node: Node, sections: Sequence[str]) -> dict[str, Any]:
     for name in sorted(overrides):
         if name.partition('.')[0] not in sections:
             continue
-        descriptor = msg.ParameterDescriptor(name=name, read_only=True, dynamic_typing=True)
-        value = node.declare_parameter(name, overrides[name].value, descriptor).value
+        value = node.declare_parameter(name, overrides[name].value, _descriptor_of(name)).value
         _put(nested, name.split('.'), value)
     return nested
 
@@ -242,9 +241,8 @@ def refuse_undeclared(node: Node) -> None:
     by every node; their entries are checked all the same.
     """
     overrides: dict[str, RosParameter] = node._parameter_overrides
-    declared = list(node._parameters)
     sections = {'contact': PARAMETER_NAMES, 'source': SOURCE_KEYS}
-    known = [*declared, *_rig_values(default_rig()),
+    known = [*node._parameters,
              *(f'{section}.{key}' for section, keys in sections.items() for key in keys)]
     for name in sorted(overrides):
         if name in known or name.startswith('effects.'):

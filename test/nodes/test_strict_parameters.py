@@ -11,9 +11,11 @@ import pytest
 import rclpy
 import yaml
 
+from saddlering_ros.files import share_directory
+from saddlering_ros.rig import load_rig
 from saddlering_ros.ros.launcher import ros_arguments
 from saddlering_ros.ros.names import NodeError
-from saddlering_ros.ros.parameters import check_parameter_files
+from saddlering_ros.ros.parameters import check_parameter_files, declare_rig, refuse_undeclared
 
 BAG = Path(__file__).parents[2] / 'bags' / 'static_50'
 pytestmark = pytest.mark.ros
@@ -97,6 +99,29 @@ def test_a_node_starts_with_a_list_from_a_launch_file(tmp_path: Path) -> None:
     assert status == 2
     assert 'keine-ä' in said
     assert 'tuple' not in said
+
+
+@pytest.mark.parametrize('is_project', [False, True])
+def test_a_rig_file_reaches_a_node_with_its_certificates_and_limits_of_wear(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_project: bool) -> None:
+    document = yaml.safe_load((share_directory() / 'config' / 'rig.yaml').read_text())
+    document['/**']['ros__parameters']['rig'] |= {
+        'instruments': {'load_gain': 1e-3, 'probe_gain': [2e-3, 1e-3, 1e-3, 1e-3]},
+        'wear_limits': {'tilting_clearance': 5e-4}}
+    file = tmp_path / 'rig.yaml'
+    file.write_text(yaml.dump(document))
+    if is_project:
+        monkeypatch.setenv('SADDLERING_RIG', str(file))
+    context = rclpy.Context()
+    rclpy.init(context=context, args=['program', *ros_arguments(
+        files=[] if is_project else [file])])
+    node = rclpy.create_node('ring_identification', context=context)
+    try:
+        assert declare_rig(node) == load_rig(file)
+        refuse_undeclared(node)
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
 
 
 @pytest.mark.parametrize('value', [1e-7, 1.5e-7, 5e-5, 3.0, -1e16])
