@@ -4,7 +4,6 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_interfaces.msg import RingDisplacement
 from saddlering_ros.bags.wire import covariance_of, decode_displacements, encode_displacements
@@ -96,24 +95,15 @@ class ResidualTask(diagnostics.Kept):
     """Root mean squares of residuals, pushed as (N, 4) [m, m, rad, m]."""
 
     name = 'residual'
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._sums, self._counts = np.zeros(4), np.zeros(4, np.int64)
-
-    def judge(self, numbers: NDArray[np.float64]) -> None:
-        """Add up the squares of the period."""
-        self._sums += np.nansum(numbers ** 2, axis=0)
-        self._counts += np.isfinite(numbers).sum(axis=0)
+    NONE = np.empty((0, len(CHANNELS)))
 
     def report(self, elapsed: float) -> TaskStatus:
         """Number and sizes of the residuals of the period."""
-        self.judge_kept()
-        sums, counts = self._sums, self._counts
-        self._sums, self._counts = np.zeros(4), np.zeros(4, np.int64)
+        numbers = self.taken()
+        counts = np.isfinite(numbers).sum(axis=0)
         if not counts.any():
             return TaskStatus(OK, 'no residual yet')
-        rms = np.sqrt(sums / np.maximum(counts, 1))
+        rms = np.sqrt(np.nansum(numbers ** 2, axis=0) / np.maximum(counts, 1))
         return TaskStatus(OK, f'{int(counts.max())} residuals', {
             f'rms {name} [{"urad" if name == "gamma" else "um"}]': f'{value * 1e6:.3f}'
             for name, value in zip(CHANNELS, rms.tolist(), strict=True)})

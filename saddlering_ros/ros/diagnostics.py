@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 import math
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
@@ -17,11 +17,8 @@ OK, WARN, ERROR, STALE = 0, 1, 2, 3
 STATE_TASK, ACTIVE = 'state', 'active'
 """The status of every lifecycle node by which others know that it is active."""
 
-JUDGED_TOGETHER = 4096
-"""Numbers that are judged at once, at the latest; fewer at the end of a period."""
-
 ENOUGH_INTERVALS = 8
-"""So many intervals judged together have a median of their own."""
+"""So many intervals of one period have a median of their own."""
 
 
 @dataclass(frozen=True)
@@ -43,38 +40,33 @@ class Task(Protocol):
 
 
 class Kept:
-    """Numbers of many small batches, judged together: one batch alone costs as much to judge."""
+    """Numbers of many small batches, judged once a period: to judge each batch costs as much."""
+
+    NONE: ClassVar[NDArray[Any]] = np.empty(0)
 
     def __init__(self) -> None:
         self._batches: list[NDArray[Any]] = []
-        self._kept = 0
 
     def push(self, batch: NDArray[Any]) -> None:
-        """Keep a batch; judge the kept samples when they are many."""
+        """Keep a batch (N, ...)."""
         if len(batch):
             self._batches.append(batch)
-            self._kept += len(batch)
-            if self._kept >= JUDGED_TOGETHER:
-                self.judge_kept()
 
-    def judge_kept(self) -> None:
-        """Judge what is kept."""
-        if self._batches:
-            batches, self._batches, self._kept = self._batches, [], 0
-            self.judge(np.concatenate(batches))
-
-    def judge(self, numbers: NDArray[Any]) -> None:
-        """Judge numbers (N, ...), in order of arrival."""
-        raise NotImplementedError
+    def taken(self) -> NDArray[Any]:
+        """All that was pushed since the last call, in order of arrival."""
+        batches, self._batches = self._batches, []
+        return np.concatenate([self.NONE, *batches])
 
 
 class StreamTask(Kept):
     """Rate and gaps of one topic, by the stamps [ns] that are pushed; silence is STALE.
 
     A gap is an interval over `floor` seconds and over `gap_periods` times the median interval: of
-    those judged together with it if they are enough, else of those before them. A step back over
-    `floor` is a jump, a smaller one a message late. Stamps that are not set are left out.
+    the period if it has enough, else of those before. A step back is a message late, or a jump.
+    Stamps that are not set are left out.
     """
+
+    NONE = np.empty(0, np.int64)
 
     def __init__(self, topic: str, *, lowest_rate: float = 0.0, gap_periods: float = 5.0,
                  floor: float = 0.005) -> None:
@@ -83,57 +75,42 @@ class StreamTask(Kept):
         self.lowest_rate, self.gap_periods, self.floor = lowest_rate, gap_periods, floor
         self.total = self.gaps = self.late = 0
         self._median = math.nan
-        self._last: int | None = None
-        self._clear()
-
-    def _clear(self) -> None:
-        self._count = self._new_gaps = self._new_late = 0
-        self.longest_gap = 0.0
-
-    def judge(self, stamps: NDArray[np.int64]) -> None:
-        """Count the stamps, gaps and late messages of the period."""
-        stamps = stamps[stamps > 0]
-        if not len(stamps):
-            return
-        self._count += len(stamps)
-        self.total += len(stamps)
-        chain = stamps if self._last is None else np.concatenate(([self._last], stamps))
-        steps = np.diff(chain) / 1e9
-        self._last = int(stamps[-1])
-        self._new_late += int((steps < 0.0).sum())
-        forward = steps[steps > 0.0]
-        if not len(forward):
-            return
-        middle = float(np.median(forward))
-        are_enough = math.isnan(self._median) or len(forward) >= ENOUGH_INTERVALS
-        limit = max(self.gap_periods * (middle if are_enough else self._median), self.floor)
-        long = forward[forward > limit]
-        self._new_gaps += len(long)
-        self.longest_gap = max(self.longest_gap, float(long.max(initial=0.0)))
-        self._median = middle if are_enough else 0.9 * self._median + 0.1 * middle
+        self._last = self.NONE
 
     def report(self, elapsed: float) -> TaskStatus:
         """Rate (by arrival), period (by stamps), gaps and late messages of the period."""
-        self.judge_kept()
-        rate = self._count / elapsed if elapsed > 0.0 else 0.0
-        self.gaps += self._new_gaps
-        self.late += self._new_late
+        stamps = self.taken()
+        stamps = stamps[stamps > 0]
+        steps = np.diff(np.append(self._last, stamps)) / 1e9
+        self._last = np.append(self._last, stamps)[-1:]
+        forward = steps[steps > 0.0]
+        long = forward[:0]
+        if len(forward):
+            middle = float(np.median(forward))
+            are_enough = math.isnan(self._median) or len(forward) >= ENOUGH_INTERVALS
+            limit = max(self.gap_periods * (middle if are_enough else self._median), self.floor)
+            long = forward[forward > limit]
+            self._median = middle if are_enough else 0.9 * self._median + 0.1 * middle
+        late, longest = int((steps < 0.0).sum()), float(long.max(initial=0.0))
+        rate = len(stamps) / elapsed if elapsed > 0.0 else 0.0
+        self.total += len(stamps)
+        self.gaps += len(long)
+        self.late += late
         figures = {
             'rate [1/s]': f'{rate:.1f}', 'period by stamps [ms]': f'{self._median * 1e3:.4g}',
             'messages': str(self.total), 'gaps': str(self.gaps), 'late': str(self.late),
-            'longest gap of this period [s]': f'{self.longest_gap:.4g}'}
+            'longest gap of this period [s]': f'{longest:.4g}'}
         level, words = WARN, f'{rate:.0f} messages a second'
-        if self._count == 0:
+        if not len(stamps):
             level, words = STALE, 'no messages' if self.total else 'nothing received yet'
-        elif self._new_gaps:
-            words = f'{self._new_gaps} gaps in the stamps, longest {self.longest_gap:.3g} s'
-        elif self._new_late:
-            words = f'{self._new_late} messages out of order or stamps that jumped back'
+        elif len(long):
+            words = f'{len(long)} gaps in the stamps, longest {longest:.3g} s'
+        elif late:
+            words = f'{late} messages out of order or stamps that jumped back'
         elif rate < self.lowest_rate:
             words = f'{rate:.1f} messages a second, and at least {self.lowest_rate:g} are required'
         else:
             level = OK
-        self._clear()
         return TaskStatus(level, words, figures)
 
 
@@ -144,25 +121,18 @@ class SaturationTask(Kept):
         super().__init__()
         self.name = f'saturation {topic}'
         self.low, self.high = low, high
-        self.total = self._new = 0
-        self._margin = math.inf
-
-    def judge(self, values: NDArray[np.float64]) -> None:
-        """Count the saturated gaps of the period."""
-        values = values[np.isfinite(values)]
-        edge = 0.002 * (self.high - self.low)
-        self._margin = min(self._margin, float(np.min(values, initial=math.inf)) - self.low,
-                           self.high - float(np.max(values, initial=-math.inf)))
-        outside = (values <= self.low + edge) | (values >= self.high - edge)
-        self._new += int(outside.sum())
+        self.total = 0
 
     def report(self, elapsed: float) -> TaskStatus:
         """How many readings of the period were saturated, and how near the ends they came."""
-        self.judge_kept()
-        self.total += self._new
+        values = self.taken()
+        values = values[np.isfinite(values)]
+        edge = 0.002 * (self.high - self.low)
+        margins = np.minimum(values - self.low, self.high - values)
+        count = int((margins <= edge).sum())
+        self.total += count
         figures = {'saturated': str(self.total),
-                   'nearest to an end [mm]': f'{self._margin * 1e3:.4g}'}
-        count, self._new, self._margin = self._new, 0, math.inf
+                   'nearest to an end [mm]': f'{np.min(margins, initial=math.inf) * 1e3:.4g}'}
         if count:
             return TaskStatus(ERROR, f"{count} readings at an end of the probe's range: "
                               "check the probe's position", figures)
@@ -177,26 +147,17 @@ class ParityTask(Kept):
     def __init__(self, noise: Callable[[], float], sigmas: float = 5.0) -> None:
         super().__init__()
         self._noise, self._sigmas = noise, sigmas
-        self._sum = self._peak = 0.0
-        self._count = 0
-
-    def judge(self, parity: NDArray[np.float64]) -> None:
-        """Add up the parities of the period."""
-        parity = parity[np.isfinite(parity)]
-        self._sum += float(np.sum(parity))
-        self._count += len(parity)
-        self._peak = max(self._peak, float(np.max(np.abs(parity), initial=0.0)))
 
     def report(self, elapsed: float) -> TaskStatus:
         """Mean and peak of the period."""
-        self.judge_kept()
-        if not self._count:
+        parity = self.taken()
+        parity = parity[np.isfinite(parity)]
+        if not len(parity):
             return TaskStatus(OK, 'no displacement yet')
-        mean, limit = self._sum / self._count, self._sigmas * self._noise()
-        figures = {'mean [um]': f'{mean * 1e6:.3f}', 'peak [um]': f'{self._peak * 1e6:.3f}',
+        mean, limit = float(parity.mean()), self._sigmas * self._noise()
+        figures = {'mean [um]': f'{mean * 1e6:.3f}',
+                   'peak [um]': f'{float(np.abs(parity).max()) * 1e6:.3f}',
                    'limit of the mean [um]': f'{limit * 1e6:.3f}'}
-        self._sum = self._peak = 0.0
-        self._count = 0
         if abs(mean) > limit:
             return TaskStatus(WARN, f'{quantity(mean, "m")}, beyond noise: the readings of probes '
                                     '1 and 3 do not belong to one rigid ring', figures)
