@@ -146,7 +146,7 @@ def tell(fitted: list[Bag], held_out: list[Bag], scratch: Path) -> Story:
     """All steps in the order in which a test engineer does them by hand."""
     from saddlering_ros import diagnose, identify
     from saddlering_ros.report.figures import curves_of_run
-    from saddlering_ros.ros.launcher import Domain
+    from saddlering_ros.ros.launcher import own_domain
 
     began = time.monotonic()
     first, second = (', '.join(bag.name for bag in bags) for bags in (fitted, held_out))
@@ -154,32 +154,29 @@ def tell(fitted: list[Bag], held_out: list[Bag], scratch: Path) -> Story:
     def say(words: str) -> None:
         print(f'{time.monotonic() - began:5.1f} s  {words}', flush=True)
 
-    def replayed(parameters: str) -> list[LiveReplay]:
+    def replayed(parameters: str, domain: int) -> list[LiveReplay]:
         done = []
         for bag in held_out:
-            done.append(replay(bag, parameters, scratch, domain.number))
+            done.append(replay(bag, parameters, scratch, domain))
             say(f'      {bag.name}: {done[-1].messages} messages, '
                 f'{done[-1].lost or "none"} lost')
         return done
 
-    domain = Domain.take()
-    try:
+    with own_domain() as domain:
         say(f'[1/5] identify: contact parameters from {first}')
         with Bar() as bar:
             identified = identify(fitted, on_progress=bar.tell)
         identified.save_parameters(scratch / 'identified.yaml')
-        say(f'[2/5] replay: {second} to live nodes in ROS domain {domain.number}, simulated '
+        say(f'[2/5] replay: {second} to live nodes in ROS domain {domain}, simulated '
             'with these parameters')
-        before = replayed('identified')
+        before = replayed('identified', domain)
         say(f'[3/5] diagnose: the cause that the simulation lacks; {second} held out')
         with Bar() as bar:
             diagnosed = diagnose(
                 fitted, hold_out=held_out, parameters=identified, on_progress=bar.tell)
         diagnosed.save_parameters(scratch / 'extended.yaml')
         say('[4/5] replay: the same, with the extended model')
-        after = replayed('extended')
-    finally:
-        domain.release()
+        after = replayed('extended', domain)
     say('[5/5] comparing, writing the report')
     noise = {Path(run['bag']).name: {
         name: item['noise_floor'] for name, item in run['channels'].items()}

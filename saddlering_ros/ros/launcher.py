@@ -20,8 +20,7 @@ import sys
 import tempfile
 import threading
 import time
-from types import TracebackType
-from typing import Any, IO
+from typing import Any
 
 from saddlering_ros.files import share_directory, temporary_folder
 from saddlering_ros.ros.names import ALARM, names, NodeError, NODES, REPLAY, RING
@@ -39,33 +38,24 @@ PATIENCE = (3.0, 1.0)
 Values = Mapping[str, Any]
 
 
-@dataclass
-class Domain:
+@contextlib.contextmanager
+def own_domain() -> Iterator[int]:
     """A ROS domain of one's own on this machine, held by a file lock while it is needed."""
-
-    number: int
-    lock: IO[str]
-
-    @classmethod
-    def take(cls) -> Domain:
-        """A domain that no other process has taken this way."""
-        folder = Path(tempfile.gettempdir()) / f'saddlering_domains_{os.getuid()}'
-        folder.mkdir(exist_ok=True)
-        first = os.getpid() % len(DOMAINS)
-        for number in (*DOMAINS[first:], *DOMAINS[:first]):
-            if participants(number):
-                continue
-            lock = (folder / str(number)).open('w')
-            with contextlib.suppress(OSError):
+    folder = Path(tempfile.gettempdir()) / f'saddlering_domains_{os.getuid()}'
+    folder.mkdir(exist_ok=True)
+    first = os.getpid() % len(DOMAINS)
+    for number in (*DOMAINS[first:], *DOMAINS[:first]):
+        if participants(number):
+            continue
+        with (folder / str(number)).open('w') as lock:
+            try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                return cls(number, lock)
-            lock.close()
-        raise NodeError(f'all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]} are in use '
-                        f'({folder}): end another replay first')
-
-    def release(self) -> None:
-        """Let others have it."""
-        self.lock.close()
+            except OSError:
+                continue
+            yield number
+            return
+    raise NodeError(f'all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]} are in use '
+                    f'({folder}): end another replay first')
 
 
 def participants(domain: int, table: str | None = None) -> int:
@@ -132,9 +122,7 @@ class NodeProcess:
 
     def said(self) -> str:
         """Its output so far."""
-        with contextlib.suppress(OSError):
-            return self.log.read_text(errors='replace')
-        return ''
+        return self.log.read_text(errors='replace')
 
 
 @dataclass
@@ -152,25 +140,21 @@ class NodeGroup:
     processes: dict[str, NodeProcess] = field(default_factory=dict)
 
     def __enter__(self) -> NodeGroup:
-        self._domain = None if self.domain_id is not None else Domain.take()
-        if self._domain is not None:
-            self.domain_id = self._domain.number
-        self._temporary = contextlib.ExitStack()
+        self._held = contextlib.ExitStack()
+        if self.domain_id is None:
+            self.domain_id = self._held.enter_context(own_domain())
         if self.log_folder is None:
-            self.log_folder = self._temporary.enter_context(
+            self.log_folder = self._held.enter_context(
                 temporary_folder(Path(tempfile.gettempdir()), LOG_PREFIX))
         self.log_folder.mkdir(parents=True, exist_ok=True)
-        self._read_end, self._write_end = os.pipe()
+        self._read_end, write_end = os.pipe()
+        for end in (self._read_end, write_end):
+            self._held.callback(os.close, end)
+        self._held.callback(self.stop)
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, problem: BaseException | None,
-                 trace: TracebackType | None) -> None:
-        self.stop()
-        os.close(self._read_end)
-        os.close(self._write_end)
-        if self._domain is not None:
-            self._domain.release()
-        self._temporary.close()
+    def __exit__(self, *_: object) -> None:
+        self._held.close()
 
     @property
     def environment(self) -> dict[str, str]:
@@ -239,8 +223,8 @@ class NodeGroup:
 
 def last_line(text: str) -> str:
     """The last line of a log that is not empty."""
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return lines[-1] if lines else 'no output'
+    return next((line.strip() for line in reversed(text.splitlines()) if line.strip()),
+                'no output')
 
 
 @contextlib.contextmanager
@@ -256,22 +240,20 @@ def start_nodes(
     The clock starts last and waits for all others. `group.wait('replay_clock', timeout)` returns
     when the bag is at its end and everyone has dealt with it. `parameters` by node name.
     """
-    given = {name: dict(values) for name, values in (parameters or {}).items()}
+    parameters = parameters or {}
     streaming = [name for name in nodes if name in (*RING_NODES, *ALARM_NODES)]
-    clock = {'bag': str(bag), 'lockstep': lockstep, 'rate': float(rate),
-             'exit_at_end': exit_at_end, 'start_paused': start_paused,
-             'participants': [*REPLAY_NODES, *streaming]}
-    if 'elevation_deg' in given.get('ring_simulator', {}):
-        clock['elevation_deg'] = given['ring_simulator']['elevation_deg']
-    given['replay_clock'] = {**clock, **given.get('replay_clock', {})}
-    for name in REPLAY_NODES:
-        given[name] = {'bag': str(bag), **given.get(name, {})}
-    if 'ring_simulator' in nodes and 'elevation_deg' not in given.get('ring_simulator', {}):
-        given['ring_simulator'] = {'bag': str(bag), **given.get('ring_simulator', {})}
+    simulator = parameters.get('ring_simulator', {})
+    own: dict[str, Values] = {
+        **{name: {'bag': str(bag)} for name in (*REPLAY_NODES, 'ring_simulator')},
+        'replay_clock': {
+            'bag': str(bag), 'lockstep': lockstep, 'rate': float(rate),
+            'exit_at_end': exit_at_end, 'start_paused': start_paused,
+            'participants': [*REPLAY_NODES, *streaming],
+            **{name: simulator[name] for name in ('elevation_deg',) if name in simulator}}}
     with NodeGroup(domain_id=domain_id, log_folder=log_folder, namespace=namespace,
                    extra_environment=packed_publication() if lockstep else None) as group:
         for name in (*nodes, *REPLAY_NODES, 'replay_clock'):
-            group.start(name, given.get(name), files=files)
+            group.start(name, {**own.get(name, {}), **parameters.get(name, {})}, files=files)
         yield group
 
 
@@ -369,20 +351,15 @@ def packed_publication() -> dict[str, str]:
     return {PUBLICATION_VARIABLE: os.environ.get(PUBLICATION_VARIABLE) or 'ASYNCHRONOUS'}
 
 
-def local_discovery() -> dict[str, str]:
-    """Environment that keeps discovery on this machine, unless the user has chosen a range.
-
-    ROS 2's own default is the subnet: everybody there could see the topics, call services, send
-    goals and publish loads.
-    """
-    if any(os.environ.get(name) for name in DISCOVERY_VARIABLES):
-        return {}
-    return {DISCOVERY_VARIABLES[0]: 'LOCALHOST'}
-
-
 def prepare_transport() -> None:
-    """Set both for this process."""
-    os.environ.update({**transport_environment(), **local_discovery()})
+    """Set the transport of this process; keep its discovery on this machine.
+
+    The user may have chosen a range. ROS 2's own default is the subnet: everybody there could see
+    the topics, call services, send goals and publish loads.
+    """
+    os.environ.update(transport_environment())
+    if not any(os.environ.get(name) for name in DISCOVERY_VARIABLES):
+        os.environ[DISCOVERY_VARIABLES[0]] = 'LOCALHOST'
 
 
 YOUNG = 2.0

@@ -1,6 +1,8 @@
 """Messages of the suite made from values, and read: parameters, causes, alarm, progress, time."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+import math
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -70,62 +72,53 @@ def parameters_from_message(message: msg.RingParameters) -> ParameterSet:
     return ParameterSet(ContactParameters(*values), effects, source)
 
 
-def causes_to_messages(document: Mapping[str, Any]) -> list[msg.DiagnosedCause]:
-    """The causes of a verdict document (`diagnose --json`) as messages; NaN for null."""
-    found = []
-    for cause in document['causes']:
-        if 'effect' not in cause:
-            continue
-        items = cause['parameters']
-        ends = [item['interval'] or [item['value']] * 2 for item in items.values()]
-        found.append(msg.DiagnosedCause(
-            effect=cause['effect'], group=list(cause['group']), parameter_names=list(items),
-            units=[item['unit'] for item in items.values()],
-            values=[item['value'] for item in items.values()],
-            stds=[_number(item['std']) for item in items.values()], lower=[low for low, _ in ends],
-            upper=[high for _, high in ends], p_value=_number(cause['evidence'].get('p_value')),
-            delta_bic=_number(cause['evidence'].get('delta_bic')),
-            misfit_reduction_fit=_number(cause['gain'].get('fit')),
-            misfit_reduction_held_out=_number(cause['gain'].get('held_out'))))
-    return found
-
-
 def fill_diagnosis(result: Any, document: Mapping[str, Any]) -> None:
     """Put a verdict document (`diagnose --json`) into the typed fields of a DiagnoseRing result.
 
     Fields that the document does not have stay empty; NaN for null.
     """
     result.verdict = document['verdict']
-    result.causes = causes_to_messages(document)
+    for cause in document['causes']:
+        if 'effect' not in cause:
+            continue
+        parameters, gain = cause['parameters'].values(), _numbers(cause['gain'], 'fit', 'held_out')
+        ends = [item['interval'] or [item['value']] * 2 for item in parameters]
+        result.causes.append(msg.DiagnosedCause(
+            effect=cause['effect'], group=list(cause['group']),
+            parameter_names=list(cause['parameters']), units=[item['unit'] for item in parameters],
+            values=[item['value'] for item in parameters],
+            stds=[_numbers(item, 'std')['std'] for item in parameters],
+            lower=[low for low, _ in ends], upper=[high for _, high in ends],
+            **_numbers(cause['evidence'], 'p_value', 'delta_bic'),
+            misfit_reduction_fit=gain['fit'], misfit_reduction_held_out=gain['held_out']))
     result.next_test = document.get('next_test') or ''
     result.headline = document.get('headline') or ''
     result.complete = bool(document.get('complete'))
-    result.stability = _number(document.get('stability'))
+    result.stability = _numbers(document, 'stability')['stability']
     probabilities = document.get('probabilities') or {}
     result.outcomes = list(probabilities)
-    result.probabilities = [_number(value) for value in probabilities.values()]
+    result.probabilities = list(_numbers(probabilities, *probabilities).values())
     result.remainder = [
         msg.DiagnosisRemainder(
             run=str(rest['run']), channel=rest['channel'], along=rest.get('along') or '',
-            share_of_range=_number(rest['share_of_range']),
-            times_noise=_number(rest['times_noise']))
+            **_numbers(rest, 'share_of_range', 'times_noise'))
         for rest in document.get('remainder') or ()]
     result.detection_limits = [
         msg.DetectionLimit(
-            effect=limit['effect'], unit=limit['unit'], limit=_number(limit['limit']),
-            best_limit=_number(limit['best_limit']), testable=bool(limit['testable']),
-            material_limit=_number(limit['material_limit']))
+            effect=limit['effect'], unit=limit['unit'], testable=bool(limit['testable']),
+            **_numbers(limit, 'limit', 'best_limit', 'material_limit'))
         for limit in document.get('detection_limits') or ()]
     result.candidates = [
         msg.DiagnosisCandidate(
             effects=list(model['effects']), step=int(model['step']),
-            **{name: _number(model.get(name)) for name in (
-                'p_value', 'delta_bic', 'misfit', 'share_of_range')})
+            **_numbers(model, 'p_value', 'delta_bic', 'misfit', 'share_of_range'))
         for model in document.get('candidates') or ()]
 
 
-def _number(value: float | None) -> float:
-    return float('nan') if value is None else float(value)
+def _numbers(values: Mapping[str, float | None], *names: str) -> dict[str, float]:
+    """Some of these values; NaN for null."""
+    found = {name: values.get(name) for name in names}
+    return {name: math.nan if value is None else float(value) for name, value in found.items()}
 
 
 def alarm_message(monitor: Monitor, words: str, frame_id: str) -> msg.RingAlarm:
@@ -203,22 +196,22 @@ class LockstepGroup:
         self.said: dict[str, msg.ReplayProgress] = {}
         self.heard: dict[str, float] = {}
         self.excused: set[str] = set()
-        self._spectators: dict[str, tuple[float, msg.ReplayProgress]] = {}
         self._owing: set[str] = set()
         self._start = 0
 
     def begin(self, start: int) -> None:
         """All are matched, and the replay begins behind `start` [ns]."""
-        self._owing, self._start = {*self.said, *self._spectators}, start
+        self._owing, self._start = set(self.said), start
 
     def hear(self, message: msg.ReplayProgress, now: float) -> None:
         """Take a node's word at monotonic `now` [s].
 
         Reports of other nodes are not kept, nor messages whose lists differ in length.
         """
-        is_spectator = message.node.startswith(LIVE_PAGE) and (
-            message.node in self._spectators or len(self._spectators) < MAX_SPECTATORS)
-        if message.node not in self.names and not is_spectator:
+        before = self.said.get(message.node)
+        if before is None and message.node not in self.names and not (
+                message.node.startswith(LIVE_PAGE)
+                and len(self.said.keys() - set(self.names)) < MAX_SPECTATORS):
             return
         taken = {len(values) for values in (
             message.inputs, message.input_stamps, message.received, message.publishers)}
@@ -227,29 +220,19 @@ class LockstepGroup:
         if len(taken) > 1 or len(given) > 1:
             self.malformed += 1
             return
-        before = self.said.get(message.node)
         if before is not None and sum(message.received) < sum(before.received):
             self._owing.discard(message.node)  # It was started anew.
-        if message.node not in self.names:
-            self._spectators[message.node] = now, message
-            return
-        self.said[message.node] = message
-        self.heard[message.node] = now
+        self.said[message.node], self.heard[message.node] = message, now
 
-    def spectators_lag(self, now: float) -> int:
-        """How far [ns] the spectator that is furthest behind is behind what was published."""
-        last = self._last_stamps(self.said.values())
-        return max((last[topic] - (to_stamp(time) or self._start)
-                    for said in self._watching(now)
-                    for topic, time, count in zip(said.inputs, said.input_stamps, said.publishers,
-                                                  strict=True)
-                    if count and topic in last
-                    and (to_stamp(time) or said.node in self._owing)), default=0)
-
-    def _watching(self, now: float) -> list[msg.ReplayProgress]:
-        """The last reports of the live pages that are there."""
-        return [said for heard, said in self._spectators.values()
-                if said.inputs and now - heard < SPECTATOR_LEASE]
+    def absent(self) -> list[str]:
+        """Participants that sent nothing yet, or are not matched with the others, in words."""
+        reasons = [f'{name}: nothing received' for name in self.names if name not in self.said]
+        if reasons:
+            return reasons
+        nodes = [self.said[name] for name in self.names]
+        readers = Counter(topic for said in nodes for topic in said.inputs)
+        return [reason for said in nodes
+                for reason in self._unmatched(said, said.node, readers.__getitem__)[:1]]
 
     def unmatched_readers(self, readers: Callable[[str], int], pages: int, now: float,
                           ) -> list[str]:
@@ -259,56 +242,64 @@ class LockstepGroup:
         """
         watching = self._watching(now)
         reasons = ['the live page: nothing received'] if pages > len(watching) else []
-        for said in self.said.values():
-            reasons += [
-                f'{said.node}: {topic} is connected to {count} of {readers(topic)} readers'
-                for topic, count in zip(said.outputs, said.subscriptions, strict=True)
-                if count < readers(topic)]
-        writers = {topic for said in self.said.values() for topic in said.outputs}
-        return reasons + [
-            f'the live page: is not connected to the publisher of {topic}' for said in watching
-            for topic, count in zip(said.inputs, said.publishers, strict=True)
-            if topic in writers and not count]
+        for name in filter(self.said.__contains__, self.names):
+            reasons += self._unmatched(self.said[name], name, readers)
+        for said in watching:
+            reasons += self._unmatched(said, 'the live page', readers)
+        return reasons
 
-    def absent(self) -> list[str]:
-        """Participants that sent nothing yet, or are not matched with the others, in words."""
-        reasons = [f'{name}: nothing received' for name in self.names if name not in self.said]
-        return reasons or [f'{name}: {reason}' for name in self.names
-                           if (reason := self._unmatched(self.said[name]))]
-
-    def _unmatched(self, said: msg.ReplayProgress) -> str:
-        others = [self.said[name] for name in self.names if name != said.node]
-        writers = {topic for other in others for topic in other.outputs}
-        for topic, count in zip(said.inputs, said.publishers, strict=True):
-            if topic in writers and count == 0:
-                return f'is not connected to the publisher of {topic}'
-        for topic, count in zip(said.outputs, said.subscriptions, strict=True):
-            readers = sum(topic in other.inputs for other in others)
-            if count < readers:
-                return f'{topic} is connected to {count} of {readers} readers'
-        return ''
+    def _unmatched(self, said: msg.ReplayProgress, who: str, readers: Callable[[str], int],
+                   ) -> list[str]:
+        """Topics on which a node is not connected with all others, in words."""
+        writers = {topic for other in self.said.values() for topic in other.outputs}
+        return [
+            *(f'{who}: is not connected to the publisher of {topic}'
+              for topic, count in zip(said.inputs, said.publishers, strict=True)
+              if topic in writers and not count),
+            *(f'{who}: {topic} is connected to {count} of {readers(topic)} readers'
+              for topic, count in zip(said.outputs, said.subscriptions, strict=True)
+              if count < readers(topic))]
 
     def behind(self, until: int) -> list[str]:
         """Who has not caught up with the replay at `until` [ns], in words."""
         present = [self.said[name] for name in self.names
                    if name in self.said and name not in self.excused]
-        last = self._last_stamps(present)
-        return [f'{said.node}: {reason}' for said in present
-                if (reason := self._lag(said, until, last))]
+        last, reasons = _last_stamps(present), []
+        for said in present:
+            replayed = to_stamp(said.replayed_until)
+            if replayed not in (0, until):
+                reasons.append(f'{said.node}: ' + (
+                    'has not received the clock yet' if replayed == 1 else
+                    f'has {(until - replayed) / 1e9:.3f} s left to publish'))
+                continue
+            lag = next(self._lags(said, last), None)
+            if lag is not None:
+                reasons.append(f'{said.node}: is {lag[1] / 1e9:.3f} s behind on {lag[0]}')
+        return reasons
 
-    def _last_stamps(self, writers: Iterable[msg.ReplayProgress]) -> dict[str, int]:
-        """By topic the stamp [ns] of the last message that one of them published."""
-        return {topic: stamp for said in writers
-                for topic, time in zip(said.outputs, said.output_stamps, strict=True)
-                if (stamp := to_stamp(time))}
+    def spectators_lag(self, now: float) -> int:
+        """How far [ns] the spectator that is furthest behind is behind what was published."""
+        last = _last_stamps(self.said.values())
+        return max((lag for said in self._watching(now)
+                    for _, lag, publishers in self._lags(said, last) if publishers), default=0)
 
-    def _lag(self, said: msg.ReplayProgress, until: int, last: dict[str, int]) -> str:
-        replayed = to_stamp(said.replayed_until)
-        if replayed not in (0, until):
-            return 'has not received the clock yet' if replayed == 1 else (
-                f'has {(until - replayed) / 1e9:.3f} s left to publish')
-        for topic, time in zip(said.inputs, said.input_stamps, strict=True):
+    def _watching(self, now: float) -> list[msg.ReplayProgress]:
+        """The last reports of the live pages that are there."""
+        return [said for name, said in self.said.items() if name not in self.names
+                and said.inputs and now - self.heard[name] < SPECTATOR_LEASE]
+
+    def _lags(self, said: msg.ReplayProgress, last: Mapping[str, int],
+              ) -> Iterator[tuple[str, int, int]]:
+        """Topics on which a node is behind, by how much [ns], and how many publishers it knows."""
+        for topic, time, publishers in zip(
+                said.inputs, said.input_stamps, said.publishers, strict=True):
             stamp = to_stamp(time)
             if (stamp or said.node in self._owing) and stamp != last.get(topic, stamp):
-                return f'is {(last[topic] - (stamp or self._start)) / 1e9:.3f} s behind on {topic}'
-        return ''
+                yield topic, last[topic] - (stamp or self._start), publishers
+
+
+def _last_stamps(writers: Iterable[msg.ReplayProgress]) -> dict[str, int]:
+    """By topic the stamp [ns] of the last message that one of them published."""
+    return {topic: stamp for said in writers
+            for topic, time in zip(said.outputs, said.output_stamps, strict=True)
+            if (stamp := to_stamp(time))}

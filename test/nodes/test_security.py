@@ -23,7 +23,7 @@ from saddlering_ros.nodes.ring_diagnosis import RingDiagnosisNode
 from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
 from saddlering_ros.nodes.ring_identification import settings_of
 from saddlering_ros.ros.diagnostics import OK, SourcesTask, WARN
-from saddlering_ros.ros.launcher import local_discovery
+from saddlering_ros.ros.launcher import prepare_transport
 from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import bag_below, NodeParameter
 from saddlering_ros.ros.streaming_node import run_streaming
@@ -126,11 +126,11 @@ def test_two_sources_of_one_topic_are_reported(publishers: int, level: int) -> N
 
 def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(
         monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv('ROS_AUTOMATIC_DISCOVERY_RANGE', raising=False)
-    monkeypatch.delenv('ROS_LOCALHOST_ONLY', raising=False)
-    assert local_discovery() == {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
-    assert local_discovery() == {}
+    for given, used in (({}, 'LOCALHOST'), ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}, 'SUBNET'),
+                        ({'ROS_LOCALHOST_ONLY': '1'}, None)):
+        monkeypatch.setattr(os, 'environ', dict(given))
+        prepare_transport()
+        assert os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == used
 
 
 @pytest.mark.parametrize('start', [

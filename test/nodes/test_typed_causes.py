@@ -9,7 +9,6 @@ from builtin_interfaces.msg import Time
 from saddlering_interfaces.action import DiagnoseRing
 from saddlering_ros.rig import ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.ros.messages import (
-    causes_to_messages,
     fill_diagnosis,
     parameters_from_message,
     parameters_to_message,
@@ -24,7 +23,9 @@ DOCUMENT = {'causes': [
 
 
 def test_every_figure_of_a_cause_is_in_its_message() -> None:
-    (cause,) = causes_to_messages(DOCUMENT)
+    result = DiagnoseRing.Result()
+    fill_diagnosis(result, {**DOCUMENT, 'verdict': DiagnoseRing.Result.NAMED})
+    (cause,) = result.causes
     assert (cause.effect, list(cause.group)) == ('radial_friction',
                                                  ['radial_friction', 'probe_lag'])
     assert (list(cause.parameter_names), list(cause.units)) == (['force'], ['N'])
