@@ -152,8 +152,9 @@ def channel_figures(
     uncertainty = math.hypot(
         math.hypot(reading_noise, zero_noise), math.sqrt(max(0.0, input_variance)), sound)
     is_simulated = CHANNELS[position] != 'parity'
-    box = extent * float(np.max(shape_load) - np.min(shape_load))
-    areas = [_closed_area(shape_load, values) / box if box > 0.0 else None
+    # Areas of the loops over the load, positive where the unloading branch lies above.
+    box, steps = extent * float(np.ptp(shape_load)), np.diff(shape_load, append=shape_load[0])
+    areas = [_ratio(float(-np.sum(0.5 * (values + np.roll(values, -1)) * steps)), box)
              for values in (shape_measured, shape_simulated)]
     centred = shape_simulated - shape_simulated.mean()
     is_sloped = is_simulated and float(centred @ centred) > 0.0
@@ -194,13 +195,6 @@ def _noise_of_sample(residual: Array, rests: Spans, noise: ChannelNoise, step: f
         return noise.deviation(step)
     kept = noise.lasting(LAG * step)
     return math.sqrt(0.5 * float(np.mean(steps**2)) + kept)
-
-
-def _closed_area(load: Array, values: Array) -> float:
-    """Area of a loop over load, positive when the unloading branch lies above."""
-    steps = np.diff(load, append=load[0])
-    mean = 0.5 * (values + np.roll(values, -1))
-    return float(-np.sum(mean * steps))
 
 
 def _zero_return(run: RunValidation, residual: Array, rests: Spans) -> float:
@@ -250,7 +244,14 @@ def rate(reference: Array, signal: Array) -> Rating:
     if len(reference) < 10 or peak == 0.0:
         same = float(np.array_equal(reference, signal))
         return Rating(same, same, same, same)
-    shift = _best_shift(reference, signal)
+    # The shift of the highest cross-correlation, at most a fifth of the record; 0 if none gains.
+    shift, highest, largest = 0, -np.inf, int(MAX_SHIFT * len(reference))
+    for tried in sorted(range(-largest, largest + 1), key=abs):
+        first, second = _shifted(reference, signal, tried)
+        norm = np.linalg.norm(first) * np.linalg.norm(second)
+        correlation = float(first @ second / norm) if norm > 0.0 else -np.inf
+        if correlation > highest + 1e-12:
+            shift, highest = tried, correlation
     matched_reference, matched_signal = _shifted(reference, signal, shift)
     inner, outer = INNER_CORRIDOR * peak, OUTER_CORRIDOR * peak
     score = (outer - np.abs(reference - signal)) / (outer - inner)
@@ -284,19 +285,6 @@ def _shifted(reference: Array, signal: Array, shift: int) -> tuple[Array, Array]
     if shift >= 0:
         return reference[: len(reference) - shift], signal[shift:]
     return reference[-shift:], signal[: len(signal) + shift]
-
-
-def _best_shift(reference: Array, signal: Array) -> int:
-    """Shift of the highest cross-correlation, at most a fifth of the record; 0 when none gains."""
-    best, highest = 0, -np.inf
-    largest = int(MAX_SHIFT * len(reference))
-    for shift in sorted(range(-largest, largest + 1), key=abs):
-        first, second = _shifted(reference, signal, shift)
-        norm = np.linalg.norm(first) * np.linalg.norm(second)
-        correlation = float(first @ second / norm) if norm > 0.0 else -np.inf
-        if correlation > highest + 1e-12:
-            best, highest = shift, correlation
-    return best
 
 
 @Compiler(__file__)()

@@ -247,11 +247,6 @@ class _Outcome:
     bottom: tuple[WeightedObjective, Refinement] | None = None
 
 
-def _split(observations: Sequence[Observation]) -> tuple[list[Observation], list[Observation]]:
-    static = [one for one in observations if not one.dynamic]
-    return static, [one for one in observations if one.dynamic]
-
-
 def _start(bounds: Bounds) -> ContactParameters:
     """The true-to-scale parameters, pulled into the bounds."""
     low, high = np.array([bounds[name] for name in PARAMETER_NAMES]).T
@@ -260,7 +255,8 @@ def _start(bounds: Bounds) -> ContactParameters:
 
 def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Outcome:
     """The published method: static records give K and n, and then dynamic ones give D."""
-    static, dynamic = _split(observations)
+    static = [one for one in observations if not one.dynamic]
+    dynamic = [one.coarse() for one in observations if one.dynamic]
     if not static:
         raise IdentificationError(
             "the paper's method needs a static run for K and n: add a static bag or use the "
@@ -273,17 +269,17 @@ def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Outcome:
     if not dynamic or search.cancelled:
         return _Outcome(contact, objective, STATIC_NAMES, observations)
     contact, objective = search.run_swarm(
-        'dynamic step', PaperObjective(search.rig, [one.coarse() for one in dynamic], channels),
+        'dynamic step', PaperObjective(search.rig, dynamic, channels),
         search.space(DAMPING_NAMES, contact, log=False))
     return _Outcome(contact, objective, PARAMETER_NAMES, observations)
 
 
 def _by_default(search: _Search, observations: Sequence[Observation]) -> _Outcome:
     """Swarm for a start (statics first, if any), then joint least squares over all runs."""
-    static, dynamic = _split(observations)
+    static = [one for one in observations if not one.dynamic]
+    dynamic = [one for one in observations if one.dynamic]
     channels = search.settings.channels
-    contact = _start(search.bounds)
-    best = np.inf
+    contact, best = _start(search.bounds), np.inf
     if static:
         averaged = [average_branches(one.coarse(), search.rig.limits.level_step) for one in static]
         contact, best = search.run_swarm(
@@ -365,7 +361,6 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
         best = stay_at(objective, space, outcome.contact)
     advice = MISFIT_ADVICE[search.settings.method]
     trust = assess(objective, space, best, search.bounds, advice)
-    cancelled = search.cancelled
     made = Provenance(tuple(run.origin for run in search.runs))
     bags = tuple(one.name for one in observations)
     open_names = [name for name in PARAMETER_NAMES if not trust.determined[name]]
@@ -377,6 +372,7 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
     if open_names:
         words.append(f'{UNDETERMINED}: {", ".join(open_names)}')
     status = '; '.join(words) or 'identified'
+    cancelled = search.cancelled
     if cancelled:
         status = 'cancelled: the best result so far'
     return Identification(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -127,14 +128,7 @@ class WeightedObjective:
     def linearised(self, contact: Array) -> LinearisedFit:
         """Whitened residuals (R,) at contact parameters (6,), and their derivatives."""
         self.evaluations += 1
-        followed: list[_Followed | None] = [None] * len(self.observations)
-
-        def follow(span: slice) -> None:
-            for index in range(span.start, span.stop):
-                followed[index] = _follow(self.rig, contact, self.observations[index])
-
-        in_parallel(follow, len(followed))
-        motions = [one for one in followed if one is not None]
+        motions = in_parallel(partial(_follow, self.rig, contact), self.observations)
         white = self.whiten([
             (one.increments - seen.displacement)[None]
             for one, seen in zip(motions, self.observations, strict=True)])
@@ -226,7 +220,8 @@ class WeightedObjective:
     @property
     def size(self) -> int:
         """Number of residuals that count; the others are 0."""
-        return sum(one.readings(channel) for one in self.observations for channel in self.channels)
+        return sum(int(np.count_nonzero(one.whitening[channel].present))
+                   for one in self.observations for channel in self.channels)
 
 
 @dataclass(frozen=True)
@@ -244,13 +239,7 @@ class LinearisedFit:
 
     def slopes(self) -> Array:
         """Derivatives (6, R) of the whitened residuals by the contact parameters."""
-        raw: list[Array] = [np.empty(0)] * len(self.followed)
-
-        def differentiate(span: slice) -> None:
-            for index in range(span.start, span.stop):
-                raw[index] = self.followed[index].slopes()
-
-        in_parallel(differentiate, len(raw))
+        raw = in_parallel(lambda one: one.slopes(), self.followed)
         return np.concatenate(self.objective.whiten(raw), axis=1)
 
 

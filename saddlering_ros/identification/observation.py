@@ -7,8 +7,7 @@ errors. All further code treats static and dynamic runs in the same way.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -62,7 +61,8 @@ class Observation:
     readings are equilibria.
     load_errors: effect of the load cell's noise on it.
     doubtful_lag [s]: largest delay between load and probes that the readings leave open.
-    longest_step [s] of the simulation; None leaves it to the fit.
+    longest_step [s] of the simulation; None leaves it to the fit. _unmixings: matrices (C, C) that
+    make whitened channels uncorrelated, by the channels.
     """
 
     name: str
@@ -84,6 +84,7 @@ class Observation:
     load_errors: LoadErrors | None = None
     doubtful_lag: float = 0.0
     longest_step: float | None = None
+    _unmixings: dict[tuple[int, ...], Array] = field(default_factory=dict, init=False, repr=False)
 
     def coarse(self, longest_step: float | None = None) -> Observation:
         """The same run, simulated at its readings only, which is enough for a swarm."""
@@ -123,11 +124,6 @@ class Observation:
         apart = self._unmixings[key] @ rows.reshape(count, -1)
         return np.ascontiguousarray(apart.reshape(count * size, batch).T)
 
-    @cached_property
-    def _unmixings(self) -> dict[tuple[int, ...], Array]:
-        """Matrices (C, C) that make whitened channels uncorrelated, by the channels."""
-        return {}
-
     def shared_errors(self, channels: Sequence[int]) -> SharedErrors:
         """Errors of the load, and then of the zero, that the whitened residuals share."""
         parts = [] if self.load_errors is None else [self.load_errors.answers]
@@ -138,10 +134,6 @@ class Observation:
             return SharedErrors.none(len(channels) * self.time.size)
         answers = np.concatenate(parts)[:, list(channels)]
         return SharedErrors.of_many(self.whiten(answers, channels).T)
-
-    def readings(self, channel: int) -> int:
-        """Number of readings of a channel that are not missing."""
-        return int(np.count_nonzero(self.whitening[channel].present))
 
 
 SETTLING_STEP = 0.1

@@ -66,11 +66,18 @@ def validate(
         if before_run is not None:
             before_run(number)
         compared.append(_compare(run, rig, parameters))
-    noise = _noise_of(compared)
-    return Validation(
-        tuple(one.judged(rig, parameters, processes)
-              for one, processes in zip(compared, noise, strict=True)),
-        parameters)
+    for one, noise in zip(compared, _noise_of(compared), strict=True):
+        seen, zero = one.run, one.measured.zero
+        variance = _input_variance(rig, parameters, seen, zero.load)
+        sound = np.append(sound_deviation(
+            rig, parameters.contact.to_array(), seen.elevation, seen.load[seen.compared],
+            zero.load), 0.0)
+        lasting = one.interval * max(1, zero.end - zero.start)
+        for row, (channel, process) in enumerate(zip(one.channels, noise, strict=True)):
+            seen.channels[channel] = channel_figures(
+                seen, row, one.rests, process, one.interval, lasting, variance[row],
+                float(sound[row]))
+    return Validation(tuple(one.run for one in compared), parameters)
 
 
 @dataclass(frozen=True)
@@ -101,23 +108,6 @@ class _Comparison:
         return RestSource.beside(
             [RestSegment(values, self.interval) for values in segments],
             [RestSegment(parity[None, :], self.interval)], [parity[a:b] for a, b in self.rests])
-
-    def judged(
-        self, rig: Rig, parameters: ParameterSet, noise: Sequence[ChannelNoise]
-    ) -> RunValidation:
-        """The run with all its figures."""
-        zero = self.measured.zero
-        variance = _input_variance(rig, parameters, self.run, zero.load)
-        sound = np.zeros(len(CHANNELS))
-        sound[:3] = sound_deviation(
-            rig, parameters.contact.to_array(), self.run.elevation,
-            self.run.load[self.run.compared], zero.load)
-        lasting = self.interval * max(1, zero.end - zero.start)
-        for row, (channel, process) in enumerate(zip(self.channels, noise, strict=True)):
-            self.run.channels[channel] = channel_figures(
-                self.run, row, self.rests, process, self.interval, lasting,
-                variance[row], float(sound[row]))
-        return self.run
 
 
 def _noise_of(compared: Sequence[_Comparison]) -> list[list[ChannelNoise]]:
@@ -209,9 +199,6 @@ def _input_variance(
     return variance
 
 
-SIMULATED = tuple(name for name in CHANNELS if name != 'parity')
-
-
 @dataclass(frozen=True)
 class Criterion:
     """A judged criterion: its demand, whether it is met, and its worst run and channel.
@@ -230,22 +217,13 @@ class Criterion:
     channel: str
 
     @property
-    def value_words(self) -> str:
-        """The value with its unit."""
-        return self._words(self.value)
-
-    @property
-    def limit_words(self) -> str:
-        """The limit with its unit."""
-        return self._words(self.limit)
-
-    @property
     def line(self) -> str:
         """'passed  rms misfit ...: worst delta_x of static_50, 0.31 % against 0.42 %'."""
         return (f'{"passed" if self.is_met else "FAILED"}  {self.words}: worst {self.channel} of '
-                f'{self.bag}, {self.value_words} against {self.limit_words}')
+                f'{self.bag}, {self.with_unit(self.value)} against {self.with_unit(self.limit)}')
 
-    def _words(self, value: float) -> str:
+    def with_unit(self, value: float) -> str:
+        """The value or the limit in words."""
         if self.unit == '%':
             return quantities.percent(value, 3)
         if self.unit == 'um':
@@ -256,15 +234,16 @@ class Criterion:
 def judge(runs: Sequence[RunValidation]) -> tuple[Criterion, ...]:
     """Every criterion for which these runs have figures, at its worst run and channel."""
     good, error, rating = quantities.GOOD, quantities.MAX_COMPARISON_ERROR, quantities.MIN_RATING
+    simulated = CHANNELS[:3]
     # Id, words, unit, channels, and what gives value and limit of a channel's figures.
     asked: tuple[tuple[str, str, str, Sequence[str], Callable[
         [ChannelFigures], tuple[float | None, float]]], ...] = (
         ('misfit', f'rms misfit at most {good:g} x noise and small errors of a sound ring, or '
-         f'{100.0 * quantities.MATERIAL:g} % of range', '%', SIMULATED,
+         f'{100.0 * quantities.MATERIAL:g} % of range', '%', simulated,
          lambda seen: (seen.nrmse, quantities.allowed_misfit(seen.noise_floor, seen.sound))),
         ('comparison_error', f'comparison error E at most {error:g} x its uncertainty u_val (ASME '
-         'V&V 20)', '', SIMULATED, lambda seen: (seen.e_over_uval, error)),
-        ('iso18571', f'ISO 18571 rating at least {rating:g} (good)', '', SIMULATED,
+         'V&V 20)', '', simulated, lambda seen: (seen.e_over_uval, error)),
+        ('iso18571', f'ISO 18571 rating at least {rating:g} (good)', '', simulated,
          lambda seen: (seen.iso18571, rating)),
         ('parity', f'parity at most {good:g} x noise (rigid ring, sound probes)', 'um',
          ('parity',), lambda seen: (

@@ -100,7 +100,8 @@ def write_validation_report(
         html.section('Criteria', html.table(
             ['criterion', 'worst channel', number('value'), number('limit')],
             [[item.words, f'{item.bag}, {SYMBOLS[item.channel]}',
-              number(item.value_words, 'good' if item.is_met else 'bad'), item.limit_words]
+              number(item.with_unit(item.value), 'good' if item.is_met else 'bad'),
+              item.with_unit(item.limit)]
              for item in judge(validation.runs)])),
         _figures(validation),
         chapters.paper_split(curves),

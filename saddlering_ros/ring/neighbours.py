@@ -104,22 +104,20 @@ class Neighbourhoods:
         record = _Record(elevation, seconds, force, zero, max_step, *blocks)
         found: dict[int, Responses] = {}
 
-        def run(part: slice) -> None:
-            for indices in self._members[part]:
-                groups = [self._groups[index] for index in indices]
-                grows = any(one.law[:, PLAIN_LAW:].any() for one in groups)
-                path: MotionPath | None = None
-                for index, one in zip(indices, groups, strict=True):
-                    models = model.at_elevation(one.models, elevation)
-                    if path is None:
-                        path = own = sensitivity.simulate_path(
-                            models[:1], one.rows, seconds, force, zero, max_step, grows)
-                    else:
-                        own = path.read_by(models[:1], zero, seconds, force)
-                    found[index] = one.responses(models, own, record)
+        def run(indices: list[int]) -> None:
+            groups = [self._groups[index] for index in indices]
+            grows = any(one.law[:, PLAIN_LAW:].any() for one in groups)
+            path: MotionPath | None = None
+            for index, one in zip(indices, groups, strict=True):
+                models = model.at_elevation(one.models, elevation)
+                if path is None:
+                    path = own = sensitivity.simulate_path(
+                        models[:1], one.rows, seconds, force, zero, max_step, grows)
+                else:
+                    own = path.read_by(models[:1], zero, seconds, force)
+                found[index] = one.responses(models, own, record)
 
-        if self._members:
-            in_parallel(run, len(self._members))
+        in_parallel(run, self._members)
         return [found[index] for index in range(len(self._groups))]
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 import os
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +37,9 @@ from saddlering_ros.ring.model import (
     same_motions,
     stack_rows,
 )
+
+Part = TypeVar('Part')
+Result = TypeVar('Result')
 
 
 class SimulationError(SaddleringError):
@@ -250,15 +254,17 @@ def _pool(process: int, workers: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(workers, thread_name_prefix=f'ring-{process}')
 
 
-def in_parallel(task: Callable[[slice], None], count: int) -> None:
-    """Run task(slice) over `count` items on the threads that `threads` allows."""
-    workers = min(threads(), count)
-    if workers == 1:
-        task(slice(0, count))
-        return
-    edges = np.linspace(0, count, workers + 1).astype(int)
-    parts = [slice(a, b) for a, b in pairwise(edges) if b > a]
-    list(_pool(os.getpid(), threads()).map(task, parts))
+def in_parallel(task: Callable[[Part], Result], parts: Sequence[Part]) -> list[Result]:
+    """Results of task(part) for every part, on the threads that `threads` allows."""
+    if threads() == 1 or len(parts) == 1:
+        return [task(part) for part in parts]
+    return list(_pool(os.getpid(), threads()).map(task, parts))
+
+
+def shares(count: int) -> list[slice]:
+    """`count` items in slices, one for each thread."""
+    return [slice(a, b) for a, b in pairwise(
+        np.linspace(0, count, min(threads(), count) + 1).astype(int))]
 
 
 def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLike,
@@ -281,7 +287,7 @@ def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLi
         own = part if rows.shape[0] > 1 else slice(None)
         equilibrium.static_batch(m[part], rows[own], uniform[own], force, q[part])
 
-    in_parallel(solve, m.shape[0])
+    in_parallel(solve, shares(m.shape[0]))
     return np.ascontiguousarray(q.transpose(0, 2, 1))
 
 
@@ -378,7 +384,7 @@ def _run_batch(m: Model, rows: Sequence[Rows], seconds: Floats, force: Floats, z
         integration.run_batch(m[part], flat[own], uniform[own], seconds, force, zero_load,
                               max_step, motion[part], increments[part])
 
-    in_parallel(run, m.shape[0])
+    in_parallel(run, shares(m.shape[0]))
     return motion, increments
 
 
