@@ -1,7 +1,7 @@
 """Files: the shipped ones, inputs that no output replaces, whole-file writes, hashes of inputs."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, ExitStack, suppress
 import ctypes
 from dataclasses import dataclass, field
 import errno
@@ -113,35 +113,32 @@ def whole_file(path: Path | str, error: type[SaddleringError] = SaddleringError)
     or pipe is written to directly. Raises `error` with one line if nothing can be written.
     """
     path = Path(path)
-    try:
-        place = path.resolve()
-        if place.is_dir():
-            raise error(f'{path}: is a directory: give the name of a file')
-        if place.exists() and not place.is_file():
-            yield place
-            return
-        place.parent.mkdir(parents=True, exist_ok=True)
-        _sweep(place.parent, f'.{place.name}.', place.suffix)
-        handle, name = tempfile.mkstemp(
-            prefix=f'.{place.name}.', suffix=place.suffix, dir=place.parent)
-        with suppress(OSError):  # some file systems have no locks: nothing is removed there
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as problem:
-        raise _unwritable(path, problem, error) from problem
-    temporary = Path(name)
-    try:
-        yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        settle(temporary)
-        os.replace(temporary, place)
-        settle(place.parent)
-    except OSError as problem:
-        raise _unwritable(path, problem, error) from problem
-    finally:
-        temporary.unlink(missing_ok=True)
-        os.close(handle)
+    with ExitStack() as stack:
+        try:
+            place = path.resolve()
+            if place.is_dir():
+                raise error(f'{path}: is a directory: give the name of a file')
+            if place.exists() and not place.is_file():
+                yield place
+                return
+            place.parent.mkdir(parents=True, exist_ok=True)
+            _sweep(place.parent, f'.{place.name}.', place.suffix)
+            handle, name = tempfile.mkstemp(
+                prefix=f'.{place.name}.', suffix=place.suffix, dir=place.parent)
+            stack.callback(os.close, handle)
+            stack.callback(Path(name).unlink, missing_ok=True)
+            with suppress(OSError):  # some file systems have no locks: nothing is removed there
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield Path(name)
+            umask = os.umask(0)
+            os.umask(umask)
+            os.chmod(name, 0o666 & ~umask)
+            settle(Path(name))
+            os.replace(name, place)
+            settle(place.parent)
+        except OSError as problem:
+            raise error(f'{path}: cannot be written ({problem.strerror or problem}): '
+                        'choose another place') from problem
 
 
 @contextmanager
@@ -255,11 +252,6 @@ def exchange(new: Path, old: Path) -> None:
         aside.rename(new)
 
 
-def _unwritable(path: Path, problem: OSError, error: type[SaddleringError]) -> SaddleringError:
-    return error(f'{path}: cannot be written ({problem.strerror or problem}): '
-                 'choose another place')
-
-
 COMPUTING = ('numpy', 'scipy', 'numba', 'llvmlite')
 """Libraries on which the numbers of a result depend."""
 
@@ -287,9 +279,8 @@ def versions_in_use() -> dict[str, str]:
 def code_hash() -> str:
     """The first 16 digits of a SHA-256 over the package's own Python files, names included."""
     folder = Path(__file__).parent
-    lines = [f'{sha256_of_file(path)}  {path.relative_to(folder).as_posix()}\n'
-             for path in sorted(folder.rglob('*.py'))]
-    return hashlib.sha256(''.join(lines).encode()).hexdigest()[:16]
+    return sha256_of_files((path.relative_to(folder).as_posix(), path)
+                           for path in folder.rglob('*.py'))[:16]
 
 
 @dataclass(frozen=True)
@@ -324,19 +315,12 @@ class Provenance:
                 'versions': dict(self.versions)}
 
 
-def sha256_of_files(paths: Iterable[Path]) -> str:
-    """One SHA-256 for several files of a folder: `sha256sum * | sha256sum` there (LC_ALL=C)."""
-    lines = [f'{sha256_of_file(path)}  {path.name}\n'
-             for path in sorted(paths, key=lambda path: path.name)]
+def sha256_of_files(named: Iterable[tuple[str, Path]]) -> str:
+    """One SHA-256 for several files by name: `sha256sum * | sha256sum` (LC_ALL=C)."""
+    lines = [f'{sha256_of_file(path)}  {name}\n' for name, path in sorted(named)]
     return hashlib.sha256(''.join(lines).encode()).hexdigest()
 
 
 def origins_of(*paths: Path | str | None) -> tuple[Origin, ...]:
     """The origins of those files that were given."""
     return tuple(Origin(str(path), sha256_of_file(path)) for path in paths if path is not None)
-
-
-def add_origins(document: dict[str, Any], origins: Iterable[Origin]) -> dict[str, Any]:
-    """`document`, a result's JSON, with these files added to its provenance."""
-    document['provenance']['files'] += [origin.as_dict() for origin in origins]
-    return document

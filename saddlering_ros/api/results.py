@@ -17,7 +17,6 @@ from saddlering_ros.api.inputs import ApiError, Bag, Columns, columns_of, runs_o
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.ring_wording import causes_of, document_text, VerdictDocument
 from saddlering_ros.files import (
-    add_origins,
     bag_folder,
     Origin,
     spare_bags,
@@ -117,7 +116,9 @@ class Result(Tabular):
 
     def to_json(self) -> dict[str, Any]:
         """Everything as plain dictionaries, lists and numbers, as `--json` writes it."""
-        return add_origins(self._document(), self.files)
+        document = self._document()
+        files = [*document['provenance']['files'], *(origin.as_dict() for origin in self.files)]
+        return {**document, 'provenance': {**document['provenance'], 'files': files}}
 
     def save(self, path: Path | str) -> None:
         """Write the result; the suffix selects .json (all figures) or .csv (table of `columns`).
@@ -170,10 +171,6 @@ class ParametricResult(Result):
         write_parameters(Path(path), self.parameters)
 
 
-def _bags(count: int) -> str:
-    return '1 bag' if count == 1 else f'{count} bags'
-
-
 @dataclass(frozen=True, repr=False)
 class IdentificationResult(ParametricResult):
     """Contact parameters with their uncertainty; `found` holds every figure."""
@@ -220,8 +217,8 @@ class IdentificationResult(ParametricResult):
         return self.found.to_json()
 
     def _headline(self) -> str:
-        return (f'Identification ({self.found.method} method) from {_bags(len(self.bags))}: '
-                f'{self.found.status}')
+        return (f'Identification ({self.found.method} method) from {len(self.bags)} '
+                f'bag{"s" * (len(self.bags) != 1)}: {self.found.status}')
 
 
 @dataclass(frozen=True, repr=False)
@@ -283,8 +280,8 @@ class ValidationResult(Result):
 
     def _headline(self) -> str:
         met = sum(item.is_met for item in self.criteria)
-        return (f'Validation on {_bags(len(self.bags))}: {met} of {len(self.criteria)} criteria '
-                'are met')
+        return (f'Validation on {len(self.bags)} bag{"s" * (len(self.bags) != 1)}: {met} of '
+                f'{len(self.criteria)} criteria are met')
 
 
 @dataclass(frozen=True, repr=False)

@@ -75,7 +75,7 @@ class BagDirectory:
         """One hash of all content: that of a bare file, or sha256_of_files of a directory."""
         if self.path.is_dir():
             described = [self.path / METADATA] if self.has_metadata else []
-            return sha256_of_files([*described, *self.files])
+            return sha256_of_files((file.name, file) for file in (*described, *self.files))
         return sha256_of_file(self.path)
 
 

@@ -12,12 +12,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from io import BytesIO
 import mmap
 from pathlib import Path
 import struct
 import zlib
 
 import lz4.frame  # type: ignore[import-untyped]
+from mcap import records
+from mcap.data_stream import ReadDataStream
 import numpy as np
 from numpy.typing import NDArray
 import zstandard
@@ -50,7 +53,6 @@ GIVEN_BACK = 1 << 24
 
 _record_head = struct.Struct('<BQ')
 _message_head = struct.Struct('<BQHIQ')
-_chunk_head = struct.Struct('<QQQI')
 INDEX_ENTRY = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
 
 
@@ -84,7 +86,7 @@ class McapFile:
     compressions: set[str] = field(default_factory=set)
     message_count: int = 0
     share: float = 0.0
-    _schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
+    _schemas: dict[int, records.Schema] = field(default_factory=dict)
 
     def blocks(self) -> Iterator[McapBlock]:
         """Yield the messages, block by block; DamageError names the end of the readable data.
@@ -157,23 +159,19 @@ class McapFile:
 
     def _declaration(self, opcode: int, buffer: bytes | mmap.mmap, start: int, stop: int) -> None:
         """Read a schema, channel or metadata record; skip any other."""
-        fields = _Fields(buffer, start, stop)
         if opcode == SCHEMA:
-            number = fields.number(2)
-            self._schemas[number] = fields.text(), fields.text(), fields.take(fields.number(4))
+            schema = records.Schema.read(_Fields(buffer, start, stop))
+            self._schemas[schema.id] = schema
         elif opcode == CHANNEL:
-            number, schema = fields.number(2), fields.number(2)
-            topic, encoding = fields.text(), fields.text()
-            name, schema_encoding, definition = self._schemas.get(schema, ('', '', b''))
-            self.channels[number] = McapChannel(topic, name, encoding, schema_encoding, definition)
+            fields = _Fields(buffer, start, stop)
+            number, of = fields.read2(), fields.read2()
+            schema = self._schemas.get(of, records.Schema(of, b'', '', ''))
+            self.channels[number] = McapChannel(
+                fields.read_prefixed_string(), schema.name, fields.read_prefixed_string(),
+                schema.encoding, schema.data)
         elif opcode == METADATA:
-            texts = self.metadata[fields.text()] = {}
-            end = fields.number(4) + fields.position
-            if end > stop:
-                raise IndexError
-            while fields.position < end:
-                key = fields.text()
-                texts[key] = fields.text()
+            found = records.Metadata.read(_Fields(buffer, start, stop))
+            self.metadata[found.name] = found.metadata
 
     def _check_end(self, buffer: mmap.mmap, position: int, start: int, stop: int) -> None:
         """Check the data against the statements at the end of the file."""
@@ -200,18 +198,18 @@ class McapFile:
 
     def _chunk(self, buffer: mmap.mmap, start: int, stop: int) -> McapBlock:
         damage = self._damaged(start, 'a chunk')
-        _, _, size, crc = _chunk_head.unpack_from(buffer, start)
-        fields = _Fields(buffer, start + _chunk_head.size, stop)
-        compression = fields.text()
-        packed_size = fields.number(8)
-        if fields.position + packed_size > stop or size > MAX_CHUNK:
+        try:
+            chunk = records.Chunk.read(_Fields(buffer, start, stop))
+        except IndexError:
+            raise damage from None
+        compression, data, size = chunk.compression, chunk.data, chunk.uncompressed_size
+        if size > MAX_CHUNK:
             raise damage
         self.compressions.add(compression)
         if compression not in ('', 'zstd', 'lz4'):
             raise BagError(
                 f'{self.name}: chunks are compressed with {compression!r}, which is not '
                 'supported: convert the bag to zstd, lz4 or no compression')
-        data = fields.take(packed_size)
         try:
             if compression == 'zstd':
                 stated = zstandard.get_frame_parameters(data).content_size
@@ -222,6 +220,7 @@ class McapFile:
                 data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
         except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as problem:
             raise damage from problem
+        crc = chunk.uncompressed_crc
         if len(data) != size or (crc and crc != zlib.crc32(data)):
             raise damage
         with suppress(struct.error, IndexError, UnicodeDecodeError):
@@ -336,23 +335,19 @@ class _Collector:
         return McapBlock(np.frombuffer(data, dtype=np.uint8), messages)
 
 
-class _Fields:
-    """The fields of a record, read one after the other; IndexError behind its end."""
+class _Fields(ReadDataStream):
+    """The fields of a record, for mcap's own readers of records; IndexError behind its end."""
 
     def __init__(self, data: bytes | mmap.mmap, start: int, stop: int) -> None:
-        self._data, self._stop, self.position = data, stop, start
+        super().__init__(BytesIO())
+        self._data, self._start, self._stop = data, start, stop
 
-    def take(self, width: int) -> bytes:
-        start, self.position = self.position, self.position + width
-        if self.position > self._stop:
+    def read(self, length: int) -> bytes:
+        start = self._start + self._count
+        self._count += length
+        if start + length > self._stop:
             raise IndexError
-        return bytes(self._data[start:self.position])
-
-    def number(self, width: int) -> int:
-        return int.from_bytes(self.take(width), 'little')
-
-    def text(self) -> str:
-        return self.take(self.number(4)).decode('utf-8')
+        return bytes(self._data[start:start + length])
 
 
 def _give_back(buffer: mmap.mmap, start: int, stop: int) -> int:

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import argparse
+from collections import deque
 import math
 from pathlib import Path
 import sys
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import AddOption, Bar, Command, option, show_table, tell_json
 from saddlering_ros.errors import BagError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable
 
-    from saddlering_ros.bags.samples import Columns, SamplesSummary
+    from saddlering_ros.bags.samples import SamplesSummary
     from saddlering_ros.record import Record
-    from saddlering_ros.rig import ZeroReading
+    from saddlering_ros.rig import ParameterSet, ZeroReading
 
 KINDS = {'displacement': 'measured', 'simulate': 'simulated',
          'residual': 'measured minus simulated'}
@@ -59,59 +60,41 @@ COMMANDS = (
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, compute and deliver stretch by stretch."""
-    from saddlering_ros.bags.samples import check_table_path, displacement_columns
+    """Read, compute and write stretch by stretch; without --out or --json -, print a summary."""
+    from saddlering_ros.bags import samples
+    from saddlering_ros.files import origins_of, Provenance
     from saddlering_ros.record.displacement import measured_stretches
     from saddlering_ros.record.residual import residual_stretches, simulated_stretches
-    from saddlering_ros.rig import load_rig
+    from saddlering_ros.record.scratch import extremes
+    from saddlering_ros.rig import CHANNELS, load_rig
 
     if args.out == '-' and args.json == '-':
         raise BagError('--out - and --json -: give stdout to one of them only')
     if args.out is not None and args.out != '-':
-        check_table_path(Path(args.out))
+        samples.check_table_path(Path(args.out))
+    kinds: dict[str, Callable[..., Any]] = {
+        'displacement': measured_stretches, 'simulate': simulated_stretches,
+        'residual': residual_stretches}
+    model: list[ParameterSet] = []
     if args.command == 'displacement':
         rig = load_rig(args.rig)
     else:
         arguments.take_effects(args)
-        rig, parameters = arguments.read_model(args)
-    test_run = arguments.read_shown(args, args.bag, rig)
-    notes = list(test_run.notes)
-    with Bar() as bar:
-        def show(share: float) -> None:
-            bar.show('compute', share)
-
-        if args.command == 'displacement':
-            stretches, zero = measured_stretches(rig, test_run, notes, show)
-        else:
-            of_model = simulated_stretches if args.command == 'simulate' else residual_stretches
-            stretches, zero = of_model(rig, test_run, parameters, notes, show)
-        _deliver(args, test_run, (displacement_columns(test_run, batch) for batch in stretches),
-                 zero, notes)
-    return 0
-
-
-def _deliver(
-    args: argparse.Namespace, run: Record, table: Iterable[Columns], zero: ZeroReading,
-    notes: list[str],
-) -> None:
-    """Write the requested files; without --out or --json on stdout, print a summary."""
-    from collections import deque
-
-    from saddlering_ros.bags.samples import csv_lines, SamplesSummary, write_samples
-    from saddlering_ros.files import origins_of, Provenance
-    from saddlering_ros.record.scratch import extremes
-    from saddlering_ros.rig import CHANNELS
-
+        rig, *model = arguments.read_model(args)
+    run = arguments.read_shown(args, args.bag, rig)
+    notes, seen = list(run.notes), samples.SamplesSummary()
     made = Provenance((run.origin,), origins_of(args.rig, getattr(args, 'params', None)))
-    seen = SamplesSummary()
-    parts = seen.watch(table)
-    if args.out == '-':
-        sys.stdout.writelines(csv_lines(parts))
-    elif args.out is not None:
-        write_samples(Path(args.out), parts, made)
-    deque(parts, maxlen=0)
+    with Bar() as bar:
+        stretches, zero = kinds[args.command](
+            rig, run, *model, notes, lambda share: bar.show('compute', share))
+        parts = seen.watch(samples.displacement_columns(run, batch) for batch in stretches)
+        if args.out == '-':
+            sys.stdout.writelines(samples.csv_lines(parts))
+        elif args.out is not None:
+            samples.write_samples(Path(args.out), parts, made)
+        deque(parts, maxlen=0)
     shown = {'min': seen.lowest, 'max': seen.highest, 'last': seen.last}
-    if tell_json(args, {
+    if not tell_json(args, {
             'bag': str(run.path), 'test': run.test,
             'elevation_deg': math.degrees(run.elevation), 'samples': seen.count,
             'load_samples': len(run.stamps), 'duration': float(run.time[-1]),
@@ -122,12 +105,8 @@ def _deliver(
                        for words, of in shown.items()}
                 for name in CHANNELS} if seen.count else {},
             'notes': notes, 'provenance': made.as_dict()}):
-        return
-    if args.out == '-':
-        for note in notes:
-            print(f'saddlering {args.command}: note: {note}', file=sys.stderr)
-    else:
         _print_summary(args, run, seen, zero, notes)
+    return 0
 
 
 def _print_summary(
@@ -136,6 +115,10 @@ def _print_summary(
 ) -> None:
     from saddlering_ros.rig import load_rig, MICRO_UNITS
 
+    if args.out == '-':
+        for note in notes:
+            print(f'saddlering {args.command}: note: {note}', file=sys.stderr)
+        return
     console = arguments.stdout_console()
     console.print(
         f'{run.name}: {run.test} test at {math.degrees(run.elevation):g} deg, '

@@ -5,15 +5,22 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+from types import SimpleNamespace
 
 from pyarrow import parquet
 import pytest
 
-from saddlering_ros import __version__
+from saddlering_ros import __version__, DiagnosisResult
 from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.cli.main import main
-from saddlering_ros.files import sha256_of_file, share_directory, versions_in_use
-from saddlering_ros.rig import ParameterSet, read_parameters, TRUE_TO_SCALE, write_parameters
+from saddlering_ros.files import Origin, sha256_of_file, share_directory, versions_in_use
+from saddlering_ros.rig import (
+    default_rig,
+    ParameterSet,
+    read_parameters,
+    TRUE_TO_SCALE,
+    write_parameters,
+)
 
 BAG = share_directory() / 'bags' / 'static_50'
 
@@ -73,3 +80,10 @@ def test_identified_parameters_carry_the_hashes_of_their_bags(tmp_path, capsys):
     assert [(origin.path, origin.sha256) for origin in source.origins] == [
         (str(BAG), hash_by_shell(BAG))]
     assert f'code {versions_in_use()["code"]}' in source.versions
+
+
+def test_the_files_of_a_diagnosis_are_listed_once_however_often_it_is_asked_for():
+    verdict = SimpleNamespace(to_json=lambda: {'provenance': {'files': []}})
+    result = DiagnosisResult((), default_rig(), (Origin('rig.yaml', 'ab'),), verdict)
+    assert result.to_json() == result.to_json()
+    assert result.document == verdict.to_json()
