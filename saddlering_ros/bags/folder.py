@@ -14,17 +14,8 @@ import zstandard
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import sha256_of_file, sha256_of_files, temporary_folder
 from saddlering_ros.plain_yaml import MAX_BYTES, parse_yaml, YamlRefused
-from saddlering_ros.record.record import (
-    DETAILS,
-    finite_number,
-    HIGHEST_ELEVATION,
-    KEYS,
-    KINDS,
-    LOWEST_ELEVATION,
-    METADATA_RECORD,
-    same_text,
-    TestMetadata,
-)
+from saddlering_ros.record import record
+from saddlering_ros.record.record import DETAILS, KEYS, TestMetadata
 
 METADATA = 'metadata.yaml'
 INFORMATION = 'rosbag2_bagfile_information'
@@ -91,7 +82,7 @@ def open_directory(path: Path | str) -> BagDirectory:
             raise BagError(f'{path}: there is no such bag: check the path')
     except OSError as problem:
         raise BagError(f'{path}: cannot be read ({problem.strerror}): check the path') from problem
-    if not path.is_file() or not path.name.endswith(SUFFIXES):
+    if not (path.is_file() and path.name.endswith(SUFFIXES)):
         raise BagError(f'{path}: is not a bag: give a rosbag2 directory or an .mcap file, or make '
                        f'one of measured files by: saddlering import {path} --draft')
     # A bare file; metadata.yaml beside it counts if it names the file.
@@ -173,7 +164,7 @@ def _with_information(
             f'{path}: messages are compressed with {compression!r}, which is not supported: '
             'convert the bag with "ros2 bag convert"')
     count = information.get('message_count')
-    return BagDirectory(path, files, _texts(information.get('custom_data')),
+    return BagDirectory(path, files, custom_data_of(information),
                         count if isinstance(count, int) else None,
                         compression if mode == 'message' else '', True)
 
@@ -185,11 +176,11 @@ def read_metadata(path: Path) -> dict[str, Any]:
             text = file.read(MAX_BYTES + 1).decode('utf-8')
     except (OSError, UnicodeDecodeError) as problem:
         raise BagError(f'{path}: cannot be read: copy the bag again') from problem
-    return _parse_metadata(text, str(path))
+    return parse_metadata(text, str(path))
 
 
-def _parse_metadata(text: str, where: str) -> dict[str, Any]:
-    """The part of a rosbag2 metadata text that describes the bag."""
+def parse_metadata(text: str, where: str) -> dict[str, Any]:
+    """The part of a rosbag2 metadata text that describes the bag; BagError if there is none."""
     try:
         document = parse_yaml(text)
     except YamlRefused as problem:
@@ -202,14 +193,6 @@ def _parse_metadata(text: str, where: str) -> dict[str, Any]:
     if isinstance(information, dict):
         return information
     raise BagError(f'{where}: does not describe a bag: copy the bag again, or remove this file')
-
-
-def custom_data_of(text: str) -> dict[str, str]:
-    """custom_data of a rosbag2 metadata text, empty if there is none or the text is unreadable."""
-    try:
-        return _texts(_parse_metadata(text, 'metadata').get('custom_data'))
-    except BagError:
-        return {}
 
 
 def _locate(folder: Path, name: str) -> Path:
@@ -236,47 +219,47 @@ def _word(information: Mapping[str, Any], key: str) -> str:
     return value if isinstance(value, str) else ''
 
 
-def _texts(mapping: object) -> dict[str, str]:
-    """The plain values of a mapping as text; other values are left out."""
-    if not isinstance(mapping, dict):
-        return {}
-    return {str(key): str(value) for key, value in mapping.items()
-            if isinstance(value, (str, int, float, bool)) and isinstance(key, str)}
+def custom_data_of(information: Mapping[str, Any]) -> dict[str, str]:
+    """The plain values of custom_data as text; other values are left out."""
+    mapping = information.get('custom_data')
+    return {} if not isinstance(mapping, dict) else {
+        key: str(value) for key, value in mapping.items()
+        if isinstance(value, (str, int, float)) and isinstance(key, str)}
 
 
 def find_metadata(
-    custom_data: Mapping[str, str], record: Mapping[str, str], recorder: Mapping[str, str],
+    custom_data: Mapping[str, str], in_file: Mapping[str, str], recorder: Mapping[str, str],
 ) -> TestMetadata:
     """The test metadata on which the places of a bag agree.
 
-    `custom_data` of metadata.yaml and the MCAP record `saddlering.test` have the same weight:
-    either is enough, and both must agree. `recorder` (custom_data in the MCAP record that
+    `custom_data` of metadata.yaml and `in_file`, the MCAP record `saddlering.test`, have the same
+    weight: either is enough, and both must agree. `recorder` (custom_data in the MCAP record that
     rosbag2 writes itself) gives only texts that neither states, for instance after a
     reindexing, which loses custom_data from metadata.yaml.
     """
     first, second, third = (
         {key: text.strip() for key, text in place.items() if text.strip()}
-        for place in (custom_data, record, recorder))
-    conflicts = tuple(
-        f'{key} is {first[key]!r} in metadata.yaml and {second[key]!r} in the MCAP record '
-        f'{METADATA_RECORD}: correct one{OVERRULE.get(key, "")}'
+        for place in (custom_data, in_file, recorder))
+    conflicts = {
+        key: f'{key} is {first[key]!r} in metadata.yaml and {second[key]!r} in the MCAP record '
+             f'{record.METADATA_RECORD}: correct one{OVERRULE.get(key, "")}'
         for key in (*KEYS, *DETAILS) if key in first and key in second
-        and not same_text(key, first[key], second[key]))
+        and not record.same_text(key, first[key], second[key])}
     values = {key: text for key, text in {**third, **second, **first}.items()
-              if not any(line.startswith(f'{key} is ') for line in conflicts)}
+              if key not in conflicts}
     faults = []
-    test, elevation = values.get('test'), values.get('elevation_deg')
-    kind = test.lower() if test is not None and test.lower() in KINDS else None
-    if test is not None and kind is None:
+    test, elevation = values.get('test', ''), values.get('elevation_deg', '')
+    kind = test.lower() if test.lower() in record.KINDS else None
+    if test and kind is None:
         faults.append(f"test is {test!r}, which is not a kind of test: give test='static' or "
                       "test='dynamic'")
-    degrees = finite_number(elevation or '')
-    if degrees is not None and not LOWEST_ELEVATION <= degrees <= HIGHEST_ELEVATION:
+    low, high = record.LOWEST_ELEVATION, record.HIGHEST_ELEVATION
+    degrees = record.finite_number(elevation)
+    if degrees is not None and not low <= degrees <= high:
         degrees = None
-    if elevation is not None and degrees is None:
-        faults.append(
-            f'elevation_deg is {elevation!r}, which is not an elevation from '
-            f'{LOWEST_ELEVATION:g} to {HIGHEST_ELEVATION:g} degrees: give elevation_deg=DEG')
+    if elevation and degrees is None:
+        faults.append(f'elevation_deg is {elevation!r}, which is not an elevation from {low:g} to '
+                      f'{high:g} degrees: give elevation_deg=DEG')
     details = {key: values[key] for key in DETAILS if key in values}
     return TestMetadata(kind, degrees, values.get('rig', ''), values.get('run', ''), details,
-                        conflicts, tuple(faults))
+                        tuple(conflicts.values()), tuple(faults))

@@ -1,6 +1,7 @@
 """One pass over a bag that collects all properties and stops only at damage."""
 
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 import re
@@ -173,8 +174,9 @@ def _scan_file(
                 'two tests: give each test a folder of its own' for key, value in texts.items()
                 if key in KEYS and not same_text(key, records.get(key, value), value)]
             records.update({key: value for key, value in texts.items() if key not in records})
-            text = file.metadata.get('rosbag2', {}).get('serialized_metadata', '')
-            recorder.update(folder.custom_data_of(text) if text else {})
+            with suppress(BagError):
+                text = file.metadata.get('rosbag2', {}).get('serialized_metadata', '')
+                recorder.update(folder.custom_data_of(folder.parse_metadata(text, 'metadata')))
             result.message_count += file.message_count
             result.compressions |= file.compressions or {'none'}
             for channel in file.channels.values():
@@ -207,8 +209,20 @@ def _take_block(result: Scan, file: McapFile, block: McapBlock, topics: Collecti
             topic.fault = f'{problem}: record or copy the bag again'
 
 
+_WORDS = {'f8': 'float64', 'f4': 'float32', 'u1': 'uint8'}
+_NESTED = {(WRENCH_TYPE, 'wrench'): 'Wrench', (VECTOR_TYPE, 'vector'): 'Vector3'}
+"""Types of the fields that are messages themselves."""
+
+_FIELD = re.compile(r'^\s*([A-Za-z][\w/]*(?:\[[^\]]*\])?)\s+([A-Za-z]\w*)\s*(?![\w=\s])', re.M)
+
+
 def fault_of(channel: McapChannel, topic: RigTopic) -> str:
-    """Reason why messages of `channel` cannot be read as `topic`, with its remedy, or ''."""
+    """Reason why messages of `channel` cannot be read as `topic`, with its remedy, or ''.
+
+    Only definitions of encoding ros2msg that name any field are judged. The part after the
+    last field that is read may differ between releases of ROS. A nested message is one field:
+    'Wrench wrench' for wrench.force.x.
+    """
     # Names of some recorders leave the middle part out.
     package, _, rest = channel.type.partition('/')
     if (channel.type if '/' in rest else f'{package}/msg/{rest}') != topic.type:
@@ -217,8 +231,25 @@ def fault_of(channel: McapChannel, topic: RigTopic) -> str:
     if channel.encoding != 'cdr':
         return (f'its messages are encoded as {channel.encoding!r}: record with ROS 2, '
                 'which encodes as cdr')
-    wrong = other_fields(channel, topic)
-    return f'{wrong}: record with the messages of ROS 2 Jazzy' if wrong else ''
+    if channel.schema_encoding != 'ros2msg':
+        return ''
+    expected = ['Header header']
+    for path, kind in wire.LAYOUTS[topic.type]:
+        name, dot, _ = path.partition('.')
+        line = f'{_NESTED[topic.type, name]} {name}' if dot else f'{_WORDS[kind]} {name}'
+        if expected[-1] != line:
+            expected.append(line)
+        if path == topic.field:
+            break
+    own = channel.definition.decode('utf-8', 'replace').partition('=====')[0]
+    fields = [' '.join((found[1].rpartition('/')[2], found[2]))
+              for line in own.splitlines() if (found := _FIELD.match(line))]
+    if not fields or fields[:len(expected)] == expected:
+        return ''
+    pairs = zip(expected, [*fields, *['nothing'] * len(expected)], strict=False)
+    wanted, there = next(pair for pair in pairs if pair[0] != pair[1])
+    return (f'its definition of {channel.type} has {there!r} where {wanted!r} should be: record '
+            'with the messages of ROS 2 Jazzy')
 
 
 def _decompressed(
@@ -243,37 +274,3 @@ def _decompressed(
     sizes = np.array(list(map(len, plain)), dtype=np.int64)
     return (np.frombuffer(b''.join(plain), dtype=np.uint8),
             Messages(np.cumsum(sizes) - sizes, sizes, messages.log_times))
-
-
-_WORDS = {'f8': 'float64', 'f4': 'float32', 'u1': 'uint8'}
-_NESTED = {(WRENCH_TYPE, 'wrench'): 'Wrench', (VECTOR_TYPE, 'vector'): 'Vector3'}
-"""Types of the fields that are messages themselves."""
-
-_FIELD = re.compile(r'^\s*([A-Za-z][\w/]*(?:\[[^\]]*\])?)\s+([A-Za-z]\w*)\s*(?![\w=\s])', re.M)
-
-
-def other_fields(channel: McapChannel, topic: RigTopic) -> str:
-    """Reason why messages of `channel`, by their definition, cannot be read as `topic`, or ''.
-
-    Only definitions of encoding ros2msg that name any field are judged. The part after the
-    last field that is read may differ between releases of ROS. A nested message is one field:
-    'Wrench wrench' for wrench.force.x.
-    """
-    if channel.schema_encoding != 'ros2msg':
-        return ''
-    expected = ['Header header']
-    for path, kind in wire.LAYOUTS[topic.type]:
-        name, dot, _ = path.partition('.')
-        line = f'{_NESTED[topic.type, name]} {name}' if dot else f'{_WORDS[kind]} {name}'
-        if expected[-1] != line:
-            expected.append(line)
-        if path == topic.field:
-            break
-    own = channel.definition.decode('utf-8', 'replace').partition('=====')[0]
-    fields = [' '.join((found[1].rpartition('/')[2], found[2]))
-              for line in own.splitlines() if (found := _FIELD.match(line))]
-    if not fields or fields[:len(expected)] == expected:
-        return ''
-    pairs = zip(expected, [*fields, *['nothing'] * len(expected)], strict=False)
-    wanted, there = next(pair for pair in pairs if pair[0] != pair[1])
-    return f'its definition of {channel.type} has {there!r} where {wanted!r} should be'
