@@ -16,11 +16,7 @@ import numpy as np
 
 from saddlering_ros.bags import read_run
 from saddlering_ros.bags.samples import displacement_columns
-from saddlering_ros.doubts.comparison import (
-    refuse_other_rig,
-    refuse_parameters_of_other_rig,
-    refuse_repeats,
-)
+from saddlering_ros.doubts import comparison
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Origin, origins_of
 from saddlering_ros.progress import check, IsCancelled, OnProgress, Progress
@@ -243,9 +239,9 @@ def inputs_of(
                     f'{bag.name} was read with the rig with the hash '
                     f'{short_digest(bag.rig.digest)}, and rig has {short_digest(in_use.digest)}: '
                     'leave rig out, or give trust_rig=True to continue with it')
-        refuse_other_rig(runs_of([*fitted, *kept]), in_use)
+        comparison.refuse_other_rig(runs_of([*fitted, *kept]), in_use)
         if law is not None:
-            refuse_parameters_of_other_rig(law, in_use)
+            comparison.refuse_parameters_of_other_rig(law, in_use)
     return Inputs(fitted, kept, in_use, law, origins(in_use.source or None, parameters))
 
 
@@ -262,7 +258,7 @@ def rig_of(bags: Sequence[BagLike], given: RigLike) -> Rig:
 
 def for_fits(bags: Sequence[Bag], held_out: Sequence[Bag] = ()) -> tuple[list[Bag], list[Bag]]:
     """The same bags, long ones as averages; BagError if a recording is among them twice."""
-    refuse_repeats(runs_of(bags), runs_of(held_out))
+    comparison.refuse_repeats(runs_of(bags), runs_of(held_out))
     limit = fit_limit(runs_of([*bags, *held_out]))
     fitted, held = ([Bag(condensed(bag.run, bag.rig, limit), bag.rig) for bag in several]
                     for several in (bags, held_out))

@@ -184,48 +184,39 @@ folder_filled = Role(is_written=True)
 """A folder for files; the files that it holds already stay."""
 
 
-@dataclass(frozen=True)
-class _Named:
-    """A path, the argument that named it, and its role."""
-
-    path: Path
-    words: str
-    role: Role
-
-
 def check_files(args: argparse.Namespace) -> None:
     """FileConflict if an output is an input, lies in a bag that is read, or is given twice."""
-    named = [path for action in getattr(args, 'arguments', ()) if isinstance(action.type, Role)
-             for path in _named(args, action)]
-    outputs = [path for path in named if path.role.is_written]
-    read = [(one.path, one.words) for one in named if not (one.role.is_written or one.role.is_bag)]
-    bags = [(files.bag_folder(one.path), one.words) for one in named
-            if one.role.is_bag and one.role is not bags_below]
-    bags += [(file.parent, str(file.parent)) for one in named if one.role is bags_below
-             for file in sorted(one.path.rglob(files.BAG_FILES[0]))]
+    named = [one for action in getattr(args, 'arguments', ()) if isinstance(action.type, Role)
+             for one in _named(args, action)]
+    outputs = [one for one in named if one[2].is_written]
+    read = [(path, words) for path, words, role in named if not (role.is_written or role.is_bag)]
+    bags = [(files.bag_folder(path), words) for path, words, role in named
+            if role.is_bag and role is not bags_below]
+    bags += [(file.parent, str(file.parent)) for path, _, role in named if role is bags_below
+             for file in sorted(path.rglob(files.BAG_FILES[0]))]
     sources = [*read, *bags]
     if os.environ.get('SADDLERING_EFFECTS'):
         from saddlering_ros.effects import own_files
 
         read += [(file, f'{file} (SADDLERING_EFFECTS)') for file in own_files()]
-    for number, output in enumerate(outputs):
-        for other in outputs[:number]:
-            if files.same_file(output.path, other.path):
-                raise FileConflict(f'{output.words} and {other.words} are the same file: choose '
-                                   'two files')
-        files.spare_files(output.path, output.words, read)
-        files.spare_bags(output.path, output.words, bags)
-        for source, words in sources if output.role is not folder_filled else ():
-            if any(files.same_file(folder, output.path)
-                   for folder in files.resolved(source).parents):
-                raise FileConflict(f'{output.words} is the folder that holds {words}, which is '
+    for number, (output, its_words, its_role) in enumerate(outputs):
+        for other, words, _ in outputs[:number]:
+            if files.same_file(output, other):
+                raise FileConflict(f'{its_words} and {words} are the same file: choose two files')
+        files.spare_files(output, its_words, read)
+        files.spare_bags(output, its_words, bags)
+        for source, words in sources if its_role is not folder_filled else ():
+            if any(files.same_file(folder, output) for folder in files.resolved(source).parents):
+                raise FileConflict(f'{its_words} is the folder that holds {words}, which is '
                                    'read: choose another place')
-        if output.role is page_written:
-            files.check_ending(output.path, files.PAGE_ENDINGS, FileConflict)
+        if its_role is page_written:
+            files.check_ending(output, files.PAGE_ENDINGS, FileConflict)
 
 
-def _named(args: argparse.Namespace, action: argparse.Action) -> Iterator[_Named]:
-    """Each path of an argument; '-' and devices are no files to lose."""
+def _named(
+    args: argparse.Namespace, action: argparse.Action,
+) -> Iterator[tuple[Path, str, Role]]:
+    """Each path of an argument, the words that name it, and its role; '-' and devices are none."""
     value = getattr(args, action.dest, None)
     given = value if isinstance(value, list) else [value]
     # An option that may be given several times has a list of each time.
@@ -239,8 +230,8 @@ def _named(args: argparse.Namespace, action: argparse.Action) -> Iterator[_Named
         option = ''.join(f'{name} ' for name in action.option_strings[-1:])
         role: Any = action.type
         if role is effects_read and path.is_dir():
-            yield from (_Named(file, f'{option}{file}', role) for file in path.glob('*.yaml'))
-        yield _Named(path, f'{option}{text}', role)
+            yield from ((file, f'{option}{file}', role) for file in path.glob('*.yaml'))
+        yield path, f'{option}{text}', role
 
 
 # -- options that several commands share ---------------------------------------------------------

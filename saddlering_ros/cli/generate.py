@@ -98,21 +98,15 @@ def run(args: argparse.Namespace) -> int:
 
 def _plan(args: argparse.Namespace) -> TestPlan:
     from saddlering_ros.rig import FORCE_UNITS, FULL_SCALE_LOAD, load_rig
+    from saddlering_ros.virtual_rig import experiment
     from saddlering_ros.virtual_rig.effects import parse_requests
-    from saddlering_ros.virtual_rig.experiment import (
-        dynamic_schedule,
-        Instruments,
-        PhysicalRig,
-        static_schedule,
-        TestPlan,
-    )
     from saddlering_ros.virtual_rig.integrator import Scatter
 
     rig, static = load_rig(args.rig), args.test == 'static'
     load_noise = args.load_noise
     if load_noise is None:
-        load_noise = Instruments.load_noise * rig.full_scale_load / FULL_SCALE_LOAD
-    physical = PhysicalRig(
+        load_noise = experiment.Instruments.load_noise * rig.full_scale_load / FULL_SCALE_LOAD
+    physical = experiment.PhysicalRig(
         rig, _contact(args), math.radians(args.elevation),
         parse_requests(args.effect, args.form, rig),
         Scatter(args.gap_scatter * 1e-6, args.stiffness_scatter / 100.0), args.rig_seed)
@@ -125,11 +119,11 @@ def _plan(args: argparse.Namespace) -> TestPlan:
              'duration': 1.0, 'speed': 1.0}
     given = {name.removeprefix('load_'): getattr(args, name) * unit
              for name, unit in units.items() if getattr(args, name) is not None}
-    schedule = (static_schedule if static else dynamic_schedule)(
-        rig, cycles=args.cycles, **given)
-    return TestPlan(
-        physical, schedule, args.seed, Instruments(noise=args.noise * 1e-6, load_noise=load_noise),
-        args.rate, args.probe_rate, rig_name=str(args.rig) if args.rig else 'virtual rig',
+    schedule_of = experiment.static_schedule if static else experiment.dynamic_schedule
+    return experiment.TestPlan(
+        physical, schedule_of(rig, cycles=args.cycles, **given), args.seed,
+        experiment.Instruments(noise=args.noise * 1e-6, load_noise=load_noise), args.rate,
+        args.probe_rate, rig_name=str(args.rig) if args.rig else 'virtual rig',
         run_name=args.run_name)
 
 
