@@ -26,6 +26,7 @@ from saddlering_ros.discrepancy.verdict.certainty import (
     probabilities_of,
     stability_of,
     uncertain_size,
+    unshared,
     unsteady_sizes,
 )
 from saddlering_ros.discrepancy.verdict.established import (
@@ -71,6 +72,10 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     lines, immaterial, limits = find_steady_lines(space.problem, space.trials)
     log.immaterial += immaterial
 
+    refits, near_limit, influence = stability_of(
+        space, fit, alternatives, None if answer.process is None else answer.taken)
+    doubts = unshared(refits) if judgement.verdict in ('named', 'ambiguous') else []
+    judgement = judgement.doubted(doubts)
     is_ambiguous = judgement.verdict == 'ambiguous'
     if is_ambiguous:
         watch.progress('next test', 0.85)
@@ -91,9 +96,8 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         key=lambda cause: -cause.visible)
     # A steady line that is found takes itself whole.
     taken = answer.taken if published.causes else float(bool(steady))
-    refits, near_limit, influence = stability_of(
-        space, fit, alternatives, None if answer.process is None else taken)
-    is_other = verdict == 'unknown' and bool(established.other_laws(space, fit, alternatives))
+    is_other = verdict == 'unknown' and bool(
+        doubts or established.other_laws(space, fit, alternatives))
     return Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
@@ -173,10 +177,8 @@ def _answer(search: Search) -> Answer:
     if is_declared:
         doubts += established.shared_directions(space, fit, search.alternatives)
     doubts += uncertain_size(space, published.causes)
-    if doubts:
-        judgement = replace(judgement, verdict='unknown', warnings=(*judgement.warnings, *doubts))
-    return Answer(search, judgement, before, after, published, remainder_of(space, fit, after),
-                  taken)
+    return Answer(search, judgement.doubted(doubts), before, after, published,
+                  remainder_of(space, fit, after), taken)
 
 
 def _beside_error(strict: Answer) -> Answer:

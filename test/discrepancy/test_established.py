@@ -27,7 +27,7 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.problem.problem import Metric
-from saddlering_ros.discrepancy.verdict import established, wording
+from saddlering_ros.discrepancy.verdict import certainty, established, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 
 TIME = np.linspace(0.0, 20.0, 500)
@@ -347,6 +347,40 @@ def test_a_cause_without_a_rival_is_stable_and_its_evidence_is_told_by_run() -> 
         'without run 0', 'without run 1', 'half the model error', 'twice the model error'}
     assert {part.run for part in answer.influence} == {'run 0', 'run 1', 'run 2'}
     assert 'Evidence by run: run ' in answer.summary()
+
+
+def test_a_stand_in_that_most_refits_replace_is_not_established() -> None:
+    """The true law acts as the spring with the other sign, which the catalogue does not allow."""
+    def law(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        drive = np.asarray(run.inputs['drive'])
+        wavy = drive**3 + 0.15 * np.sin(6.0 * drive)
+        return {'seen': parameters['gain'] * drive + parameters['hard.size'] * drive**3
+                + parameters['wavy.size'] * wavy}
+
+    model = Model(law, {'gain': Parameter(0.5, 2.0)}, {
+        'wavy': Effect('A wavy spring', {'size': Parameter(-1, 1)}),
+        'hard': Effect('A spring that hardens', {'size': Parameter(0, 1)}),
+    }, {'seen': Channel()})
+    runs = [record(number, 0.0, 0.0) for number in range(4)]
+    runs = [replace(run, outputs={
+        'seen': run.outputs['seen'] - 0.2 * np.asarray(run.inputs['drive']) ** 3}) for run in runs]
+    answer = diagnose(model, runs[:3], hold_out=runs[3:])
+    assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('unknown', ['wavy'])
+    assert answer.stability < 0.5
+    assert any('of the refits have the same first cause' in item for item in answer.warnings)
+    assert answer.probabilities['wavy'] < 0.5
+
+
+@pytest.mark.parametrize(('contains', 'stability'), [((), 0.0), (('friction',), 1.0)])
+def test_a_refit_that_ends_in_a_law_which_contains_the_cause_has_the_same_first_cause(
+    monkeypatch: pytest.MonkeyPatch, contains: tuple[str, ...], stability: float,
+) -> None:
+    wider = replace(MODEL.effects['cubic'], contains=contains)
+    monkeypatch.setattr(certainty._Sums, 'penalised', lambda sums, *_: (
+        -float(sums.fit.candidate.ids == ('cubic',))))
+    answer = found(0.3, 0.02, replace(MODEL, effects={**MODEL.effects, 'cubic': wider}))
+    assert answer.stability == stability
+    assert answer.verdict == ('named' if contains else 'unknown')
 
 
 def test_a_verdict_with_little_evidence_says_that_it_is_near_its_limit() -> None:

@@ -178,6 +178,12 @@ class Judgement:
     explained: float
     warnings: tuple[str, ...]
 
+    def doubted(self, doubts: Sequence[str]) -> 'Judgement':
+        """The same with reasons, if there are any, why no cause is established."""
+        if not doubts:
+            return self
+        return replace(self, verdict='unknown', warnings=(*self.warnings, *doubts))
+
 
 def residual_of(space: ModelSpace, fit: Fit) -> Residual:
     """The residual of a fit; with consistency tests if laws are assumed to be exact."""

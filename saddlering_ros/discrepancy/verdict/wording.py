@@ -235,6 +235,11 @@ def unsteady_size_words(name: str, kind: str, least: float, most: float) -> str:
             'the fitted one, which its interval does not allow: the law is another one')
 
 
+def unshared_words(share: float, needed: float) -> str:
+    return (f'{percent(share)} of the refits have the same first cause; an established cause has '
+            f'{percent(needed)}: in most of them another cause comes first')
+
+
 def shared_direction_words(name: str, other: str, share: float) -> str:
     return (f'{other}, of another size or sign, has {percent(share)} of the power of what {name} '
             'changes beyond the base: an effect that is not in the catalogue could have as much')
