@@ -27,7 +27,7 @@ from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.effects import catalogue
 from saddlering_ros.progress import Watch
-from saddlering_ros.quantities import MAX_LOG
+from saddlering_ros.quantities import compact, MAX_LOG, shares_in_words
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
 
 CHANGED = 100.0
@@ -140,13 +140,14 @@ class ChangeSeries:
         """Whether the ring has changed, and when, in one sentence."""
         last = float(self.evidence.e_values[-1])
         if last < CHANGED:
-            return (f'The series of {len(self.names)} sessions shows no change (e-value {last:.2g}'
-                    f', {CHANGED:g} is a change).')
+            return (f'The series of {len(self.names)} sessions shows no change (e-value '
+                    f'{compact(last, 2)}, {CHANGED:g} is a change).')
         first = int(np.argmax(self.evidence.moment))
         last_sound = self.names[first] if first else 'the base session'
-        return (f'The ring has changed since {last_sound} (e-value {last:.2g}); '
+        chances = dict(zip(self.names[1:], self.evidence.moment.tolist(), strict=True))
+        return (f'The ring has changed since {last_sound} (e-value {compact(last, 2)}); '
                 f'{self.names[first + 1]} is the first changed session with a chance of '
-                f'{100.0 * self.evidence.moment[first]:.0f} %.')
+                f'{shares_in_words(chances)[self.names[first + 1]]}.')
 
     def to_json(self) -> dict[str, Any]:
         """The series of the verdict document; sizes are those of later sessions minus the base."""

@@ -17,10 +17,8 @@ MAX_DRAWN = 12
 EPOCH = 1970.0
 """Year from which the calendar time of a history counts (`SessionFigures.time`)."""
 
-UNLIKE_TEST = (
-    'Test the ring on another rig. If it differs there too, measure its clearances. If it does '
-    'not, the rig is at fault.'
-)
+UNLIKE_TEST = ('Test the ring on another rig. If it differs there too, measure its clearances. If '
+               'it does not, the rig is at fault.')
 """Test that separates a ring that differs from the rig that tested it."""
 
 Rows = list[list[str | html.Cell]]
@@ -50,13 +48,14 @@ def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
             (str(len(failures)), 'sessions without a verdict')]),
         html.section(
             'Rings and rigs that need attention', html.bullets(rigs),
-            html.table(['ring', 'rig', 'why', 'next test', 'remaining life', 'reports'],
+            html.table(['ring', 'rig', 'why', 'next test', 'remaining life (90 %)', 'reports'],
                        [_attention(ring) for ring in flagged]),
             '' if flagged or rigs else html.paragraph('No ring and no rig needs attention.')),
         html.section('Histories', html.paragraph(
             f'The {MAX_DRAWN} rings of most concern. Points: values with two standard deviations. '
             'Line: the level of the trend. A dashed line is a service. Stiffness and damping are '
-            'shown as change in percent.', 'note'), *pictures) if pictures else '',
+            'shown as change in percent. 1: axial rows, 2: radial row.', 'note'), *pictures)
+        if pictures else '',
         html.section('All rings by concern', html.table(
             ['ring', 'rig', *map(html.number, (
                 'sessions', 'e-value', *(f'z {name.replace("_", " ")}' for name in COORDINATES))),
@@ -117,5 +116,5 @@ def history_chart(ring: RingJudgement) -> charts.Chart:
                 charts.strokes(time, low, high, width=0.9),
                 charts.line(time, level, charts.AFTER),
                 charts.markers(time, value, 'o', charts.MEASURED, size=3.0)),
-            title=name.replace('_', ' '), shows_y_label=False))
+            title=name.replace('_', ' ') + ' / %' * is_relative, shows_y_label=False))
     return charts.Chart(tuple(panels), width=11.4, height=2.1, columns=len(panels))

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from textwrap import fill
 from typing import Any
 
-from saddlering_ros.pages import html
-from saddlering_ros.pages.charts import AFTER, BEFORE, Chart, line, markers, NOISE, Panel, Ticks
+from saddlering_ros.pages import charts, html
+from saddlering_ros.pages.charts import AFTER, BEFORE, NOISE
 from saddlering_ros.quantities import compact, percent, shares_in_words
 
 OUTCOMES = {'none': 'no cause', 'unknown': 'an unknown cause'}
@@ -32,20 +32,30 @@ def certainty(document: Mapping[str, Any], title_of: Callable[[str], str] = str)
         (f'{OUTCOMES.get(outcome) or " or ".join(map(title_of, outcome.split(" or ")))}: {told}',
          100.0 * shares[outcome], NOISE if outcome in OUTCOMES else AFTER)
         for outcome, told in shares_in_words(shares).items()]
-    stretches = document.get('influence') or ()
+    stretches, unit = document.get('influence') or (), document.get('time_unit', 's')
     total = sum(max(item['evidence'], 0.0) for item in stretches)
     influences = [
-        (f'{item["run"]}, {item["start"]:.3g} to {item["end"]:.3g} s',
+        (f'{item["run"]}, {item["start"]:.3g} to {item["end"]:.3g} {unit}'.strip(),
          100.0 * item['evidence'] / total, AFTER if item['evidence'] > 0.0 else BEFORE)
         for item in sorted(stretches, key=lambda item: -abs(item['evidence']))] if total else []
     remainders = [
         (f'{item["run"]}, {item["channel"]}, along {item["along"]}: '
          f'{compact(item["times_noise"], 2)} × noise', 100.0 * item['share_of_range'], BEFORE)
         for item in document.get('remainder') or ()]
+    refits = (document.get('refits') or ())[:MAX_ROWS]
+    first = next((one['effect'] for one in document['causes'] if 'effect' in one), '')
+    tried = rows_down(
+        [f'{one["change"]}: ' + (title_of(one['first']) if one['first'] else 'no cause')
+         for one in refits],
+        [charts.markers([1.0], [row], 'o', AFTER, size=7.0) if one['first'] == first else
+         charts.markers([0.0], [row], 'D', BEFORE, size=7.0) for row, one in enumerate(refits)],
+        'first cause', charts.Ticks((-0.5, 0.0, 1.0, 1.5), ('', 'another', 'the same', '')))
     pictures = [
         html.picture(bars(outcomes, 'probability / %', 100.0), 'probabilities', 'Probability of '
                      'each cause, of no cause, and of an unknown one.') if outcomes else '',
-        _refits(document, title_of),
+        html.picture(tried, 'refits', 'Refits of the data under other conditions: '
+                     f'{percent(document["stability"])} have the same first cause.')
+        if refits and first else '',
         html.picture(bars(influences, 'share of the evidence / %'), 'influence', 'Evidence for '
                      'the causes by stretch of a run, the largest first. Red: a stretch against '
                      'them.') if influences else '',
@@ -58,37 +68,22 @@ def certainty(document: Mapping[str, Any], title_of: Callable[[str], str] = str)
                         html.bullets(list(document.get('near_limit') or ())))
 
 
-def bars(rows: Sequence[Row], label: str, top: float | None = None) -> Chart:
+def bars(rows: Sequence[Row], label: str, top: float | None = None) -> charts.Chart:
     """One bar for each row, from the top down; top: end of the axis."""
     rows = rows[:MAX_ROWS]
-    words = [fill(row[0], MAX_WORDS) for row in rows]
-    series = [line([0.0, size], [place, place], colour, width=9.0)
+    series = [charts.line([0.0, size], [place, place], colour, width=9.0)
               for place, (_, size, colour) in enumerate(rows)]
     if top:
-        series.append(markers([top], [len(rows) + 4.0], '.', NOISE, size=0.1))
-    panel = Panel(0, 0, label, '', tuple(series), y_ticks=_down(words), has_y_grid=False,
-                  y_range=(len(rows) - 0.3, -0.7))
-    lines = len(rows) * max(1 + word.count('\n') for word in words)
-    return Chart((panel,), WIDTH, 0.9 + 0.27 * lines)
+        series.append(charts.markers([top], [len(rows) + 4.0], '.', NOISE, size=0.1))
+    return rows_down([row[0] for row in rows], series, label)
 
 
-def _down(words: Sequence[str]) -> Ticks:
-    return Ticks(tuple(map(float, range(len(words)))), tuple(words))
-
-
-def _refits(document: Mapping[str, Any], title_of: Callable[[str], str]) -> str:
-    """One row for each refit: whether it has the first cause of the verdict."""
-    refits = (document.get('refits') or ())[:MAX_ROWS]
-    causes = [cause['effect'] for cause in document['causes'] if 'effect' in cause]
-    if not refits or not causes:
-        return ''
-    words = [f'{item["change"]}: ' + (title_of(item['first']) if item['first'] else 'no cause')
-             for item in refits]
-    series = [markers([1.0], [place], 'o', AFTER, size=7.0) if item['first'] == causes[0] else
-              markers([0.0], [place], 'D', BEFORE, size=7.0) for place, item in enumerate(refits)]
-    panel = Panel(0, 0, 'first cause', '', tuple(series), y_ticks=_down(words),
-                  x_ticks=Ticks((-0.5, 0.0, 1.0, 1.5), ('', 'another', 'the same', '')),
-                  y_range=(len(words) - 0.3, -0.7))
-    return html.picture(
-        Chart((panel,), WIDTH, 0.9 + 0.27 * len(words)), 'refits', 'Refits of the data under '
-        f'other conditions: {percent(document["stability"])} have the same first cause.')
+def rows_down(words: Sequence[str], series: Sequence[charts.Series], label: str,
+              x_ticks: charts.Ticks | None = None) -> charts.Chart:
+    """charts.Series from the top down, one row for each of the words, which are broken if long."""
+    lines = [fill(one, MAX_WORDS) for one in words]
+    panel = charts.Panel(0, 0, label, '', tuple(series), x_ticks=x_ticks,
+                  y_ticks=charts.Ticks(tuple(map(float, range(len(lines)))), tuple(lines)),
+                  y_range=(len(lines) - 0.3, -0.7))
+    count = sum(1 + one.count('\n') for one in lines)
+    return charts.Chart((panel,), WIDTH, 0.9 + 0.27 * count)

@@ -135,8 +135,8 @@ def _axis(domain: Span, anchor: str, label: str, ticks: Ticks | None,
         'title': {'text': label.replace('\n', '<br>'), 'standoff': 4, 'font': {'size': 12}}}
     ticks = _log_ticks(values) if is_log else ticks
     if ticks is not None:
-        axis |= {'tickvals': list(ticks.at), 'ticktext': list(ticks.words),
-                 'tickfont': {'size': 11}}
+        words = [one.replace('\n', '<br>') for one in ticks.words]
+        axis |= {'tickvals': list(ticks.at), 'ticktext': words, 'tickfont': {'size': 11}}
     return axis
 
 

@@ -9,14 +9,15 @@ import numpy as np
 
 from saddlering_ros.comparison.change import Change, change_words, name_of
 from saddlering_ros.comparison.series import CHANGED, ChangeSeries
+from saddlering_ros.diagnosis.ring_wording import lowered
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import Chart, Panel
 from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import probability, quantity
 from saddlering_ros.report import reports
-from saddlering_ros.report.figures import MICRO
-from saddlering_ros.rig import MICRO_UNITS, PARAMETER_UNITS
+from saddlering_ros.report.figures import axis_label, MICRO
+from saddlering_ros.rig import FORCE_UNITS, PARAMETER_UNITS
 from saddlering_ros.rig.description import WEAR_LIMITS
 
 
@@ -53,21 +54,23 @@ def change_chart(change: Change) -> Chart:
     problem = metric.problem
     before, after = (metric.without_nuisances(problem.measured - fit.prediction)
                      for fit in (change.diagnosis.fits.before, change.diagnosis.fits.after))
-    later = {record.run.name for record in change.after}
-    views, runs = list(problem.system.views), [run for run in problem.runs if run.name in later]
-    panels = []
+    views, unit, panels = list(problem.system.views), change.rig.force_unit, []
+    later = {record.run.name: column for column, record in enumerate(change.after)}
     for row, view in enumerate(views):
-        seen = [(run, MICRO * without, MICRO * rest) for run, without, rest in zip(
-            problem.runs, *(problem.view_residuals(residual, view)
-                            for residual in (before, after)), strict=True) if run.name in later]
-        for column, (run, without, rest) in enumerate(seen):
-            load = 1e-3 * np.asarray(run.inputs['load'])
-            panels.append(Panel(row, column, 'load / kN', f'{view} / {MICRO_UNITS[view]}', (
-                charts.markers(load, without, '.', charts.BEFORE, 'without the causes', size=2.5),
-                charts.line(load, without - rest, charts.AFTER, 'explained by the causes')),
+        for run, without, rest in zip(problem.runs, *(
+                problem.view_residuals(residual, view) for residual in (before, after)),
+                strict=True):
+            if run.name not in later:
+                continue
+            load, column = run.inputs['load'] / FORCE_UNITS[unit], later[run.name]
+            panels.append(Panel(row, column, f'load / {unit}', axis_label(view), (
+                charts.markers(load, MICRO * without, '.', charts.BEFORE, 'without the causes',
+                               size=2.5),
+                charts.line(load, MICRO * (without - rest), charts.AFTER,
+                            'explained by the causes')),
                 title=run.name.partition(': ')[2] if not row else '', shows_y_label=not column))
-    return Chart(tuple(panels), 3.6 * len(runs),
-                 1.9 * len(views), (1.0,) * len(views), len(runs), shares_x=True)
+    return Chart(tuple(panels), 3.6 * len(later), 1.9 * len(views), (1.0,) * len(views),
+                 len(later), shares_x=True)
 
 
 def series_chart(series: ChangeSeries) -> Chart:
@@ -109,9 +112,10 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
     html.write_page(path, html.page('What changed', [
         reports.head('What changed', change.rig, tests),
         html.verdict(
-            change.verdict, html.paragraph(change.headline, 'headline'),
+            change.verdict, html.paragraph(f'Verdict: {change.verdict}', 'soft'),
+            html.paragraph(change.headline, 'headline'),
             html.paragraph(f'Next: {change.next_test}' if change.next_test else '', 'next')),
-        certainty(change.to_json(), name_of),
+        certainty(change.to_json(), lambda name: lowered(name_of(name))),
         html.section('Change of the later runs', html.picture(
             change_chart(change), 'change',
             'Measured minus simulated in the later session, over the load. Errors that both '

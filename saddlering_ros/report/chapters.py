@@ -432,7 +432,7 @@ def of_file(parameters: ParameterSet) -> str:
     rows += _per_millimetre(values_of)
     rows += [[code(f'{effect}.{name}'), f'{compact(value, 5)} (SI)', '', '']
              for effect, values in parameters.effects.items() for name, value in values.items()]
-    words = 'As given' if source.method == 'given' else f'By {source.method}'
+    words = 'As given' if source.method == 'given' else f'By the method "{source.method}"'
     words += f' from {", ".join(source.bags)}' if source.bags else ''
     return html.section(
         'Parameters',

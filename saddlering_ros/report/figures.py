@@ -94,7 +94,6 @@ class RunCurves:
 
 def curves_of(verdict: Verdict) -> list[RunCurves]:
     """The runs of a diagnosis."""
-    changed = verdict.diagnosis.fits.after is not verdict.diagnosis.fits.before
     found = []
     for figures in verdict.runs:
         run, test_run = figures.record.run, figures.record.test_run
@@ -106,7 +105,7 @@ def curves_of(verdict: Verdict) -> list[RunCurves]:
             elevation_deg=float(np.degrees(test_run.elevation)), width=run.width,
             load=run.inputs['load'], measured=figures.measured, before=figures.before,
             direction=np.ones(run.time.size) if run.direction is None else run.direction,
-            after=figures.after if changed else figures.before, noise=noise,
+            after=figures.after if verdict.diagnosis.causes else figures.before, noise=noise,
             force_unit=verdict.rig.force_unit,
             sound={name: float(np.hypot(noise[name], item.sound * spans[name]))
                    for name, item in figures.channels.items() if item.sound}))

@@ -139,7 +139,7 @@ def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
     shown = [one for one in curves if one.name == Path(run.name).name]
     return html.verdict(
         'none' if is_good else 'ambiguous', html.paragraph(said, 'headline'), html.paragraph(
-            '' if is_good else 'saddlering diagnose on these bags finds the missing cause.'),
+            '' if is_good else 'saddlering diagnose on these bags looks for the missing cause.'),
         chapters.proof_picture(shown[0], name) if shown else '')
 
 

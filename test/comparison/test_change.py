@@ -38,7 +38,7 @@ from saddlering_ros.diagnosis.ring_wording import title_of
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.errors import BagError
 from saddlering_ros.pages.certainty import certainty
-from saddlering_ros.report.change import change_text, wear_words, write_change_page
+from saddlering_ros.report.change import change_chart, change_text, wear_words, write_change_page
 from saddlering_ros.rig import Instruments, TRUE_TO_SCALE
 
 
@@ -120,6 +120,9 @@ def test_a_series_stands_in_the_document_and_on_the_page(grown, tmp_path):
     assert document['sessions'][1] == {
         'name': 'after', 'e_value': 250.0, 'first_changed': 0.9, 'size': 900.0, 'std': 150.0}
     assert 'changed since session 2' in document['headline']
+    assert replace(series, evidence=replace(found, e_values=np.array([1.0, 3.8e260]))).headline \
+        == ('The ring has changed since session 2 (e-value 3.8 × 10²⁶⁰); after is the first '
+            'changed session with a chance of 90 %.')
     early = replace(series, evidence=replace(found, moment=np.array([0.9, 0.1])))
     assert 'changed since the base session (' in early.headline
     write_change_page(change, tmp_path / 'change.html')
@@ -128,6 +131,8 @@ def test_a_series_stands_in_the_document_and_on_the_page(grown, tmp_path):
     assert f'hash <code title="{RIG.digest}">' in page
     assert page.count('>before</td>') == page.count('>after</td>') == 2
     assert document['headline'] in change_text(change)
+    assert {(panel.x_label, panel.y_label) for panel in change_chart(change).panels[:2]} == {
+        ('load / t', 'δx / µm')}
 
 
 @pytest.mark.filterwarnings('error')

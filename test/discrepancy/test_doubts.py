@@ -223,6 +223,9 @@ def test_the_page_of_a_model_shows_measured_and_simulated_curves_with_units_and_
     assert [item.name for item in charts['proof'].named] == [
         'measured', 'simulated, without causes', 'simulated, with the causes', '± 2 × noise',
         '± 2 × noise and declared model error']
+    stretches = charts['influence'].panels[0].y_ticks
+    assert stretches is not None
+    assert all(words.endswith(' h') for words in stretches.words)
     inside = np.abs(below.series[1].y) < below.bands[0].high
     assert 0.9 < inside.mean() < 1.0
 

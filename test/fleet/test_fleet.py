@@ -109,6 +109,7 @@ def test_a_history_without_service_hours_is_drawn_over_calendar_years():
     sessions = [replace(session, service_hours=math.nan) for session in sessions_of('SR-1', STILL)]
     panel = history_chart(judge_fleet(sessions).rings[0]).panels[0]
     assert panel.x_label == 'year'
+    assert panel.title == 'stiffness 1 / %'
     assert np.nanmin(panel.series[-1].x) == pytest.approx(2026.0)
 
 

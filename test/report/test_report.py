@@ -3,6 +3,7 @@
 import csv
 from dataclasses import replace
 import re
+from types import SimpleNamespace
 from unittest import mock
 
 from colour_vision import APART, smallest_difference
@@ -16,7 +17,7 @@ from saddlering_ros.diagnosis.ring_wording import document_text, gain_sentence, 
 from saddlering_ros.discrepancy.verdict.wording import remaining_words
 from saddlering_ros.files import write_csv
 from saddlering_ros.pages import charts, html
-from saddlering_ros.pages.certainty import certainty
+from saddlering_ros.pages.certainty import bars, certainty, MAX_WORDS
 from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import pictures_of
 from saddlering_ros.pages.interactive import chart_of
@@ -336,6 +337,24 @@ def test_certainty_is_shown_as_pictures():
     assert set(pictures_of(certainty(said))) == {
         'probabilities', 'refits', 'influence', 'remainder'}
     assert certainty(document(probabilities={})) == ''
+
+
+def test_a_long_label_is_broken_in_picture_and_interactive_figure_alike():
+    rows = [('probe gain error or probe bracket bends with load or ovalisation: 98 %', 98.0, '')]
+    words, = chart_of(bars(rows, 'probability / %'))['layout']['yaxis']['ticktext']
+    assert max(map(len, words.split('<br>'))) <= MAX_WORDS
+
+
+def test_a_verdict_without_causes_shows_one_simulation():
+    run = SimpleNamespace(name='a', held_out=False, time=np.arange(4.0), width=np.ones(4),
+                          inputs={'load': np.ones(4)}, direction=None)
+    shown = SimpleNamespace(
+        record=SimpleNamespace(run=run, test_run=record()), channels={}, measured=np.ones((4, 4)),
+        before=np.zeros((4, 4)), after=np.zeros((4, 4)))
+    fits = SimpleNamespace(before='the fit', after='the same fit, made again')
+    verdict = SimpleNamespace(
+        runs=[shown], rig=default_rig(), diagnosis=SimpleNamespace(fits=fits, causes=()))
+    assert not figures.curves_of(verdict)[0].is_extended
 
 
 def test_a_long_row_of_a_table_stands_as_a_list_on_a_phone():

@@ -45,15 +45,16 @@ def write_page(answer: Diagnosis, path: Path) -> None:
         ['effect', number('size found nine times in ten'), 'can be tested'],
         [[code(item.effect), number(quantity(item.limit, item.unit)),
           'yes' if item.testable else 'no'] for item in answer.observability.limits])
+    channels = _channels(answer)
     # The pictures of certainty read the document of a ring.
     document = {
+        'time_unit': channels[0].time_unit,
         'probabilities': answer.probabilities, 'stability': answer.stability,
         'near_limit': answer.near_limit,
         'causes': [{'effect': cause.effect} for cause in answer.causes],
         'remainder': list(map(asdict, answer.remainder)),
         'influence': list(map(asdict, answer.influence)),
         'refits': list(map(asdict, answer.refits))}
-    channels = _channels(answer)
     html.write_page(path, html.page(title, [
         html.verdict(
             answer.verdict, html.paragraph(title, 'soft'),
