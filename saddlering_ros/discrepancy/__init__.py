@@ -39,8 +39,8 @@ from saddlering_ros.discrepancy.problem.system import (
 )
 from saddlering_ros.discrepancy.search.evidence import Evidence
 from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest
-from saddlering_ros.discrepancy.search.limits import DetectionLimit, Observability, observed
 from saddlering_ros.discrepancy.search.selection import space_beside_error
+from saddlering_ros.discrepancy.search.signatures import DetectionLimit, Observability, observed
 from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.certainty import probabilities_of

@@ -13,7 +13,7 @@ from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, fit_base, ta
 from saddlering_ros.discrepancy.problem.model import Model, ModelSystem, Run
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Metric, noise_metric, Problem
 from saddlering_ros.discrepancy.problem.system import DiscrepancyError, RunBlocks, Settings
-from saddlering_ros.discrepancy.search.signatures import effect_starts, MIN_SHARE, orthonormal
+from saddlering_ros.discrepancy.search.signatures import MIN_SHARE, orthonormal
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, Remainder, RunPrediction
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
@@ -244,7 +244,7 @@ def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
     lines = []
     for effect in problem.system.effects:
         points = [Candidate(((effect, 0),)).point(base, np.concatenate([fit.theta_unit, start]))
-                  for start in effect_starts(effect)]
+                  for start in effect.first_guesses]
         change = metric.whiten(problem.predict(points) - fit.prediction[:, None])
         change = change[:, np.isfinite(change).all(axis=0)]
         left = change - orthogonal @ (orthogonal.T @ change)

@@ -12,7 +12,6 @@ from saddlering_ros.discrepancy.law.proposal import Proposer
 from saddlering_ros.discrepancy.next_test import next_test_of
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array
-from saddlering_ros.discrepancy.search.limits import observed
 from saddlering_ros.discrepancy.search.selection import (
     check_alternatives,
     learnt_without,
@@ -20,6 +19,7 @@ from saddlering_ros.discrepancy.search.selection import (
     search_about,
     search_beside_error,
 )
+from saddlering_ros.discrepancy.search.signatures import observed
 from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
 from saddlering_ros.discrepancy.verdict.certainty import (

@@ -19,9 +19,9 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from saddlering_ros.discrepancy.problem import problem as problems
-from saddlering_ros.discrepancy.problem.fits import Fit, neighbours
+from saddlering_ros.discrepancy.problem.fits import around, Fit
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
-from saddlering_ros.discrepancy.problem.system import Array, Proposal
+from saddlering_ros.discrepancy.problem.system import Array, Proposal, SystemWithTangents
 from saddlering_ros.discrepancy.search.evidence import alternative_floor, indistinguishable
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import ModelSpace
@@ -235,19 +235,16 @@ def _seen_by(
     problem: Problem, proposal: Proposal, fits: Sequence[Fit]
 ) -> list[tuple[Array, Array]]:
     """Values (m,) of a test by each fit, its direct readings last, and sensitivities (m, p)."""
-    base = problem.system.base_parameters
-    groups, steps = [], []
-    for fit in fits:
-        parameters = fit.candidate.parameters(base)
-        thetas, own = neighbours(parameters, fit.theta_unit, range(fit.theta_unit.size))
-        groups.append([fit.candidate.point(base, theta) for theta in thetas])
-        steps.append(np.array(own))
-    made = groups
+    asked = [around(fit, problem.system.base_parameters) for fit in fits]
+    made = [points for points, _ in asked]
     if proposal.as_made is not None:
-        made = [[proposal.as_made(point) for point in group] for group in groups]
-    answers = problem.predict_run(proposal.run, made)
+        made = [[proposal.as_made(point) for point in group] for group in made]
+    if isinstance(problem.system, SystemWithTangents):
+        answers = problem.system.neighbourhood(made).predict(proposal.run)
+    else:
+        answers = [problem.system.predict_many(proposal.run, group) for group in made]
     views = []
-    for fit, group, answer, step in zip(fits, groups, answers, steps, strict=True):
+    for fit, (group, steps), answer in zip(fits, asked, answers, strict=True):
         # A direct reading shows the size of an effect minus its neutral size.
         direct = np.zeros((len(group), len(proposal.readings)))
         for column, reading in enumerate(proposal.readings):
@@ -256,7 +253,7 @@ def _seen_by(
                     direct[:, column] = [point.effects[effect.id][effect.size.name]
                                          - effect.neutral for point in group]
         rows = np.hstack([np.asarray(answer).reshape(len(group), -1), direct])
-        views.append((rows[0], ((rows[1:] - rows[0]) / step[:, None]).T))
+        views.append((rows[0], ((rows[1:] - rows[0]) / np.array(steps)[:, None]).T))
     return views
 
 

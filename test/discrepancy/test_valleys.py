@@ -11,8 +11,8 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem.fits import Candidate, refit, run_refits
 from saddlering_ros.discrepancy.problem.model import Channel
 from saddlering_ros.discrepancy.search.evidence import SearchLog
-from saddlering_ros.discrepancy.search.selection import select
-from saddlering_ros.discrepancy.search.space import better_base, prepare
+from saddlering_ros.discrepancy.search.selection import better_base, select
+from saddlering_ros.discrepancy.search.space import prepare
 
 TIME = np.linspace(0.0, 12.0, 400)
 TRUE, WRONG = 1.3, 2.6

@@ -241,14 +241,11 @@ class Proposer:
     def _law_about(self, fit: Fit) -> LawProposal | None:
         """The law that the residual of a fit shows, with the slopes of its prediction."""
         problem = self.metric.problem
-        base = problem.system.base_parameters
         slopes = problem.by_run(fits.tangent(self.metric, fit).plain)
         residuals = problem.by_run(problem.measured - fit.prediction)
         fitted = [_observed(problem.system, run, fit.point, residual, slope)
                   for run, residual, slope in zip(problem.runs, residuals, slopes, strict=True)]
-        asked, steps = fits.neighbours(
-            fit.candidate.parameters(base), fit.theta_unit, range(fit.theta_unit.size))
-        points = [fit.candidate.point(base, place) for place in asked]
+        points, steps = fits.around(fit, problem.system.base_parameters)
         held = []
         for run in problem.held_out:
             answers = problem.system.predict_many(run, points)

@@ -14,7 +14,7 @@ are each fitted in this metric, on the fitted runs alone.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -138,11 +138,10 @@ def refit(
     this metric that ended at `start`, with sensitivities to all differenced parameters.
     """
     base = metric.problem.system.base_parameters
-    parameters = candidate.parameters(base)
     known = 0 if known_columns is None else known_columns.shape[1]
     differenced = list(range(known, start.size))
     aside = [*range(len(base)), *differenced] if fresh_base else differenced
-    periodic = np.array([parameter.periodic for parameter in parameters])
+    periodic = np.array([parameter.periodic for parameter in candidate.parameters(base)])
     rule = Rule(periodic, PRIOR, rounds, QUIET_GAIN, QUIET_SHARE, negligible=NEGLIGIBLE_GAIN)
     first = None if known_start is None else Told(
         known_start.whitened, known_start.jacobian[:, differenced], known_start.prediction)
@@ -155,8 +154,7 @@ def refit(
         except StopIteration as stop:
             end: Descent[Told] = stop.value
             break
-        thetas, steps = neighbours(parameters, asked, aside)
-        told = yield [candidate.point(base, theta_unit) for theta_unit in thetas], steps
+        told = yield neighbours(candidate, base, asked, aside)
         aside = differenced
     residual = end.answer.residual
     return Fit(
@@ -172,19 +170,25 @@ def _differences(columns: Array) -> Array:
 
 
 def neighbours(
-    parameters: Sequence[Parameter], theta_unit: Array, differenced: Sequence[int]
-) -> tuple[list[Array], list[float]]:
-    """`theta_unit`, its neighbours by one step in each of `differenced`, and the steps."""
-    asked, steps = [theta_unit], []
+    candidate: Candidate, base: Sequence[Parameter], theta_unit: Array, differenced: Iterable[int],
+) -> Asked:
+    """The point at `theta_unit`, those one step away in each of `differenced`, and the steps."""
+    parameters, steps = candidate.parameters(base), list[float]()
+    points = [candidate.point(base, theta_unit)]
     for index in differenced:
         step = parameters[index].step
         if theta_unit[index] + step > 1.0 and not parameters[index].periodic:
             step = -step
         moved = theta_unit.copy()
         moved[index] += step
-        asked.append(moved)
+        points.append(candidate.point(base, moved))
         steps.append(step)
-    return asked, steps
+    return points, steps
+
+
+def around(fit: Fit, base: Sequence[Parameter]) -> Asked:
+    """The point of a fit, those one step away in each parameter, and the steps."""
+    return neighbours(fit.candidate, base, fit.theta_unit, range(fit.theta_unit.size))
 
 
 @dataclass(frozen=True)
@@ -197,10 +201,7 @@ class Tangent:
 
 def tangent(metric: Whitening, fit: Fit) -> Tangent:
     """Sensitivities to every parameter at the fit."""
-    base = metric.problem.system.base_parameters
-    parameters = fit.candidate.parameters(base)
-    thetas, steps = neighbours(parameters, fit.theta_unit, range(fit.theta_unit.size))
-    points = [fit.candidate.point(base, theta_unit) for theta_unit in thetas]
+    points, steps = around(fit, metric.problem.system.base_parameters)
     answers = metric.problem.predict_neighbours([points])[0]
     plain = _differences((answers[:, 1:] - answers[:, :1]) / np.array(steps))
     return Tangent(plain, metric.whiten(plain))

@@ -20,7 +20,6 @@ from saddlering_ros.discrepancy.problem.system import (
     Array,
     DiscrepancyError,
     FREE_OFFSET,
-    FREE_STRENGTH,
     JITTER,
     MAX_SPREADS,
     ModelErrorPrior,
@@ -230,11 +229,15 @@ class Problem:
         return [np.concatenate([answer.reshape(len(answer), -1) for answer in parts], axis=1).T
                 for parts in zip(*runs, strict=True)]
 
-    def predict_run(self, run: RunBlocks, groups: Sequence[Sequence[Point]]) -> list[Array]:
-        """Channels (B, C, N) of one run at each group, as `predict_neighbours` has them."""
-        if isinstance(self.system, SystemWithTangents):
-            return self.system.neighbourhood(groups).predict(run)
-        return [self.system.predict_many(run, group) for group in groups]
+    def changes_of_effects(self, point: Point, prediction: Array) -> Array:
+        """Change (n, E) of a prediction (n,) by each effect of its point; 0 where a run fails."""
+        effects = point.effects
+        if not effects:
+            return np.zeros((self.size, 0))
+        changes = prediction[:, None] - self.predict([
+            Point(point.base, {name: own for name, own in effects.items() if name != less})
+            for less in effects])
+        return np.asarray(np.where(np.isfinite(changes), changes, 0.0))
 
     def by_run(self, stacked: Array) -> list[Array]:
         """A stacked vector (n,) or columns (n, B) as one (C, N) or (C, N, B) block per run."""
@@ -269,21 +272,18 @@ class Problem:
         weights = self.sample_weights(run, view)
         return np.asarray(seen - weights @ seen / weights.sum())
 
-    def root_weights(self, run: RunBlocks, view: str) -> Array:
-        """Square roots (N,) of the weights of samples in a mean square over time."""
-        weights = self.sample_weights(run, view)
-        return np.asarray(np.sqrt(weights / weights.sum()))
-
     def in_views(self, columns: Array) -> Array:
         """Stacked columns (n, B) or (n,) in every view and run, over the range of the view.
 
         The squares of a column add up to the mean squares over time of all views and runs.
         """
-        return np.concatenate([
-            (seen.T * (self.root_weights(run, view) / self.view_ranges[view])).T
-            for view in self.system.views
-            for run, seen in zip(self.runs, self.view_residuals(columns, view), strict=True)
-        ])
+        parts = []
+        for view in self.system.views:
+            for run, seen in zip(self.runs, self.view_residuals(columns, view), strict=True):
+                weights = self.sample_weights(run, view)
+                parts.append(
+                    (seen.T * (np.sqrt(weights / weights.sum()) / self.view_ranges[view])).T)
+        return np.concatenate(parts)
 
     def view_sizes(self, residual: Array, view: str) -> list[float]:
         """Rms of stacked residuals (n,) in one view, as shares of its range, run by run."""
@@ -328,32 +328,18 @@ class Metric:
             out[part] = whitener.whiten(columns[part])
         return out
 
-    def colour_noise(self, columns: Array) -> Array:
-        """L on whitened columns (n, B) or (n,)."""
-        out = np.empty_like(columns)
-        for whitener, (_, _, part) in zip(self.whiteners, self.problem.slices, strict=True):
-            out[part] = whitener.colour(columns[part])
-        return out
-
     def whiten(self, columns: Array) -> Array:
         """The whole metric on stacked columns (n, B) or (n,)."""
         return self.shared.apply(self.whiten_noise(columns))
-
-    def inflated(self, factor: float, free: Array) -> Array:
-        """Nuisance columns, whitened and multiplied by `factor`, and columns (n, p) beside them.
-
-        Offsets keep their spread, which is wide already.
-        """
-        strength = self.shared.strength
-        larger = np.where(strength < FREE_STRENGTH, factor * strength, strength)
-        return np.hstack([self.shared.directions * larger, self.whiten_noise(free)])
 
     def without_nuisances(self, residual: Array) -> Array:
         """A stacked plain residual minus its part by nuisance parameters of usual size."""
         white = self.whiten_noise(residual)
         spreads = np.clip(self.shared.along(white), -MAX_SPREADS, MAX_SPREADS)
-        shared = self.shared.directions @ (self.shared.strength * spreads)
-        return self.colour_noise(white - shared)
+        white -= self.shared.directions @ (self.shared.strength * spreads)
+        for whitener, (_, _, part) in zip(self.whiteners, self.problem.slices, strict=True):
+            white[part] = whitener.colour(white[part])
+        return white
 
     @property
     def free_count(self) -> float:
@@ -388,12 +374,19 @@ def nuisance_columns(problem: Problem, point: Point, prediction: Array) -> Array
 
 
 def stand_columns(problem: Problem, prediction: Array) -> Array:
-    """The nuisance parameters (n, k) of the test stand: offsets, model error and delays."""
-    columns, prior = [offset_columns(problem)], problem.assumptions.model_error
-    if prior is not None:
-        columns += [model_error_columns(problem, prior),
-                    timing_columns(problem, prior, prediction)]
-    return np.hstack(columns)
+    """The nuisance parameters (n, k) of the test stand: offsets, model error and delays.
+
+    Each channel has a small delay, in runs whose drive has a rate.
+    """
+    offsets, prior = offset_columns(problem), problem.assumptions.model_error
+    if prior is None:
+        return offsets
+    moving = [(problem.runs[index], part) for index, _, part in problem.slices
+              if problem.runs[index].rate is not None and np.any(problem.runs[index].rate)]
+    delays = np.zeros((len(moving), problem.size))
+    for column, (run, part) in zip(delays, moving, strict=True):
+        column[part] = prior.instants * np.gradient(prediction[part], run.time)
+    return np.hstack([offsets, model_error_columns(problem, prior), delays.T])
 
 
 def offset_columns(problem: Problem) -> Array:
@@ -440,16 +433,6 @@ def model_error_columns(problem: Problem, prior: ModelErrorPrior) -> Array:
                         column[part] = scale * shapes[run.name][number]
                 columns.append(column)
     return np.column_stack(columns)
-
-
-def timing_columns(problem: Problem, prior: ModelErrorPrior, prediction: Array) -> Array:
-    """Changes (n, k) by a small delay of each channel, in runs whose drive has a rate."""
-    moving = [(problem.runs[index], part) for index, _, part in problem.slices
-              if problem.runs[index].rate is not None and np.any(problem.runs[index].rate)]
-    columns = np.zeros((len(moving), problem.size))
-    for column, (run, part) in zip(columns, moving, strict=True):
-        column[part] = prior.instants * np.gradient(prediction[part], run.time)
-    return columns.T
 
 
 def system_columns(problem: Problem, point: Point) -> Array:

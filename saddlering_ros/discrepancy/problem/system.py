@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, product
 import math
 from typing import Any, Literal, Protocol, runtime_checkable
 
@@ -108,6 +108,15 @@ class Estimate:
         return self.value - half, self.value + half
 
 
+SIZES, SHAPES, MAX_SHAPES = (0.03, 0.15, 0.6), (0.15, 0.85), 16
+"""Sizes tried of an effect without starts, as shares of its reach, shapes as shares of their
+range, and the largest number of combinations of shapes. The sizes are a factor of four to five
+apart, so that one of them is near any true size."""
+
+FAR = 0.9
+"""A further size of a limit, which does nothing over much of its reach."""
+
+
 @dataclass(frozen=True)
 class Effect:
     """One possible cause. Its first parameter is its size, at whose neutral value it does nothing.
@@ -168,6 +177,33 @@ class Effect:
     @property
     def one_sided(self) -> bool:
         return self.size.low >= self.neutral or self.size.high <= self.neutral
+
+    @cached_property
+    def first_guesses(self) -> list[Array]:
+        """First guesses of the parameters, bound-scaled: as declared, or several of each."""
+        if self.starts:
+            return [np.array([
+                one.to_unit(start[one.name]) if one.name in start else one.first_guess
+                for one in self.ordered]) for start in self.starts]
+        # Sizes on both sides of the neutral one, with the usual shape.
+        size, sizes = self.size, [0.2, 0.5, 0.8]
+        if size.scale != 'log':
+            origin = min(max(self.neutral, size.low), size.high)
+            sizes = [size.to_unit(origin + part * (end - origin))
+                     for end in (size.high, size.low) if end != origin
+                     for part in (SIZES if size.neutral is None else (*SIZES, FAR))]
+        shapes = self.ordered[1:]
+        usual = [shape.first_guess for shape in shapes]
+        # Other shapes of a middle size: all combinations of a few, or one parameter at a time.
+        choices = [
+            [(u + turn) % 1.0 for turn in (0.0, 0.25, 0.5, 0.75)]
+            if shape.periodic else [u, *SHAPES] for shape, u in zip(shapes, usual, strict=True)]
+        others = [[*usual[:number], value, *usual[number + 1 :]]
+                  for number, values in enumerate(choices) for value in values]
+        if np.prod([len(choice) for choice in choices]) <= MAX_SHAPES:
+            others = [list(choice) for choice in product(*choices)]
+        return [np.array([one, *usual]) for one in sizes] + [
+            np.array([sizes[len(SIZES) // 2], *other]) for other in others if other != usual]
 
 
 @dataclass(frozen=True)

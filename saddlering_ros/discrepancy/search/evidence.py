@@ -16,7 +16,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, Settings
+from saddlering_ros.discrepancy.problem.system import Array, FREE_STRENGTH, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.lack_of_fit import SlowResidual
 from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace
 from saddlering_ros.estimation.statistics import fisher_limit
@@ -97,7 +97,7 @@ class Comparison:
     def visible(self) -> float:
         """Largest rms of the change that base parameters cannot imitate, as a share of range."""
         change = self.more.prediction - self.less.prediction
-        return float(self.space.scale.beyond_base_of_each(change[:, None])[0])
+        return float(self.space.scale.sizes(change[:, None]).max())
 
     @property
     def is_real(self) -> bool:
@@ -243,8 +243,11 @@ def _explained(space: ModelSpace, less: Fit, more: Fit) -> Sizes:
 
 def _misfit_with_inflated_nuisances(space: ModelSpace, fit: Fit) -> float:
     """Misfit of `fit` if every nuisance parameter had `INFLATION` times its usual size."""
-    metric = space.metric
-    columns = metric.inflated(INFLATION, FREE_SPREAD * space.tangent_of(fit).plain)
+    metric, strength = space.metric, space.metric.shared.strength
+    # Offsets keep their spread, which is wide already.
+    larger = np.where(strength < FREE_STRENGTH, INFLATION * strength, strength)
+    free = metric.whiten_noise(FREE_SPREAD * space.tangent_of(fit).plain)
+    columns = np.hstack([metric.shared.directions * larger, free])
     white = metric.whiten_noise(fit.prediction - metric.problem.measured)
     inner = columns.T @ white
     gram = np.eye(inner.size) + columns.T @ columns
@@ -325,7 +328,8 @@ def form_columns(problem: Problem, fit: Fit, form_error: float) -> Array:
     """
     columns: list[Array] = []
     mixtures = _mixtures(problem, fit)
-    for change, mixed in zip(changes_of_effects(problem, fit).T, mixtures, strict=True):
+    changes = problem.changes_of_effects(fit.point, fit.prediction).T
+    for change, mixed in zip(changes, mixtures, strict=True):
         shaped = [*(np.concatenate([part.ravel() for part in column])
                     for column in _shapes(problem, problem.by_run(change))), *mixed]
         scale = np.sqrt(form_error / len(shaped))
@@ -352,18 +356,6 @@ def _mixtures(problem: Problem, fit: Fit) -> list[list[Array]]:
         if np.isfinite(change).all():
             mixtures[owner].append(change)
     return mixtures
-
-
-def changes_of_effects(problem: Problem, fit: Fit) -> Array:
-    """Change (n, E) by each effect of a fit; 0 where the simulator fails."""
-    effects = fit.point.effects
-    if not effects:
-        return np.zeros((problem.size, 0))
-    points = [
-        Point(fit.point.base, {name: values for name, values in effects.items() if name != less})
-        for less in effects]
-    changes = fit.prediction[:, None] - problem.predict(points)
-    return np.asarray(np.where(np.isfinite(changes), changes, 0.0))
 
 
 def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:

@@ -38,11 +38,15 @@ from saddlering_ros.discrepancy.search import evidence, ranking
 from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.evidence import Comparison, SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import half_waves
-from saddlering_ros.discrepancy.search.signatures import effect_starts, MIN_LENGTH, Signature
-from saddlering_ros.discrepancy.search.space import in_metric, ModelSpace, refit_full_jacobian
+from saddlering_ros.discrepancy.search.signatures import MIN_LENGTH, Signature, whitened_by
+from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
 
 MAX_BASES = 3
 """Searches begun again about a better base. Chosen for cost: each is a whole search."""
+
+MIN_DEEPER, MIN_DEEPER_SHARE = 10.0, 0.01
+"""Fall of the misfit, and its share, from which a minimum is deeper: a likelihood ratio of ten
+cannot come from an unfinished refit."""
 
 MAX_SILENT = 2
 """Immaterial effects in the model during a search: each takes part of a later cause's."""
@@ -72,11 +76,26 @@ def search_about(start: ModelSpace) -> Search:
     """The search, begun again while the model that it found leads to a better base."""
     search = _search(start)
     for _ in range(MAX_BASES):
-        deeper = spaces.better_base(search.space, search.fit)
+        deeper = better_base(search.space, search.fit)
         if deeper is None:
             break
         search = _search(spaces.space_about(start.problem, deeper))
     return search
+
+
+def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
+    """The base refitted from its parameters in the model with effects, if that minimum is deeper.
+
+    Otherwise an effect without influence could be named because it leads the fit to another
+    minimum.
+    """
+    if not fit.candidate.effects:
+        return None
+    count = space.base.theta_unit.size
+    begun = refit(space.metric, Candidate(), fit.theta_unit[:count], rounds=space.settings.rounds)
+    other_base = run_refits(space.metric, [begun])[0]
+    gain = space.base.misfit - other_base.misfit
+    return other_base if gain > max(MIN_DEEPER, MIN_DEEPER_SHARE * other_base.misfit) else None
 
 
 def _search(begun: ModelSpace) -> Search:
@@ -98,6 +117,17 @@ def _search(begun: ModelSpace) -> Search:
         fit = prune(space, fit, log)
         fit, alternatives = check_alternatives(space, fit, log)
     return Search(begun, space, fit, alternatives, log)
+
+
+def in_metric(space: ModelSpace, metric: Metric, fit: Fit) -> tuple[ModelSpace, Fit]:
+    """The space in another metric, with its base and a fit refitted there."""
+    base, fit = refit_full_jacobian(metric, [space.base, fit], space.settings.max_rounds)
+    sensitivities = fitting.tangent(metric, base)
+    signatures, inputs = (whitened_by(metric, own, sensitivities)
+                          for own in (space.signatures, space.inputs))
+    moved = replace(space, metric=metric, base=base, base_tangent=sensitivities,
+                    signatures=signatures, inputs=inputs)
+    return moved, moved.keep(fit)
 
 
 def select(space: ModelSpace, log: SearchLog) -> Fit:
@@ -322,7 +352,7 @@ def _fit_from_all_over(
         space.watch.check()
         candidate = Candidate(((effect, variant),))
         wholes = [np.concatenate([theta, start])
-                  for start in effect_starts(effect)[:starts] for theta in thetas]
+                  for start in effect.first_guesses[:starts] for theta in thetas]
         seen = problem.predict([candidate.point(base, whole) for whole in wholes])
         changed = seen - np.tile(alone, seen.shape[1] // alone.shape[1])
         acts = np.flatnonzero(np.isfinite(changed).all(axis=0) & changed.any(axis=0))
@@ -392,7 +422,7 @@ def learnt_without(
     secondary cause changes would be evidence, and a sharp law would replace the main cause.
     """
     fit = search.fit
-    changes = evidence.changes_of_effects(alone.problem, fit)
+    changes = alone.problem.changes_of_effects(fit.point, fit.prediction)
     dropped.append(changes[:, fit.candidate.ids.index(name)])
     space, fit, process = space_beside_error(alone, search.space.without(fit, name), dropped)
     alternatives: Alternatives = {}

@@ -1,19 +1,33 @@
-"""Signatures of effects: what each of them changes beyond the base parameters.
+"""Signatures of effects, and detection limits: what these data would show of each effect.
 
 A signature is the change by an effect without the part that base parameters imitate. The angle
-between two signatures tells two causes apart. The length over the noise gives the detection
-limit. The share beside the base parameters shows whether an effect can be seen.
+between two signatures tells two causes apart. The share beside the base parameters shows whether
+an effect can be seen. The length over the noise gives the detection limit: the smallest size of
+an effect that these data could have shown.
+
+A signature shows to first order which part of a change the base parameters imitate. A nonlinear
+example is a resonance that a spring has shifted by one percent: refitted gravity imitates the
+shift almost completely, and a limit from signatures is far too low. Where a base can have several
+minima, limits are therefore confirmed: the base is refitted beside an effect of the stated size.
 """
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import pairwise
+from operator import attrgetter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, Tangent
+from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits, Tangent
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect
+from saddlering_ros.estimation.statistics import fisher_limit
+
+if TYPE_CHECKING:
+    from saddlering_ros.discrepancy.search.space import ModelSpace
 
 
 class ChangeScale:
@@ -29,18 +43,14 @@ class ChangeScale:
             run.time.size for _ in problem.system.views for run in problem.runs])[:-1]
         self._base = orthonormal(problem.in_views(base_plain))
 
-    def beyond_base_of_each(self, changes: Array) -> Array:
-        """Largest rms (B,) over runs and views of stacked changes (n, B), as shares of range."""
-        return np.asarray(self._sizes(changes).max(axis=0))
-
     def by_run(self, change: Array) -> dict[str, Array]:
         """Rms of a stacked change (n,) as a share of range: per view one number per run."""
         views = self._problem.system.views
-        sizes = self._sizes(change[:, None])[:, 0].reshape(len(views), -1)
+        sizes = self.sizes(change[:, None])[:, 0].reshape(len(views), -1)
         return dict(zip(views, sizes, strict=True))
 
-    def _sizes(self, changes: Array) -> Array:
-        """Rms (V R, B) of stacked changes (n, B) per view and run."""
+    def sizes(self, changes: Array) -> Array:
+        """Rms (V R, B) of stacked changes (n, B) per view and run, as shares of range."""
         joined = self._problem.in_views(changes)
         left = joined - self._base @ (self._base.T @ joined)
         return np.array([np.linalg.norm(part, axis=0) for part in np.split(left, self._edges)])
@@ -75,15 +85,6 @@ while it stands out by more than this many standard deviations, so many times at
 BATCH = 64
 """Number of simulations in one batch, which limits the memory of their predictions."""
 
-SIZES, SHAPES, MAX_SHAPES = (0.03, 0.15, 0.6), (0.15, 0.85), 16
-"""Sizes tried of an effect without starts, as shares of its reach, shapes as shares of their
-range, and the largest number of combinations of shapes. The sizes are a factor of four to five
-apart, so that one of them is near any true size."""
-
-FAR = 0.9
-"""A further size of a limit, which does nothing over much of its reach."""
-
-
 @dataclass(frozen=True)
 class Signature:
     """Change by one effect at one start, at `theta_unit` of its parameters.
@@ -114,32 +115,6 @@ class Signature:
         return (*self.key, *np.round(self.theta_unit[1:], 6))
 
 
-def effect_starts(effect: Effect) -> list[Array]:
-    """First guesses of the parameters of an effect, bound-scaled."""
-    if effect.starts:
-        return [np.array([one.to_unit(start[one.name]) if one.name in start else one.first_guess
-                          for one in effect.ordered]) for start in effect.starts]
-    # Sizes on both sides of the neutral one, with the usual shape.
-    size, sizes = effect.size, [0.2, 0.5, 0.8]
-    if size.scale != 'log':
-        origin = min(max(effect.neutral, size.low), size.high)
-        sizes = [size.to_unit(origin + part * (end - origin))
-                 for end in (size.high, size.low) if end != origin
-                 for part in (SIZES if size.neutral is None else (*SIZES, FAR))]
-    shapes = effect.ordered[1:]
-    usual = [shape.first_guess for shape in shapes]
-    # Other shapes of a middle size: all combinations of a few, or one parameter at a time.
-    choices = [
-        [(u + turn) % 1.0 for turn in (0.0, 0.25, 0.5, 0.75)] if shape.periodic else [u, *SHAPES]
-        for shape, u in zip(shapes, usual, strict=True)]
-    others = [[*usual[:number], value, *usual[number + 1 :]]
-              for number, values in enumerate(choices) for value in values]
-    if np.prod([len(choice) for choice in choices]) <= MAX_SHAPES:
-        others = [list(choice) for choice in product(*choices)]
-    return [np.array([one, *usual]) for one in sizes] + [
-        np.array([sizes[len(SIZES) // 2], *other]) for other in others if other != usual]
-
-
 def measure_signatures(
     metric: Metric, fit: Fit, base: Tangent, scale: ChangeScale, effects: Sequence[Effect]
 ) -> list[Signature]:
@@ -151,7 +126,7 @@ def measure_signatures(
         (effect, variant, start)
         for effect in effects if not effect.line
         for variant in range(effect.first_variant, len(effect.variants))
-        for start in effect_starts(effect)]
+        for start in effect.first_guesses]
     parameters, orthogonal = metric.problem.system.base_parameters, orthonormal(base.white)
     signatures: list[Signature] = []
     for _ in range(1 + MAX_SMALLER):
@@ -162,7 +137,7 @@ def measure_signatures(
                     parameters, np.concatenate([fit.theta_unit, theta_unit]))
                 for effect, variant, theta_unit in batch]) - fit.prediction[:, None]
             left, lengths, shares = _beyond(metric, part, orthogonal)
-            visible = scale.beyond_base_of_each(part)
+            visible = scale.sizes(part).max(axis=0)
             signatures += [
                 Signature(
                     effect=effect, variant=variant, theta_unit=theta_unit,
@@ -205,16 +180,15 @@ def _smaller(signatures: Sequence[Signature]) -> list[tuple[Effect, int, Array]]
 
 def whitened_by(metric: Metric, signatures: Sequence[Signature], base: Tangent) -> list[Signature]:
     """The same signatures in another metric."""
-    orthogonal = orthonormal(base.white)
-    answers: list[Signature] = []
+    orthogonal, answers = orthonormal(base.white), []
     for begin in range(0, len(signatures), BATCH):
         batch = signatures[begin : begin + BATCH]
         part = np.column_stack([signature.plain for signature in batch])
         left, lengths, shares = _beyond(metric, part, orthogonal)
         answers += [
-            replace(signature, white=left[:, column], share=float(shares[column]),
-                    length=float(lengths[column]))
-            for column, signature in enumerate(batch)]
+            replace(signature, white=white, share=float(share), length=float(length))
+            for signature, white, share, length in zip(
+                batch, left.T, shares, lengths, strict=True)]
     return answers
 
 
@@ -274,16 +248,249 @@ def testable(signatures: Sequence[Signature]) -> list[Signature]:
             if testable_share(members) >= MIN_SHARE for member in members]
 
 
-def angle_matrix(signatures: Sequence[Signature]) -> tuple[list[str], Array]:
-    """Labels (effect:variant) and absolute cosines between the longest signature of each."""
-    chosen: dict[tuple[str, int], Signature] = {}
-    for signature in signatures:
-        if signature.key not in chosen or signature.length > chosen[signature.key].length:
-            chosen[signature.key] = signature
+NOTHING = 1e-3
+"""Share of the wanted height below which a size shows nothing: logarithms fail there."""
+
+POWER_QUANTILE = 1.2816
+"""Normal quantile of 0.9: a size is found nine times in ten."""
+
+ENOUGH = 0.9
+"""Share of the required length that must remain for a limit, which is known to 10 %."""
+
+MAX_TRIES = 6
+"""Larger sizes that are tried; at the smallest factor they reach five times the limit."""
+
+MIN_FACTOR, MAX_FACTOR = 1.3, 4.0
+"""Factor between two sizes: smaller ones cost refits, larger ones leave the interpolation."""
+
+ROUNDS = 8
+"""Rounds of each refit of the base, as in the refits of candidates."""
+
+
+@dataclass(frozen=True)
+class Observability:
+    """Observability in these data: detection limits, and cosines between signatures.
+
+    labels (effect:variant) of the rows and columns of `cosines`, which are absolute.
+    """
+
+    limits: tuple[DetectionLimit, ...]
+    labels: tuple[str, ...]
+    cosines: Array
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Detection and materiality limit of an effect that acts in one way (which probe, which arc).
+
+    `values`: fixed values, and the parameters of its shape in their units.
+    """
+
+    values: Mapping[str, float]
+    limit: float
+    material_limit: float
+
+
+@dataclass(frozen=True)
+class DetectionLimit:
+    """Detection limits of one effect in these data.
+
+    limit: smallest size that is found nine times in ten at the given error rate, in nine of
+    ten of those `configurations` in which it can be found at all (inf: none); best_limit: the
+    limit in the best of them; material_limit: smallest size that changes a view by the stated
+    share of its range, likewise. Of both signs, the one with the larger limit counts. If an
+    effect does nothing at a size other than 0 (a limit of a span), all numbers are values of
+    the size, not distances.
+    """
+
+    effect: str
+    share: float
+    limit: float
+    best_limit: float
+    material_limit: float
+    unit: str
+    testable: bool
+    configurations: tuple[Configuration, ...] = ()
+
+
+def observed(space: ModelSpace) -> Observability:
+    """Detection limits, and cosines between the longest signatures, at the base fit.
+
+    The test is that of a candidate: it counts the shapes that the candidate was drawn from,
+    its parameters, and the independent differences from which the noise is known.
+    """
+    settings, chosen = space.settings, dict[tuple[str, int], Signature]()
+    effects: dict[str, list[Signature]] = {}
+    for one in space.signatures:
+        if not one.effect.first_variant:  # A wider form has the limit of the plain one.
+            effects.setdefault(one.effect.id, []).append(one)
+        if one.key not in chosen or one.length > chosen[one.key].length:
+            chosen[one.key] = one
+    rate, limits = settings.error_rate / max(shapes_tried(space.signatures), 1), []
+    for members in effects.values():
+        effect, extra = members[0].effect, len(members[0].effect.ordered)
+        needed = float(np.sqrt(extra * fisher_limit(rate, extra, space.pairs))) + POWER_QUANTILE
+        limit = _limit_of(effect, members, needed, settings.materiality)
+        if space.problem.assumptions.many_valleys:
+            limit = _confirmed(space, limit, effect, needed)
+        limits.append(limit)
     kept = [one for one in chosen.values() if one.length > 1e-9 and one.share >= MIN_SHARE]
-    if not kept:
-        return [], np.zeros((0, 0))
-    stack = np.column_stack([signature.white / signature.length for signature in kept])
     labels = [one.effect.id if len(one.effect.variants) == 1 else f'{one.effect.id}:{one.variant}'
               for one in kept]
-    return labels, np.abs(stack.T @ stack)
+    stack = np.column_stack([one.white / one.length for one in kept]) if kept else np.zeros((0, 0))
+    return Observability(tuple(limits), tuple(labels), np.abs(stack.T @ stack))
+
+
+def _limit_of(
+    effect: Effect, members: Sequence[Signature], needed: float, materiality: float
+) -> DetectionLimit:
+    """Limits of an effect whose signature is found with a length `needed` [std of the noise]."""
+    share = testable_share(members)
+    reach = max(abs(effect.size.low - effect.neutral), abs(effect.size.high - effect.neutral))
+    shapes: dict[tuple[object, ...], list[Signature]] = {}
+    for member in members:
+        shapes.setdefault(member.shape, []).append(member)
+    places = [_limits_at(shape, needed, materiality, reach) for shape in shapes.values()]
+
+    def nine_in_ten(limits: Sequence[float]) -> float:
+        """The size that is enough in nine of ten configurations that have a limit, or inf."""
+        finite = [limit for limit in limits if np.isfinite(limit)]
+        return float(np.quantile(finite, 0.9, method='higher')) if finite else float(np.inf)
+
+    def value(distance: float) -> float:
+        """The size at that distance from the neutral size; inf stays inf."""
+        if effect.neutral == 0.0 or not np.isfinite(distance):
+            return distance
+        sign = 1.0 if effect.neutral < 0.5 * (effect.size.low + effect.size.high) else -1.0
+        return effect.neutral + sign * distance
+
+    limit = nine_in_ten([one.limit for one in places])
+    return DetectionLimit(
+        effect=effect.id, share=share, limit=value(limit),
+        best_limit=value(min(one.limit for one in places)),
+        material_limit=value(nine_in_ten([one.material_limit for one in places])),
+        unit=effect.size.unit, testable=share >= MIN_SHARE and bool(np.isfinite(limit)),
+        configurations=tuple(
+            replace(one, limit=value(one.limit), material_limit=value(one.material_limit))
+            for one in places))
+
+
+def _limits_at(
+    members: Sequence[Signature], needed: float, materiality: float, reach: float
+) -> Configuration:
+    """Limits in one variant and shape, for sizes up to `reach` and the sign that shows less."""
+    effect, shape = members[0].effect, members[0].theta_unit[1:]
+    values = {parameter.name: parameter.from_unit(float(u))
+              for parameter, u in zip(effect.ordered[1:], shape, strict=True)}
+    values.update(effect.variants[members[0].variant])
+    by_sign = [[member for member in members if np.sign(member.size) == sign]
+               for sign in {np.sign(member.size) for member in members} - {0.0}]
+    limit, material = (
+        max((_size_at([(abs(one.size), height(one)) for one in same], wanted)
+             for same in by_sign), default=np.inf)
+        for height, wanted in ((attrgetter('length'), needed),
+                               (attrgetter('visible'), materiality)))
+    return Configuration(
+        values, limit if limit <= reach else np.inf, material if material <= reach else np.inf)
+
+
+def _size_at(heights: Sequence[tuple[float, float]], wanted: float) -> float:
+    """Size at which a growing height reaches `wanted`, from (size > 0, height) pairs.
+
+    Below the smallest and beyond the largest size the height is proportional; between two
+    sizes the interpolation is log-log. If a size has no effect and the next one more than
+    enough, the result is the next one.
+    """
+    sizes, tall = np.array(sorted(heights)).T
+    if not tall.any():
+        return np.inf
+    above = np.flatnonzero(tall >= wanted)
+    first = int(above[0]) if above.size else int(np.flatnonzero(tall)[-1])
+    if first == 0 or not above.size:
+        return float(sizes[first] * wanted / tall[first])
+    if tall[first - 1] < NOTHING * wanted:
+        return float(sizes[first])
+    slope = np.log(wanted / tall[first - 1]) / np.log(tall[first] / tall[first - 1])
+    return float(sizes[first - 1] * (sizes[first] / sizes[first - 1]) ** slope)
+
+
+def _confirmed(
+    space: ModelSpace, stated: DetectionLimit, effect: Effect, needed: float
+) -> DetectionLimit:
+    """The same limit, larger where the refitted base imitates more than its tangents do."""
+    if not np.isfinite(stated.limit) or effect.neutral != 0.0 or not stated.configurations:
+        return stated
+    configuration = min(
+        stated.configurations, key=lambda one: abs(one.limit - stated.limit))
+    reach = max(abs(effect.size.low), abs(effect.size.high))
+
+    def shown(size: float, failed: float) -> tuple[float, float]:
+        """As `_shown`, for the sign with the smaller part; `failed` if the simulator fails."""
+        space.watch.check()
+        low, high = effect.size.low, effect.size.high
+        parts = [_shown(space, effect, configuration, sign * size) for sign in (1.0, -1.0)
+                 if low <= sign * size <= high]
+        return min(filter(None, parts), key=lambda part: part[0], default=(failed, failed))
+
+    if shown(stated.limit, np.inf)[0] >= ENOUGH * needed:
+        return stated
+    # An effect at which the simulator fails shows nothing.
+    limit = _size_reaching(lambda size: shown(size, 0.0)[0], stated.limit, needed, reach)
+    material = _size_reaching(lambda size: shown(size, 0.0)[1], stated.material_limit,
+                              space.settings.materiality, reach)
+    return replace(
+        stated, limit=limit,
+        best_limit=max(stated.best_limit, limit if stated.best_limit == stated.limit else 0.0),
+        material_limit=material, testable=stated.testable and bool(np.isfinite(limit)))
+
+
+def _size_reaching(
+    height: Callable[[float], float], size: float, wanted: float, reach: float
+) -> float:
+    """The size, from `size` on, at which a height reaches `wanted`; inf if none up to `reach`."""
+    if not np.isfinite(size):
+        return size
+    low, below = size, height(size)
+    if below >= ENOUGH * wanted:
+        return size
+    for _ in range(MAX_TRIES):
+        if low >= reach:
+            break
+        high = min(low * float(np.clip(wanted / max(below, 1e-9), MIN_FACTOR, MAX_FACTOR)), reach)
+        above = height(high)
+        if above >= wanted:
+            share = np.log(wanted / max(below, 1e-9)) / np.log(above / max(below, 1e-9))
+            return float(low * (high / low) ** share)
+        low, below = high, above
+    return float(np.inf)
+
+
+def _shown(
+    space: ModelSpace, effect: Effect, configuration: Configuration, size: float
+) -> tuple[float, float] | None:
+    """Part of an effect that the base, fitted to the effect's prediction, does not imitate.
+
+    Its length [standard deviations], and its share of the range; None if the simulator fails.
+    """
+    metric, base = space.metric, space.base
+    problem = metric.problem
+    variant = next(
+        number for number, fixed in enumerate(effect.variants)
+        if all(configuration.values.get(name) == value for name, value in fixed.items()))
+    effect_unit = [effect.size.to_unit(size), *(
+        shape.to_unit(configuration.values[shape.name]) for shape in effect.ordered[1:])]
+    point = Candidate(((effect, variant),)).point(
+        problem.system.base_parameters, np.concatenate([base.theta_unit, effect_unit]))
+    target = problem.predict([point])[:, 0]
+    if not np.all(np.isfinite(target)):
+        return None
+    # The same problem with other readings (n,), without held-out runs.
+    runs = [replace(run, channels=channels)
+            for run, channels in zip(problem.runs, problem.by_run(target), strict=True)]
+    other = problem.with_runs(runs)
+    moved = replace(metric, problem=other)
+    [fit] = run_refits(moved, [refit(moved, Candidate(), base.theta_unit, rounds=ROUNDS)])
+    problem.simulations += other.simulations
+    left = fit.prediction - target
+    visible = max(max(problem.view_sizes(left, view)) for view in problem.system.views)
+    return float(np.sqrt(fit.misfit)), visible

@@ -4,12 +4,20 @@ Candidates are refitted together; candidates far behind the best one stop after 
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
 from saddlering_ros.discrepancy.problem import fits as fitting
-from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits, tangent
+from saddlering_ros.discrepancy.problem.fits import (
+    Candidate,
+    Fit,
+    refit,
+    run_refits,
+    Tangent,
+    tangent,
+)
 from saddlering_ros.discrepancy.problem.problem import Metric, noise_metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search import signatures as shown_by
@@ -37,10 +45,6 @@ FREE_SPREAD = 10.0
 BASE_ROUNDS = 25
 """Rounds of the fit of the base alone, which ends earlier if its gain is negligible."""
 
-MIN_DEEPER, MIN_DEEPER_SHARE = 10.0, 0.01
-"""Fall of the misfit, and its share, from which a minimum is deeper: a likelihood ratio of ten
-cannot come from an unfinished refit."""
-
 MIN_GAIN, MIN_GAIN_SHARE = 4.0, 1.0 / 3.0
 """First-order gain below which an effect is not refitted, and the same as a share of the gain at
 which an effect with one parameter is real. With this share and SCREENED_SHARE the refits of the
@@ -49,6 +53,7 @@ shipped bags need 400 evaluations instead of 512."""
 Result = TypeVar('Result')
 
 
+@dataclass(eq=False)
 class ModelSpace:
     """Every model fitted in one metric. A new metric has a new space.
 
@@ -57,25 +62,27 @@ class ModelSpace:
     of the richest run is known. fits: the fits so far, by the key of their candidate.
     """
 
-    def __init__(
-        self, *, metric: Metric, base: Fit, base_tangent: fitting.Tangent,
-        signatures: Sequence[Signature], scale: ChangeScale, trials: int,
-        inputs: Sequence[Signature] = (),
-    ) -> None:
-        problem = self.problem = metric.problem
-        self.settings, self.watch = problem.settings, problem.watch
-        self.metric, self.base, self.signatures, self.scale = metric, base, signatures, scale
-        self.trials, self.inputs = trials, inputs
-        known_from = [noise.pairs for noise in metric.noise.values()]
+    metric: Metric
+    base: Fit
+    base_tangent: Tangent
+    signatures: Sequence[Signature]
+    scale: ChangeScale
+    trials: int
+    inputs: Sequence[Signature] = ()
+
+    def __post_init__(self) -> None:
+        self.problem = self.metric.problem
+        self.settings, self.watch = self.problem.settings, self.problem.watch
+        known_from = [noise.pairs for noise in self.metric.noise.values()]
         self.pairs = max(MIN_PAIRS, min(known_from))
         self.max_pairs = max(MIN_PAIRS, max(known_from))
-        self.shown = [*signatures, *inputs]
+        self.shown = [*self.signatures, *self.inputs]
         self.usable = shown_by.testable(self.shown)
-        self.tests = LackOfFitTests(metric, self.max_pairs)
-        self.log_size = float(np.log(metric.free_count))
+        self.tests = LackOfFitTests(self.metric, self.max_pairs)
+        self.log_size = float(np.log(self.metric.free_count))
         self.fits: dict[fitting.Key, Fit] = {}
         self._results: dict[tuple[str, fitting.Key], tuple[Fit, Any]] = {}
-        self.once('tangent', base, lambda: base_tangent)
+        self.once('tangent', self.base, lambda: self.base_tangent)
 
     def keep(self, fit: Fit) -> Fit:
         """Store a fit under its candidate."""
@@ -93,7 +100,7 @@ class ModelSpace:
             stored = self._results[kind, fit.candidate.key] = fit, compute()
         return stored[1]
 
-    def tangent_of(self, fit: Fit) -> fitting.Tangent:
+    def tangent_of(self, fit: Fit) -> Tangent:
         """All sensitivities of a fit, computed once."""
         return self.once('tangent', fit, lambda: tangent(self.metric, fit))
 
@@ -106,10 +113,9 @@ class ModelSpace:
         return any(residual.is_real_and_material(self.settings)
                    for residual in (self.slow_residual(fit), self.tests.fast(fit)))
 
-    def scores(self, fit: Fit, skip: Sequence[str] = ()) -> list[Score]:
+    def scores(self, fit: Fit) -> list[Score]:
         """First-order gains beside `fit` of all testable effects that are not in it."""
-        skipped = [*fit.candidate.ids, *skip]
-        return rank(fit, self.tangent_of(fit).white, self.usable, skipped)
+        return rank(fit, self.tangent_of(fit).white, self.usable, fit.candidate.ids)
 
     @property
     def real_gain(self) -> float:
@@ -357,9 +363,7 @@ def space_about(problem: Problem, rough: Fit) -> ModelSpace:
     effects = problem.system.effects
     signatures = shown_by.measure_signatures(metric, base, sensitivities, scale, effects)
     trials = shapes_tried(signatures) + sum(bool(effect.line) for effect in effects)
-    return ModelSpace(
-        metric=metric, base=base, base_tangent=sensitivities, signatures=signatures, scale=scale,
-        trials=max(1, trials))
+    return ModelSpace(metric, base, sensitivities, signatures, scale, max(1, trials))
 
 
 def with_inputs(space: ModelSpace) -> ModelSpace:
@@ -373,37 +377,6 @@ def with_inputs(space: ModelSpace) -> ModelSpace:
     gains = [score.gain for score in space.scores(space.base)]
     if max(gains, default=0.0) < space.real_gain and not space.leaves_misfit(space.base):
         return space
-    tangents = space.tangent_of(space.base)
     inputs = shown_by.measure_signatures(
-        space.metric, space.base, tangents, space.scale, errors)
-    return ModelSpace(
-        metric=space.metric, base=space.base, base_tangent=tangents,
-        signatures=space.signatures, scale=space.scale,
-        trials=space.trials + shapes_tried(inputs), inputs=inputs)
-
-
-def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
-    """The base refitted from its parameters in the model with effects, if that minimum is deeper.
-
-    Otherwise an effect without influence could be named because it leads the fit to another
-    minimum.
-    """
-    if not fit.candidate.effects:
-        return None
-    count = space.base.theta_unit.size
-    begun = refit(space.metric, Candidate(), fit.theta_unit[:count], rounds=space.settings.rounds)
-    other_base = run_refits(space.metric, [begun])[0]
-    gain = space.base.misfit - other_base.misfit
-    return other_base if gain > max(MIN_DEEPER, MIN_DEEPER_SHARE * other_base.misfit) else None
-
-
-def in_metric(space: ModelSpace, metric: Metric, fit: Fit) -> tuple[ModelSpace, Fit]:
-    """The space in another metric, with its base and a fit refitted there."""
-    base, fit = refit_full_jacobian(metric, [space.base, fit], space.settings.max_rounds)
-    sensitivities = tangent(metric, base)
-    signatures, inputs = (shown_by.whitened_by(metric, own, sensitivities)
-                          for own in (space.signatures, space.inputs))
-    moved = ModelSpace(
-        metric=metric, base=base, base_tangent=sensitivities, signatures=signatures,
-        scale=space.scale, trials=space.trials, inputs=inputs)
-    return moved, moved.keep(fit)
+        space.metric, space.base, space.base_tangent, space.scale, errors)
+    return replace(space, trials=space.trials + shapes_tried(inputs), inputs=inputs)

@@ -13,7 +13,7 @@ import numpy as np
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
 from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.problem.system import Array, FREE_STRENGTH
-from saddlering_ros.discrepancy.search.evidence import changes_of_effects, Comparison
+from saddlering_ros.discrepancy.search.evidence import Comparison
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
@@ -86,7 +86,7 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
     stated = {cause.effect: cause.parameters[cause.definition.size.name] for cause in causes}
     sentences = []
     slices = fit.candidate.slices(len(space.problem.system.base_parameters))
-    changes = changes_of_effects(space.problem, fit).T
+    changes = space.problem.changes_of_effects(fit.point, fit.prediction).T
     for (effect, _, part), change in zip(slices, changes, strict=True):
         size = stated[effect.id]
         interval = size.std / max(abs(size.value - effect.neutral), 1e-300)

@@ -28,7 +28,7 @@ from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, Parameter, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import Comparison, crowded
 from saddlering_ros.discrepancy.search.selection import Alternatives, stopped_sizes
-from saddlering_ros.discrepancy.search.signatures import effect_starts, orthonormal
+from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.naming import allowed_sizes, shapes_at_bounds
@@ -158,7 +158,7 @@ def _squares(
     for row, run, residual in zip(answer, runs, residuals, strict=True):
         for place, (view, weights) in enumerate(problem.system.views.items()):
             seen = problem.freed(weights @ residual, run, view) / problem.view_ranges[view]
-            there = problem.root_weights(run, view) > 0.0
+            there = problem.sample_weights(run, view) > 0.0
             parts = np.array_split(np.flatnonzero(there), STRETCHES)
             row[place] = [float(np.mean(seen[part] ** 2)) if part.size else 0.0 for part in parts]
     return answer
@@ -285,7 +285,7 @@ def shared_directions(space: ModelSpace, fit: Fit, alternatives: Alternatives) -
         others = [one for one in problem.system.effects
                   if one.id not in same and effect.id not in one.contains]
         asked = [(one, fit.candidate.plus(one, variant), start) for one in others
-                 for variant in range(len(one.variants)) for start in effect_starts(one)]
+                 for variant in range(len(one.variants)) for start in one.first_guesses]
         if not asked:
             continue
         changes = problem.predict([

@@ -17,7 +17,6 @@ from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search.evidence import (
     alternative_floor,
-    changes_of_effects,
     Comparison,
     crowded,
     too_many,
@@ -100,7 +99,7 @@ def _families(problem: Problem, fit: Fit, tangent: Tangent) -> dict[str, Columns
     if channels > 1:
         families['the channels, as the parameters act'] = one_of(1, channels)
     if fit.candidate.effects:
-        changes = changes_of_effects(problem, fit)
+        changes = problem.changes_of_effects(fit.point, fit.prediction)
         families['state, as the cause acts'] = over(changes, states, CAUSE_WAVES)
         families['time, as the cause acts'] = over(changes, times, CAUSE_TIMES)
     return families

@@ -12,7 +12,7 @@ from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual, ShapeTest, SlowResidual
-from saddlering_ros.discrepancy.search.limits import Observability
+from saddlering_ros.discrepancy.search.signatures import Observability
 
 Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
 

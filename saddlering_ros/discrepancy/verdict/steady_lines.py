@@ -26,7 +26,7 @@ from saddlering_ros.discrepancy.problem.fits import Fit, Gain
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import Evidence
-from saddlering_ros.discrepancy.search.limits import DetectionLimit, POWER_QUANTILE
+from saddlering_ros.discrepancy.search.signatures import DetectionLimit, POWER_QUANTILE
 from saddlering_ros.discrepancy.verdict.results import Cause
 from saddlering_ros.estimation.rest import RestSegment
 from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit
