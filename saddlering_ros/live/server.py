@@ -97,11 +97,11 @@ def application(watcher: Watcher, where: Address, rig: Rig | None = None) -> web
     app.router.add_get(r'/tests/{number:\d{1,9}}', partial(_test, watcher))
     app.router.add_get(r'/bags/{number:\d{1,9}}', partial(_bag, watcher))
     app.router.add_post(f'/cancel/{{action:{"|".join(ACTIONS)}}}', partial(
-        _command, lambda request: watcher.cancel(request.match_info['action'])))
+        _command, lambda request: watcher.actions[request.match_info['action']].cancel()))
     app.router.add_post('/clear', partial(_command, lambda request: watcher.clear()))
     for name in SERVICES:
         app.router.add_post(f'/{name}', partial(
-            _command, lambda request: watcher.ask(request.path[1:])))
+            _command, lambda request: watcher.commands.ask(request.path[1:])))
     return app
 
 

@@ -64,9 +64,10 @@ def alarm_as_page(message: RingAlarm) -> dict[str, Any]:
 def with_link(
     shown: dict[str, Any] | None, health: Sequence[dict[str, Any]]
 ) -> dict[str, Any] | None:
-    """The same, with `offline`: whether the node of the alarm has reported, and no longer does."""
-    levels = {item['level'] for item in health if 'ring_alarm: ' in item['name']}
-    return None if shown is None else {**shown, 'offline': levels == {'silent'}}
+    """The same, with `offline`: why the node of the alarm reports no longer, in words, or ''."""
+    items = [item for item in health if 'ring_alarm: ' in item['name']]
+    is_gone = bool(items) and all(item['level'] == 'silent' for item in items)
+    return None if shown is None else {**shown, 'offline': items[0]['words'] if is_gone else ''}
 
 
 @dataclass

@@ -72,7 +72,8 @@ REPORT = 0.2
 """Period [s] of the reports to a replay, which stays at its end until the page has all."""
 
 SILENT = 3.5
-"""A node that has not spoken on /diagnostics for so long [s] is gone."""
+"""A node that has not spoken on /diagnostics for so long [s] is gone: it is offline, unless the
+clock of a replay that is at its end left the network within as long of the node's last word."""
 
 BAND_LAG = 30
 """Drawn means over which the noise of the residual is judged, at most: slow noise counts too."""
@@ -138,7 +139,9 @@ class Watcher:
         self._parameters: dict[str, Any] | None = None
         self._replay: dict[str, Any] | None = None
         self._alarm: dict[str, Any] | None = None
-        self._actions = {name: Action(self.node, name, self.lock) for name in ACTIONS}
+        self._at_end = False
+        self._ends: list[float] = []
+        self.actions = {name: Action(self.node, name, self.lock) for name in ACTIONS}
         self._progress = self.node.create_publisher(
             msg.ReplayProgress, names.PROGRESS, PROGRESS_QOS)
         subscribe = self.node.create_subscription
@@ -191,8 +194,9 @@ class Watcher:
         with self.lock:
             now = time.monotonic()
             health = [
-                {'name': name, **({'level': 'silent', 'words': 'Node offline'}
-                                  if now - heard > SILENT else status)}
+                {'name': name, **(status if now - heard <= SILENT else {
+                    'level': 'silent', 'words': 'Ended with its replay' if any(
+                        abs(heard - left) < SILENT for left in self._ends) else 'Node offline'})}
                 for name, (heard, status) in sorted(self._health.items())]
             alarm = with_link(self._alarm, health)
             if alarm is not None:
@@ -207,7 +211,7 @@ class Watcher:
                 'missing': self._missing(now),
                 'past': [self.session.as_page(curves, self._scales)
                          for curves in self.traces.past],
-                'jobs': {name: asdict(action.job) for name, action in self._actions.items()
+                'jobs': {name: asdict(action.job) for name, action in self.actions.items()
                          if action.job is not None}}
 
     def _missing(self, now: float) -> str:
@@ -254,14 +258,6 @@ class Watcher:
         with self.lock:
             self.traces.clear()
 
-    def cancel(self, action: str) -> bool:
-        """Ask the server of an action to cancel its goal; whether there is a server."""
-        return self._actions[action].cancel()
-
-    def ask(self, command: str) -> bool:
-        """Ask for a zero, a start or a pause; whether a node offers it."""
-        return self.commands.ask(command)
-
     # --- hearing ---
 
     def _run(self) -> None:
@@ -288,6 +284,9 @@ class Watcher:
                 with self.lock:
                     self._band = self._band_of_residual()
                     self._look_at_sound_ring()
+                    if self._at_end and not self.node.count_publishers(names.STATE):
+                        self._ends.append(now)
+                        self._at_end = False
 
         if self._replay is not None and self.context.ok():
             self._report([])  # the page leaves: nobody waits for it
@@ -313,7 +312,7 @@ class Watcher:
         last = {report[:NODE_NAME]: report for report in self._reports.take()}
         for report in last.values():
             self._on_progress(deserialize_message(report, msg.ReplayProgress))
-        for action in self._actions.values():
+        for action in self.actions.values():
             action.look_after()
 
     def _band_of_residual(self) -> list[float | None]:
@@ -394,7 +393,7 @@ class Watcher:
         share = (to_stamp(message.now) - start) / max(end - start, 1)
         words = ('waiting', 'playing', 'paused', 'finished')[min(message.state, 3)]
         with self.lock:
-            self._bag = Path(message.bag).name
+            self._bag, self._at_end = Path(message.bag).name, words == 'finished'
             if words != 'finished':
                 self.traces.begin(start, end)
             self._replay = {'state': words, 'share': min(max(share, 0.0), 1.0),

@@ -1,11 +1,18 @@
 """Claims about what the page shows of the alarm."""
 
-import pytest
+import time
 
-from saddlering_interfaces.msg import RingAlarm
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import pytest
+from rosnet import wait_until
+
+from saddlering_interfaces.msg import ReplayState, RingAlarm
 from saddlering_ros.live.session import alarm_as_page, AlarmOfTest, Session, with_link
 from saddlering_ros.live.traces import TestCurves
+from saddlering_ros.live.watcher import Watcher
 from saddlering_ros.ros.messages import to_time
+
+OFFLINE = 'Node offline'
 
 
 def test_an_alarm_is_shown_with_channel_size_onset_guess_and_lapses():
@@ -31,12 +38,32 @@ def test_without_an_alarm_the_state_and_the_topics_that_are_missing_are_shown(st
 
 def test_a_node_that_reports_no_longer_is_shown_as_offline():
     shown = alarm_as_page(RingAlarm(state=RingAlarm.WATCHING))
-    silent = [{'name': '/rig1/ring_alarm: alarm', 'level': 'silent'},
-              {'name': 'ring_residual: zero', 'level': 'ok'}]
-    assert with_link(shown, silent)['offline']
+    silent = [{'name': '/rig1/ring_alarm: alarm', 'level': 'silent', 'words': 'Node offline'},
+              {'name': 'ring_residual: zero', 'level': 'ok', 'words': ''}]
+    assert with_link(shown, silent)['offline'] == 'Node offline'
     assert not with_link(shown, [{**silent[0], 'level': 'ok'}])['offline']
     assert not with_link(shown, [])['offline']
     assert with_link(None, silent) is None
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(('state', 'pause', 'words'), [
+    (ReplayState.FINISHED, 0.0, 'Ended with its replay'), (ReplayState.PLAYING, 0.0, OFFLINE),
+    (ReplayState.FINISHED, 0.4, OFFLINE)])
+def test_a_node_that_leaves_with_its_replay_is_not_offline_but_one_that_died_in_it_is(
+        ros_domain, monkeypatch, state, pause, words):
+    monkeypatch.setattr('saddlering_ros.live.watcher.SILENT', 0.3)
+    monkeypatch.setattr('saddlering_ros.live.watcher.REVIEW', 0.05)
+    with Watcher(ros_domain) as watcher:
+        watcher._on_alarm(RingAlarm(state=RingAlarm.BLIND))
+        watcher._on_diagnostics(DiagnosticArray(status=[
+            DiagnosticStatus(name='ring_alarm: alarm', message='no alarm')]))
+        time.sleep(pause)
+        watcher._on_replay(ReplayState(state=state))
+        wait_until(lambda: watcher.state()['alarm']['offline'] == words, 20.0)
+        assert watcher.state()['health'][0]['words'] == words
+        watcher._on_replay(ReplayState(state=ReplayState.PLAYING))  # another replay, without it
+        assert watcher.state()['health'][0]['words'] == words
 
 
 def told(state, seconds, **fields):

@@ -174,9 +174,10 @@ function showHealth(health) {
   byId('probes').replaceChildren(...(probes.length ? probes
     : [make('p', 'ring_displacement: Node offline', 'soft')]));
   const names = [...new Set(health.map((item) => item.name.split(':')[0]))];
-  if (health.length && health.every((item) => item.level === 'silent')) {
-    byId('probes').replaceChildren(make('p', 'All nodes are offline.', 'soft'));
-    renew(byId('nodes'), [node(`Node offline: ${names.join(', ')}`, health, [])]);
+  const { words } = health[0] || {};
+  if (health.length && health.every((item) => item.level === 'silent' && item.words === words)) {
+    byId('probes').replaceChildren(make('p', `All nodes: ${words}`, 'soft'));
+    renew(byId('nodes'), [node(`${words}: ${names.join(', ')}`, health, [])]);
     return;
   }
   renew(byId('nodes'), names.map((name) => {
@@ -247,7 +248,10 @@ function showAlarm(alarm) {
   if (!alarm) return;
   place.className = `${alarm.state}${alarm.offline ? ' offline' : ''}`;
   const lapses = alarm.lapses.slice(-3).map((lapse) => make('p', `▲ ${lapse}`, 'soft'));
-  if (alarm.offline) lapses.unshift(make('p', 'ring_alarm: Node offline', 'bad'));
+  if (alarm.offline) {
+    lapses.unshift(make('p', `ring_alarm: ${alarm.offline}`,
+      alarm.offline === 'Node offline' ? 'bad' : 'soft'));
+  }
   if (alarm.state === 'blind') {
     place.replaceChildren(make('p', 'Alarm: the ring is not watched', 'soft'),
       make('b', alarm.words),
