@@ -354,8 +354,8 @@ def covariance_of(message: bytes) -> NDArray[np.float64]:
     return np.frombuffer(message, '<f8', 16, len(message) - COVARIANCE_BYTES).reshape(4, 4)
 
 
-def decode_clock(message: bytes) -> int:
-    """The time [ns] of a rosgraph_msgs/Clock message."""
+def decode_time(message: bytes) -> int:
+    """The time [ns] that a message begins with: a Clock, or one with a header."""
     second, nanosecond = struct.unpack_from('<iI', message, 4)
     return int(second) * SECOND + int(nanosecond)
 

@@ -45,5 +45,5 @@ def run(args: argparse.Namespace) -> int:
             print(f'{where.url} shows ROS domain {domain}; Ctrl-C ends it', flush=True)
 
     with Watcher(domain, args.window, namespace_of(args.namespace), rig) as watcher:
-        serve(watcher, Address(args.host, args.port, args.token), say, rig=rig)
+        serve(watcher, Address(args.host, args.port, args.token), say)
     return 0

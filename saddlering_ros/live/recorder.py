@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, ExitStack
 import os
 from pathlib import Path
-import struct
 import sys
 import threading
 import time
@@ -16,9 +15,9 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool, Header
 
 from saddlering_interfaces import msg
+from saddlering_ros.bags.wire import decode_time
 from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
 from saddlering_ros.errors import LiveError
-from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.topics import relative, TOPICS
 from saddlering_ros.rig import short_digest
 from saddlering_ros.ros import names, raw_topics
@@ -33,7 +32,6 @@ KEPT: dict[str, Any] = {
 """Topics whose last message is there for late joiners."""
 
 OTHERS: dict[str, Any] = {names.DIAGNOSTICS: DiagnosticArray, f'/{names.ZERO}': Header}
-_stamp = struct.Struct('<iI')
 
 
 class Recorder(StreamingNode):
@@ -75,8 +73,7 @@ class Recorder(StreamingNode):
             messages = flow.take()
             if messages:
                 self._keep(topic, messages)
-                seconds, rest = _stamp.unpack_from(messages[-1], 4)
-                flow.last_stamp = seconds * SECOND + rest
+                flow.last_stamp = decode_time(messages[-1])
 
     def missing(self, sent: Mapping[str, int]) -> str:
         """Samples that have not arrived, of those `sent` by topic and of those nodes report."""

@@ -11,8 +11,8 @@ wait, each new one replaces the oldest, so that half-open requests cannot keep a
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 import gzip
@@ -32,7 +32,6 @@ from aiohttp.web_protocol import RequestHandler
 from saddlering_ros.errors import LiveError
 from saddlering_ros.live.commands import ACTIONS, SERVICES
 from saddlering_ros.live.watcher import Watcher
-from saddlering_ros.rig import default_rig, Rig
 
 PAGE = Path(__file__).parent / 'page'
 FILES = {'/': ('page.html', 'text/html'), '/live.js': ('live.js', 'text/javascript'),
@@ -82,8 +81,8 @@ class Address:
         return f'http://{host}:{self.port}/' + (f'?token={self.token}' if self.token else '')
 
 
-def application(watcher: Watcher, where: Address, rig: Rig | None = None) -> web.Application:
-    """The web application; `rig` (default: the shipped one) is the ring that it draws."""
+def application(watcher: Watcher, where: Address) -> web.Application:
+    """The web application."""
     from saddlering_ros.rig.drawing import drawing_svg
 
     app = web.Application(middlewares=[_guard(where)])
@@ -92,7 +91,7 @@ def application(watcher: Watcher, where: Address, rig: Rig | None = None) -> web
     app.router.add_get('/plotly.js', partial(_content, _zipped_library, 'text/javascript', {
         'Content-Encoding': 'gzip', 'Cache-Control': 'max-age=86400'}))
     app.router.add_get('/rig.svg', partial(
-        _content, lambda: drawing_svg(rig or default_rig()).encode(), 'image/svg+xml', FRESH))
+        _content, lambda: drawing_svg(watcher.rig).encode(), 'image/svg+xml', FRESH))
     app.router.add_get('/events', partial(_events, watcher, secrets.token_hex(4)))
     app.router.add_get(r'/tests/{number:\d{1,9}}', partial(_test, watcher))
     app.router.add_get(r'/bags/{number:\d{1,9}}', partial(_bag, watcher))
@@ -106,36 +105,39 @@ def application(watcher: Watcher, where: Address, rig: Rig | None = None) -> web
 
 
 def serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
-          until: threading.Event | None = None, rig: Rig | None = None) -> None:
+          until: threading.Event | None = None) -> None:
     """Serve until interrupted, or until the event is set; LiveError if it cannot be served.
 
     Port 0 takes a free one; `on_ready` is called with the address.
     """
     async def run() -> None:
         runner = web.AppRunner(
-            application(watcher, where, rig), access_log=None, shutdown_timeout=0.5)
-        await runner.setup()
-        assert runner.server is not None
-        make = partial(Connection, runner.server, Door())
-        server: asyncio.Server | None = None
-        try:
+            application(watcher, where), access_log=None, shutdown_timeout=0.5)
+        async with AsyncExitStack() as stack:
+            stack.push_async_callback(runner.cleanup)
+            await runner.setup()
+            assert runner.server is not None
             try:
                 server = await asyncio.get_running_loop().create_server(
-                    make, where.host, where.port, backlog=256)
+                    partial(Connection, runner.server, Door()), where.host, where.port,
+                    backlog=256)
             except OSError as problem:
                 raise LiveError(f'{where.host}:{where.port}: cannot be served '
                                 f'({problem.strerror}): choose another --host or --port'
                                 ) from problem
+            stack.callback(server.close)
             on_ready(Address(where.host, server.sockets[0].getsockname()[1], where.token))
             while until is None or not until.is_set():
                 await asyncio.sleep(0.2)
-        finally:
-            if server is not None:
-                server.close()
-            await runner.cleanup()
 
-    with one_line_a_minute():
+    only = OneLineAMinute()
+    for name in LOGGERS:
+        logging.getLogger(name).addFilter(only)
+    try:
         asyncio.run(run())
+    finally:
+        for name in LOGGERS:
+            logging.getLogger(name).removeFilter(only)
 
 
 def _guard(where: Address) -> Any:
@@ -331,16 +333,3 @@ class OneLineAMinute(logging.Filter):
         record.args, record.exc_info, record.exc_text, record.stack_info = (), None, None, None
         self._next, self._hidden = record.created + LOG_SECONDS, 0
         return True
-
-
-@contextmanager
-def one_line_a_minute() -> Iterator[None]:
-    """Limit the log of the server's libraries to a line a minute."""
-    only = OneLineAMinute()
-    for name in LOGGERS:
-        logging.getLogger(name).addFilter(only)
-    try:
-        yield
-    finally:
-        for name in LOGGERS:
-            logging.getLogger(name).removeFilter(only)

@@ -4,11 +4,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 import heapq
 from pathlib import Path
-import struct
 import tempfile
 from typing import Any
 
 from saddlering_interfaces.msg import RingAlarm
+from saddlering_ros.bags.wire import decode_time
 from saddlering_ros.bags.write import BagWriter
 from saddlering_ros.errors import LiveError
 from saddlering_ros.live.traces import TestCurves
@@ -24,8 +24,6 @@ MAX_BYTES = 256 * 2**20
 
 EDGE = SECOND // 10
 """Messages so long before and after the curves of a test [ns] belong to it: other clocks."""
-
-_stamp = struct.Struct('<iI')
 
 Stamped = tuple[int, bytes]
 """A message after its stamp [ns]."""
@@ -195,12 +193,8 @@ class Session:
         for topic in TOPICS:
             mine: dict[int, bytes] = {}
             for test in tests:  # the other ones may hold another replay of the same bag
-                here: list[Stamped] = []
-                for message in test.messages.get(topic, ()):
-                    seconds, rest = _stamp.unpack_from(message, 4)
-                    stamp = int(seconds * SECOND + rest)
-                    if first <= stamp <= last and stamp not in mine:
-                        here.append((stamp, message))
+                here = [(stamp, message) for message in test.messages.get(topic, ())
+                        if first <= (stamp := decode_time(message)) <= last and stamp not in mine]
                 found.setdefault(topic, []).extend(here)
                 mine.update(here)
             found[topic].sort()

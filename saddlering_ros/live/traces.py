@@ -108,16 +108,17 @@ class TestCurves:
     def since(self, turn: int, scales: Mapping[str, float]) -> dict[str, dict[str, Any]]:
         """Changes after `turn`: by stream the cells' numbers, and means and extremes scaled.
 
-        None stands for an unknown value. scales: by stream, the factor of its values.
+        Four digits; None stands for an unknown value. scales: by stream, the factor of its values.
         """
         found: dict[str, dict[str, Any]] = {}
         for name, cells in self.cells.items():
             new = cells.pick(cells.changed > turn)
             if len(new):
-                scale = scales[name]
-                found[name] = {
-                    'cell': new.number.tolist(), 'mean': _rounded(scale * new.means()),
-                    'low': _rounded(scale * new.low), 'high': _rounded(scale * new.high)}
+                rows = {'mean': new.means(), 'low': new.low, 'high': new.high}
+                found[name] = {'cell': new.number.tolist()} | {
+                    kind: [[value if math.isfinite(value) else None for value in channel]
+                           for channel in np.round(scales[name] * values, 4).tolist()]
+                    for kind, values in rows.items()}
         return found
 
 
@@ -134,13 +135,10 @@ class Traces:
                  window: float = 600.0) -> None:
         self._channels, self._limit = dict(channels), limit
         self._window = int(window * SECOND)
-        self.version = 0
-        self.turn = 0
         self.number = 1
+        self.version = self.turn = self.left_out = self._start = 0
         self.past: deque[TestCurves] = deque(maxlen=MAX_PAST)
         self._leftovers_until = 0.0
-        self._start = 0
-        self.left_out = 0
         self._forget()
 
     def clear(self) -> None:
@@ -250,9 +248,3 @@ class Traces:
     def means(self, name: str) -> Floats:
         """Means (C, N) of the drawn cells of a stream; NaN where not known."""
         return self._cells[name].means()
-
-
-def _rounded(values: Floats) -> list[list[float | None]]:
-    """Rows of numbers with four digits; None where a value is not finite."""
-    return [[value if math.isfinite(value) else None for value in row]
-            for row in np.round(values, 4).tolist()]

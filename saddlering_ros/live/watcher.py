@@ -48,10 +48,13 @@ from saddlering_ros.ros.messages import parameters_from_message, progress_of, to
 from saddlering_ros.ros.names import PARAMETERS_IN_FORCE
 from saddlering_ros.ros.raw_topics import LATCHED_BY_SEVERAL, PROGRESS_QOS, RawSubscription
 
-STREAMS = {'load': LOAD.relative, 'measured': names.DISPLACEMENT, 'simulated': names.SIMULATED,
-           'residual': names.RESIDUAL}
-SCALES = {'measured': 1e6, 'simulated': 1e6, 'residual': 1e6}
-"""Units of the page: micrometres and microradians."""
+RIG: dict[str, RigTopic] = {
+    'load': LOAD, 'elevation': ELEVATION,
+    **{f'probe_{place}': topic for place, topic in enumerate(PROBES, 1)}}
+"""Topics of the rig by the names of their gauges; the load is drawn too."""
+
+RING = {'measured': names.DISPLACEMENT, 'simulated': names.SIMULATED, 'residual': names.RESIDUAL}
+"""Topics of the ring by the names of their curves; in micrometres and microradians."""
 
 POLL = 0.05
 """Streams are drained this often [s]: the queues of `RawSubscription` hold 100 times that."""
@@ -79,9 +82,6 @@ BAND_LAG = 30
 """Drawn means over which the noise of the residual is judged, at most: slow noise counts too."""
 
 MIN_MEANS = 20
-SENSORS: dict[str, RigTopic] = {
-    'elevation': ELEVATION, **{f'probe_{place}': topic for place, topic in enumerate(PROBES, 1)}}
-"""Readings of the rig besides the load, by the name of the gauge."""
 
 ELEVATION_KEY = 'elevation [deg]'
 """Key of /diagnostics whose value the page shows."""
@@ -100,8 +100,8 @@ class Watcher:
     def __init__(self, domain_id: int | None = None, window: float = 600.0,
                  namespace: str = '', rig: Rig | None = None) -> None:
         self.rig = rig or default_rig()
-        self.force_unit = self.rig.force_unit
-        self._scales = {**SCALES, 'load': 1.0 / FORCE_UNITS[self.force_unit]}
+        self._scales = {**dict.fromkeys(RING, 1e6),
+                        'load': 1.0 / FORCE_UNITS[self.rig.force_unit]}
         self.context = rclpy.Context()
         rclpy.init(context=self.context, args=[], domain_id=domain_id)
         self.node: Node = rclpy.create_node(
@@ -109,17 +109,14 @@ class Watcher:
         self._namespace = namespace
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
-        channels = {name: 1 if name == 'load' else len(CHANNELS) for name in STREAMS}
-        self.traces = Traces(channels, window=window)
+        self.traces = Traces({'load': 1, **dict.fromkeys(RING, len(CHANNELS))}, window=window)
         self.lock = threading.Lock()
-        self._streams = {
-            name: RawSubscription(self.node, topic, raw_topics.message_class(LOAD.type)
-                                  if name == 'load' else msg.RingDisplacement)
-            for name, topic in STREAMS.items()}
-        self._sensors = {
-            name: RawSubscription(self.node, topic.relative, raw_topics.message_class(topic.type))
-            for name, topic in SENSORS.items()}
-        self._flows = {**self._streams, **self._sensors}
+        self._flows = {
+            **{name: RawSubscription(self.node, topic.relative,
+                                     raw_topics.message_class(topic.type))
+               for name, topic in RIG.items()},
+            **{name: RawSubscription(self.node, topic, msg.RingDisplacement)
+               for name, topic in RING.items()}}
         self.gauges = Gauges()
         self.session = Session()
         self.commands = Commands(self.node)
@@ -203,8 +200,8 @@ class Watcher:
                 alarm['taken_back'] = self.session.current.alarm.taken_back
             return {
                 'full_load': self.rig.full_scale_load * self._scales['load'],
-                'force_unit': self.force_unit, 'health': health, 'parameters': self._parameters,
-                'replay': self._replay, 'alarm': alarm, 'band': self._band,
+                'force_unit': self.rig.force_unit, 'health': health, 'replay': self._replay,
+                'parameters': self._parameters, 'alarm': alarm, 'band': self._band,
                 'allowed': (alarm or {}).get('allowed') or self._allowed, 'range': self._range,
                 'doubt': self._doubt,
                 'commands': self.commands.as_page(), 'left_out': self.traces.left_out,
@@ -226,7 +223,7 @@ class Watcher:
                 with contextlib.suppress(LiveError):
                     _, kept = self.session.messages(self.traces.current)
                     self._received |= {name: len(kept[topic.name])
-                                       for name, topic in SENSORS.items()}
+                                       for name, topic in RIG.items()}
         due = {name: self._published.get(self._flows[name].topic, 0) for name in self._received}
         return missing_words(self._received, due)
 
@@ -279,14 +276,7 @@ class Watcher:
                 self._report([flow for flow in self._flows.values() if flow.reliable])
             if now - reviewed >= REVIEW:
                 reviewed = now
-                for flow in self._flows.values():
-                    flow.review()
-                with self.lock:
-                    self._band = self._band_of_residual()
-                    self._look_at_sound_ring()
-                    if self._at_end and not self.node.count_publishers(names.STATE):
-                        self._ends.append(now)
-                        self._at_end = False
+                self._review(now)
 
         if self._replay is not None and self.context.ok():
             self._report([])  # the page leaves: nobody waits for it
@@ -298,59 +288,63 @@ class Watcher:
     def _poll(self) -> None:
         for name, flow in self._flows.items():
             messages = flow.take()
-            if not messages:
-                continue
-            with contextlib.suppress(CdrError), self.lock:
-                if name in STREAMS:
+            if messages:
+                with contextlib.suppress(CdrError), self.lock:
                     self._take(name, messages)
-                    continue
-                self.session.keep(SENSORS[name].name, messages)
-                found = decode_samples(messages[-1:], SENSORS[name])
-                flow.last_stamp = int(found.stamps[-1])
-                self.gauges.push(name, float(found.values[-1]), found.low, found.high)
         # Every node reports a thousand times a second; the last report of each counts.
         last = {report[:NODE_NAME]: report for report in self._reports.take()}
         for report in last.values():
-            self._on_progress(deserialize_message(report, msg.ReplayProgress))
+            said = deserialize_message(report, msg.ReplayProgress)
+            with self.lock:
+                self._published.update(zip(said.outputs, map(int, said.published), strict=False))
         for action in self.actions.values():
             action.look_after()
 
-    def _band_of_residual(self) -> list[float | None]:
-        """Noise of the drawn means of the residual [um, urad]; None while they are too few."""
-        means = self.traces.means('residual')
-        count = means.shape[1]
-        return [None if count < MIN_MEANS else
-                _finite(1e6 * white_noise(channel, min(BAND_LAG, count // 6)))
-                for channel in means]
-
-    def _look_at_sound_ring(self) -> None:
-        """What a sound ring may do, anew if parameters or elevation are others."""
-        key = self._contact, self._elevation
-        if self._contact is None or math.isnan(self._elevation) or key == self._sound_for:
-            return
-        self._sound_for = self._contact, self._elevation
-        motion = sound_motion(self.rig, *self._sound_for)
-        motion = 1e6 * (motion - motion[:, :1])
-        self._range = [[_finite(row.min()), _finite(row.max())] for row in motion]
-        self._allowed = [_finite(1e6 * value) for value in materiality(self.rig, *self._sound_for)]
+    def _review(self, now: float) -> None:
+        """Fit the subscriptions to their publishers; what is allowed; who ended with a replay."""
+        for flow in self._flows.values():
+            flow.review()
+        with self.lock:
+            if self._at_end and not self.node.count_publishers(names.STATE):
+                self._ends.append(now)
+                self._at_end = False
+            # Noise of the drawn means of the residual [um, urad]; None while they are too few.
+            means = self.traces.means('residual')
+            count = means.shape[1]
+            self._band = [None if count < MIN_MEANS else
+                          _finite(1e6 * white_noise(channel, min(BAND_LAG, count // 6)))
+                          for channel in means]
+            # What a sound ring may do, anew if parameters or elevation are others.
+            key = self._contact, self._elevation
+            if self._contact is None or math.isnan(self._elevation) or key == self._sound_for:
+                return
+            self._sound_for = self._contact, self._elevation
+            motion = sound_motion(self.rig, *self._sound_for)
+            motion = 1e6 * (motion - motion[:, :1])
+            self._range = [[_finite(row.min()), _finite(row.max())] for row in motion]
+            self._allowed = [
+                _finite(1e6 * value) for value in materiality(self.rig, *self._sound_for)]
 
     def _take(self, name: str, messages: list[bytes]) -> None:
-        if name == 'load':
-            load = decode_samples(messages, LOAD)
-            self._draw(name, load.stamps, load.values[None, :])
-            self.gauges.push(name, float(load.values[-1]))
-            self.session.keep(LOAD.name, messages)
+        topic = RIG.get(name)
+        if topic is None:
+            batch = decode_displacements(messages)
+            self._draw(name, batch.stamps, batch.channels)
+            if not math.isnan(batch.elevations[-1]):
+                self._elevation = float(batch.elevations[-1])
+            if name == 'residual':
+                self._doubt = doubt_words(batch.validity)
             return
-        batch = decode_displacements(messages)
-        self._draw(name, batch.stamps, batch.channels)
-        if not math.isnan(batch.elevations[-1]):
-            self._elevation = float(batch.elevations[-1])
-        if name == 'residual':
-            self._doubt = doubt_words(batch.validity)
+        found = decode_samples(messages if name == 'load' else messages[-1:], topic)
+        if name == 'load':
+            self._draw(name, found.stamps, found.values[None, :])
+        self._flows[name].last_stamp = int(found.stamps[-1])
+        self.gauges.push(name, float(found.values[-1]), found.low, found.high)
+        self.session.keep(topic.name, messages)
 
     def _draw(self, name: str, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
         """Draw samples (C, N); any stream may be the first that comes of a test."""
-        self._streams[name].last_stamp = int(stamps[-1])
+        self._flows[name].last_stamp = int(stamps[-1])
         self.traces.push(name, stamps, values)
         self._received_at = time.monotonic()
         playing = self._replay is not None and self._replay['state'] != 'finished'
@@ -399,10 +393,6 @@ class Watcher:
             self._replay = {'state': words, 'share': min(max(share, 0.0), 1.0),
                             'speed': round(float(message.speed), 1),
                             'waiting_for': list(message.waiting_for)}
-
-    def _on_progress(self, message: msg.ReplayProgress) -> None:
-        with self.lock:
-            self._published.update(zip(message.outputs, map(int, message.published), strict=False))
 
     def _on_alarm(self, message: msg.RingAlarm) -> None:
         shown = alarm_as_page(message)

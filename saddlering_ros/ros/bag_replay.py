@@ -12,7 +12,7 @@ from rosgraph_msgs.msg import Clock
 
 from saddlering_ros.bags import read_raw
 from saddlering_ros.bags.reader import usable_facts
-from saddlering_ros.bags.wire import decode_clock, encode_samples
+from saddlering_ros.bags.wire import decode_time, encode_samples
 from saddlering_ros.doubts.comparison import refuse_other_hash
 from saddlering_ros.doubts.readings import absent_topic, check_values
 from saddlering_ros.files import share_directory
@@ -129,11 +129,6 @@ def topics_of(node: str) -> list[str]:
     return [topic.name for topic in TOPICS.values() if topic.replayed_by == node]
 
 
-def tracks_of(record: RawRecord, node: str) -> list[Track]:
-    """Part of a record that a node replays."""
-    return [Track(record[name]) for name in topics_of(node) if name in record.topics]
-
-
 class ReplayNode(BagNode):
     """Publishes as /clock reaches their stamps the topics of a bag that name it as replayer."""
 
@@ -151,7 +146,7 @@ class ReplayNode(BagNode):
         for note in (*record.notes, *said):
             self.get_logger().warning(f'{record.path}: {note}')
         absent = absent_topic(self._rig)
-        self._tracks = [one for one in tracks_of(record, self.NAME) if one.topic.name != absent]
+        self._tracks = [Track(record[name]) for name in record if name != absent]
         self._now = 0
         self._heard = time.monotonic()
         self._jumps = 0
@@ -172,7 +167,7 @@ class ReplayNode(BagNode):
             return
         self._heard = time.monotonic()
         for message in messages:
-            self._follow(decode_clock(message))
+            self._follow(decode_time(message))
 
     def _follow(self, now: int) -> None:
         if self._now == 0 or now < self._now or now - self._now > JUMP:

@@ -18,6 +18,7 @@ import pytest
 from saddlering_ros.cli.main import main
 from saddlering_ros.errors import LiveError
 from saddlering_ros.live.server import Address, application, PAGE, serve
+from saddlering_ros.rig import default_rig
 
 POST = {'X-Saddlering': 'live'}
 
@@ -25,7 +26,7 @@ POST = {'X-Saddlering': 'live'}
 def asked(where, *requests, watcher=None):
     """Statuses of requests (method, path, headers) by one client, one after another."""
     async def ask():
-        server = TestServer(application(watcher or SimpleNamespace(), where))
+        server = TestServer(application(watcher or SimpleNamespace(rig=default_rig()), where))
         async with TestClient(server, cookie_jar=CookieJar(unsafe=True)) as client:
             found = []
             for method, path, headers in requests:
@@ -95,7 +96,9 @@ def test_the_colour_blind_tell_the_curves_and_bands_apart(theme):
 
 def test_another_site_cannot_cancel_but_the_page_can_and_its_commands_reach_the_nodes():
     heard = []
-    watcher = SimpleNamespace(cancel=heard.append, ask=heard.append)
+    identification = SimpleNamespace(cancel=lambda: heard.append('identify'))
+    watcher = SimpleNamespace(actions={'identify': identification},
+                              commands=SimpleNamespace(ask=heard.append))
     requests = [('POST', '/cancel/identify', {}), ('POST', '/cancel/identify', POST),
                 ('POST', '/cancel/else', POST), ('POST', '/zero', {}),
                 *(('POST', f'/{name}', POST) for name in ('zero', 'start', 'pause'))]

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.bags.wire import encode_displacements, encode_samples
 from saddlering_ros.live.session import Session
 from saddlering_ros.live.traces import TestCurves
@@ -49,11 +48,10 @@ def test_messages_of_a_probe_that_a_replay_sent_and_that_did_not_come_are_counte
                             (PROBES[0], slice(20, 100))):
             watcher.session.keep(topic.name, messages(topic, rows))
         watcher._replay = {'state': 'finished'}
-        watcher._on_progress(ReplayProgress(
-            outputs=[topic.name for topic in (LOAD, *PROBES)], published=[100] * 5))
+        watcher._published = {topic.name: 100 for topic in (LOAD, *PROBES)}
         assert watcher.state()['missing'] == '20 of 100 samples of probe_1'
         watcher.session.keep(PROBES[0].name, messages(PROBES[0], slice(0, 20)))
-        watcher._sensors['probe_1'].received += 20
+        watcher._flows['probe_1'].received += 20
         assert watcher.state()['missing'] == ''
 
 
