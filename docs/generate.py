@@ -172,7 +172,7 @@ def files_page() -> str:
 
 def nodes_page() -> str:
     """Every node with its topics, services and parameters, from registry and declarations."""
-    from saddlering_ros.ros.names import NODES, nodes_table
+    from saddlering_ros.ros.names import NODES
     from saddlering_ros.ros.parameters import HARDWARE_ID
     from saddlering_ros.ros.streaming_node import AUTOSTART, StreamingNode
 
@@ -182,7 +182,9 @@ def nodes_page() -> str:
         '`python -m saddlering_ros.nodes.NODE`. Every node reports on `/diagnostics` once a '
         'second and reads the rig from `--params-file config/rig.yaml`. An unusable or unknown '
         'parameter ends a node with status 2 and one line. [Beside a rig](../hardware.md) '
-        'explains their use.', '', nodes_table(), '']
+        'explains their use.', '', '| node | takes | gives | services |', '|---|---|---|---|',
+        *(f'| {node.name} | {node.takes} | {node.gives} | {node.services} |' for node in NODES),
+        '']
     for node in NODES:
         kind = getattr(importlib.import_module(node.module), node.class_name)
         own = ((AUTOSTART, HARDWARE_ID, *kind.PARAMETERS) if issubclass(kind, StreamingNode)

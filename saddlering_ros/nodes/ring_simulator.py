@@ -118,7 +118,7 @@ class RingSimulatorNode(StreamingNode):
         from saddlering_ros.ring import simulate
         times = [0.001 * step for step in range(10)]
         simulate(self._rig, self._in_force, self._elevation, times, [self._rig.preload] * 10)
-        self._tell_in_force(self._in_force)
+        self._tell_in_force()
         self._stream_task = diagnostics.StreamTask(LOAD_TOPIC)
         self._failed_steps = 0
         self.tasks = [
@@ -162,12 +162,12 @@ class RingSimulatorNode(StreamingNode):
         words = f'elevation {math.degrees(self._elevation):.3f} deg, {self._elevation_source}'
         if self._elevation_source == before == 'measured' and gave <= rig_state.SAME_MEASURED:
             stream.turn(self._elevation)
-            self._tell_in_force(self._in_force)
+            self._tell_in_force()
             if gave > rig_state.MOVED:
                 self.get_logger().warning(f'{words}: it is followed, and the zero stays')
             return
         self._make(self._in_force, stream.hold)
-        self._tell_in_force(self._in_force)
+        self._tell_in_force()
         self.get_logger().info(f'{words}: restarts')
 
     def _make(self, parameters: ParameterSet, hold: int = 0) -> None:
@@ -177,9 +177,10 @@ class RingSimulatorNode(StreamingNode):
             max_gap=self.settings['max_gap'])
         self._stream.hold = hold
 
-    def _tell_in_force(self, parameters: ParameterSet) -> None:
+    def _tell_in_force(self) -> None:
         """Publish the parameters in use on /ring/parameters, latched for late joiners."""
-        message = messages.parameters_to_message(parameters, self.get_clock().now().to_msg())
+        assert self._in_force is not None
+        message = messages.parameters_to_message(self._in_force, self.get_clock().now().to_msg())
         message.in_force_in = message.applied_by = self.get_fully_qualified_name()
         message.elevation, message.rig_hash = self._elevation, self._agreement.digest
         self._teller.publish(message)
@@ -280,7 +281,7 @@ class RingSimulatorNode(StreamingNode):
             self._refuse(str(problem))
             return False
         self._in_force, self._refused = found, ''
-        self._tell_in_force(found)
+        self._tell_in_force()
         self.get_logger().info(f'parameters from /{PARAMETERS_IN_FORCE}: {message.source}')
         return True
 

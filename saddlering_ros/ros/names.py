@@ -66,13 +66,6 @@ def names(*kinds: str) -> tuple[str, ...]:
     return tuple(node.name for node in NODES if not kinds or node.kind in kinds)
 
 
-def nodes_table() -> str:
-    """The nodes as a Markdown table, for the docs."""
-    lines = ['| node | takes | gives | services |', '|---|---|---|---|']
-    lines += [f'| {node.name} | {node.takes} | {node.gives} | {node.services} |' for node in NODES]
-    return '\n'.join(lines)
-
-
 DISPLACEMENT = 'ring/displacement'
 SIMULATED = 'ring/simulated_displacement'
 RESIDUAL = 'ring/residual'

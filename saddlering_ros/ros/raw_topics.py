@@ -31,42 +31,37 @@ DEPTH = 5000
 """Messages that may wait at either end of a stream: five seconds at 1 kHz."""
 
 
-def stream_qos(reliable: bool = True, depth: int = DEPTH) -> qos.QoSProfile:
-    """The QoS of a measured or simulated stream: deep, so that a busy reader loses no message."""
-    kind = qos.ReliabilityPolicy.RELIABLE if reliable else qos.ReliabilityPolicy.BEST_EFFORT
-    return qos.QoSProfile(history=qos.HistoryPolicy.KEEP_LAST, depth=depth, reliability=kind,
-                          durability=qos.DurabilityPolicy.VOLATILE)
-
-
-def _latched(depth: int) -> qos.QoSProfile:
-    return qos.QoSProfile(depth=depth, reliability=qos.ReliabilityPolicy.RELIABLE,
-                          durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-LATCHED = _latched(1)
-"""The last message is kept for late joiners."""
-
-LATCHED_BY_SEVERAL = _latched(50)
-"""For a reader of a latched topic that several nodes publish, its own among them: each keeps its
-last message, and in a queue of one a message would push out an unread message of another node."""
-
-DEADLINE, LEASE = Duration(seconds=0.2), Duration(seconds=1)
+_STREAM: dict[str, Any] = {
+    'history': qos.HistoryPolicy.KEEP_LAST, 'reliability': qos.ReliabilityPolicy.RELIABLE,
+    'durability': qos.DurabilityPolicy.VOLATILE}
+_KEPT = _STREAM | {'durability': qos.DurabilityPolicy.TRANSIENT_LOCAL}
+_PROMISE: dict[str, Any] = {
+    'deadline': Duration(seconds=0.2), 'liveliness': qos.LivelinessPolicy.AUTOMATIC,
+    'liveliness_lease_duration': Duration(seconds=1)}
 """Offered on topics that an interlock or a controller reads: longest time between two messages,
 and time within which a dead publisher is noticed. A reader may ask for as much, or for more time.
 """
 
 
-PROMISED_QOS = qos.QoSProfile(
-    depth=DEPTH, reliability=qos.ReliabilityPolicy.RELIABLE,
-    durability=qos.DurabilityPolicy.VOLATILE,
-    deadline=DEADLINE, liveliness=qos.LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=LEASE)
+def stream_qos(reliable: bool = True, depth: int = DEPTH) -> qos.QoSProfile:
+    """The QoS of a measured or simulated stream: deep, so that a busy reader loses no message."""
+    profile = qos.QoSProfile(depth=depth, **_STREAM)
+    if not reliable:
+        profile.reliability = qos.ReliabilityPolicy.BEST_EFFORT
+    return profile
+
+
+LATCHED = qos.QoSProfile(depth=1, **_KEPT)
+"""The last message is kept for late joiners."""
+
+LATCHED_BY_SEVERAL = qos.QoSProfile(depth=50, **_KEPT)
+"""For a reader of a latched topic that several nodes publish, its own among them: each keeps its
+last message, and in a queue of one a message would push out an unread message of another node."""
+
+PROMISED_QOS = qos.QoSProfile(depth=DEPTH, **_STREAM, **_PROMISE)
 """Of a stream that a node of the suite computes."""
 
-LIMIT_QOS = qos.QoSProfile(
-    depth=1, reliability=qos.ReliabilityPolicy.RELIABLE,
-    durability=qos.DurabilityPolicy.TRANSIENT_LOCAL,
-    deadline=DEADLINE, liveliness=qos.LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=LEASE)
-
+LIMIT_QOS = qos.QoSProfile(depth=1, **_KEPT, **_PROMISE)
 PROGRESS_QOS = stream_qos(depth=200)
 ZERO_QOS = stream_qos(depth=10)
 CLOCK_QOS = stream_qos(depth=10)
@@ -116,15 +111,13 @@ class RawSubscription:
         self._group = _Drained()
         self.topic = node.resolve_topic_name(topic)
         self.reliable = reliability != 'best_effort'
-        self.received = 0
+        self.received = self.malformed = self.last_stamp = 0
         self.newest = b''
-        self.malformed = 0
-        self.last_stamp = 0
         self._open()
 
     def _open(self) -> None:
         self.subscription = self._node.create_subscription(
-            self._type, self.topic, _never_called, stream_qos(self.reliable, self._depth),
+            self._type, self.topic, lambda _: None, stream_qos(self.reliable, self._depth),
             callback_group=self._group, raw=True)
         self.handle = self.subscription.handle
 
@@ -206,8 +199,7 @@ class RawPublisher:
         self._node = node
         self.publisher = node.create_publisher(message_type, topic, profile or PROMISED_QOS)
         self.topic = node.resolve_topic_name(topic)
-        self.published = 0
-        self.last_stamp = 0
+        self.published = self.last_stamp = 0
         self._send = self.publisher.handle.publish_raw
 
     def send(self, messages: list[bytes], last_stamp: int) -> None:
@@ -226,10 +218,6 @@ class RawPublisher:
     def close(self) -> None:
         """Stop publishing."""
         self._node.destroy_publisher(self.publisher)
-
-
-def _never_called(message: bytes) -> None:
-    raise AssertionError('drained subscriptions have no callback')
 
 
 IDLE_WAIT = 0.01
