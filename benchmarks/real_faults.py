@@ -1,7 +1,7 @@
 """Machines whose rest is not perfect: is the main cause established, and only the true one?
 
     python benchmarks/real_faults.py [--machines NAME ...] [--seeds N ...] [--out FILE.jsonl]
-    python benchmarks/real_faults.py --draws FIRST COUNT --out FILE.jsonl
+    python benchmarks/real_faults.py --draws FIRST COUNT [--kinds KIND ...] --out FILE.jsonl
     python benchmarks/real_faults.py --table FILE.jsonl ... [--picture FILE.svg]
 
 The records come from richer simulators than the model that is diagnosed, or from a real machine.
@@ -9,7 +9,8 @@ Each effect is hidden in turn, then hidden while it is not in the catalogue, and
 hidden. Three runs are fitted, a fourth is held out. A cause is over the limit if it makes the
 misfit of the base three times the median of the machine's sound trials. --draws takes one trial of
 one machine for each number and appends what is not in the file yet: a quarter has the true law
-taken out, 15 % nothing hidden.
+taken out, 15 % nothing hidden. Numbers drawn with --kinds hidden and again with --kinds removed
+are the same records, with and without the true law in the catalogue.
 """
 
 from __future__ import annotations
@@ -65,10 +66,11 @@ def trials(name: str, seed: int) -> list[Trial]:
         for case in cases(machine, seed)]
 
 
-def drawn(name: str, draw: int) -> Trial:
-    """The trial of a machine that a number stands for."""
+def drawn(name: str, draw: int, kinds: Sequence[str] = tuple(SHARES)) -> Trial:
+    """The trial of a machine that a number stands for, of one of these kinds."""
     random = np.random.default_rng([draw, 9])
-    kind = random.choice(list(SHARES), p=list(SHARES.values()))
+    shares = np.array([SHARES[kind] for kind in kinds])
+    kind = random.choice(list(kinds), p=shares / shares.sum())
     pool = [trial for trial in trials(name, draw) if trial.kind == kind]
     return pool[int(random.integers(len(pool)))]
 
@@ -110,11 +112,13 @@ def say(row: dict[str, Any]) -> None:
           f'out {row["held_out"]}, {row["seconds"]:.1f} s', flush=True)
 
 
-def append_draws(names: Sequence[str], first: int, count: int, out: Path) -> None:
+def append_draws(
+    names: Sequence[str], kinds: Sequence[str], first: int, count: int, out: Path
+) -> None:
     """Rows of numbered draws that are not in the file yet, the machines in turn."""
     there = {row['seed'] for row in frame.kept_rows(out)}
     for draw in sorted({*range(first, first + count)} - there):
-        row = row_of(drawn(names[draw % len(names)], draw))
+        row = row_of(drawn(names[draw % len(names)], draw, kinds))
         say(row)
         frame.keep(out, row)
 
@@ -165,14 +169,14 @@ def table(rows: Sequence[dict[str, Any]]) -> None:
 def main() -> None:
     args = frame.arguments(
         __doc__, {'machines': ['oscillator'], 'seeds': [1]}, machines=(), seeds=(1, 2, 3),
-        draws=(0, 0), out=Path, table=(), picture=Path)
+        draws=(0, 0), kinds=tuple(SHARES), out=Path, table=(), picture=Path)
     if args.table:
         rows = [row for path in args.table for row in frame.kept_rows(Path(path))]
         table(rows)
         report(rows, args.picture)
     elif args.draws[1]:
         first, count = args.draws
-        append_draws(args.machines or [*RICH, *EXACT], first, count, args.out)
+        append_draws(args.machines or [*RICH, *EXACT], args.kinds, first, count, args.out)
     else:
         rows = []
         for name in args.machines or RICH:
