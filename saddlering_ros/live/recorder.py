@@ -18,7 +18,7 @@ from saddlering_interfaces import msg
 from saddlering_ros.bags.wire import decode_time
 from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
 from saddlering_ros.errors import LiveError
-from saddlering_ros.record.topics import relative, TOPICS
+from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import short_digest
 from saddlering_ros.ros import names, raw_topics
 from saddlering_ros.ros.raw_topics import RawSubscription
@@ -120,7 +120,7 @@ def streams() -> dict[str, Any]:
 
 def name_of(topic: str) -> str:
     """The name to subscribe to: relative, but for /diagnostics."""
-    return topic if topic == names.DIAGNOSTICS else relative(topic)
+    return topic if topic == names.DIAGNOSTICS else topic.removeprefix('/')
 
 
 def type_name(kind: Any) -> str:

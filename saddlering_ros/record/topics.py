@@ -61,8 +61,3 @@ LOAD_TOPIC = LOAD.name
 PROBE_TOPICS = tuple(topic.name for topic in PROBES)
 RIG_TOPICS = (LOAD_TOPIC, *PROBE_TOPICS)
 """The topics that every test has."""
-
-
-def relative(name: str) -> str:
-    """A topic's name without the leading slash, so that a node's namespace goes before it."""
-    return name.removeprefix('/')

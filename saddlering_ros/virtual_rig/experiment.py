@@ -376,15 +376,6 @@ def _stamps(begin: int, seconds: Floats) -> Stamps:
     return np.asarray(begin * 1_000_000_000 + np.rint(seconds * 1e9).astype(np.int64))
 
 
-def _wander(times: Floats, rms: float, time_constant: float,
-            random: np.random.Generator) -> Floats:
-    """Slow noise (N,) at nearly equal times [s]."""
-    spacing = (times[-1] - times[0]) / max(len(times) - 1, 1)
-    kicks = random.normal(size=len(times))
-    kicks[0] = random.normal()
-    return slow_noise(kicks, spacing, rms, time_constant)
-
-
 def _gaps(plan: TestPlan, run: PhysicalRun, recording: Recording, probe: int, times: Floats,
           random: np.random.Generator) -> Floats:
     """Readings of one probe [m]: its motion, its noise, its amplifier, its converter."""
@@ -393,7 +384,7 @@ def _gaps(plan: TestPlan, run: PhysicalRun, recording: Recording, probe: int, ti
     white = instruments.noise * math.sqrt(max(1.0 - instruments.slow_share**2, 0.0))
     offset = instruments.gap_scatter * random.normal()
     noise = white * random.normal(size=len(times))
-    noise += _wander(times, slow, instruments.slow_time, random)
+    noise += slow_noise(times, slow, instruments.slow_time, random)
     increment = _between(run.time, run.increments[probe], times) + noise
     increment = recording.disturb(probe + 1, times, increment)
     gap = instruments.gap + offset + probes.polarity[probe] * increment
@@ -408,7 +399,7 @@ def _load_reading(plan: TestPlan, run: PhysicalRun, recording: Recording, times:
     """Readings of the load cell [N]."""
     noise = plan.instruments.load_noise
     reading = _between(run.time, run.load, times) + noise * random.normal(size=len(times))
-    reading += _wander(times, noise / 3.0, plan.instruments.slow_time, random)
+    reading += slow_noise(times, noise / 3.0, plan.instruments.slow_time, random)
     reading = np.minimum(reading, recording.load_limit)
     if plan.instruments.quantised:
         level = 2.0 * CELL_SPAN * plan.physical.rig.full_scale_load / LEVELS

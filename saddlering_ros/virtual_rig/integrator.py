@@ -70,13 +70,14 @@ def second_mode(values: Floats, spacing: float, frequency: float, damping: float
     return np.asarray(moved + values[0])
 
 
-def slow_noise(kicks: Floats, spacing: float, rms: float, time_constant: float) -> Floats:
-    """Ornstein-Uhlenbeck noise (N,) from independent normal numbers (N,) of unit variance."""
+def slow_noise(times: Floats, rms: float, time_constant: float,
+               random: np.random.Generator) -> Floats:
+    """Ornstein-Uhlenbeck noise (N,) at nearly equal times [s]."""
+    spacing = (times[-1] - times[0]) / max(len(times) - 1, 1)
     keep = float(np.exp(-spacing / time_constant))
-    driven = kicks * rms * np.sqrt(1.0 - keep * keep)
-    driven[0] = kicks[0] * rms
-    output: Floats = recursion(driven, np.array([1.0, 0.0, 0.0]), np.array([keep, 0.0]))
-    return output
+    driven = random.normal(size=len(times)) * rms * np.sqrt(1.0 - keep * keep)
+    driven[0] = random.normal() * rms
+    return np.asarray(recursion(driven, np.array([1.0, 0.0, 0.0]), np.array([keep, 0.0])))
 
 
 JENKINS, DAHL, LUGRE, BOUC_WEN = 0, 1, 2, 3
@@ -102,8 +103,17 @@ def follow(law: int, z: float, travel: float, presliding: float, seconds: float,
         if moved < -1.0:
             return -1.0, 0.0
         return moved, 1.0 / presliding
-    if law == BOUC_WEN:
-        return _bouc_wen(z, travel / presliding, presliding)
+    if law == BOUC_WEN:  # dz/ds = 1 while |z| falls, 1 - z^2 while it grows, in closed form.
+        steps = travel / presliding
+        sign = 1.0 if steps >= 0.0 else -1.0
+        start, left = z * sign, abs(steps)
+        if start < 0.0:
+            if start + left <= 0.0:
+                return sign * (start + left), 1.0 / presliding
+            left += start
+            start = 0.0
+        after = math.tanh(math.atanh(min(start, 1.0 - 1e-12)) + left)
+        return sign * after, (1.0 - after * after) / presliding
     level = 1.0
     if law == LUGRE and seconds > 0.0:
         speed = travel / seconds / stribeck_speed
@@ -112,21 +122,6 @@ def follow(law: int, z: float, travel: float, presliding: float, seconds: float,
     fade = math.exp(-abs(travel) / (presliding * level))
     after = goal + (z - goal) * fade
     return after, abs(goal - z) * fade / (presliding * level)
-
-
-@compiled()
-def _bouc_wen(z: float, steps: float, presliding: float) -> tuple[float, float]:
-    """dz/ds = 1 while |z| falls, 1 - z^2 while it grows, in closed form."""
-    sign = 1.0 if steps >= 0.0 else -1.0
-    start, left = z * sign, abs(steps)
-    if start < 0.0:
-        if start + left <= 0.0:
-            return sign * (start + left), 1.0 / presliding
-        left += start
-        start = 0.0
-    start = min(start, 1.0 - 1e-12)
-    after = math.tanh(math.atanh(start) + left)
-    return sign * after, (1.0 - after * after) / presliding
 
 
 @compiled()
