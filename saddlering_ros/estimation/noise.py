@@ -140,13 +140,39 @@ class RestSource:
         cls, segments: Sequence[RestSegment], parities: Sequence[RestSegment],
         still: Sequence[Array],
     ) -> RestSource:
-        """Stretches at rest and parities of whole records, if these are noise alone.
+        """Stretches at rest and parities (1, N_i) of whole records, if these are noise alone.
 
-        still (n_i,): the stretches of the parities at rest.
+        The parity of the radial probes is zero for a rigid ring with any contact. If the parity is
+        noise alone, it shows the slow noise of the whole record, also between stretches at rest.
+        If a cause shows in the parity, it is no noise; a diagnosis must therefore not read noise
+        from it. still (n_i,): the stretches of the parities at rest.
         """
-        ratios = parity_ratios(
-            [one.values[0] for one in parities], still, [one.values for one in segments])
-        return cls(segments) if ratios is None else cls(segments, (), parities, ratios)
+        if not segments:
+            return cls(segments)
+        records = RowTotals([one.values[0] for one in parities])
+        whole = np.array([records.pooled_variance(count)[0] for count in COMPARED_COUNTS])
+        at_rest = [RowTotals([one.values[row] for one in segments])
+                   for row in range(len(segments[0].values))]
+        channels = np.array([
+            [totals.pooled_variance(count)[0] for count in COMPARED_COUNTS] for totals in at_rest])
+        if not (np.all(np.isfinite(channels)) and np.all(whole > 0.0)):
+            return cls(segments)
+        ratios = np.mean(channels / whole, axis=1)
+        if np.any(ratios < 1.0 / MAX_RATIO) or np.any(ratios > MAX_RATIO):
+            return cls(segments)
+        # Whether the parities move by more than their noise at rest.
+        resting, last, walk, count = RowTotals(still), 0, np.inf, 1
+        while count <= max(int(records.sizes.max()) // 8, 1):
+            moving, _ = records.pooled_variance(count)
+            quiet, pairs = resting.pooled_variance(count)
+            if pairs >= SURE_PAIRS:
+                if moving > MAX_GROWTH * quiet:
+                    return cls(segments)
+                last, walk = count, moving
+            elif last and moving > MAX_GROWTH * walk * count / last:
+                return cls(segments)
+            count *= 2
+        return cls(segments, (), parities, np.asarray(ratios)) if last else cls(segments)
 
     @property
     def is_usable(self) -> bool:
@@ -345,41 +371,3 @@ def channel_correlation(segments: Sequence[RestSegment]) -> Array:
     if np.linalg.eigvalsh(correlation)[0] < 1e-3:
         return np.eye(len(correlation))
     return np.asarray(correlation)
-
-
-def parity_ratios(
-    parities: Sequence[Array], rests: Sequence[Array], segments: Sequence[Array]
-) -> Array | None:
-    """Variance of the noise of each channel over that of the parity (C,); None if it moves.
-
-    The parity of the radial probes is zero for a rigid ring with any contact. If the parity is
-    noise alone, it shows the slow noise of the whole record, also between stretches at rest. If
-    a cause shows in the parity, it is no noise; a diagnosis must therefore not read noise from
-    it. parities (N_i,) of whole records with equal sampling; rests (n_i,): their stretches at
-    rest; segments (C, n_i): all channels there.
-    """
-    if not segments:
-        return None
-    records = RowTotals(parities)
-    whole = np.array([records.pooled_variance(count)[0] for count in COMPARED_COUNTS])
-    at_rest = [RowTotals([values[row] for values in segments]) for row in range(len(segments[0]))]
-    channels = np.array([
-        [totals.pooled_variance(count)[0] for count in COMPARED_COUNTS] for totals in at_rest])
-    if not (np.all(np.isfinite(channels)) and np.all(whole > 0.0)):
-        return None
-    ratios = np.mean(channels / whole, axis=1)
-    if np.any(ratios < 1.0 / MAX_RATIO) or np.any(ratios > MAX_RATIO):
-        return None
-    # Whether the parities move by more than their noise at rest.
-    still, last, walk, count = RowTotals(rests), 0, np.inf, 1
-    while count <= max(int(records.sizes.max()) // 8, 1):
-        moving, _ = records.pooled_variance(count)
-        resting, pairs = still.pooled_variance(count)
-        if pairs >= SURE_PAIRS:
-            if moving > MAX_GROWTH * resting:
-                return None
-            last, walk = count, moving
-        elif last and moving > MAX_GROWTH * walk * count / last:
-            return None
-        count *= 2
-    return np.asarray(ratios) if last else None

@@ -9,7 +9,6 @@ from saddlering_ros.estimation.noise import (
     measure_noise,
     noise_alone,
     noise_by_class,
-    parity_ratios,
     RestSource,
 )
 from saddlering_ros.estimation.process import ChannelNoise, EstimationError
@@ -103,9 +102,10 @@ def cut(rows, stretch=137, every=300):
     return [rows[:, start:start + stretch] for start in range(0, rows.shape[1] - stretch, every)]
 
 
-def ratios_of(parity, rows):
-    """Noise of channels (C, N) over that of a parity (1, N)."""
-    return parity_ratios([parity[0]], [part[0] for part in cut(parity)], cut(rows))
+def ratios_of(parity, rows, still=None):
+    """Noise of channels (C, N) over that of a parity (1, N), at rest as in `still`."""
+    at_rest = [part[0] for part in cut(parity if still is None else still)]
+    return RestSource.beside(rests(cut(rows)), rests([parity]), at_rest).ratios
 
 
 def test_the_parity_of_a_whole_record_shows_the_slow_part_between_the_stretches():
@@ -127,8 +127,7 @@ def test_a_parity_that_something_moves_says_nothing_about_noise():
     rows, parity = wandering(3, 15000), wandering(1, 15000, 2)
     jumps = np.where(np.arange(15000) // 150 % 4 == 3, 2e-6, 0.0)
     assert ratios_of(parity, rows) is not None
-    assert parity_ratios([(parity + jumps)[0]], [part[0] for part in cut(parity)],
-                         cut(rows)) is None
+    assert ratios_of(parity + jumps, rows, parity) is None
     drift = np.cumsum(np.full(15000, 1e-9))
     assert ratios_of(parity + drift, rows) is None
 
