@@ -242,9 +242,8 @@ def measure_noise(
     If there are many labelled stretches, whose common course can be subtracted, they are
     preferred.
 
-    The channels share the shape of the slow part, because they are instruments of one kind and
-    one channel alone shows too little slow noise. They do not share its size or the white
-    part.
+    The channels share the shape of the slow part, because they are instruments of one kind and one
+    channel alone shows too little slow noise. They do not share its size or the white part.
     """
     if not segments:
         raise EstimationError(

@@ -158,9 +158,8 @@ class WeightedObjective:
     def with_likely_loads(self, contact: Array) -> WeightedObjective:
         """The same with the load of dynamic runs corrected by their displacements.
 
-        With little damping the model responds to the load cell's noise by ringing, and the
-        ring did not. Without the correction this noise would count as sensitivity to the
-        parameters.
+        With little damping the model responds to the load cell's noise by ringing, and the ring
+        did not. Without the correction this noise would count as sensitivity to the parameters.
         """
         white = self._plainly_white([
             increments - one.displacement

@@ -50,19 +50,18 @@ class LoadErrors(NamedTuple):
 class Observation:
     """One run, ready to be fitted.
 
-    time [s] and load [N] (N,); zero_load [N]; displacement (3, N) increments since zero
-    [m, m, rad]; branch (N,) +1 loading, -1 unloading, 0 neither; whitening turns each channel's
-    noise into uncorrelated noise of unit variance, 0 where a reading is missing; correlation
-    (3, 3) of these across channels; zero_error (3,): standard deviation of the zero, an error that
-    all readings share; standard_error (3, N) of each reading, that of the zero included. A dynamic
-    run is simulated on its finer grid, fine_time and fine_load (N * per_block,), and averaged over
+    time [s] and load [N] (N,); zero_load [N]; displacement (3, N) increments since zero [m, m,
+    rad]; branch (N,) +1 loading, -1 unloading, 0 neither; whitening turns each channel's noise
+    into uncorrelated noise of unit variance, 0 where a reading is missing; correlation (3, 3) of
+    these across channels; zero_error (3,): standard deviation of the zero, an error that all
+    readings share; standard_error (3, N) of each reading, that of the zero included. A dynamic run
+    is simulated on its finer grid, fine_time and fine_load (N * per_block,), and averaged over
     blocks of per_block; a static one likewise, averaged over spans (N, 2), start and stop of each
     plateau in the grid, since rings of much damping have not come to rest there. Without spans its
-    readings are equilibria.
-    load_errors: effect of the load cell's noise on it.
-    doubtful_lag [s]: largest delay between load and probes that the readings leave open.
-    longest_step [s] of the simulation; None leaves it to the fit. _unmixings: matrices (C, C) that
-    make whitened channels uncorrelated, by the channels.
+    readings are equilibria. load_errors: effect of the load cell's noise on it. doubtful_lag [s]:
+    largest delay between load and probes that the readings leave open. longest_step [s] of the
+    simulation; None leaves it to the fit. _unmixings: matrices (C, C) that make whitened channels
+    uncorrelated, by the channels.
     """
 
     name: str

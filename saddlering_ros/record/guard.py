@@ -205,10 +205,9 @@ class SampleGuard:
     def marks(self, stamps: NDArray[np.int64], *, to_next: bool = False) -> Bits:
         """BRIDGED at those `stamps` (N,), in order, that a refused reading would have influenced.
 
-        They lie between the sound readings before and after the refused one; with
-        `to_next` the stamp of the later one counts too. DOUBTFUL_LOAD is added at stamps
-        of doubtful loads. A stretch that may contain later stamps is stored for the next
-        call.
+        They lie between the sound readings before and after the refused one; with `to_next` the
+        stamp of the later one counts too. DOUBTFUL_LOAD is added at stamps of doubtful loads. A
+        stretch that may contain later stamps is stored for the next call.
         """
         marks = np.zeros(len(stamps), np.uint8)
         if not len(stamps):

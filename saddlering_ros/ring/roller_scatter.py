@@ -2,9 +2,8 @@
 
 Gap and stiffness of every roller differ a little. To first order a gap change g_i moves the ring
 by S^-1 k_i v_i g_i and a stiffness change e_i by -S^-1 F_i v_i e_i, with v_i the roller's
-penetration by (delta_x, delta_y, gamma), k_i its tangent stiffness and S the sum of k_i v_i
-v_i'. Both are averaged over the scatter, because a roller that is about to touch is partly in
-contact.
+penetration by (delta_x, delta_y, gamma), k_i its tangent stiffness and S the sum of k_i v_i v_i'.
+Both are averaged over the scatter, because a roller that is about to touch is partly in contact.
 """
 
 from dataclasses import replace

@@ -21,9 +21,8 @@ Act = Callable[[Any, Mapping[str, float], str], None]
 class TrueSize:
     """One number of an effect, in SI units; plausible sizes run from low to high.
 
-    Declarations state the sizes on the nominal rig (`default_rig`).
-    signed: drawn with either sign; choices: the only values allowed; positive: below or at zero
-    makes no sense.
+    Declarations state the sizes on the nominal rig (`default_rig`). signed: drawn with either
+    sign; choices: the only values allowed; positive: below or at zero makes no sense.
     """
 
     name: str

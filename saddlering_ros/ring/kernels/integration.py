@@ -253,8 +253,15 @@ def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, fri
                 s[at.MEASURED_LOAD + i] = w[at.LOAD_BACKUP + i]
             fraction *= 0.5
             continue
-        if result == FAILED:
-            restart_at_rest(m, rows, uniform, s, w)
+        if result == FAILED:  # Count it, and continue from the equilibrium.
+            s[at.FAILED_STEPS] += 1.0
+            s[at.STEP_OLD] = 0.0
+            found, x, y, tilt = equilibrium(m, rows, uniform, w, s[at.Q], s[at.Q + 1], s[at.Q + 2])
+            if found:
+                s[at.Q], s[at.Q + 1], s[at.Q + 2] = x, y, tilt
+            for i in range(3):
+                s[at.V + i] = s[at.V_OLD + i] = 0.0
+                s[at.Q_OLD + i] = s[at.Q + i]
         done = reached
         if recorder is not None:
             row_tangents.keep_record(m, recorder, h * fraction, aim, s, w)
@@ -288,19 +295,6 @@ def robust_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any, 
         for i in range(at.STATE_SIZE):
             s[i] = w[at.BACKUP + i]
     return FAILED
-
-
-@kernel(**INNER)
-def restart_at_rest(m: Any, rows: Any, uniform: Any, s: Any, w: Any) -> Any:
-    """Count a failed step, and continue from the equilibrium under w[EXTERNAL]."""
-    s[at.FAILED_STEPS] += 1.0
-    s[at.STEP_OLD] = 0.0
-    found, x, y, tilt = equilibrium(m, rows, uniform, w, s[at.Q], s[at.Q + 1], s[at.Q + 2])
-    if found:
-        s[at.Q], s[at.Q + 1], s[at.Q + 2] = x, y, tilt
-    for i in range(3):
-        s[at.V + i] = s[at.V_OLD + i] = 0.0
-        s[at.Q_OLD + i] = s[at.Q + i]
 
 
 @kernel(**INNER)
