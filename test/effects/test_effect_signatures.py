@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 import pytest
 from scipy.signal import lsim
 
+from saddlering_ros.diagnosis.next_test import with_swapped_probes
+from saddlering_ros.discrepancy.problem.system import Point
 from saddlering_ros.effects import catalogue, extension_of, NO_EXTENSION, RingEffect, Variant
 from saddlering_ros.effects.common_shapes import worn_arc
 from saddlering_ros.rig import (
@@ -306,6 +308,18 @@ def test_drift_goes_on_at_rest() -> None:
     values = {'probe_drift': {'probe': 1.0, 'rate': 1e-8}}
     rest = simulated(values, (time, np.full(time.size, RIG.preload)))
     assert rest['delta_x'] == pytest.approx(0.5e-8 * time, abs=1e-13)
+
+
+def test_opposite_probes_that_drift_with_opposite_signs_look_like_motion() -> None:
+    time = np.arange(0.0, 10.0, 0.1)
+    values = {'probe_drift': {'probe': 13.0, 'rate': 1e-8, 'both': 4e-9}}
+    rest = simulated(values, (time, np.full(time.size, RIG.preload)))
+    assert rest['delta_x'] == pytest.approx(0.8e-8 * time, abs=1e-13)
+    assert np.abs(rest['parity']) == pytest.approx(0.2e-8 * time, abs=1e-13)
+    swapped = with_swapped_probes(Point(np.zeros(6), values)).effects
+    moved = simulated(swapped, (time, np.full(time.size, RIG.preload)))
+    assert moved['delta_x'] == pytest.approx(-rest['delta_x'], abs=1e-13)
+    assert moved['parity'] == pytest.approx(rest['parity'], abs=1e-13)
 
 
 def test_a_saturated_probe_stands_still_and_is_right_below_its_limit() -> None:
