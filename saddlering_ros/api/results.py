@@ -208,7 +208,7 @@ class IdentificationResult(ParametricResult):
         return self.validation.plot()
 
     def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
-        from saddlering_ros.report import write_validation_report
+        from saddlering_ros.report.reports import write_validation_report
 
         return write_validation_report(path, self.validation.found, runs_of(self.bags), self.rig,
                                        self.found.to_json(), command)
@@ -258,7 +258,7 @@ class ValidationResult(Result):
         return Plot(figures.comparison((static or curves)[:3]), self._spare_inputs)
 
     def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
-        from saddlering_ros.report import write_validation_report
+        from saddlering_ros.report.reports import write_validation_report
 
         return write_validation_report(path, self.found, runs_of(self.bags), self.rig,
                                        command=command)
@@ -356,7 +356,7 @@ class DiagnosisResult(ParametricResult):
                     self._spare_inputs)
 
     def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
-        from saddlering_ros.report import write_diagnosis_report
+        from saddlering_ros.report.reports import write_diagnosis_report
 
         return write_diagnosis_report(self.found, path, command)
 

@@ -290,7 +290,8 @@ def write_all(story: Story, folder: Path, command: str) -> list[Path]:
     """Write everything beside `folder` first, then move it in, at one go; the paths."""
     from saddlering_ros.files import temporary_folder
     from saddlering_ros.pages.html import pictures_of
-    from saddlering_ros.report import chapters, write_diagnosis_report
+    from saddlering_ros.report import chapters
+    from saddlering_ros.report.reports import write_diagnosis_report
     from saddlering_ros.ros.launcher import signals_held
 
     folder.parent.mkdir(parents=True, exist_ok=True)

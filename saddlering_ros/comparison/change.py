@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 import math
 from typing import Any
 
@@ -84,12 +84,12 @@ class MakerFigures:
 
         The gain of the probes is the same in both, so that it counts for the difference alone.
         """
-        answer = {}
+        answer: dict[str, float] = {}
         for name in WEAR_LIMITS:
             wear = getattr(self, name) - getattr(base, name, 0.0)
             spreads = [getattr(one, f'{name}_std', 0.0) for one in (self, base)]
-            answer[f'{name}_mm'] = 1e3 * wear
-            answer[f'{name}_std_mm'] = 1e3 * math.hypot(*spreads, self.gain * wear)
+            answer |= {f'{name}_mm': 1e3 * wear,
+                       f'{name}_std_mm': 1e3 * math.hypot(*spreads, self.gain * wear)}
         return answer
 
 
@@ -141,8 +141,8 @@ def standard_errors(record: Record, steps: Plateaus) -> Floats:
     """
     step, errors = float(np.median(np.diff(record.time))), []
     for row in record.gaps[AXIAL]:
-        parts = [row[start:stop] for start, stop in zip(steps.start, steps.stop, strict=True)]
-        parts = [part[np.isfinite(part)] for part in parts]
+        held = (row[start:stop] for start, stop in zip(steps.start, steps.stop, strict=True))
+        parts = [part[np.isfinite(part)] for part in held]
         lasting = step * np.array([max(len(part), 1) for part in parts], dtype=float)
         errors.append(np.sqrt(noise_alone(parts, step).variances(lasting)))
     return np.array(errors)
@@ -187,18 +187,17 @@ class Change:
         """The verdict in one sentence."""
         if self.verdict == 'none':
             return 'Nothing changed between the sessions that these tests could show.'
-        words = '; '.join(change_words(cause) for cause in self.diagnosis.causes)
-        if self.verdict == 'named':
-            return f'Changed since the earlier session: {words}.'
-        if self.verdict == 'ambiguous':
-            return f'Something changed, and several causes explain it equally: {words}.'
-        return ('Something changed, and no cause of the catalogue is established'
-                + (f'; in part: {words}.' if words else '.'))
+        words = '; '.join(map(change_words, self.diagnosis.causes))
+        return {
+            'named': f'Changed since the earlier session: {words}.',
+            'ambiguous': f'Something changed, and several causes explain it equally: {words}.',
+            'unknown': 'Something changed, and no cause of the catalogue is established'
+                       f'{"; in part: " * bool(words)}{words}.'}[self.verdict]
 
     def to_json(self) -> dict[str, Any]:
         """The verdict document of the change."""
         found, misfits = self.diagnosis, _misfits(self.diagnosis)
-        document = {
+        document: dict[str, Any] = finite_json({
             'verdict': self.verdict, 'headline': self.headline, 'complete': found.complete,
             'remainder': [vars(rest) for rest in found.remainder],
             'probabilities': found.probabilities, 'stability': found.stability,
@@ -210,9 +209,9 @@ class Change:
                 for session, records in (('before', self.before), ('after', self.after))
                 for record in records],
             'parameters': {
-                place: {key: number for name, numbers in self.contact.items()
-                        for key, number in ((name, numbers[index].value),
-                                            (f'{name}_std', numbers[index].std))}
+                place: {name + ending: getattr(numbers[index], field)
+                        for name, numbers in self.contact.items()
+                        for ending, field in (('', 'value'), ('_std', 'std'))}
                 for index, place in enumerate(('before', 'after', 'change'))},
             'next_test': self.next_test,
             'detection_limits': [
@@ -225,9 +224,8 @@ class Change:
             'notes': list(self.notes), 'proposal': None,
             'provenance': Provenance(tuple(
                 record.test_run.origin for record in (*self.before, *self.after))).as_dict(),
-            'seed': self.seed, 'seconds': found.seconds}
-        answer: dict[str, Any] = finite_json(document)
-        return answer
+            'seed': self.seed, 'seconds': found.seconds})
+        return document
 
 
 def name_of(effect_id: str) -> str:
@@ -239,8 +237,7 @@ def change_words(cause: Cause) -> str:
     """A cause with the change of its size: 'dry friction ..., force by +1.50 ± 0.16 kN'."""
     name, size = next(iter(cause.parameters.items()))
     others = ' or '.join(name_of(effect) for effect in cause.group if effect != cause.effect)
-    sign = '+' if size.value > 0.0 else ''
-    words = (f'{cause.definition.title.lower()}, {name} by {sign}'
+    words = (f'{cause.definition.title.lower()}, {name} by {"+" * (size.value > 0.0)}'
              f'{quantity(size.value, size.unit, size.std)}')
     return f'{words} (or {others.lower()})' if others else words
 
@@ -264,7 +261,7 @@ def compare_records(
     names = ['before', *(f'session {number + 2}' for number in range(len(between))), 'after']
     prepared: dict[str, tuple[PreparedRecord, ...]] = {}
     for session, records in zip(names, every, strict=True):
-        built = [build_record(rig, record, held_out=False) for record in records]
+        built = (build_record(rig, record, held_out=False) for record in records)
         # Bags of two sessions often share their names.
         prepared[session] = tuple(
             replace(one, run=replace(one.run, name=f'{session} {number}: {one.run.name}'))
@@ -313,8 +310,7 @@ def check_sessions(
              for records in (before, after)]
     if len(rings[0] | rings[1]) > 1:
         remedy = 'compare sessions of one ring'
-        stated = [{record.details.get('ring', '') for record in records} - {''}
-                  for records in (before, after)]
+        stated = _stated('ring', before, after)
         for silent, own, other in (('before', *stated), ('after', *stated[::-1])):
             if not own and len(other) == 1:
                 remedy = (f'{silent} states no ring: if it is the same, add ring: {min(other)} to '
@@ -331,8 +327,7 @@ def check_sessions(
                               'each session the bags of its own time')
     doubts = {}
     for key, (reason, test) in DOUBTS.items():
-        first, second = ({record.details.get(key, '') for record in records} - {''}
-                         for records in (before, after))
+        first, second = _stated(key, before, after)
         if first and second and first != second:
             doubts[reason] = test
     kinds = [{(record.test, round(math.degrees(record.elevation))) for record in records}
@@ -341,6 +336,11 @@ def check_sessions(
              'that belong to this test alone do not cancel'
              for test, degrees in sorted(kinds[1] - kinds[0])]
     return notes, doubts
+
+
+def _stated(key: str, *sessions: Sequence[Record]) -> list[set[str]]:
+    """What the bags of each session state under a key of the metadata."""
+    return [{record.details.get(key, '') for record in records} - {''} for records in sessions]
 
 
 def renewed_between(
@@ -424,10 +424,8 @@ def contact_of_sessions(
     # The whole range of a parameter is one standard deviation of its prior, as in every fit.
     covariance = np.linalg.inv(columns.T @ columns + np.eye(columns.shape[1]))
     step = covariance @ (columns.T @ residual)
-    answers = {}
-    moved = fit.point.effects.get(CONTACT_CHANGE)
-    changed = {} if moved is None else {
-        QUANTITIES[round(moved['quantity'])]: 1.0 + moved['change']}
+    answers, moved = {}, fit.point.effects.get(CONTACT_CHANGE)
+    changed = {QUANTITIES[round(moved['quantity'])]: 1.0 + moved['change']} if moved else {}
     for index, item in enumerate(parameters):
         unit, places = float(fit.theta_unit[index]), [index, count + index]
         slope, value = item.slope(unit), item.from_unit(unit)
@@ -468,12 +466,11 @@ def _maker(
     rig: Rig, before: Sequence[Record], after: Sequence[Record],
 ) -> tuple[MakerFigures, MakerFigures] | None:
     """Figures of the first static tests at one elevation, one of each session."""
-    for first in before:
-        for second in after:
-            alike = abs(first.elevation - second.elevation) < math.radians(0.5)
-            if first.test == second.test == 'static' and alike and not rig.probes.absent:
-                loads = common_loads(first, second)
-                return maker_figures(rig, first, loads), maker_figures(rig, second, loads)
+    for first, second in product(before, after):
+        alike = abs(first.elevation - second.elevation) < math.radians(0.5)
+        if first.test == second.test == 'static' and alike and not rig.probes.absent:
+            loads = common_loads(first, second)
+            return maker_figures(rig, first, loads), maker_figures(rig, second, loads)
     return None
 
 

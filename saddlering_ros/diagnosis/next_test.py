@@ -25,11 +25,9 @@ from saddlering_ros.quantities import is_left, MATERIAL
 from saddlering_ros.record import Record
 from saddlering_ros.rig import Rig
 
-MIN_LIKENESS = 0.3
-"""Cosine of two signatures from which an effect counts as an alternative to a named one."""
-
-SAME = 0.98
-"""Cosine of two signatures from which they are one in these data."""
+MIN_LIKENESS, SAME = 0.3, 0.98
+"""Cosines of two signatures from which an effect counts as an alternative to a named one, and from
+which both are one in these data."""
 
 MAX_ALTERNATIVES = 3
 """Alternatives that one test can part: a sentence with more outcomes is not read."""
@@ -49,11 +47,9 @@ RAMP, HOLD, STEPS = 1.0, 5.0, 25
 FAST_STEP = 5e-3
 """Longest step [s] of the simulation of a fast ramp, in which damping shows."""
 
-REST_SECONDS = 600.0
-"""Length of a record at constant preload."""
-
-SAG = 1e-4
-"""Wander of a held load in that time, as a share of full scale."""
+REST_SECONDS, SAG = 600.0, 1e-4
+"""Length of a record at constant preload [s], and the wander of the held load in it, as a share of
+full scale."""
 
 CELL_GAIN, CELL_SHARE = 2e-3, 5e-4
 """Accuracy of a reference cell: share of the load, and share of full scale."""

@@ -141,12 +141,15 @@ COORDINATES = {
     'rate': 'follows the rate of the load', 'time': 'follows time'}
 
 
+def bag_name(bag: object) -> str:
+    """The last part of a bag's path."""
+    return str(bag).rstrip('/').rsplit('/', 1)[-1]
+
+
 def title_of(effect_id: str) -> str:
     """The title of an effect or dimension, or its id if neither has it."""
     effect = catalogue().get(effect_id)
-    if effect is not None:
-        return effect.title
-    return title_of_dimension(effect_id) or effect_id
+    return effect.title if effect is not None else title_of_dimension(effect_id) or effect_id
 
 
 def lowered(title: str) -> str:
@@ -175,9 +178,9 @@ def headline(document: VerdictDocument) -> str:
                 f'These data cannot tell the possible causes apart: {group}.'
                 if len(cause['group']) > 1 else f'One cause is {group} ({size_of(cause)}).')
         return f'The simulation lacks a cause. {" ".join(words)}{rest}'
-    names = [f'{lowered(title_of(cause["effect"]))} ({size_of(cause)})' for cause in causes]
-    *others, last = names
-    lacking = f'{", ".join(others)}{" and " if others else ""}{last}'
+    *others, last = (f'{lowered(title_of(cause["effect"]))} ({size_of(cause)})'
+                     for cause in causes)
+    lacking = f'{", ".join(others)}{" and " * bool(others)}{last}'
     if document.get('complete', True):
         return f'The simulation lacks {lacking}.'
     gain = document['gain']
@@ -188,8 +191,8 @@ def headline(document: VerdictDocument) -> str:
 def _unknown(document: VerdictDocument) -> str:
     """Where the misfit is largest over the noise, what explains a part of it, its shapes."""
     cases = [(item['nrmse_before'] / item['noise_floor'],
-              f', most in {name} of {_bag_name(run)}: {percent(item["nrmse_before"])} of range, '
-              f'where noise alone gives {percent(item["noise_floor"])}')
+              f', most in {name} of {bag_name(run["bag"])}: {percent(item["nrmse_before"])} of '
+              f'range, where noise alone gives {percent(item["noise_floor"])}')
              for run in document['runs'] for name, item in run['channels'].items()
              if name != 'parity' and item['nrmse_before'] and item['noise_floor']]
     ratio, where = max(cases, default=(0.0, ''))
@@ -210,23 +213,17 @@ def tried(document: VerdictDocument) -> str:
         has_law=bool(document.get('proposal')))
 
 
-def _bag_name(run: Mapping[str, Any]) -> str:
-    return str(run['bag']).rstrip('/').rsplit('/', 1)[-1]
-
-
 def _sound_words(document: VerdictDocument) -> str:
     """Where small errors of a sound ring explain the residual: the channel with the largest."""
-    largest, words = 0.0, ''
-    for run in document['runs']:
-        for name, channel in run['channels'].items():
-            misfit, sound = channel['nrmse_before'] or 0.0, channel.get('sound') or 0.0
-            is_noise = misfit <= quantities.allowed_misfit(channel['noise_floor'])
-            if name != 'parity' and not is_noise and misfit > largest:
-                largest, words = misfit, (
-                    f'or what unequal rollers, clearances and the weight of a sound ring do '
-                    f'({percent(misfit)} of range in {name}, where they may do '
-                    f'{percent(sound)} rms), ')
-    return words
+    cases = [(channel['nrmse_before'] or 0.0, name, channel.get('sound') or 0.0)
+             for run in document['runs'] for name, channel in run['channels'].items()
+             if name != 'parity' and (channel['nrmse_before'] or 0.0)
+             > quantities.allowed_misfit(channel['noise_floor'])]
+    if not cases:
+        return ''
+    misfit, name, sound = max(cases, key=lambda case: case[0])
+    return ('or what unequal rollers, clearances and the weight of a sound ring do '
+            f'({percent(misfit)} of range in {name}, where they may do {percent(sound)} rms), ')
 
 
 def gain_sentence(document: VerdictDocument) -> str:
@@ -238,34 +235,30 @@ def gain_sentence(document: VerdictDocument) -> str:
     if gain.get('held_out') is None:
         return (f'The extended model reduces the misfit by {fitted} on fitted runs. No run was '
                 'held out to check this.')
-    kept = percent(gain['held_out'])
     how = {'held out': 'held-out runs',
            'held out in turn': 'runs held out in turn'}.get(gain.get('how', ''), 'other runs')
-    return (f'The extended model reduces the misfit by {kept} on {how}, and by {fitted} on '
-            'fitted runs.')
+    return (f'The extended model reduces the misfit by {percent(gain["held_out"])} on {how}, and '
+            f'by {fitted} on fitted runs.')
 
 
 def size_of(cause: CauseEntry) -> str:
     """Place of a cause and the size of its first parameter: 'probe 2 gain +3.0 ± 0.2 %'."""
-    choices = choices_of(cause['effect'])
-    name = next(name for name in cause['parameters'] if name not in choices)
-    words = parameter_value(cause['effect'], name, cause['parameters'][name])
-    return ' '.join(filter(None, (place_of(cause), words)))
+    return ' '.join(filter(None, (place_of(cause), _fitted_words(cause)[0][1])))
 
 
 def parameter_words(cause: CauseEntry) -> str:
     """Place of a cause and all its fitted parameters, in one line."""
-    choices = choices_of(cause['effect'])
-    words = [place_of(cause)] + [
-        parameter_value(cause['effect'], name, size)
-        for name, size in cause['parameters'].items()
-        if name not in choices and (size['std'] or size['unit'] not in ('', '1'))]
+    words = [place_of(cause), *(words for size, words in _fitted_words(cause)
+                                if size['std'] or size['unit'] not in ('', '1'))]
     return ', '.join(filter(None, words)) or size_of(cause)
 
 
-def parameter_value(effect_id: str, name: str, size: SizeEntry) -> str:
-    """A parameter with its value and error, in a suitable unit and with its sign."""
-    return f'{name} {value_words(effect_id, name, size["value"], size["unit"], size["std"])}'
+def _fitted_words(cause: CauseEntry) -> list[tuple[SizeEntry, str]]:
+    """Each fitted parameter with its value and error, in a suitable unit and with its sign."""
+    effect_id, choices = cause['effect'], choices_of(cause['effect'])
+    return [(size, f'{name} ' + value_words(
+        effect_id, name, size['value'], size['unit'], size['std']))
+        for name, size in cause['parameters'].items() if name not in choices]
 
 
 def value_words(
@@ -365,7 +358,8 @@ def document_text(document: VerdictDocument) -> str:
             f'{name} ' + ' / '.join('-' if (share := cast(Shares, misfit)[key]) is None else
                                     f'{100.0 * share:.2f}' for key in columns)
             for name, misfit in run['channels'].items())
-        lines.append(f'  {_bag_name(run)}{" (held out)" if run["held_out"] else ""}: {shares}')
+        role = ' (held out)' if run['held_out'] else ''
+        lines.append(f'  {bag_name(run["bag"])}{role}: {shares}')
     lines += ['', 'Contact parameters (before -> after):' if is_extended else
               'Contact parameters:', *_parameter_lines(document, is_extended)]
     return '\n'.join([*lines, *(f'note: {note}' for note in document['notes'])])

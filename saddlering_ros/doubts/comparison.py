@@ -4,6 +4,7 @@ A forgotten rig file simulates another ring: every channel misfits, and the advi
 """
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,8 @@ def refuse_other_rig(runs: Sequence[Record], rig: Rig) -> None:
     """
     for run in runs:
         refuse_other_hash(run, rig)
-        if not run.rig_hash and run.rig not in UNDESCRIBED and _is_shipped(rig):
+        is_shipped = rig.digest == default_rig().digest
+        if not run.rig_hash and run.rig not in UNDESCRIBED and is_shipped:
             note = (f'the bag names the rig {run.rig!r}, and the shipped rig is simulated '
                     f'({rig_in_words(rig)}): give its rig file if it differs')
             if note not in run.notes:
@@ -35,12 +37,12 @@ def refuse_other_hash(run: Record | RawRecord, rig: Rig) -> None:
     """BagError if a bag states the hash of another rig than `rig`."""
     if run.rig_hash and run.rig_hash != rig.digest:
         name = f' {run.rig!r}' if run.rig else ''
-        in_use = 'the shipped rig is in use, which is another' if _is_shipped(rig) else \
-            'the rig in use is another'
+        is_shipped = rig.digest == default_rig().digest
+        in_use = 'shipped rig is in use, which' if is_shipped else 'rig in use'
         raise BagError(
             f'{run.path}: was recorded on the rig{name} with the hash '
-            f'{short_digest(run.rig_hash)}, and {in_use} ({rig_in_words(rig)}): give rig=FILE of '
-            'that rig, or trust_rig=True to continue with this rig')
+            f'{short_digest(run.rig_hash)}, and the {in_use} is another ({rig_in_words(rig)}): '
+            'give rig=FILE of that rig, or trust_rig=True to continue with this rig')
 
 
 def refuse_parameters_of_other_rig(parameters: ParameterSet, rig: Rig) -> None:
@@ -59,20 +61,12 @@ def rig_in_words(rig: Rig) -> str:
             f'{rig.full_scale_words}, hash {short_digest(rig.digest)}')
 
 
-def _is_shipped(rig: Rig) -> bool:
-    return rig.digest == default_rig().digest
-
-
-Floats = NDArray[np.float64]
-
 SAME_SHARE = 0.5
 """Share of the shorter run's samples in common above which two runs are one recording."""
 
-ANCHORS = (0.3, 0.5, 0.7)
-"""Shares of the length of the shorter run, from which it is searched in the longer one."""
-
-ANCHOR_ROWS = 16
-"""Successive loads that are searched."""
+ANCHORS, ANCHOR_ROWS = (0.3, 0.5, 0.7), 16
+"""Shares of the length of the shorter run, from which it is searched in the longer one; and the
+successive loads that are searched."""
 
 
 def is_same_recording(first: Record, second: Record) -> bool:
@@ -128,6 +122,9 @@ def _equal_at_their_stamps(first: Record, second: Record) -> int:
     return count
 
 
+Floats = NDArray[np.float64]
+
+
 def _equal(load: Floats, gaps: Floats, other_load: Floats, other_gaps: Floats) -> int:
     """Number of rows with equal loads (N,) and gaps (4, N); NaN equals NaN."""
     same = (gaps == other_gaps) | (np.isnan(gaps) & np.isnan(other_gaps))
@@ -136,16 +133,12 @@ def _equal(load: Floats, gaps: Floats, other_load: Floats, other_gaps: Floats) -
 
 def refuse_repeats(runs: Sequence[Record], held_out: Sequence[Record] = ()) -> None:
     """BagError (one line) if a recording is given twice, or is both fitted and held out."""
-    every = [*runs, *held_out]
-    for later, second in enumerate(every):
-        for first in every[:later]:
-            if not is_same_recording(first, second):
-                continue
-            if later >= len(runs) and any(first is run for run in runs):
-                raise BagError(
-                    f'{second.path}: holds the same recording as {first.path}, which is fitted: '
-                    'hold out another recording, because the agreement of this one would prove '
-                    'nothing')
+    for (place, first), (later, second) in combinations(enumerate([*runs, *held_out]), 2):
+        if not is_same_recording(first, second):
+            continue
+        if place < len(runs) <= later:
             raise BagError(
-                f'{second.path}: holds the same recording as {first.path}: give it once, because '
-                'a second copy would make the errors too small')
+                f'{second.path}: holds the same recording as {first.path}, which is fitted: hold '
+                'out another recording, because the agreement of this one would prove nothing')
+        raise BagError(f'{second.path}: holds the same recording as {first.path}: give it once, '
+                       'because a second copy would make the errors too small')

@@ -26,20 +26,16 @@ MIN_SAMPLES = 20
 RATE_TOLERANCE = 0.05
 """Share by which a rate may differ from the one wanted, and arrival from the stamps."""
 
-CLOCK_LIMIT = 1.0
-"""Stamps that lag behind or lead the clock of this machine by more [s] are of another clock."""
-
-SKEW_LIMIT = 0.010
-"""Stamps of a probe that lag behind the load's by more [s], by the time of arrival."""
+CLOCK_LIMIT, SKEW_LIMIT = 1.0, 0.010
+"""Stamps that differ from the clock of this machine, or those of a probe from the load's by the
+time of arrival, by more [s] are of another clock."""
 
 SHARED_STAMPS = 0.2
 """Share of samples with the stamp of the one before that shows stamps of whole blocks."""
 
-SPAN_TOLERANCE = 0.01
-"""A published range may differ from that of the rig file by this share of the span."""
-
-NARROW_MARGIN = 0.1
-"""A gap at rest should be further from both ends of the range than this share of the span."""
+SPAN_TOLERANCE, NARROW_MARGIN = 0.01, 0.1
+"""Shares of the span by which a published range may differ from that of the rig file, and by which
+a gap at rest should be further from both ends."""
 
 MOVED = 50.0
 """Readings that spread by more than this many standard deviations of their noise have moved."""
@@ -106,8 +102,7 @@ def check_driver(
     elevation [rad] decides to which side a load must move each probe; rate [Hz]: wanted of every
     topic, if given.
     """
-    found = _Findings()
-    usable = True
+    found, usable = _Findings(), True
     probes = [PROBES[number - 1] for number in rig.probes.present]
     for topic in (LOAD, *probes):
         found.where = topic.name
@@ -117,8 +112,7 @@ def check_driver(
             _values(found, rig, topic, one)
             continue
         usable = False
-        types = () if one is None else one.types
-        wrong = [kind for kind in types if kind != topic.type]
+        wrong = [] if one is None else [kind for kind in one.types if kind != topic.type]
         if wrong:
             found.fault(f'is published as {wrong[0]}: publish {topic.type}')
         elif one is None or not one.publishers:
@@ -168,9 +162,9 @@ def _stamps(found: _Findings, topic: RigTopic, one: HeardTopic, rate: float | No
         found.fault(f'stamps advance by {stamped / 1e9:.3g} s in '
                     f'{arrived / 1e9:.3g} s: the stamps are not times, or the driver falls behind')
     if abs(one.delay) > CLOCK_LIMIT:
-        side = 'behind' if one.delay > 0.0 else 'ahead of'
-        found.fault(f'stamps are {abs(one.delay):.3g} s {side} the clock of this '
-                    'machine: synchronise the clocks (chrony, PTP), or stamp in UTC')
+        found.fault(f'stamps are {abs(one.delay):.3g} s '
+                    f'{"behind" if one.delay > 0.0 else "ahead of"} the clock of this machine: '
+                    'synchronise the clocks (chrony, PTP), or stamp in UTC')
 
 
 def _values(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> None:

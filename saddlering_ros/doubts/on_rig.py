@@ -39,15 +39,12 @@ UNIT_TOLERANCE = 0.03
 PEAK_SHARE = 0.3
 """Share of full scale, in another unit, which the highest load reaches."""
 
-PARTS = 20
-"""Parts of a record over which the parity is averaged."""
+PARTS, PARITY_ERRORS = 20, 5.0
+"""Parts of a record over which the parity is averaged, and standard deviations of these means by
+which the parity may follow the load."""
 
 MIN_HOLDS = 8
 """Number of holds with which a dynamic record looks static."""
-
-PARITY_ERRORS = 5.0
-"""Standard deviations of its means over a twentieth of the record by which the parity may follow
-the load."""
 
 PARITY_FOLLOWS = Kind(
     'the parity of probes 1 and 3 follows the load by {moved}; that of a rigid ring is constant: '
@@ -88,9 +85,8 @@ LOOKS_STATIC = Kind(
     limit=0.6)
 """Share of its time in holds with which a dynamic record looks static."""
 
-MIN_LINE_SAMPLES = 200
-LINE_REACH = 12
-"""Lines of the spectrum on either side of one with which it is compared."""
+MIN_LINE_SAMPLES, LINE_REACH = 200, 12
+"""Samples that show a line of the spectrum, and lines on either side with which it is compared."""
 
 MIN_PEAK = 0.5
 """Share of the full scale that the highest load of a test reaches."""
@@ -198,10 +194,8 @@ def rig_findings(
     findings = _unit_of_load(rig, time, load)
     wanted = rig.probes.max_range
     for number, (_, high) in enumerate(spans, start=1):
-        if not math.isfinite(high) or _is_near(high, wanted):
-            continue
         looks = [name for name, factor in LENGTH_UNITS.items() if _is_near(high * factor, wanted)]
-        if looks:
+        if looks and not _is_near(high, wanted):
             findings.append(SPAN_UNIT.at(probe=number, high=high, wanted=wanted, unit=looks[0]))
     if test == 'dynamic':
         holds = find_holds(time, load)
@@ -218,11 +212,9 @@ def _is_near(value: float, wanted: float) -> bool:
 def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
     zero = zero_of_record(rig, time, load)
     start, peak = zero.load, float(extremes(load)[1])
-    looks = [
-        name for name, factor in FORCE_UNITS.items()
-        if rig.preload > 0.0 and _is_near(start * factor, rig.preload)
-        and PEAK_SHARE < peak * factor / rig.full_scale_load < OVERLOAD.limit
-    ]
+    looks = [name for name, factor in FORCE_UNITS.items()
+             if rig.preload > 0.0 and _is_near(start * factor, rig.preload)
+             and PEAK_SHARE < peak * factor / rig.full_scale_load < OVERLOAD.limit]
     if looks:
         return [LOAD_UNIT.at(start=start, peak=peak, units=' or '.join(looks),
                              preload=rig.preload, factor=FORCE_UNITS[looks[0]])]

@@ -110,9 +110,8 @@ def check_values(where: str, stamps: NDArray[np.int64], values: NDArray[np.float
         return
     bad = ~np.isfinite(values)
     first = int(np.argmax(bad))
-    kinds = ' and '.join(
-        name for name, found in (('NaN', np.isnan(values)), ('infinite', np.isinf(values)))
-        if found.any())
+    kinds = ' and '.join(name for name, kind in (('NaN', np.isnan), ('infinite', np.isinf))
+                         if kind(values).any())
     raise BagError(
         f'{where}: {int(bad.sum())} of {len(values)} readings are {kinds}, first at stamp '
         f'{stamps[first]} ns ({(stamps[first] - stamps[0]) / 1e9:.3f} s into the record): check '
@@ -142,14 +141,12 @@ def check_probe_unit(
     typical = float(np.median(np.abs(spread(gaps))))
     if _is_span(min_range, max_range) and max_range < MAX_SPAN:
         distance = max(min_range - typical, typical - max_range, 0.0)
-        limit = FAR_OUTSIDE * (max_range - min_range)
-        span = f"the probe's span of {min_range:g} to {max_range:g} m"
-        if distance > limit:
+        if distance > FAR_OUTSIDE * (max_range - min_range):
             raise BagError(
-                f'{where}: readings around {typical:.4g} m are far outside {span} and look like '
+                f"{where}: readings around {typical:.4g} m are far outside the probe's span of "
+                f'{min_range:g} to {max_range:g} m and look like '
                 f'{_guess_unit(typical, min_range, max_range)}: publish metres')
-        return
-    if typical > MAX_SPAN:
+    elif typical > MAX_SPAN:
         raise BagError(
             f'{where}: readings around {typical:.4g} m are beyond any eddy-current probe and '
             f'look like {_guess_unit(typical, 0.0, 0.01)}: publish range, min_range and '
@@ -184,17 +181,14 @@ def _probe_findings(raw: RawTopic, aligned: NDArray[np.float64]) -> list[Finding
     absent = count_where(np.isnan, aligned)
     if absent > NO_READING.limit * len(aligned):
         findings.append(NO_READING.at(raw.topic, count=absent, stamps=len(aligned)))
-    at_limit = count_where(lambda part: (part <= low) | (part >= high), raw.values)
     if not _is_span(low, high):
         findings.append(NO_SPAN.at(raw.topic))
-    elif at_limit:
+    elif count := count_where(lambda part: (part <= low) | (part >= high), raw.values):
         findings.append(AT_LIMIT_OF_SPAN.at(
-            raw.topic, count=at_limit, readings=len(raw.values), low=low, high=high,
+            raw.topic, count=count, readings=len(raw.values), low=low, high=high,
             unit=_unit_outside(raw)))
     lowest, highest = extremes(raw.values)
-    if lowest == highest:
-        findings.append(NEVER_CHANGES.at(raw.topic))
-    return findings
+    return [*findings, NEVER_CHANGES.at(raw.topic)] if lowest == highest else findings
 
 
 def _is_span(low: float, high: float) -> bool:
@@ -203,19 +197,16 @@ def _is_span(low: float, high: float) -> bool:
 
 def _unit_outside(raw: RawTopic) -> str:
     """Words on the unit of a probe's readings, of which most lie outside of its span."""
-    typical = float(np.median(np.abs(spread(raw.values))))
-    low, high = raw.min_range, raw.max_range
-    if not _is_span(low, high) or low < typical < high:
-        return ''
-    return f' and look like {_guess_unit(typical, low, high)}'
+    typical, low, high = np.median(np.abs(spread(raw.values))), raw.min_range, raw.max_range
+    is_inside = not _is_span(low, high) or low < typical < high
+    return '' if is_inside else f' and look like {_guess_unit(float(typical), low, high)}'
 
 
 def _guess_unit(typical: float, low: float, high: float) -> str:
     """The unit in which a typical reading lies nearest to the middle of a span in metres."""
-    middle = 0.5 * (low + high)
-    inside = {abs(math.log(typical * factor / middle)): name
-              for name, factor in LENGTH_UNITS.items() if low < typical * factor < high}
-    return inside[min(inside)] if inside else 'another unit'
+    inside = [(abs(math.log(2.0 * typical * factor / (low + high))), name)
+              for name, factor in LENGTH_UNITS.items() if low < typical * factor < high]
+    return min(inside, default=(0.0, 'another unit'))[1]
 
 
 def quality_findings(topic: str, quality: TopicQuality, unit: str) -> list[Finding]:
@@ -244,13 +235,11 @@ def clock_findings(
 ) -> list[Finding]:
     """Findings on load and probes together over a record of `seconds`."""
     findings = []
-    lag = filter_lag(load, probes)
-    if lag:
+    if lag := filter_lag(load, probes):
         slow, subject = ((load.bandwidth, 'the load seems') if lag > 0.0 else
                          (median_of_known([one.bandwidth for one in probes]), 'the probes seem'))
         findings.append(FILTERED.at(subject=subject, bandwidth=slow, lag=1e3 * abs(lag)))
-    share = rate_share(load, probes, seconds)
-    if share:
+    if share := rate_share(load, probes, seconds):
         findings.append(DRIFT.at(percent=100.0 * abs(share), drift=1e3 * abs(share) * seconds))
     return findings
 
@@ -271,7 +260,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         published[rows] &= is_paired
     possible = _possible_record(record, rig or load_rig())
     found = {name: topic_quality(possible[name].stamps, possible[name].values)
-             for name in (LOAD_TOPIC, *PROBE_TOPICS)}
+             for name in RIG_TOPICS}
     findings: list[object] = [*record.notes]
     if absent and rig is not None:
         findings.append(PROBE_ABSENT.at(absent=rig.probes.absent, partner=rig.probes.partner))
@@ -281,13 +270,13 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         if raw.topic != absent:
             findings += [*raw.notes, *_probe_findings(raw, aligned)]
     for raw, guard in zip(topics, guards, strict=True):
-        counts, doubtful = guard.counters.refused, guard.counters.doubtful_load
-        if counts and raw.topic != absent:
-            words = ', '.join(f'{number} {reason.replace("_", " ")}'
-                              for reason, number in counts.items())
-            findings.append(REFUSED.at(raw.topic, count=sum(counts.values()), words=words))
-        if doubtful and raw.topic != absent:
-            findings.append(DOUBTFUL_LOAD.at(raw.topic, count=doubtful))
+        counts = {reason.replace('_', ' '): number
+                  for reason, number in guard.counters.refused.items()}
+        if raw.topic != absent and counts:
+            findings.append(REFUSED.at(raw.topic, count=sum(counts.values()), words=', '.join(
+                f'{number} {reason}' for reason, number in counts.items())))
+        if raw.topic != absent and guard.counters.doubtful_load:
+            findings.append(DOUBTFUL_LOAD.at(raw.topic, count=guard.counters.doubtful_load))
     for name, quality in found.items():
         if name != absent:
             findings += quality_findings(name, quality, 'N' if name == LOAD_TOPIC else 'm')
@@ -361,7 +350,7 @@ def _marks_of(
 def _possible_record(record: RawRecord, rig: Rig) -> RawRecord:
     """The same record without readings beyond the limits; single leaps stay, as spikes."""
     topics = dict(record.topics)
-    for name in (LOAD_TOPIC, *PROBE_TOPICS):
+    for name in RIG_TOPICS:
         limits, raw = _limits_of(name, rig), topics[name]
         lowest, highest = extremes(raw.values)
         if not limits.low <= lowest <= highest <= limits.high:

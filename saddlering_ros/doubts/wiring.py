@@ -108,11 +108,10 @@ def _mirrored(increments: Floats) -> list[Finding]:
     """Probes 1 and 3 must mirror each other; another pair that does shows swapped channels."""
     around = increments - increments.mean(axis=1, keepdims=True)
     # Rms of the sum of two probes over that of their difference: 0 if they mirror each other.
-    unlikeness = {}
-    for first, second in combinations(range(4), 2):
-        apart = float(np.sqrt(np.mean((around[first] - around[second]) ** 2)))
-        together = float(np.sqrt(np.mean((around[first] + around[second]) ** 2)))
-        unlikeness[first, second] = together / max(apart, 1e-12)
+    unlikeness = {
+        (first, second): float(np.sqrt(np.mean((around[first] + around[second]) ** 2))) / max(
+            float(np.sqrt(np.mean((around[first] - around[second]) ** 2))), 1e-12)
+        for first, second in combinations(range(4), 2)}
     opposite = unlikeness.pop((0, 2))
     if opposite < OPPOSITE_LIMIT or opposite > 1.0 / OPPOSITE_LIMIT:
         return []  # They do, or move to the same side: `_sides` judges that.
@@ -145,11 +144,9 @@ def _sides(rig: Rig, slope: Floats, expected: Floats, clear: NDArray[np.bool_]) 
     return [WRONG_SIDE.at(guess=guess, unit=rig.force_unit, slopes=slopes)]
 
 
-ROWS = 2
-"""Rows over which readings are compared. One of them may be interpolated across the exchange."""
-
-USUAL_SHARE = 0.99
-"""Share of the rows that the usual change over ROWS covers."""
+ROWS, USUAL_SHARE = 2, 0.99
+"""Rows over which readings are compared, because one may be interpolated across the exchange; and
+share of the rows that the usual change over them covers."""
 
 MATCH = 0.1
 """Largest difference from the earlier reading of the other probe, as a share of the change."""
@@ -158,12 +155,9 @@ MATCH = 0.1
 def exchange_findings(rig: Rig, time: Floats, load: Floats, gaps: Floats) -> list[Finding]:
     """A finding for each pair of probes (of gaps (4, N)) that exchange their readings at rest."""
     exchanges: dict[tuple[int, int], float] = {}
-    usual = []
-    for row in gaps:
-        sample = spread(row)
-        changes = np.abs(sample[ROWS:] - sample[:-ROWS])
-        known = changes[np.isfinite(changes)]
-        usual.append(float(np.quantile(known, USUAL_SHARE)) if len(known) else np.inf)
+    changes = [np.abs(sample[ROWS:] - sample[:-ROWS]) for sample in map(spread, gaps)]
+    known = [change[np.isfinite(change)] for change in changes]
+    usual = [float(np.quantile(one, USUAL_SHARE)) if len(one) else np.inf for one in known]
     for part in blocks(len(load) - ROWS, time, load, gaps):
         rows = slice(part.start, part.stop + ROWS)
         still = np.abs(load[rows][ROWS:] - load[rows][:-ROWS]) < rig.limits.level_step

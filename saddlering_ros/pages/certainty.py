@@ -12,11 +12,8 @@ from saddlering_ros.pages.charts import AFTER, BEFORE, NOISE
 from saddlering_ros.quantities import compact, percent, shares_in_words
 
 OUTCOMES = {'none': 'no cause', 'unknown': 'an unknown cause'}
-MAX_ROWS = 16
-"""Rows of a picture: the largest are shown."""
-
-MAX_WORDS = 48
-"""Letters of a line beside a bar."""
+MAX_ROWS, MAX_WORDS = 16, 48
+"""Rows of a picture, and letters of a line beside one."""
 
 WIDTH = 5.8
 """Width of a picture [inches]: two stand side by side on a page."""

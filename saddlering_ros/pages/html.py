@@ -17,11 +17,9 @@ from saddlering_ros.files import check_ending, PAGE_ENDINGS, write_text
 from saddlering_ros.pages import interactive
 from saddlering_ros.pages.charts import Chart, draw
 
-RESOLUTION = 100
-"""Pixels per inch of a picture."""
-
-COLOURS = 128
-"""Number of colours of a picture: a third of the bytes without a visible difference."""
+RESOLUTION, COLOURS = 100, 128
+"""Pixels per inch and number of colours of a picture, which needs a third of the bytes without a
+visible difference."""
 
 MIN_CHAPTERS = 4
 """A page of fewer chapters needs no list of them."""
@@ -31,6 +29,8 @@ PHONE_LETTERS = 40
 
 NOTHING = ('', '–')
 """Texts of cells without a value."""
+
+escape = html.escape
 
 SCRIPT, STYLE = (Path(__file__).with_name(name) for name in ('charts.js', 'page.css'))
 
@@ -53,11 +53,6 @@ class Cell:
     is_number: bool = False
     mark: str = ''
     is_html: bool = False
-
-
-def escape(text: str) -> str:
-    """Text as HTML shows it."""
-    return html.escape(text)
 
 
 def number(text: str, mark: str = '') -> Cell:

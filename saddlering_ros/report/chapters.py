@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.diagnosis import ring_wording
-from saddlering_ros.diagnosis.ring_wording import causes_of, value_words, VerdictDocument
+from saddlering_ros.diagnosis.ring_wording import bag_name, causes_of, value_words, VerdictDocument
 from saddlering_ros.discrepancy import CauseEntry
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.result import INTERVALS
@@ -26,7 +26,7 @@ from saddlering_ros.quantities import (
     WIDTH_95,
 )
 from saddlering_ros.report import figures
-from saddlering_ros.report.figures import Array, name_of, RunCurves, SYMBOLS
+from saddlering_ros.report.figures import Array, RunCurves, SYMBOLS
 from saddlering_ros.rig import (
     CHANNELS,
     PARAMETER_NAMES,
@@ -48,8 +48,8 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
     has_cause, shown = verdict in ('named', 'ambiguous'), {run.name: run for run in curves}
     cases = [
         (run['held_out'], (item['nrmse_before'] or 0.0)
-         - ((item['nrmse_after'] or 0.0) if has_cause else 0.0), shown[name_of(run['bag'])], name)
-        for run in document['runs'] if name_of(run['bag']) in shown
+         - ((item['nrmse_after'] or 0.0) if has_cause else 0.0), shown[bag_name(run['bag'])], name)
+        for run in document['runs'] if bag_name(run['bag']) in shown
         for name, item in run['channels'].items() if name != 'parity']
     return html.verdict(
         verdict, html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
@@ -142,7 +142,7 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
                              'bad' if value > allowed_misfit(floor) else 'good')
                       for value in (item['nrmse_before'], item['nrmse_after'])]
             rows.append([
-                name_of(run['bag']), run['test'], f'{run["elevation_deg"]:g}°',
+                bag_name(run['bag']), run['test'], f'{run["elevation_deg"]:g}°',
                 'held out' if run['held_out'] else 'fitted', code(name), shares[0],
                 shares[1] if is_extended else '', percent(floor)])
     return html.section(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.diagnosis.records import smooth_rate
+from saddlering_ros.diagnosis.ring_wording import bag_name
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.pages import charts
 from saddlering_ros.pages.charts import Chart, markers, Panel, Series, ShadedBand, Ticks
@@ -331,7 +332,7 @@ def misfit(runs: Sequence[Mapping[str, Any]], *, is_extended: bool = True) -> Ch
                 markers([after], [height], 'D', charts.AFTER, 'extended model', size=4.5)]
             series += drawn if is_extended else drawn[1:3]
             heights.append(height)
-            words.append(f'{name_of(run["bag"])}{" (held out)" if run.get("held_out") else ""}'
+            words.append(f'{bag_name(run["bag"])}{" (held out)" if run.get("held_out") else ""}'
                          f'   {SYMBOLS[name]}')
             height += 1.0
         height += 0.6
@@ -341,11 +342,6 @@ def misfit(runs: Sequence[Mapping[str, Any]], *, is_extended: bool = True) -> Ch
         y_range=(height - 0.9, -0.8), shows_y_label=False, has_y_grid=False)
     return Chart((panel,), width=8.6, height=1.2 + 0.235 * len(words) + 0.12 * len(runs),
                  legend_columns=3)
-
-
-def name_of(bag: object) -> str:
-    """The last part of a bag's path."""
-    return str(bag).rstrip('/').rsplit('/', 1)[-1]
 
 
 def residuals(run: RunCurves) -> Chart:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.diagnosis.ring_wording import lowered, title_of, VerdictDocument
+from saddlering_ros.diagnosis.ring_wording import bag_name, lowered, title_of, VerdictDocument
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.files import whole_file, write_csv
 from saddlering_ros.identification.validation import judge, Validation
@@ -21,7 +21,7 @@ from saddlering_ros.record import displacement_of_run, Record
 from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.report import chapters, figures
-from saddlering_ros.report.figures import Array, name_of, RunCurves, SYMBOLS
+from saddlering_ros.report.figures import Array, RunCurves, SYMBOLS
 from saddlering_ros.rig import CHANNELS, Rig, short_digest, units
 from saddlering_ros.rig.drawing import drawing_svg
 
@@ -279,7 +279,7 @@ def misfit_reductions(document: Mapping[str, Any]) -> str:
     total, shown = document.get('gain') or {}, CHANNELS[:3]
     if document['verdict'] == 'none' or total.get('fit') is None:
         return ''
-    rows = [[name_of(run['bag']), 'held out' if run['held_out'] else 'fitted',
+    rows = [[bag_name(run['bag']), 'held out' if run['held_out'] else 'fitted',
              *(_reduction_words(run['channels'].get(name) or {}) for name in shown), '–']
             for run in document['runs']]
     every = 'all runs in turn' if total.get('how') == 'held out in turn' else 'all held-out runs'

@@ -10,7 +10,7 @@ import pytest
 from saddlering_ros.identification import IdentificationError, validate
 from saddlering_ros.identification.figures import rate
 from saddlering_ros.identification.validation import COLUMNS, judge, validation_text
-from saddlering_ros.report import save_plots
+from saddlering_ros.report.reports import save_plots
 from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE
 
 TRUTH = ParameterSet(TRUE_TO_SCALE)
