@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from saddlering_ros import Bag, DiagnosisResult, IdentificationResult
-    from saddlering_ros.diagnosis.ring_wording import RunEntry
     from saddlering_ros.report.figures import Array, RunCurves
 
 IDENTIFY_AT = 50.0
@@ -63,25 +62,41 @@ class LiveReplay:
 class Story:
     """What the demonstration found.
 
-    curves: the held-out runs as the nodes published them; runs: their misfits, as a verdict's
-    document has them; seconds: what the demonstration took.
+    curves: the held-out runs as the nodes published them; seconds: what the demonstration took.
     """
 
     identified: IdentificationResult
     diagnosed: DiagnosisResult
     replays: Sequence[LiveReplay]
     curves: Sequence[RunCurves]
-    runs: list[RunEntry]
     seconds: float
+
+    @property
+    def runs(self) -> list[dict[str, Any]]:
+        """Rms misfits of the curves as shares of each channel's range, as a verdict has them."""
+        from saddlering_ros.rig import CHANNELS
+
+        runs = []
+        for run in self.curves:
+            spans = (run.measured.max(axis=1) - run.measured.min(axis=1)).clip(1e-12)
+            before, after = (((run.measured - one)**2).mean(axis=1)**0.5 / spans
+                             for one in (run.before, run.after))
+            runs.append({
+                'bag': run.name, 'test': run.test, 'elevation_deg': run.elevation_deg,
+                'held_out': run.held_out, 'channels': {
+                    name: {'nrmse_before': float(before[row]), 'nrmse_after': float(after[row]),
+                           'noise_floor': float(run.noise[name] / spans[row])}
+                    for row, name in enumerate(CHANNELS)}})
+        return runs
 
     @property
     def misfit(self) -> tuple[float, float]:
         """Live misfit over runs and channels before and after the diagnosis, a share of range."""
         found = [run['channels'][name] for run in self.runs
                  for name in ('delta_x', 'delta_y', 'gamma')]
-        before = sum((item['nrmse_before'] or 0.0)**2 for item in found)
-        after = sum((item['nrmse_after'] or 0.0)**2 for item in found)
-        return math.sqrt(before / len(found)), math.sqrt(after / len(found))
+        before, after = (math.sqrt(sum(item[key]**2 for item in found) / len(found))
+                         for key in ('nrmse_before', 'nrmse_after'))
+        return before, after
 
     @property
     def gain(self) -> float:
@@ -185,8 +200,7 @@ def tell(fitted: list[Bag], held_out: list[Bag], scratch: Path) -> Story:
         first.bag.run, first.measured, first.simulated, last.simulated,
         noise.get(first.bag.name, {}), held_out=True, force_unit=first.bag.rig.force_unit)
         for first, last in zip(before, after, strict=True)]
-    return Story(identified, diagnosed, (*before, *after), curves, misfits(curves),
-                 time.monotonic() - began)
+    return Story(identified, diagnosed, (*before, *after), curves, time.monotonic() - began)
 
 
 def replay(bag: Bag, parameters: str, scratch: Path, domain: int) -> LiveReplay:
@@ -221,26 +235,6 @@ def replay(bag: Bag, parameters: str, scratch: Path, domain: int) -> LiveReplay:
         placed[:, here] = batch.channels[:, there]
         channels.append(placed)
     return LiveReplay(bag, parameters, messages, due - messages, told['seconds'], *channels)
-
-
-def misfits(curves: Sequence[RunCurves]) -> list[RunEntry]:
-    """Rms misfits of runs as shares of each channel's measured range."""
-    import numpy as np
-
-    from saddlering_ros.rig import CHANNELS
-
-    runs: list[RunEntry] = []
-    for run in curves:
-        spans = np.maximum(np.ptp(run.measured, axis=1), 1e-12)
-        before, after = (np.sqrt(np.mean((run.measured - one)**2, axis=1)) / spans
-                         for one in (run.before, run.after))
-        runs.append({
-            'bag': run.name, 'test': run.test, 'elevation_deg': run.elevation_deg,
-            'held_out': run.held_out, 'channels': {
-                name: {'nrmse_before': float(before[row]), 'nrmse_after': float(after[row]),
-                       'noise_floor': float(run.noise[name] / spans[row])}
-                for row, name in enumerate(CHANNELS)}})
-    return runs
 
 
 def numbers_of(story: Story) -> dict[str, Any]:

@@ -75,7 +75,7 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
     from saddlering_ros.record.topics import LOAD_TOPIC
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.launcher import ALARM_NODES, REPLAY_NODES, RING_NODES, start_nodes
-    from saddlering_ros.ros.names import namespace_of
+    from saddlering_ros.ros.names import namespace_of, NodeError
 
     rig, bag = load_rig(args.rig), Path(args.bag)
     record = read_raw(bag, rig=rig)
@@ -113,9 +113,12 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
         try:
             _wait(group, began + 120.0 + 10.0 * length / min(args.rate or 1.0, 1.0),
                   length / args.rate if args.rate else None)
-            if recorder is not None:
-                _wait_for_all(recorder, {name: len(record[name]) for name in record
-                                         if name != absent_topic(rig)})
+            sent = {name: len(record[name]) for name in record if name != absent_topic(rig)}
+            last = time.monotonic() + LAST_MESSAGES
+            while recorder is not None and (missing := recorder.missing(sent)):
+                if time.monotonic() > last:
+                    raise NodeError(f'the recording is incomplete ({missing}): repeat the replay')
+                time.sleep(0.02)
         except BaseException:
             if recorder is not None:
                 place = recorder.keep_as_incomplete()
@@ -164,18 +167,6 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
     if 'without' in ends[-1]:
         raise NodeError(f'{ends[-1][ends[-1].index(AT_END):]}, which fell behind: repeat the '
                         'replay')
-
-
-def _wait_for_all(recorder: Any, sent: dict[str, int]) -> None:
-    """Wait until the recorder has every sample of every topic; NodeError if some do not come."""
-    from saddlering_ros.ros.names import NodeError
-
-    deadline = time.monotonic() + LAST_MESSAGES
-    while recorder.missing(sent):
-        if time.monotonic() > deadline:
-            raise NodeError(f'the recording is incomplete ({recorder.missing(sent)}): repeat the '
-                            'replay')
-        time.sleep(0.02)
 
 
 def _recording(args: argparse.Namespace, facts: TestMetadata, domain: int) -> Any:
