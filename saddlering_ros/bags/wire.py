@@ -25,16 +25,10 @@ from saddlering_ros.rig import CHANNELS
 
 DISPLACEMENT_TYPE = 'saddlering_interfaces/msg/RingDisplacement'
 
-Fields = tuple[tuple[str, str], ...]
-
-
-def _vector(path: str) -> Fields:
-    return tuple((f'{path}.{axis}', 'f8') for axis in 'xyz')
-
-
-LAYOUTS: dict[str, Fields] = {
-    WRENCH_TYPE: (*_vector('wrench.force'), *_vector('wrench.torque')),
-    VECTOR_TYPE: _vector('vector'),
+LAYOUTS: dict[str, tuple[tuple[str, str], ...]] = {
+    WRENCH_TYPE: tuple((f'wrench.{part}.{axis}', 'f8') for part in ('force', 'torque')
+                       for axis in 'xyz'),
+    VECTOR_TYPE: tuple((f'vector.{axis}', 'f8') for axis in 'xyz'),
     RANGE_TYPE: (
         ('radiation_type', 'u1'), ('field_of_view', 'f4'), ('min_range', 'f4'),
         ('max_range', 'f4'), ('range', 'f4'), ('variance', 'f4')),
@@ -292,9 +286,6 @@ def _encode_few(message_type: str, frame_id: str, stamps: Sequence[int],
 
 COVARIANCE_BYTES = 128  # 16 doubles, the last field
 
-_OTHER_FIELDS = ('zero_stamp.sec', 'zero_stamp.nanosec', 'zero_load', 'elevation', 'validity',
-                 'zero_duration')
-
 
 def decode_samples(messages: Sequence[bytes], topic: RigTopic) -> Samples:
     """Readings of a topic of the rig, with the range that the last message states."""
@@ -321,7 +312,9 @@ def decode_displacements(messages: Sequence[bytes]) -> Displacements:
     """A batch from saddlering_interfaces/RingDisplacement messages."""
     if not messages:
         return batches.no_displacements()
-    found = decode_list(messages, DISPLACEMENT_TYPE, (*CHANNELS, *_OTHER_FIELDS))
+    found = decode_list(messages, DISPLACEMENT_TYPE, (
+        *CHANNELS, 'zero_stamp.sec', 'zero_stamp.nanosec', 'zero_load', 'elevation', 'validity',
+        'zero_duration'))
     fields = found.fields
     zero = fields['zero_stamp.sec'].astype(np.int64) * SECOND + fields['zero_stamp.nanosec']
     return Displacements(

@@ -128,7 +128,7 @@ class BagWriter:
             'type_description_hash': store.hash_rihs01(kind)} for name, kind in topics.items()}
         self.metadata = dict(metadata)
         self._overwrite, self._chunk_size, self._recorded = overwrite, chunk_size, recorded
-        self._failed = False
+        self._failed, self._kept = False, ''
         self._stack = ExitStack()
 
     def __enter__(self) -> BagWriter:
@@ -138,7 +138,7 @@ class BagWriter:
         if self.path.exists() and not _is_bag(self.path):
             raise BagError(f'{self.path}: exists and is not a bag, so that it is not replaced: '
                            'choose another name')
-        try:
+        with self._or_refused():
             self.path.parent.mkdir(parents=True, exist_ok=True)
             if self._recorded:
                 self._folder = Path(tempfile.mkdtemp(
@@ -150,13 +150,13 @@ class BagWriter:
             self._written.mkdir(mode=0o755)
             self._file = McapWriter(self._written / f'{self.path.name}_0.mcap', 'saddlering_ros',
                                     self._chunk_size)
+            if self._recorded:
+                self._kept = f'; the recording until then is readable in {self._written}'
             self._file.add_metadata(METADATA_RECORD, self.metadata)
-        except OSError as problem:
-            raise BagError(self._complaint(problem)) from problem
-        for name, topic in self._topics.items():
-            self._file.add_topic(name, topic['type'], self._definitions[topic['type']], {
-                'offered_qos_profiles': _text(topic['offered_qos_profiles']).strip(),
-                'topic_type_hash': topic['type_description_hash']})
+            for name, topic in self._topics.items():
+                self._file.add_topic(name, topic['type'], self._definitions[topic['type']], {
+                    'offered_qos_profiles': _text(topic['offered_qos_profiles']).strip(),
+                    'topic_type_hash': topic['type_description_hash']})
         return self
 
     def write(self, blocks: Sequence[MessageBlock]) -> None:
@@ -212,13 +212,8 @@ class BagWriter:
             yield
         except OSError as problem:
             self._failed = True
-            kept = (f'; the recording until then is readable in {self._written}'
-                    if self._recorded else '')
-            raise BagError(f'{self._complaint(problem)}{kept}') from problem
-
-    def _complaint(self, problem: OSError) -> str:
-        return (f'{self.path}: cannot be written ({problem.strerror or problem}): '
-                'choose another place')
+            raise BagError(f'{self.path}: cannot be written ({problem.strerror or problem}): '
+                           f'choose another place{self._kept}') from problem
 
 
 def messages_of(
