@@ -74,6 +74,15 @@ def spare_bags(output: Path, words: str, bags: Iterable[tuple[Path, str]]) -> No
                                'choose a place outside the bag')
 
 
+def check_writable(folder: Path, words: str) -> None:
+    """FileConflict if the output called `words` cannot be put into the folder, there or not."""
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    if not there.is_dir():
+        raise FileConflict(f'{words}: {there.name} is not a folder: choose another place')
+    if not os.access(there, os.W_OK):
+        raise FileConflict(f'{words}: {there} cannot be written to: choose another place')
+
+
 def bag_folder(bag: Path) -> Path:
     """The folder that is the bag whose file is `bag`, or `bag` itself."""
     folder = resolved(bag).parent

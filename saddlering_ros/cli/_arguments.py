@@ -172,7 +172,9 @@ effects_read = Role()
 """A folder of effect files."""
 
 file_written = Role(is_written=True)
-"""A file, or a bag, that is written as a whole."""
+"""A file that is written as a whole."""
+
+bag_written = Role(is_bag=True, is_written=True)
 
 page_written = Role(is_written=True)
 """A page (HTML)."""
@@ -191,7 +193,7 @@ def check_files(args: argparse.Namespace) -> None:
     outputs = [one for one in named if one[2].is_written]
     read = [(path, words) for path, words, role in named if not (role.is_written or role.is_bag)]
     bags = [(files.bag_folder(path), words) for path, words, role in named
-            if role.is_bag and role is not bags_below]
+            if role.is_bag and not role.is_written and role is not bags_below]
     bags += [(file.parent, str(file.parent)) for path, _, role in named if role is bags_below
              for file in sorted(path.rglob(files.BAG_FILES[0]))]
     sources = [*read, *bags]
@@ -205,6 +207,10 @@ def check_files(args: argparse.Namespace) -> None:
                 raise FileConflict(f'{its_words} and {words} are the same file: choose two files')
         files.spare_files(output, its_words, read)
         files.spare_bags(output, its_words, bags)
+        place = files.resolved(output)
+        if output.is_dir() and not (its_role.is_bag or its_role is folder_filled):
+            raise FileConflict(f'{its_words}: is a directory: give the name of a file')
+        files.check_writable(place if its_role is folder_filled else place.parent, its_words)
         for source, words in sources if its_role is not folder_filled else ():
             if any(files.same_file(folder, output) for folder in files.resolved(source).parents):
                 raise FileConflict(f'{its_words} is the folder that holds {words}, which is '

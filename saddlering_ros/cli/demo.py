@@ -16,7 +16,7 @@ from typing import Any, TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, tell_json
-from saddlering_ros.errors import BagError, SaddleringError
+from saddlering_ros.errors import BagError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -112,11 +112,6 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.rig import RIG_VARIABLE
 
     os.environ.pop(RIG_VARIABLE, None)  # the demonstration is of the shipped rig
-    if args.out.exists() and not args.out.is_dir():
-        raise SaddleringError(f'{args.out}: is not a folder: choose another place (--out)')
-    there = next(path for path in (args.out, *args.out.absolute().parents) if path.exists())
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise SaddleringError(f'{there}: cannot be written to: choose another place (--out)')
     fitted, held_out = planned(args.bags or share_directory() / 'bags')
     with (contextlib.redirect_stdout(sys.stderr if args.json == '-' else sys.stdout),
           temporary_folder(Path(tempfile.gettempdir()), 'saddlering_demo_run_') as scratch):

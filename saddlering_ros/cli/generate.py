@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 COMMANDS = (Command(
     'generate', 'record a test of the virtual rig as a bag',
     'Carry out a test on the virtual rig and record it as a bag.', (
-        option('out', 'bag to write', metavar='OUT', type=arguments.file_written, nargs='?'),
+        option('out', 'bag to write', metavar='OUT', type=arguments.bag_written, nargs='?'),
         option('--test', 'kind of test', choices=('static', 'dynamic')),
         option('--elevation', 'elevation of the barrel', type=Within(float, -10.0, 90.0),
                metavar='DEG'),

@@ -27,7 +27,7 @@ COMMANDS = (Command(
         option('--map', 'the map: column and unit of each channel', type=arguments.file_read,
                metavar='MAP.yaml'),
         option('--out', 'the bag to write; a folder of bags if the map splits runs',
-               type=arguments.file_written, metavar='BAG'),
+               type=arguments.bag_written, metavar='BAG'),
         option('--draft', 'print the content of the files and a draft of the map, which --map '
                'receives', action='store_true'),
         option('--rig', 'rig file: its hash goes into the bag, its probes give the range',
@@ -68,15 +68,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    from saddlering_ros.files import spare_files
+    from saddlering_ros.files import check_ending, spare_files
     from saddlering_ros.importing.calibration import ImportingError, words_of
-    from saddlering_ros.importing.convert import import_files, save_preview
+    from saddlering_ros.importing.convert import import_files, PREVIEW_ENDINGS, save_preview
     from saddlering_ros.importing.mapping import read_map
     from saddlering_ros.rig import load_rig
 
     if args.map is None or args.out is None:
         raise ImportingError('--map and --out are both needed: give --map MAP.yaml --out BAG, or '
                              'start with --draft --map MAP.yaml')
+    if args.preview is not None:  # before the bag is written
+        check_ending(args.preview, PREVIEW_ENDINGS, ImportingError)
     mapping = read_map(args.map)
     named = [(table, f'table {table}') for table in mapping.tables]  # which no output replaces
     for name, given in (('out', args.out), ('json', args.json), ('preview', args.preview)):

@@ -16,7 +16,7 @@ COMMANDS = (Command(
     'Record load, probes, displacement, simulation, residual, parameters in force and diagnostics '
     'as a rosbag2 bag (MCAP with its message definitions inside, so that PlotJuggler, Foxglove '
     'and ros2 bag read it without this package), until Ctrl-C or for --duration.', (
-        option('out', 'bag to write', type=arguments.file_written, metavar='OUT'),
+        option('out', 'bag to write', type=arguments.bag_written, metavar='OUT'),
         option('--test', 'kind of test, kept in the bag (with --elevation, the bag can be '
                'identified and diagnosed)', choices=('static', 'dynamic')),
         option('--elevation', 'elevation of the barrel in degrees, kept in the bag', type=float,

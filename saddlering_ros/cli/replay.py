@@ -43,7 +43,7 @@ COMMANDS = (Command(
                type=Within(float, 0.0, 100.0), default=1.0),
         *arguments.NETWORK,
         option('--record', 'record all topics and results into this bag (lossless: the replay '
-               'waits for the recorder)', type=arguments.file_written, metavar='OUT'),
+               'waits for the recorder)', type=arguments.bag_written, metavar='OUT'),
         option('--overwrite', 'replace an existing bag with --record', action='store_true'),
         option('--alarm', 'start ring_alarm too, which watches the residual',
                action='store_true'),

@@ -26,6 +26,8 @@ from saddlering_ros.rig import FORCE_UNITS, Rig
 UNDATED = 10 * 365 * 86400 * SECOND
 """A stamp before 1980 [ns] comes of a time without a date: no rig was recorded then."""
 
+PREVIEW_ENDINGS = ('.png', '.svg', '.pdf')
+
 MAX_RUNS, MAX_POINTS, POINTS_PER_BLOCK = 6, 4096, 256
 """Of a picture: runs, points of a channel (more than pixels), and points of a block that was read;
 each point has its extremes."""
@@ -219,7 +221,7 @@ def _merged(feeds: Sequence[tuple[Feed, Iterator[Part]]]) -> Iterator[Samples]:
 
 
 def save_preview(path: Path, runs: Sequence[ImportedRun], rig: Rig) -> None:
-    """Write the picture (PNG, SVG or PDF, by the suffix) of the first MAX_RUNS runs.
+    """Write the picture (of PREVIEW_ENDINGS, by the suffix) of the first MAX_RUNS runs.
 
     rig: whose unit of forces the picture has.
     """
@@ -247,10 +249,5 @@ def save_preview(path: Path, runs: Sequence[ImportedRun], rig: Rig) -> None:
     axes[1, 0].legend(fontsize=8, loc='best')
     for plot in axes.flat:
         plot.grid(color='#dddddd', linewidth=0.6)
-    kind = path.suffix.lstrip('.').lower() or 'png'
     with whole_file(path, ImportingError) as temporary:
-        try:
-            figure.savefig(temporary, format=kind, dpi=120)
-        except ValueError as problem:
-            raise ImportingError(f'{path}: this kind of figure is not supported: give a name '
-                                 'that ends in .png, .svg or .pdf') from problem
+        figure.savefig(temporary, format=path.suffix.lstrip('.').lower() or 'png', dpi=120)

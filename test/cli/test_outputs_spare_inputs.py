@@ -10,7 +10,7 @@ import shutil
 
 import pytest
 
-from saddlering_ros.cli._arguments import bags_below, OneLineParser, Role
+from saddlering_ros.cli._arguments import bags_below, folder_filled, OneLineParser, Role
 from saddlering_ros.cli.main import build_parser, main
 from saddlering_ros.files import share_directory
 from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE, write_parameters
@@ -173,3 +173,27 @@ def test_a_pipe_given_as_a_file_is_refused_and_not_waited_for(
     options = [str(word) for pair in given.items() for word in pair]
     assert main(['report', str(bag), *options, '--out', str(tmp_path / 'r.html')]) == 2
     assert 'give the path of a regular file' in capsys.readouterr().err
+
+
+OUTPUTS = [(name, action) for name, parser in commands().items() for action in parser._actions
+           if isinstance(action.type, Role) and action.type.is_written]
+
+
+@pytest.mark.parametrize(('command', 'output'), OUTPUTS, ids=lambda one: getattr(one, 'dest', one))
+def test_a_place_that_cannot_be_written_is_named_before_any_work(
+        command: str, output: argparse.Action, tmp_path: Path,
+        capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The inputs do not exist, and what is named is the output."""
+    monkeypatch.chdir(tmp_path)
+    Path('text').write_text('mine')
+    Path('folder.html').mkdir()
+    places = [('text/out.html', 'text is not a folder: choose another place')]
+    if not (output.type.is_bag or output.type is folder_filled):
+        places += [('folder.html', 'is a directory: give the name of a file')]
+    for place, said in places:
+        assert main(words(command, {output.dest: Path(place)})) == 2
+        assert f'{place}: {said}' in capsys.readouterr().err
+    monkeypatch.setattr(os, 'access', lambda *_: False)
+    assert main(words(command, {output.dest: Path('new/out.html')})) == 2
+    assert f': {tmp_path} cannot be written to' in capsys.readouterr().err
+    assert sorted(os.listdir()) == ['folder.html', 'text']

@@ -205,6 +205,14 @@ def test_loads_of_an_import_are_printed_and_drawn_in_the_unit_of_the_rig_file(
     assert labels == [f'load [{unit}]']
 
 
+def test_a_preview_of_another_kind_is_refused_before_the_bag_is_written(tmp_path, capsys) -> None:
+    assert main(['import', str(DATA / 'dynamic_30.csv'), '--map',
+                 str(DATA / 'map_dynamic_30.yaml'), '--out', str(tmp_path / 'bag'), '--preview',
+                 str(tmp_path / 'a.txt')]) == 2
+    assert 'give a name that ends in .png' in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_tdms_file_that_is_cut_off_is_said_to_be(tmp_path: Path, capfd) -> None:
     path = tmp_path / 'a.tdms'
     write_tdms(path, make_record())
