@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from saddlering_ros.record import Record
     from saddlering_ros.rig import ParameterSet
 
-MAX_DOMAIN = 232
-"""The ports of a higher domain do not exist (DDS wire protocol, 9.6.1)."""
-
 _CHOICE = re.compile(r"argument (\S+): invalid choice: '(.*?)' \(choose from (.*)\)", re.S)
 
 
@@ -283,11 +280,11 @@ def bags_option(words: str) -> AddOption:
 
 def domain_of(args: argparse.Namespace) -> int:
     """The ROS domain of --domain, of the environment, or 0."""
-    text = os.environ.get('ROS_DOMAIN_ID') or '0' if args.domain is None else str(args.domain)
-    if not (text.isascii() and text.isdecimal()) or int(text) > MAX_DOMAIN:
-        name = 'ROS_DOMAIN_ID' if args.domain is None else '--domain'
-        raise SaddleringError(f'{name} is {text!r}: give a ROS domain from 0 to {MAX_DOMAIN}')
-    return int(text)
+    from saddlering_ros.ros.launcher import domain_from
+
+    if args.domain is not None:
+        return domain_from(str(args.domain), '--domain')
+    return domain_from(os.environ.get('ROS_DOMAIN_ID') or '0', 'ROS_DOMAIN_ID')
 
 
 def in_options(message: str) -> str:

@@ -29,6 +29,8 @@ REPLAY_NODES = names(REPLAY)
 RING_NODES = names(RING)
 ALARM_NODES = names(ALARM)
 DOMAINS = range(1, 100)
+MAX_DOMAIN = 232
+"""The ports of a higher domain do not exist (DDS wire protocol, 9.6.1)."""
 LOG_PREFIX = 'saddlering_node_logs_'
 """Of the temporary folder of the logs of nodes; one of a killed launcher is removed later."""
 
@@ -36,6 +38,13 @@ PATIENCE = (3.0, 1.0)
 """How long a process may take to leave after SIGINT, then after SIGTERM [s], before SIGKILL."""
 
 Values = Mapping[str, Any]
+
+
+def domain_from(text: str, name: str) -> int:
+    """The ROS domain in a text; NodeError with the `name` of where it was given."""
+    if not (text.isascii() and text.isdecimal()) or int(text) > MAX_DOMAIN:
+        raise NodeError(f'{name} is {text!r}: give a ROS domain from 0 to {MAX_DOMAIN}')
+    return int(text)
 
 
 @contextlib.contextmanager

@@ -12,6 +12,7 @@ from rcl_interfaces import msg
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.utilities import remove_ros_args
 
 from saddlering_ros.errors import did_you_mean, SaddleringError
 from saddlering_ros.plain_yaml import read_strict_yaml
@@ -132,8 +133,10 @@ def _declare_one(node: Node, parameter: NodeParameter) -> Any:
     overrides: dict[str, RosParameter] = node._parameter_overrides
     given, kind = overrides.get(parameter.name), type(parameter.default)
     if given is not None and kind is float and given.type_ == RosParameter.Type.INTEGER:
-        given = RosParameter(parameter.name, value=float(given.value))
-        overrides[parameter.name] = given
+        given = overrides[parameter.name] = RosParameter(
+            parameter.name, value=float(given.value))
+    if given is not None and given.value is None and kind is list:  # rclpy has no empty list
+        given = overrides[parameter.name] = RosParameter(parameter.name, value=[''])
     if given is not None and isinstance(given.value, kind):
         reason = parameter.refusal(given.value)
         if reason:
@@ -143,13 +146,14 @@ def _declare_one(node: Node, parameter: NodeParameter) -> Any:
             parameter.name, parameter.default, parameter.descriptor()).value
     except InvalidParameterTypeException as problem:
         value = None if given is None else given.value
-        raise NodeError(f'{node.get_name()}: parameter {parameter.name} is {value!r}: give a '
+        raise NodeError(f'{node.get_name()}: parameter {parameter.name} is {value!r}: give '
                         f'{_KINDS[kind]}') from problem
     except InvalidParameterValueException as problem:
         raise NodeError(f'{node.get_name()}: parameter {problem}') from problem
 
 
-_KINDS = {bool: 'true or false', int: 'whole number', float: 'number', str: 'text', list: 'list'}
+_KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text',
+          list: 'a list of texts'}
 
 
 def _rig_values(rig: Rig) -> dict[str, Any]:
@@ -255,10 +259,11 @@ def refuse_undeclared(node: Node) -> None:
         raise NodeError(f'{node.get_name()}: parameter {name} is unknown{remedy}')
 
 
-def check_parameter_files(arguments: Sequence[str]) -> None:
-    """Read the files of `--params-file` strictly, before rclpy does; NodeError for a bad one.
+def check_command_line(arguments: Sequence[str]) -> None:
+    """Read the words after a program's name strictly, before rclpy does; NodeError for a bad one.
 
-    rclpy lets the last of two equal keys win, reads 0110 as 72, and never returns from a pipe.
+    rclpy leaves out words that are none of its own. Of a parameter file it lets the last of two
+    equal keys win, reads 0110 as 72, and never returns from a pipe.
     """
     for option, value in pairwise(arguments):
         if option != '--params-file':
@@ -267,6 +272,8 @@ def check_parameter_files(arguments: Sequence[str]) -> None:
         for entry in document.values() if isinstance(document, Mapping) else ():
             if isinstance(entry, Mapping) and isinstance(entry.get('ros__parameters'), Mapping):
                 unfold(entry['ros__parameters'], value, NodeError)
+    for word in remove_ros_args(['', *arguments])[1:]:
+        raise NodeError(f'{word} is not read: give --ros-args -p NAME:=VALUE')
 
 
 def _put(nested: dict[str, Any], path: Sequence[str], value: Any) -> None:

@@ -9,6 +9,7 @@ import contextlib
 import ctypes
 import gc
 import os
+import re
 import signal
 import sys
 import time
@@ -72,8 +73,7 @@ class StreamingNode(LifecycleNode):
         self.problem: SaddleringError | None = None
         self.inputs: list[RawSubscription] = []
         self.outputs: list[RawPublisher] = []
-        self.active = False
-        self.done = False
+        self.active = self.done = self._is_starting = False
         self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         self._progress = self.create_publisher(ReplayProgress, PROGRESS, raw_topics.PROGRESS_QOS)
         self._told = self._beat = 0.0
@@ -114,10 +114,12 @@ class StreamingNode(LifecycleNode):
         """Configure and activate, if `autostart` is set; raises the error that prevents it."""
         if not self.settings['autostart'] or not self.startable():
             return
+        self._is_starting = True
         for step in (self.trigger_configure, self.trigger_activate):
             step()
             if self.problem is not None:
                 raise self.problem
+        self._is_starting = False
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Make the core from the parameters."""
@@ -151,7 +153,8 @@ class StreamingNode(LifecycleNode):
             step()
         except SaddleringError as problem:
             self.problem = problem
-            self.get_logger().error(str(problem))
+            if not self._is_starting:  # who starts the node says it
+                self.get_logger().error(str(problem))
             self._disconnect()
             return TransitionCallbackReturn.FAILURE
         result: TransitionCallbackReturn = upwards(state)
@@ -254,6 +257,21 @@ LONGEST_END = 3.0
 """Longest time [s] for the middleware to leave the network; a launch grants five in all."""
 
 
+FORMS = {
+    'remap rule': '-r OLD:=NEW', 'parameter override rule': '-p NAME:=VALUE',
+    'log level': '--log-level debug, info, warn, error or fatal',
+    'params file': '--params-file FILE, and in it NODE: {ros__parameters: {NAME: VALUE}}'}
+"""What to type, by the name that rcl has for a part of a command line."""
+
+
+def refusal_words(words: str) -> str:
+    """A refusal of rcl with what to type, and without places in its source; others unchanged."""
+    found = re.search(r"Couldn't parse (?:trailing )?(.*?): '(.*?)'\. Error", words)
+    if found is not None and found[1] in FORMS:
+        return f'{found[1]} {found[2]!r} is of no use: give {FORMS[found[1]]}'
+    return re.sub(r', at /\S+', '', words)
+
+
 def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None = None) -> int:
     """Run a streaming node until it is done or a signal ends it; returns the exit status."""
     def spin(node: StreamingNode) -> None:
@@ -292,7 +310,8 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
     launcher.sweep()
     node: Node | None = None
     try:
-        parameters.check_parameter_files(sys.argv if args is None else args)
+        parameters.check_command_line(sys.argv[1:] if args is None else args)
+        domain = launcher.domain_from(os.environ.get('ROS_DOMAIN_ID') or '0', 'ROS_DOMAIN_ID')
         launcher.prepare_transport()
         if launcher.is_node_program():
             # From now on, both signals act as in any Python program.
@@ -301,7 +320,6 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         parameters.refuse_undeclared(node)
-        domain = node.context.get_domain_id()
         crowded = launcher.crowded_words(launcher.participants(domain), domain)
         if crowded:
             node.get_logger().error(crowded)
@@ -315,7 +333,7 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
                 return 0  # a signal came in the middle of work
             if node is not None or type(problem).__name__ not in REFUSALS:
                 raise
-        print(' '.join(str(problem).split()), file=sys.stderr)
+        print(refusal_words(' '.join(str(problem).split())), file=sys.stderr)
         return UNUSABLE
     finally:
         # Destroy the node and the context; a second Ctrl-C must not interrupt this.

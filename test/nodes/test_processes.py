@@ -51,6 +51,7 @@ def test_what_cannot_be_used_is_refused_in_one_line_with_status_2() -> None:
         lines = [line for line in said.splitlines() if not line.startswith('[')]
         assert len(lines) == 1, lines
         assert words in lines[0]
+        assert said.count(lines[0]) == 1
 
 
 def children_of(pid: int) -> list[int]:

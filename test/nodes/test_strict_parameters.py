@@ -12,10 +12,12 @@ import rclpy
 import yaml
 
 from saddlering_ros.files import share_directory
+from saddlering_ros.nodes.ring_residual import RingResidualNode
 from saddlering_ros.rig import load_rig
 from saddlering_ros.ros.launcher import ros_arguments
 from saddlering_ros.ros.names import NodeError
-from saddlering_ros.ros.parameters import check_parameter_files, declare_rig, refuse_undeclared
+from saddlering_ros.ros.parameters import check_command_line, declare_rig, refuse_undeclared
+from saddlering_ros.ros.streaming_node import run_streaming
 
 BAG = Path(__file__).parents[2] / 'bags' / 'static_50'
 pytestmark = pytest.mark.ros
@@ -49,6 +51,35 @@ def test_a_node_that_was_given_what_nobody_knows_or_reads_otherwise_ends(tmp_pat
     assert 'a pipe or device' in waiting
 
 
+ROS_ARGS = '--ros-args'
+NOT_READ: list[tuple[list[str], str]] = [
+    (['max_gap:=3.0'], 'max_gap:=3.0 is not read: give --ros-args -p NAME:=VALUE'),
+    ([ROS_ARGS, '-r', 'rig/load'], "remap rule '-r rig/load' is of no use: give -r OLD:=NEW"),
+    ([ROS_ARGS, '-p', 'max_gap'], "rule '-p max_gap' is of no use: give -p NAME:=VALUE"),
+    ([ROS_ARGS, '--log-level', 'loud'], "'--log-level loud' is of no use: give --log-level debug"),
+    ([ROS_ARGS, '--params-file', 'flat.yaml'], 'of no use: give --params-file FILE, and in it'),
+    ([ROS_ARGS, '-p', 'needed_nodes:=[]', '-p', 'frame:=a'], 'did you mean frame_id?')]
+
+
+def test_a_command_line_that_is_not_understood_is_refused_with_what_to_type(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path('flat.yaml').write_text('max_gap: 3.0\n')
+    ended = endings([('ring_residual', words) for words, _ in NOT_READ])
+    for (words, wanted), (status, said) in zip(NOT_READ, ended, strict=True):
+        line = said.strip().splitlines()[-1]
+        assert (status, line.count('/src/')) == (2, 0), (words, said)
+        assert wanted in line
+
+
+@pytest.mark.parametrize('domain', ['300', '-1', 'abc', '1.5'])
+def test_a_node_refuses_a_domain_that_ros_does_not_have(
+        monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], domain: str) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', domain)
+    assert run_streaming(RingResidualNode, []) == 2
+    assert f"ROS_DOMAIN_ID is '{domain}': give a ROS domain from 0" in capsys.readouterr().err
+
+
 def test_a_transform_without_its_message_package_is_refused_in_a_line() -> None:
     if util.find_spec('tf2_msgs'):
         pytest.skip('tf2_msgs is there')
@@ -70,14 +101,14 @@ LAUNCHED = {
 def launched(path: Path, name: str) -> list[str]:
     document = {name: {'ros__parameters': LAUNCHED}}
     path.write_text(yaml.dump(document, default_flow_style=False))
-    return ['--ros-args', '--params-file', str(path)]
+    return [ROS_ARGS, '--params-file', str(path)]
 
 
 @pytest.mark.parametrize('name', ['/**', '/rig1/ring_alarm', '/ring_alarm'])
 def test_a_file_that_a_launch_file_wrote_is_accepted(tmp_path: Path, name: str) -> None:
     words = launched(tmp_path / 'launch_params_x', name)
     assert '!!python/tuple' in Path(words[-1]).read_text()
-    check_parameter_files(words)
+    check_command_line(words)
 
 
 @pytest.mark.parametrize('text', [
@@ -86,7 +117,7 @@ def test_no_other_tag_of_python_is_accepted(tmp_path: Path, text: str) -> None:
     file = tmp_path / 'params.yaml'
     file.write_text(f'/**:\n  ros__parameters:\n    a: {text}\n')
     with pytest.raises(NodeError, match='is not YAML'):
-        check_parameter_files(['--params-file', str(file)])
+        check_command_line([ROS_ARGS, '--params-file', str(file)])
 
 
 def test_a_node_starts_with_a_list_from_a_launch_file(tmp_path: Path) -> None:
