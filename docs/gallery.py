@@ -59,7 +59,8 @@ def case(name: str, cache: Path) -> Case:
         truth = draw_truth(SEED, kind, settings)
         bags = write_campaign(truth, Path(folder), (*FITTED, *HELD_OUT), SHORT)
         found = diagnose(bags[:len(FITTED)], hold_out=bags[len(FITTED):])
-    run, channel = _most_changed(curves_of(found.found))
+    is_established = found.verdict in ('named', 'ambiguous')
+    run, channel = _most_changed(curves_of(found.found), is_established)
     row = CHANNELS.index(channel)
     over = run.load_in_unit if run.test == 'static' else run.time
     made = {
@@ -73,12 +74,12 @@ def case(name: str, cache: Path) -> Case:
     return made
 
 
-def _most_changed(runs: Sequence[RunCurves]) -> tuple[RunCurves, str]:
-    """Run and channel whose misfit over the noise falls most, or is largest."""
+def _most_changed(runs: Sequence[RunCurves], is_established: bool) -> tuple[RunCurves, str]:
+    """Run and channel whose misfit over the noise falls most; without a cause is largest."""
     def worth(run: RunCurves, channel: str) -> float:
         before, after = (float(np.sqrt(np.mean(run.residual(channel, extended=extended)**2)))
                          for extended in (False, True))
-        return (before - after if run.is_extended else before) / max(run.noise[channel], 1e-12)
+        return (before - after if is_established else before) / max(run.noise[channel], 1e-12)
 
     return max(((run, channel) for run in runs for channel in CHANNELS),
                key=lambda pair: worth(*pair))
@@ -96,7 +97,7 @@ def sheet(cases: Sequence[Case]) -> Figure:
             unit = MICRO_UNITS[one['channel']]
             axes.axhspan(-2 * one['noise'], 2 * one['noise'], color=NOISE, alpha=0.3, lw=0)
             axes.plot(one['at'], one['before'], color=BEFORE, lw=0.9, label='contact law alone')
-            if one['causes']:
+            if one['verdict'] in ('named', 'ambiguous'):
                 axes.plot(one['at'], one['after'], color=AFTER, lw=0.9, label='with the cause')
             effect = catalogue().get(one['cause'])
             axes.set_title(effect.title if effect else one['title'], fontsize=9, weight='bold')
