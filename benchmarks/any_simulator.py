@@ -25,7 +25,7 @@ import numpy as np
 from saddlering_ros.discrepancy import diagnose, Diagnosis, Model
 from saddlering_ros.quantities import WIDTH_95
 
-OTHERS = ('pendulum', 'cart_pole', 'four_tank', 'predator_prey')
+OTHERS = ('pendulum', 'cart_pole', 'predator_prey')
 SIZES = (0.6, 2.0)
 """The true size is drawn between these shares of the one that the machine lists."""
 
