@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 import os
 from pathlib import Path
 import re
@@ -43,24 +44,45 @@ _UNCLEAR_NUMBER = re.compile(
 class YamlRefused(yaml.YAMLError):
     """The text is YAML, but it holds something that is not accepted; `line` counts from 1."""
 
-    def __init__(self, reason: str, event: yaml.Event | None = None) -> None:
+    def __init__(self, reason: str, place: yaml.Event | yaml.Node | None = None) -> None:
         super().__init__(reason)
         self.reason = reason
-        self.line = None if event is None else _line(event)
+        self.line = None if place is None else _line(place)
 
 
-def _line(event: yaml.Event) -> int:
-    return event.start_mark.line + 1 if event.start_mark is not None else 0
+def _line(place: yaml.Event | yaml.Node) -> int:
+    return place.start_mark.line + 1 if place.start_mark is not None else 0
 
 
 def parse_yaml(text: str) -> Any:
     """The one document of `text`; YAMLError if it cannot be read or may not be."""
-    return _parse(text, _Safety())
+    if len(text) > MAX_BYTES:
+        raise YamlRefused(f'is longer than {MAX_BYTES} characters: check the file')
+    try:
+        _check_size(yaml.parse(text, _Loader))
+        return yaml.load(text, _Loader)
+    except (ValueError, LookupError, AttributeError, TypeError, ArithmeticError,
+            RecursionError) as problem:  # faults that the constructors of PyYAML accept
+        raise yaml.YAMLError(str(problem)) from problem
 
 
 def parse_strict_yaml(text: str) -> Any:
     """As `parse_yaml`; duplicate keys and numbers that readers take differently are refused."""
-    return _parse(text, _Strictness())
+    value, nodes = parse_yaml(text), [yaml.compose(text, _Loader)]
+    while nodes:
+        node = nodes.pop()
+        if isinstance(node, yaml.MappingNode):
+            _refuse_duplicate_keys(node)
+            nodes += [item for pair in node.value[::-1] for item in pair[::-1]]
+        elif isinstance(node, yaml.SequenceNode):
+            nodes += node.value[::-1]
+        elif isinstance(node, yaml.ScalarNode) and not node.style and (
+                _UNCLEAR_NUMBER.fullmatch(node.value)):
+            raise YamlRefused(f'the number {node.value} is not in plain decimal digits and would '
+                              'be read differently by different programs: write it without '
+                              'leading zeros, colons or underscores, or in quotes if it is text',
+                              node)
+    return value
 
 
 def read_strict_yaml(path: Path | str, error: type[SaddleringError]) -> Any:
@@ -113,26 +135,10 @@ def read_regular_text(path: Path, error: type[SaddleringError], limit: int = MAX
         raise error(f'{path}: cannot be read ({reason}): check the path') from problem
 
 
-def _parse(text: str, checks: _Safety) -> Any:
-    if len(text) > MAX_BYTES:
-        raise YamlRefused(f'is longer than {MAX_BYTES} characters: check the file')
-    try:
-        for event in yaml.parse(text, _Loader):
-            checks.see(event)
-        return yaml.load(text, _Loader)
-    except (ValueError, LookupError, AttributeError, TypeError, ArithmeticError,
-            RecursionError) as problem:  # faults that the constructors of PyYAML accept
-        raise yaml.YAMLError(str(problem)) from problem
-
-
-class _Safety:
-    """Refuses documents that could take much time or memory, from the stream of YAML events."""
-
-    def __init__(self) -> None:
-        self._depth = 0
-
-    def see(self, event: yaml.Event) -> None:
-        """Check the next event."""
+def _check_size(events: Iterable[yaml.Event]) -> None:
+    """Refuse documents that could take much time or memory."""
+    depth = 0
+    for event in events:
         if isinstance(event, yaml.AliasEvent):
             raise YamlRefused('holds an alias (*name), which is not accepted: write the value '
                               'out', event)
@@ -140,46 +146,17 @@ class _Safety:
                 _NUMBER.fullmatch(event.value)):
             raise YamlRefused(f'holds a number of more than {LONGEST_NUMBER} digits: '
                               'shorten it', event)
-        self._depth += isinstance(event, yaml.CollectionStartEvent)
-        self._depth -= isinstance(event, yaml.CollectionEndEvent)
-        if self._depth > DEEPEST:
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
             raise YamlRefused(f'holds more than {DEEPEST} collections inside each other: '
                               'correct the file', event)
 
 
-class _Strictness(_Safety):
-    """Refuses duplicate keys, and numbers that readers take differently, as well."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        # Of each open collection the lines of its keys (none of a sequence), and its entries.
-        self._keys: list[dict[str, int] | None] = []
-        self._entries: list[int] = []
-
-    def see(self, event: yaml.Event) -> None:
-        """Check the next event."""
-        super().see(event)
-        if isinstance(event, yaml.CollectionEndEvent):
-            self._keys.pop()
-            self._entries.pop()
-            return
-        if not isinstance(event, (yaml.ScalarEvent, yaml.CollectionStartEvent)):
-            return
-        keys = None
-        if self._entries:
-            self._entries[-1] += 1
-            keys = self._keys[-1] if self._entries[-1] % 2 == 1 else None
-        if isinstance(event, yaml.CollectionStartEvent):
-            self._keys.append({} if isinstance(event, yaml.MappingStartEvent) else None)
-            self._entries.append(0)
-            return
-        if keys is not None and event.value in keys:
-            raise YamlRefused(f'the key {event.value!r} is given twice in one section '
-                              f'(first in line {keys[event.value]}): remove one', event)
-        if keys is not None:
-            keys[event.value] = _line(event)
-        if event.implicit[0] and _UNCLEAR_NUMBER.fullmatch(event.value):
-            raise YamlRefused(f'the number {event.value} is not in plain decimal digits and '
-                              'would be read differently by different programs: write it '
-                              'without leading zeros, colons or underscores, or in quotes if '
-                              'it is text', event)
+def _refuse_duplicate_keys(node: yaml.MappingNode) -> None:
+    lines: dict[str, int] = {}
+    for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+        if key.value in lines:
+            raise YamlRefused(f'the key {key.value!r} is given twice in one section (first in '
+                              f'line {lines[key.value]}): remove one', key)
+        lines[key.value] = _line(key)
