@@ -107,10 +107,6 @@ class Misfit:
     whiten: Callable[[Array], Array]
     degrees: int
 
-    @property
-    def size(self) -> int:
-        return sum(run.residual.size for run in self.runs)
-
     @cached_property
     def folds(self) -> Sequence[slice | NDArray[np.int64]]:
         """Rows that are held out in turn: runs, or parts of a single run."""

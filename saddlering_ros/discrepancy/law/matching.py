@@ -161,123 +161,127 @@ MAX_REFINED = 3
 """Number of best forms whose shape is searched beyond its grid. Chosen for cost."""
 
 
+@dataclass(frozen=True)
+class _Match:
+    """One form of law in place of a fitted family, for a whitened residual `wanted` (n,)."""
+
+    misfit: Misfit
+    fit: BlockFit
+    wanted: Array
+    form: Form
+
+    def columns(self, *shapes: Shape) -> Array:
+        """Whitened columns (n, k) of the law with each of the shapes."""
+        return self.misfit.columns(self.fit.target, [
+            np.hstack([self.form.columns(run.coordinates, shape) for shape in shapes])
+            for run in self.misfit.runs])
+
+    def left(self, columns: Array) -> float:
+        """Misfit with the best amplitudes of columns (n, m)."""
+        slope = columns.T @ self.wanted
+        amplitudes = np.linalg.pinv(columns.T @ columns, hermitian=True) @ slope
+        return float(self.wanted @ self.wanted - amplitudes @ slope)
+
+    def on_grid(self) -> tuple[float, Array]:
+        """Misfit and shape of the best law on the grid of the form."""
+        low, high = self.fit.block.span
+        if self.form is MEMORY and self.fit.block.memory is not None:
+            low, high = float(self.fit.block.memory[0]), float(self.fit.block.memory[-1])
+        shapes = [np.array(shape) for shape in self.form.grid(low, high)]
+        columns = np.split(self.columns(*shapes), len(shapes), axis=1)
+        return min(zip(map(self.left, columns), shapes, strict=True), key=lambda law: law[0])
+
+    def refined(self, least: float, start: Array) -> tuple[float, Array]:
+        """Misfit and shape of the best law about a start, whose misfit is `least`."""
+        free = self.form.searched
+        if start.size == 0:
+            return least, start
+
+        def moved_by(move: Array) -> Array:
+            shape = start.copy()
+            is_scaled = np.all(start[free])
+            shape[free] = start[free] * np.exp(move) if is_scaled else start[free] + move
+            return shape
+
+        still = np.zeros(len(free))
+        minimum = minimize(
+            lambda move: self.left(self.columns(moved_by(move))), still, method='Nelder-Mead',
+            options={'maxfev': 60, 'xatol': 1e-4, 'fatol': 1e-7 * max(least, 1e-300),
+                     'initial_simplex': np.vstack([still, 0.1 * np.eye(len(free))])})
+        if minimum.fun >= least:
+            return least, start
+        return float(minimum.fun), moved_by(minimum.x)
+
+    def term(self, shape: Array) -> Term:
+        """The law with the best amplitudes, their standard deviations and its curve."""
+        form, wanted, block, columns = self.form, self.wanted, self.fit.block, self.columns(shape)
+        sizes = np.asarray(np.linalg.lstsq(columns, wanted, rcond=None)[0], dtype=np.float64)
+        law, slopes = columns @ sizes, [columns]
+        for index in form.searched:
+            step = STEP * (abs(shape[index]) or 1.0)
+            moved = shape.copy()
+            moved[index] += step
+            slopes.append(((self.columns(moved) @ sizes - law) / step)[:, None])
+        sensitivities, left = np.hstack(slopes), wanted - law
+        length = np.maximum(np.sqrt((sensitivities**2).sum(axis=0)), 1e-300)
+        scaled = sensitivities / length
+        covariance = (np.linalg.pinv(scaled.T @ scaled, hermitian=True) / np.outer(length, length)
+                      * max(1.0, float(left @ left) / wanted.size))
+        deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+        parameters = {
+            name: Estimate(float(size), std,
+                           'target per coordinate' if name == 'slope' else 'target')
+            for name, size, std in zip(form.amplitudes, sizes, deviations, strict=False)}
+        # A shape parameter that was not searched has the deviation 0.
+        of_shapes = dict(zip(form.searched, deviations[len(form.amplitudes):], strict=True))
+        for index, name in enumerate(form.shapes):
+            unit = 'coordinate' if name.endswith('*') else 's' if name.endswith('_s') else '1'
+            parameters[name.rstrip('*').removesuffix('_s')] = Estimate(
+                float(shape[index]), of_shapes.get(index, 0.0), unit)
+        at = np.linspace(*block.span, CURVE_POINTS)
+        term = Term(self.fit.target, block.coordinate, form.name, form.words, parameters, at,
+                    np.zeros(at.size), np.zeros(at.size), form)
+        if block.memory is not None:
+            return term
+        along = {**dict.fromkeys((LOAD, block.coordinate), at), DIRECTION: np.ones(at.size)}
+        own = form.columns(along, shape)
+        of_sizes = covariance[:own.shape[1], :own.shape[1]]
+        variance = np.einsum('ni,ij,nj->n', own, of_sizes, own)
+        return replace(term, values=term.evaluate(along), band=np.sqrt(np.maximum(variance, 0.0)))
+
+
 def match_law(misfit: Misfit, fit: BlockFit, wanted: Array) -> Term:
     """The simple law that is as good as the family by BIC, or the curve of the family."""
+    size, along = wanted.size, fit.block.coordinate
 
     def bic(left: float, count: float) -> float:
-        size = misfit.size
         return size * float(np.log(max(left, 1e-300) / size)) + count * float(np.log(size))
 
-    def price(law: tuple[float, Array, Form]) -> float:
-        left, _, form = law
-        return bic(left, len(form.amplitudes) + len(form.shapes))
+    def price(law: tuple[float, Array, _Match]) -> float:
+        return bic(law[0], len(law[2].form.amplitudes) + len(law[2].form.shapes))
 
-    left, along = float(wanted @ wanted) - fit.taken, fit.block.coordinate
     forms = {'plays': [PLAY], 'relaxation': [MEMORY]}.get(
         fit.block.kind, [replace(form, coordinate=along) for form in CURVES])
     if along == DIRECTION:
         forms = [replace(form, coordinate=along, words=f'direction * {form.words}')
                  for form in (*CURVES, CONSTANT)]
-    begun = sorted(((*_on_grid(misfit, fit, form, wanted), form) for form in forms), key=price)
-    best = min(((*_refined(misfit, fit, form, wanted, own, shape), form)
-                for own, shape, form in begun[:MAX_REFINED]), key=price)
+    matches = [_Match(misfit, fit, wanted, form) for form in forms]
+    begun = sorted(((*match.on_grid(), match) for match in matches), key=price)
+    best = min(((*match.refined(least, start), match)
+                for least, start, match in begun[:MAX_REFINED]), key=price)
+    left = float(wanted @ wanted) - fit.taken
     if price(best) <= bic(left, fit.freedom):
-        return _law_term(misfit, fit, best[2], best[1], wanted)
-    return _curve_term(misfit, fit, left)
+        return best[2].term(best[1])
+    return _curve_term(fit, left / size)
 
 
-def _columns(misfit: Misfit, target: str, form: Form, shapes: Sequence[Shape]) -> Array:
-    return misfit.columns(target, [
-        np.hstack([form.columns(run.coordinates, shape) for shape in shapes])
-        for run in misfit.runs])
+def _curve_term(fit: BlockFit, left: float) -> Term:
+    """The family itself: a curve with its band, or weights of plays and relaxations.
 
-
-def _left(columns: Array, wanted: Array) -> float:
-    """Misfit with the best amplitudes of columns (n, m)."""
-    slope = columns.T @ wanted
-    amplitudes = np.linalg.pinv(columns.T @ columns, hermitian=True) @ slope
-    return float(wanted @ wanted - amplitudes @ slope)
-
-
-def _on_grid(misfit: Misfit, fit: BlockFit, form: Form, wanted: Array) -> tuple[float, Array]:
-    """Misfit and shape of the best law of one form on its grid."""
-    low, high = fit.block.span
-    if form is MEMORY and fit.block.memory is not None:
-        low, high = float(fit.block.memory[0]), float(fit.block.memory[-1])
-    shapes = [np.array(shape) for shape in form.grid(low, high)]
-    columns = _columns(misfit, fit.target, form, shapes)
-    lefts = [_left(own, wanted) for own in np.split(columns, len(shapes), axis=1)]
-    best = int(np.argmin(lefts))
-    return lefts[best], shapes[best]
-
-
-def _refined(
-    misfit: Misfit, fit: BlockFit, form: Form, wanted: Array, least: float, start: Array
-) -> tuple[float, Array]:
-    """Misfit and shape of the best law of one form about a start, whose misfit is `least`."""
-    free = form.searched
-    if start.size == 0:
-        return least, start
-
-    def moved_by(move: Array) -> Array:
-        shape = start.copy()
-        shape[free] = start[free] * np.exp(move) if np.all(start[free]) else start[free] + move
-        return shape
-
-    still = np.zeros(len(free))
-    minimum = minimize(
-        lambda move: _left(_columns(misfit, fit.target, form, [moved_by(move)]), wanted), still,
-        method='Nelder-Mead', options={
-            'maxfev': 60, 'xatol': 1e-4, 'fatol': 1e-7 * max(least, 1e-300),
-            'initial_simplex': np.vstack([still, 0.1 * np.eye(len(free))])})
-    if minimum.fun >= least:
-        return least, start
-    return float(minimum.fun), moved_by(minimum.x)
-
-
-def _law_term(misfit: Misfit, fit: BlockFit, form: Form, shape: Array, wanted: Array) -> Term:
-    """The simple law with the best amplitudes, their standard deviations and its curve."""
-    columns = _columns(misfit, fit.target, form, [shape])
-    sizes = np.asarray(np.linalg.lstsq(columns, wanted, rcond=None)[0], dtype=np.float64)
-    law, slopes = columns @ sizes, [columns]
-    for index in form.searched:
-        step = STEP * (abs(shape[index]) or 1.0)
-        moved = shape.copy()
-        moved[index] += step
-        beside = _columns(misfit, fit.target, form, [moved]) @ sizes
-        slopes.append(((beside - law) / step)[:, None])
-    sensitivities, left = np.hstack(slopes), wanted - law
-    length = np.maximum(np.sqrt((sensitivities**2).sum(axis=0)), 1e-300)
-    scaled = sensitivities / length
-    covariance = (np.linalg.pinv(scaled.T @ scaled, hermitian=True) / np.outer(length, length)
-                  * max(1.0, float(left @ left) / misfit.size))
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
-    parameters = {
-        name: Estimate(float(size), std,
-                           'target per coordinate' if name == 'slope' else 'target')
-        for name, size, std in zip(form.amplitudes, sizes, deviations, strict=False)}
-    # A shape parameter that was not searched has the deviation 0.
-    of_shapes = dict(zip(form.searched, deviations[len(form.amplitudes):], strict=True))
-    for index, name in enumerate(form.shapes):
-        unit = 'coordinate' if name.endswith('*') else 's' if name.endswith('_s') else '1'
-        parameters[name.rstrip('*').removesuffix('_s')] = Estimate(
-            float(shape[index]), of_shapes.get(index, 0.0), unit)
-    at = np.linspace(*fit.block.span, CURVE_POINTS)
-    term = Term(fit.target, fit.block.coordinate, form.name, form.words, parameters, at,
-                np.zeros(at.size), np.zeros(at.size), form)
-    if fit.block.memory is not None:
-        return term
-    along = {**dict.fromkeys((LOAD, fit.block.coordinate), at), DIRECTION: np.ones(at.size)}
-    own = form.columns(along, shape)
-    of_sizes = covariance[:own.shape[1], :own.shape[1]]
-    variance = np.einsum('ni,ij,nj->n', own, of_sizes, own)
-    return replace(term, values=term.evaluate(along), band=np.sqrt(np.maximum(variance, 0.0)))
-
-
-def _curve_term(misfit: Misfit, fit: BlockFit, left: float) -> Term:
-    """The family itself: a curve with its band, or weights of plays and relaxations."""
+    left: mean square of the whitened residual beside it.
+    """
     block, coefficients = fit.block, fit.coefficients
-    covariance = fit.covariance * max(1.0, left / misfit.size)
+    covariance = fit.covariance * max(1.0, left)
     if block.memory is not None:
         scale = 1.0 if block.kind == 'plays' else 1.0 / (block.span[1] - block.span[0])
         spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))

@@ -10,7 +10,7 @@ compete with a second cause for the misfit that the idealised law leaves.
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -146,9 +146,11 @@ class Comparison:
         parameters adapt to it. In a view in which the effect has no part, the immaterial size is
         the limit.
         """
+        if not self.less.candidate.effects:
+            return True
         settings = self.space.settings
         powers = {view: size**2 for view, size in self.explained_before.items()}
-        return not self.less.candidate.effects or any(
+        return any(
             bool(np.any(size > np.maximum(settings.materiality, np.sqrt(settings.form_error * (
                 powers[view] + settings.form_error * powers[view].max())))))
             for view, size in self.added.items())
@@ -173,10 +175,14 @@ class Comparison:
         rate = settings.error_rate if has_no_form else settings.error_rate**2
         return space.likelihood_ratio_test(gain, self._extra) < rate
 
-    def is_another_cause(self, misfit_left: bool) -> bool:
-        """Whether the effect is a cause beside those in `less`; misfit_left: they leave some."""
-        return (self.closes_misfit or self.exceeds_forms
-                or (self.exceeds_form_error if misfit_left else self.adds_new_channel))
+    def is_another_cause(self, misfit_left: bool = True) -> bool:
+        """Whether the effect is a cause beside those in `less`, for any form of their laws.
+
+        misfit_left: these leave some misfit.
+        """
+        # Other forms cost simulations, so that they are asked last.
+        return ((self.exceeds_form_error if misfit_left else self.adds_new_channel)
+                or self.closes_misfit or self.exceeds_forms)
 
     @property
     def share_of_member(self) -> float:
@@ -186,14 +192,12 @@ class Comparison:
             return 0.0
         share = explained_share(
             space.slow_residual(self.less), space.slow_residual(self.more), settings)
+        is_beyond_form = self.exceeds_form_error
+        if is_beyond_form and share >= settings.min_partial:
+            return share
         if self.closes_misfit or self.exceeds_forms:
             return max(share, settings.min_partial)
-        return share if self.exceeds_form_error else 0.0
-
-    @property
-    def is_separate_cause(self) -> bool:
-        """Whether the cause differs from those in `less`, for any form of their laws."""
-        return self.exceeds_form_error or self.exceeds_forms or self.closes_misfit
+        return share if is_beyond_form else 0.0
 
     @property
     def adds_new_channel(self) -> bool:
@@ -226,9 +230,11 @@ def _explained(space: ModelSpace, less: Fit, more: Fit) -> Sizes:
     Nuisance parameters are fitted to both residuals first, so that small errors of a sound system
     do not count.
     """
-    metric, problem = space.metric, space.metric.problem
-    measured = problem.measured
-    before, after = (metric.without_nuisances(fit.prediction - measured) for fit in (less, more))
+    problem = space.problem
+    before, after = (
+        space.once('plain residual', fit, partial(
+            space.metric.without_nuisances, fit.prediction - problem.measured))
+        for fit in (less, more))
     changes = space.scale.by_run(more.prediction - less.prediction)
     explained: dict[str, Array] = {}
     for view in problem.system.views:
@@ -282,15 +288,6 @@ def indistinguishable(
     """
     margin = floor + settings.alternative_share * min(excess, taken)
     return distance <= max(margin, settings.form_error * (1 + max(0, fewer)) * taken)
-
-
-def too_many(effects: int) -> bool:
-    """Whether a model has too many effects for one of them to have alternatives.
-
-    With three effects and several choices for each, some model fits the misfit of a cause that
-    is in no catalogue.
-    """
-    return effects > MAX_WITH_ALTERNATIVES
 
 
 def crowded(explained: Iterable[Sizes], settings: Settings) -> bool:

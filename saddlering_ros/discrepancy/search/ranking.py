@@ -82,10 +82,18 @@ def rank(
         starts.setdefault(signature.key, []).append((gain, signature, start))
     scores = []
     for members in starts.values():
-        gain, best, start = max(members, key=lambda member: member[0])
-        others = _starts_of_other_shape(members, start, OTHER_SHARE * gain)
-        scores.append(
-            Score(best.effect, best.variant, gain, start, others, best.amplitude_dependent))
+        members.sort(key=lambda member: -member[0])
+        gain, best, start = members[0]
+        # Starts that differ in shape from this and from each other. The size of an
+        # amplitude-dependent effect is part of its shape.
+        kept, first = [start], 0 if best.amplitude_dependent else 1
+        for other_gain, _, other in members:
+            is_new = all(np.abs(other[first:] - chosen[first:]).max(initial=0.0) > MIN_APART
+                         for chosen in kept)
+            if other_gain > OTHER_SHARE * gain and is_new and len(kept) <= MAX_OTHERS:
+                kept.append(other)
+        scores.append(Score(best.effect, best.variant, gain, start, tuple(kept[1:]),
+                            best.amplitude_dependent))
     return sorted(scores, key=lambda score: -score.gain)
 
 
@@ -113,23 +121,6 @@ def best_of_each(scores: Sequence[Score]) -> list[Score]:
     for score in scores:
         best.setdefault(score.effect.id, score)
     return list(best.values())
-
-
-def _starts_of_other_shape(
-    members: Sequence[tuple[float, Signature, Array]], start: Array, least: float
-) -> tuple[Array, ...]:
-    """Starts that differ in shape from `start` and from each other, largest gain first.
-
-    The size of an amplitude-dependent effect is part of its shape.
-    """
-    kept = [start]
-    first = 0 if members[0][1].amplitude_dependent else 1
-    for gain, _, other in sorted(members, key=lambda member: -member[0]):
-        is_new = all(
-            np.abs(other[first:] - chosen[first:]).max(initial=0.0) > MIN_APART for chosen in kept)
-        if gain > least and is_new and len(kept) <= MAX_OTHERS:
-            kept.append(other)
-    return tuple(kept[1:])
 
 
 def shortlist(scores: Sequence[Score], least: float, count: int) -> list[Score]:

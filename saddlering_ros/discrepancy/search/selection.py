@@ -283,7 +283,7 @@ def _alternatives_to(
     return [
         other for other in spaces.fit_each(space, less, listed, [fit])
         if name not in other.candidate.ids and not stopped_sizes(space.problem, other)
-        and Comparison(space, less, other).is_separate_cause]
+        and Comparison(space, less, other).is_another_cause()]
 
 
 def stopped_sizes(problem: Problem, fit: Fit) -> list[tuple[Effect, float]]:

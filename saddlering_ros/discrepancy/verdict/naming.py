@@ -19,7 +19,7 @@ from saddlering_ros.discrepancy.search.evidence import (
     alternative_floor,
     Comparison,
     crowded,
-    too_many,
+    MAX_WITH_ALTERNATIVES,
     with_forms,
 )
 from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest, SlowResidual
@@ -207,7 +207,7 @@ def judge(
     if fit.candidate.effects:
         open_members = [name for name in fit.candidate.ids if alternatives.get(name)]
         doubts = _doubts(space, fit, after, share)
-        if open_members and too_many(len(fit.candidate.effects)):
+        if open_members and len(fit.candidate.effects) > MAX_WITH_ALTERNATIVES:
             doubts.append(wording.too_many_words(len(fit.candidate.effects), open_members))
         verdict = 'unknown' if doubts else 'ambiguous' if open_members else 'named'
         warnings += doubts
