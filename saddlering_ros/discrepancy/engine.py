@@ -187,7 +187,9 @@ def _beside_error(strict: Answer) -> Answer:
     A secondary cause that takes too little of what remains without it is left out, and what it
     took becomes model error. So is the smallest of causes that are not established together, or
     of which it has alternatives, because the main one may be established without it. If it is
-    not, those that are established together are named, and if none are, all are told.
+    not, those that are established together are named, and if none are, all are told. What is
+    left out because it takes too little still is no misfit of the main cause: that is established
+    by what it takes beside all others, too.
     """
     noise_alone = strict.search.space
     has_forms = not noise_alone.problem.assumptions.exact_laws
@@ -198,6 +200,7 @@ def _beside_error(strict: Answer) -> Answer:
     unknown: Answer | None = None
     dropped: list[Array] = []
     most_dropped = 0.0
+    proven: dict[str, Publication] = {}
     while search.fit.candidate.effects:
         space, fit = search.space, search.fit
         before, after = residual_of(space, space.base), residual_of(space, fit)
@@ -205,10 +208,16 @@ def _beside_error(strict: Answer) -> Answer:
         sizes = {cause.effect: cause.visible for cause in published.causes}
         weak = _weakest({name: own for name, own in published.member_shares.items()
                          if name != published.main.effect})
+        main = published.main.effect
+        if has_forms and len(sizes) > 1 and not established.doubts_on_main(space, fit, published):
+            proven.setdefault(main, published)
         if weak is None:
-            answer = _answer_beside(strict, search, published, process, most_dropped)
-            if answer.judgement.verdict == 'unknown':
-                unknown = _with_suspect(strict, answer) if has_forms else unknown or answer
+            answer = _answer_beside(strict, search, published, process, most_dropped, proven)
+            if answer.judgement.verdict == 'unknown' and has_forms:
+                unknown = replace(strict, judgement=strict.judgement.doubted([
+                    wording.suspect_words(fit.candidate.ids, answer.judgement.warnings)]))
+            elif answer.judgement.verdict == 'unknown':
+                unknown = unknown or answer
             elif answer.judgement.verdict == 'named' or len(sizes) == 1:
                 return answer
             else:
@@ -221,39 +230,48 @@ def _beside_error(strict: Answer) -> Answer:
     return together or unknown or strict
 
 
-def _with_suspect(strict: Answer, beside: Answer) -> Answer:
-    """The strict verdict, with why the main cause beside model error is not established."""
-    words = wording.suspect_words(beside.search.fit.candidate.ids, beside.judgement.warnings)
-    judgement = strict.judgement
-    return replace(strict, judgement=replace(judgement, warnings=(*judgement.warnings, words)))
-
-
 def _answer_beside(
-    strict: Answer, search: Search, published: Publication, process: Array, most_dropped: float
+    strict: Answer, search: Search, published: Publication, process: Array, most_dropped: float,
+    proven: Mapping[str, Publication],
 ) -> Answer:
-    """The verdict on causes beside model error; most_dropped: visible size of what is left out."""
+    """The verdict on causes beside model error.
+
+    most_dropped: visible size of what is left out; proven: models in which a main cause is
+    established beside others, by its id.
+    """
     noise_alone, fit = strict.search.space, search.fit
     whitened = noise_alone.metric.whiten(
         published.fits.after.prediction - noise_alone.problem.measured)
     seen = replace(published.fits.after, whitened=whitened, misfit=float(whitened @ whitened))
     left = residual_of(noise_alone, seen)
     assert published.shares is not None
-    doubts = [*doubts_of(search.space, fit, published, search.alternatives),
-              *established.own_kind_left(noise_alone, seen, left)]
+    main, taken, told = published.main, published.shares.best, [wording.REST_IS_ERROR]
+    beside = proven.get(main.effect) if len(published.causes) == 1 else None
+    if beside is not None:
+        doubts = established.other_laws(search.space, fit, search.alternatives)
+        taken = beside.member_shares[main.effect].best
+        told.append(wording.beside_words(main.effect, taken, [
+            cause.effect for cause in beside.causes if cause.effect != main.effect]))
+    else:
+        doubts = doubts_of(search.space, fit, published, search.alternatives)
+    doubts += established.own_kind_left(noise_alone, seen, left)
     if noise_alone.problem.assumptions.exact_laws:
         doubts += unsteady_sizes(search.space, fit, published.causes)
+    else:
+        doubts += established.like_sound_errors(
+            noise_alone, strict.search.fit, fit, fit.candidate.ids)
     doubts += uncertain_size(search.space, published.causes)
-    main = published.main
     # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
-    most = established.MAINLY if main.group == (main.effect,) else 1.0 - established.MIN_TAKEN
+    is_sure = beside is not None or main.group == (main.effect,)
+    most = established.MAINLY if is_sure else 1.0 - established.MIN_TAKEN
     if most_dropped**2 > most * main.visible**2:
         doubts.append(wording.AS_LARGE)
     is_open = any(len(cause.group) > 1 for cause in published.causes)
     verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'
     judgement = Judgement(verdict, explained_share_of(strict.before, left),
-                          tuple(doubts or [wording.REST_IS_ERROR]))
+                          tuple(doubts or told))
     return Answer(search, judgement, strict.before, left, published,
-                  remainder_of(noise_alone, seen, left), published.shares.best, process)
+                  remainder_of(noise_alone, seen, left), taken, process)
 
 
 def _weakest(shares: Mapping[str, Shares]) -> str | None:

@@ -221,6 +221,31 @@ def test_with_laws_that_are_not_exact_unknown_says_why_the_main_cause_has_no_nam
     assert [' of the power of the misfit' in item for item in said] == [True]
 
 
+def test_what_a_small_cause_without_a_name_takes_is_no_misfit_of_the_main_one() -> None:
+    """Friction takes 82 % of all, and more of what a cubic spring leaves, whose law is wrong."""
+    def recorded(number: int) -> Run:
+        run = record(number, 0.3, 0.06)
+        drive = np.asarray(run.inputs['drive'])
+        return replace(run, outputs={'seen': run.outputs['seen'] + 0.6 * drive * np.abs(drive)})
+
+    problem = problem_of(MODEL, [recorded(number) for number in range(3)], [recorded(3)])
+    rough = replace(problem.assumptions, exact_laws=False)
+    answer = diagnose_system(replace(problem, assumptions=rough))
+    assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('named', ['friction'])
+    assert any('of what cubic leave' in item for item in answer.warnings)
+
+
+def test_what_errors_of_a_sound_machine_could_replace_is_not_established() -> None:
+    """Beside such errors, the arc of a dirty ring took 23 % of what was left."""
+    fit = SimpleNamespace(misfit=800.0, candidate=SimpleNamespace(ids=('arc',)))
+    for left, is_doubted in ((900.0, True), (1200.0, False)):
+        alone = SimpleNamespace(
+            metric=SimpleNamespace(free_count=500.0),
+            without=lambda *_, left=left: SimpleNamespace(misfit=left))
+        doubts = established.like_sound_errors(alone, fit, fit, ['arc'])
+        assert bool(doubts) is is_doubted
+
+
 def named_beside_friction(
     friction: float, cubic: float, channel: str, power: int = 3
 ) -> list[str]:

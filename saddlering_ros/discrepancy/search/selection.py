@@ -407,9 +407,7 @@ def search_beside_error(search: Search) -> tuple[Search, Array]:
         fit = prune(space, fit, log)
         if fit.candidate.key == learnt_from:
             break
-    alternatives: Alternatives = {}
-    if fit.candidate.effects:
-        fit, alternatives = check_alternatives(space, fit, log)
+    fit, alternatives = check_alternatives(space, fit, log)
     return Search(search.begun, space, fit, alternatives, log), process
 
 
@@ -425,9 +423,7 @@ def learnt_without(
     changes = alone.problem.changes_of_effects(fit.point, fit.prediction)
     dropped.append(changes[:, fit.candidate.ids.index(name)])
     space, fit, process = space_beside_error(alone, search.space.without(fit, name), dropped)
-    alternatives: Alternatives = {}
-    if fit.candidate.effects:
-        fit, alternatives = check_alternatives(space, fit, search.log)
+    fit, alternatives = check_alternatives(space, fit, search.log)
     return replace(search, space=space, fit=fit, alternatives=alternatives), process
 
 

@@ -205,6 +205,16 @@ def weak_words(name: str, taken: float, needed: float) -> str:
             'nearly as much')
 
 
+def sound_error_words(name: str, taken: float, needed: float) -> str:
+    return (f'{name} takes {percent(max(taken, 0.0))} of what noise and errors of a sound machine '
+            f'leave beside the other causes; less than {percent(needed)} such errors could take')
+
+
+def beside_words(name: str, taken: float, others: Sequence[str]) -> str:
+    return (f'{name} takes {percent(taken)} of the power of what {" and ".join(others)} leave; '
+            'these are not established')
+
+
 def suspect_words(ids: Sequence[str], doubts: Sequence[str]) -> str:
     return (f'if what remains is error of the model, the main cause is {" and ".join(ids)}, '
             f'and it is not established: {"; ".join(doubts)}')
