@@ -348,12 +348,22 @@ def significant_drifts(histories: Sequence[RingHistory]) -> tuple[list[Drift], l
     common = {drift.owner: drift.slopes for drift in rigs}
     tested = []
     for ring in histories:
-        slopes, p_value = _slopes_beyond(ring, common.get(ring.bench, {}))
+        of_rig, slopes = common.get(ring.bench, {}), dict[str, tuple[float, float]]()
+        p_values = []
+        for name, history in ring.of.items():
+            slope, std, p_value = history.slope, history.slope_std, history.drift_p_value
+            if name in of_rig and math.isfinite(std):
+                shared, shared_std = of_rig[name]
+                slope, std = slope - shared, math.hypot(std, shared_std)
+                p_value = float(chi2.sf((slope / std) ** 2, 1)) if p_value < 1.0 else 1.0
+            slopes[name] = (slope, std)
+            p_values.append(p_value)
         strongest = max(slopes, key=lambda name: abs(slopes[name][0] / slopes[name][1]),
                         default='')
         group, next_test = ((('contact_stiffness', 'load_gain'), DEAD_WEIGHT)
                             if scales_alike(slopes) else ((strongest,), AFTER_SERVICE))
-        tested.append(Drift(ring.ring, 'ring', ring.clock, slopes, p_value, group, next_test))
+        bonferroni = min([1.0, *(len(p_values) * value for value in p_values)])
+        tested.append(Drift(ring.ring, 'ring', ring.clock, slopes, bonferroni, group, next_test))
     return _standing(tested), rigs
 
 
@@ -361,21 +371,6 @@ def _standing(drifts: Sequence[Drift]) -> list[Drift]:
     """Those that stand, at most the share LEVEL of them falsely."""
     stands = benjamini_hochberg([drift.p_value for drift in drifts])
     return [drift for drift, is_real in zip(drifts, stands, strict=True) if is_real]
-
-
-def _slopes_beyond(ring: RingHistory, common: Slopes) -> tuple[Slopes, float]:
-    """Slopes of a ring beyond its rig's, and the p-value of none (Bonferroni over coordinates)."""
-    slopes: dict[str, tuple[float, float]] = {}
-    p_values = []
-    for name, history in ring.of.items():
-        slope, std, p_value = history.slope, history.slope_std, history.drift_p_value
-        if name in common and math.isfinite(std):
-            shared, shared_std = common[name]
-            slope, std = slope - shared, math.hypot(std, shared_std)
-            p_value = float(chi2.sf((slope / std) ** 2, 1)) if p_value < 1.0 else 1.0
-        slopes[name] = (slope, std)
-        p_values.append(p_value)
-    return slopes, min([1.0, *(len(p_values) * value for value in p_values)])
 
 
 def scales_alike(slopes: Slopes) -> bool:
