@@ -179,10 +179,11 @@ def assess(
     reasons = _reasons(space, best, systematic, deviations, elevations, misfit_advice)
     intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(PARAMETER_NAMES)
     for position, index in enumerate(space.free):
+        if PARAMETER_NAMES[index] in reasons:
+            continue
         ends = best.point[position] + WIDTH_95 * deviations[0][index] * np.array([-1.0, 1.0])
         low, high = np.exp(ends) if space.logarithmic[index] else ends
-        if PARAMETER_NAMES[index] not in reasons:
-            intervals[PARAMETER_NAMES[index]] = (float(low), float(high))
+        intervals[PARAMETER_NAMES[index]] = (float(low), float(high))
     # Shares of the variance by source: GUM, JCGM 100, 5.1.
     variances = {'noise': np.diag(by_noise), 'unequal_rollers': np.diag(by_rollers),
                  **{name: shift**2 for name, shift in of_instruments.items()}}

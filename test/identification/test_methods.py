@@ -16,6 +16,7 @@ from identification_records import (
 import numpy as np
 import pytest
 
+from saddlering_ros.estimation.least_squares import SearchSpace
 from saddlering_ros.identification import (
     IdentificationError,
     IdentificationSettings,
@@ -28,10 +29,11 @@ from saddlering_ros.identification.objective import (
     average_branches,
     PaperObjective,
     predict,
+    stay_at,
     WeightedObjective,
 )
 from saddlering_ros.identification.result import identification_text
-from saddlering_ros.identification.uncertainty import MAX_HALF_WIDTH, reason_open
+from saddlering_ros.identification.uncertainty import assess, MAX_HALF_WIDTH, reason_open
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
 
@@ -228,6 +230,16 @@ def test_a_rig_unlike_the_model_widens_the_intervals(four_runs, found):
     assert 'widened' in wrong.status
     wider, usual = (item.parameters.source.covariance for item in (wrong, found))
     assert wider[3, 3] > usual[3, 3]
+
+
+@pytest.mark.filterwarnings('error::RuntimeWarning')
+def test_a_stiffness_that_no_reading_depends_on_has_no_interval_and_no_overflow():
+    objective = WeightedObjective(RIG, observe([static_run(50.0)], RIG, fit_rate=50.0), (0, 1, 2))
+    space = SearchSpace.of(RIG.bounds, methods.STATIC_NAMES, TRUE_TO_SCALE, ('K1', 'K2'))
+    best = stay_at(objective, space, TRUE_TO_SCALE)
+    blind = replace(best, jacobian=best.jacobian * np.array([1.0, 1.0, 1e-12, 1.0]))
+    trust = assess(objective, space, blind, RIG.bounds, '')
+    assert trust.intervals['K2'] is None
 
 
 def half_of(run):
