@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 import os
 from typing import TypeVar
 
@@ -256,15 +255,16 @@ def _pool(process: int, workers: int) -> ThreadPoolExecutor:
 
 def in_parallel(task: Callable[[Part], Result], parts: Sequence[Part]) -> list[Result]:
     """Results of task(part) for every part, on the threads that `threads` allows."""
-    if threads() == 1 or len(parts) == 1:
+    if len(parts) == 1 or threads() == 1:
         return [task(part) for part in parts]
     return list(_pool(os.getpid(), threads()).map(task, parts))
 
 
 def shares(count: int) -> list[slice]:
     """`count` items in slices, one for each thread."""
-    return [slice(a, b) for a, b in pairwise(
-        np.linspace(0, count, min(threads(), count) + 1).astype(int))]
+    workers = min(threads(), count)
+    return [slice(count * number // workers, count * (number + 1) // workers)
+            for number in range(workers)]
 
 
 def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLike,

@@ -115,7 +115,7 @@ def static_batch(models: Any, rows: Any, uniform: Any, load: Any, q_out: Any) ->
 
 @kernel(**INNER)
 def static_run(m: Any, rows: Any, uniform: Any, load: Any, w: Any, q_out: Any) -> Any:
-    """`static_batch` of one model; inside its loop over models it took a quarter longer."""
+    """`static_batch` of one model."""
     found, x, y, tilt = False, 0.0, 0.0, 0.0
     for n in range(load.size):
         old0, old1, old2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
