@@ -107,30 +107,23 @@ def static_batch(models: Any, rows: Any, uniform: Any, load: Any, q_out: Any) ->
 
     The last equilibrium and its stiffness predict the next.
     """
-    w = np.zeros(at.WORK_SIZE)
+    w, k = np.zeros(at.WORK_SIZE), at.STIFFNESS
     for b in range(models.shape[0]):
-        r = b if rows.shape[0] > 1 else 0
-        static_run(models[b], rows[r], uniform[r], load, w, q_out[b])
-
-
-@kernel(**INNER)
-def static_run(m: Any, rows: Any, uniform: Any, load: Any, w: Any, q_out: Any) -> Any:
-    """`static_batch` of one model."""
-    found, x, y, tilt = False, 0.0, 0.0, 0.0
-    for n in range(load.size):
-        old0, old1, old2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
-        load_at_ring(m, load[n], 0.0, 0.0, w)
-        if found:
-            k = at.STIFFNESS
-            near, step0, step1, step2 = solve3(
-                w[k], w[k + 1], w[k + 2], w[k + 3], w[k + 4], w[at.EXTERNAL] - old0,
-                w[at.EXTERNAL + 1] - old1, w[at.EXTERNAL + 2] - old2)
-            if near and max(abs(step0), abs(step1), abs(step2) * m.radius) < 2e-5:
-                x, y, tilt = x + step0, y + step1, tilt + step2
-        else:
-            x = math.copysign(0.5 * m.radial_clearance + 1e-5, w[at.EXTERNAL])
-            y = math.copysign(0.5 * m.axial_clearance + 1e-5, w[at.EXTERNAL + 1])
-        found, x, y, tilt = equilibrium(m, rows, uniform, w, x, y, tilt)
-        q_out[n, 0], q_out[n, 1], q_out[n, 2] = x, y, tilt
-        if not found:
-            q_out[n, :] = math.nan
+        m, r = models[b], b if rows.shape[0] > 1 else 0
+        found, x, y, tilt = False, 0.0, 0.0, 0.0
+        for n in range(load.size):
+            old0, old1, old2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
+            load_at_ring(m, load[n], 0.0, 0.0, w)
+            if found:
+                near, step0, step1, step2 = solve3(
+                    w[k], w[k + 1], w[k + 2], w[k + 3], w[k + 4], w[at.EXTERNAL] - old0,
+                    w[at.EXTERNAL + 1] - old1, w[at.EXTERNAL + 2] - old2)
+                if near and max(abs(step0), abs(step1), abs(step2) * m.radius) < 2e-5:
+                    x, y, tilt = x + step0, y + step1, tilt + step2
+            else:
+                x = math.copysign(0.5 * m.radial_clearance + 1e-5, w[at.EXTERNAL])
+                y = math.copysign(0.5 * m.axial_clearance + 1e-5, w[at.EXTERNAL + 1])
+            found, x, y, tilt = equilibrium(m, rows[r], uniform[r], w, x, y, tilt)
+            q_out[b, n, 0], q_out[b, n, 1], q_out[b, n, 2] = x, y, tilt
+            if not found:
+                q_out[b, n, :] = math.nan
