@@ -38,16 +38,8 @@ RETRY = 0.01
 CALLED_BACK = frozenset({'_numba_unpickle', 'typeof_pyval'})
 """Functions of numba that compiled code calls."""
 
-EXAMPLES = (
-    ('saddlering demo', 'all steps, on the shipped bags'),
-    ('saddlering info bags/static_50', 'the content of a bag and its faults'),
-    ('saddlering identify bags/static_50 bags/dynamic_50 --out params.yaml',
-     'find the contact parameters'),
-    ('saddlering diagnose bags/static_50 bags/dynamic_50 --report report.html',
-     'name the cause that the simulation lacks'),
-    ('saddlering live', 'watch a test in the browser'),
-)
-"""Examples in the help of saddlering itself."""
+SHOWN = ('demo', 'info', 'identify', 'diagnose', 'live')
+"""Commands whose first example stands in the help of saddlering itself."""
 
 
 def subcommand_modules() -> list[ModuleType]:
@@ -61,9 +53,7 @@ def build_parser() -> tuple[arguments.OneLineParser, dict[str, tuple[arguments.C
     """Return the parser, and each subcommand by its name with the function that runs it."""
     parser = arguments.OneLineParser(
         prog='saddlering',
-        description='Test rig, simulator and diagnosis of a saddle ring.',
-        epilog=arguments.examples_text(EXAMPLES),
-    )
+        description='Test rig, simulator and diagnosis of a saddle ring.')
     parser.add_argument('--version', action=_Version, help='show the version and exit')
     parser.add_argument('--traceback', action='store_true', help=arguments.TRACEBACK_WORDS)
     subparsers = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
@@ -72,6 +62,7 @@ def build_parser() -> tuple[arguments.OneLineParser, dict[str, tuple[arguments.C
         for command in module.COMMANDS:
             command.add_to(subparsers)
             commands[command.name] = command, module.run
+    parser.epilog = arguments.examples_text([commands[name][0].examples[0] for name in SHOWN])
     return parser, commands
 
 

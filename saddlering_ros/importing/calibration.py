@@ -52,7 +52,7 @@ _GRAVITY = Fraction('9.80665')
 _POUND = Fraction('0.45359237') * _GRAVITY
 _INCH = Fraction('0.0254')
 
-_FACTORS: dict[str, dict[str, int | Fraction]] = {
+FACTORS: dict[str, dict[str, int | Fraction]] = {
     FORCE: {'N': 1, 'daN': 10, 'kN': 1000, 'MN': 10**6, 'kgf': _GRAVITY, 'kp': _GRAVITY,
             't': 1000 * _GRAVITY, 'tf': 1000 * _GRAVITY, 'lbf': _POUND, 'kip': 1000 * _POUND},
     LENGTH: {'m': 1, 'cm': Fraction(1, 100), 'mm': Fraction(1, 1000), 'um': Fraction(1, 10**6),
@@ -67,7 +67,7 @@ _FACTORS: dict[str, dict[str, int | Fraction]] = {
     RAW: {'raw': 1},
 }
 _UNITS = {name: Unit(name, quantity, Fraction(factor))
-          for quantity, factors in _FACTORS.items() for name, factor in factors.items()}
+          for quantity, factors in FACTORS.items() for name, factor in factors.items()}
 
 _SAME = {'µm': 'um', 'μm': 'um', 'µs': 'us', 'μs': 'us', 'sec': 's', 'inch': 'in', '°': 'deg'}
 """Other spellings of the same unit."""
@@ -91,11 +91,6 @@ def measures(name: object, *quantities: str) -> bool:
     """Whether `name` is a unit of one of the quantities."""
     unit = known_unit(name)
     return unit is not None and unit.quantity in quantities
-
-
-def units_of(quantity: str) -> tuple[str, ...]:
-    """The names of all units of a quantity."""
-    return tuple(_FACTORS[quantity])
 
 
 @dataclass(frozen=True)

@@ -219,43 +219,34 @@ class Feed:
         return rows[times > before]
 
     def _part(self, piece: Piece, block: Block, stamps: Stamps, rows: NDArray[np.int64]) -> Part:
+        """Readings in SI of these rows, without those that no message can hold."""
         samples = {}
         for name, column in piece.columns.items():
             if block[column].dtype.kind not in 'fiu':
                 raise ImportingError(f'{piece.source.path}: column {column!r} holds text and no '
                                      'numbers: name another column')
-            other = block[piece.rod_pressures[name]][rows] if name in piece.rod_pressures else None
-            readings = np.asarray(block[column][rows], dtype=np.float64)
-            values = _in_si(piece.source, self.channels[name], readings, other)
-            known = np.isfinite(values)
-            shifted = stamps[rows] - round(self.channels[name].delay * SECOND)
-            samples[name] = (shifted, values) if known.all() else (shifted[known], values[known])
+            channel, readings = self.channels[name], np.asarray(block[column][rows], np.float64)
+            values = channel.calibration.apply(readings * channel.polarity)
+            is_read, applied = np.isfinite(readings), np.isfinite(values)
+            piston, rod = channel.areas
+            if piston:
+                values = values * piston
+            if name in piece.rod_pressures:
+                other = np.asarray(block[piece.rod_pressures[name]][rows], np.float64)
+                values = values - channel.calibration.apply(other) * rod
+            usable = np.abs(values) <= LARGEST
+            for words, lost in (
+                    (f'readings of {name} outside of its calibration table, left out',
+                     is_read & ~applied),
+                    (f'missing readings of {name}, left out', ~is_read),
+                    (f'readings of {name} without a rod pressure, or too large for a message, '
+                     'left out', applied & ~usable)):
+                if lost.any():
+                    piece.source.warn(words, int(lost.sum()))
+            shifted = stamps[rows] - round(channel.delay * SECOND)
+            samples[name] = (shifted, values) if usable.all() else (
+                shifted[usable], values[usable])
         return (self._run, self._label), samples
-
-
-def _in_si(
-    source: Source, channel: ChannelMap, readings: Floats,
-    rod_pressure: NDArray[np.generic] | None,
-) -> Floats:
-    """Readings (N,) of a channel in SI, NaN where there is none that a message can hold."""
-    values = channel.calibration.apply(readings * channel.polarity)
-    applied = np.isfinite(values)
-    piston, rod = channel.areas
-    if piston:
-        values = values * piston
-    if rod_pressure is not None:
-        values = values - channel.calibration.apply(np.asarray(rod_pressure, np.float64)) * rod
-    usable = np.abs(values) <= LARGEST
-    is_read = np.isfinite(readings)
-    for words, lost in (
-            (f'readings of {channel.name} outside of its calibration table, left out',
-             is_read & ~applied),
-            (f'missing readings of {channel.name}, left out', ~is_read),
-            (f'readings of {channel.name} without a rod pressure, or too large for a message, '
-             'left out', applied & ~usable)):
-        if lost.any():
-            source.warn(words, int(lost.sum()))
-    return np.where(usable, values, np.nan)
 
 
 def _is_empty(cell: object) -> bool:

@@ -187,7 +187,7 @@ def _time(given: Any, file: str, name: str) -> TimeSource:
                              'ns) for numbers, format: iso or like "%d.%m.%Y %H:%M:%S" for dates')
     unit = unit_of(section['unit'], f'{where}.unit')
     if unit.quantity != calibration.TIME or len(names) != 1:
-        known = ', '.join(calibration.units_of(calibration.TIME))
+        known = ', '.join(calibration.FACTORS[calibration.TIME])
         raise ImportingError(f'{where}.unit is {unit.name}: give a unit of time ({known}) and '
                              'one column')
     return calibration.CountedTime((names[0],), unit, start or 0)
@@ -217,7 +217,7 @@ def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
                              f'{found.unit.name}: correct one')
     wanted = calibration.PRESSURE if piston else QUANTITIES[topic.unit]
     if found.unit.quantity != wanted:
-        known = calibration.units_of(wanted)
+        known = list(calibration.FACTORS[wanted])
         remedy = (f'give a table:, or scale: with scale_unit: like {known[0]}/{found.unit.name}, '
                   f'or correct the unit ({", ".join(known)})')
         if (found.unit.quantity, wanted) == (calibration.PRESSURE, calibration.FORCE):

@@ -169,16 +169,25 @@ class _Channel:
 
     def values(self, records: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Physical values of records (N, length) as bytes; NaN where marked invalid."""
-        start = self.group.prefix + self.offset
-        size = (self.bit + self.bits + 7) // 8
-        values = self._converted(self._raw(np.ascontiguousarray(records[:, start:start + size])))
+        kind, values = self.conversion
+        numbers = self._raw(records).astype(np.float64)
+        if kind == 1 and values[:2] != (0.0, 1.0):
+            numbers = numbers * values[1] + values[0]
+        elif kind == 2:
+            numbers = np.polyval(values[:3], numbers) / np.polyval(values[3:6], numbers)
+        elif kind == 4:
+            numbers = np.interp(numbers, values[0::2], values[1::2])
+        elif kind == 5:
+            nearest = np.abs(numbers[:, None] - np.array(values[0::2])).argmin(axis=1)
+            numbers = np.array(values[1::2])[nearest]
         if self.invalid_bit >= 0:
             place = self.group.prefix + self.group.content + self.invalid_bit // 8
-            values = np.where(records[:, place] >> (self.invalid_bit % 8) & 1, np.nan, values)
-        return values
+            numbers = np.where(records[:, place] >> (self.invalid_bit % 8) & 1, np.nan, numbers)
+        return np.asarray(numbers)
 
-    def _raw(self, part: NDArray[np.uint8]) -> NDArray[Any]:
-        size = part.shape[1]
+    def _raw(self, records: NDArray[np.uint8]) -> NDArray[Any]:
+        start, size = self.group.prefix + self.offset, (self.bit + self.bits + 7) // 8
+        part = np.ascontiguousarray(records[:, start:start + size])
         if self.bit == 0 and self.bits in (8, 16, 32, 64):
             return part.view(f'{self.kind}{size}')[:, 0]
         whole = np.zeros(len(part), dtype=np.uint64)
@@ -189,20 +198,6 @@ class _Channel:
             return whole
         lost = np.uint64(64 - self.bits)
         return (whole << lost).view(np.int64) >> lost.astype(np.int64)
-
-    def _converted(self, raw: NDArray[Any]) -> NDArray[np.float64]:
-        kind, values = self.conversion
-        numbers = raw.astype(np.float64)
-        if kind == 1 and values[:2] != (0.0, 1.0):
-            return numbers * values[1] + values[0]
-        if kind == 2:
-            return np.asarray(np.polyval(values[:3], numbers) / np.polyval(values[3:6], numbers))
-        if kind == 4:
-            return np.asarray(np.interp(numbers, values[0::2], values[1::2]))
-        if kind == 5:
-            nearest = np.abs(numbers[:, None] - np.array(values[0::2])).argmin(axis=1)
-            return np.array(values[1::2])[nearest]
-        return numbers
 
 
 class MdfSource(Source):

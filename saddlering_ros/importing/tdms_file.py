@@ -60,7 +60,15 @@ class TdmsSource(Source):
         kind = kinds.get(getattr(channel.data_type, '__name__', ''), source.NUMBER)
         first = channel.read_data(0, min(len(channel), 3)) if len(channel) else []
         unit = str(given.get('unit_string', '') or given.get('NI_UnitDescription', ''))
-        return Column(name, unit, len(channel), kind, tuple(map(str, first)), _timing(given),
+        period, start, stamp = float(given.get('wf_increment') or 0.0), None, None
+        if period > 0.0:
+            start = given.get('wf_start_time')
+        if start is not None and start.seconds > 86400:  # else LabVIEW's zero: no time was set
+            fraction = (start.second_fractions * 1_000_000_000 + (1 << 63)) >> 64
+            stamp = (start.seconds + _LABVIEW) * 1_000_000_000 + fraction
+        timing = None if period <= 0.0 else Timing(
+            stamp, float(given.get('wf_start_offset') or 0.0), period)
+        return Column(name, unit, len(channel), kind, tuple(map(str, first)), timing,
                       (channel.name,))
 
     @contextmanager
@@ -78,15 +86,3 @@ class TdmsSource(Source):
         finally:
             for logger, handlers in zip(loggers, before, strict=True):
                 logger.handlers = handlers
-
-
-def _timing(properties: Any) -> Timing | None:
-    period = float(properties.get('wf_increment', 0.0) or 0.0)
-    if period <= 0.0:
-        return None
-    start = properties.get('wf_start_time')
-    stamp = None
-    if start is not None and start.seconds > 86400:  # otherwise LabVIEW's zero: no time was set
-        fraction = (start.second_fractions * 1_000_000_000 + (1 << 63)) >> 64
-        stamp = (start.seconds + _LABVIEW) * 1_000_000_000 + fraction
-    return Timing(stamp, float(properties.get('wf_start_offset', 0.0) or 0.0), period)
