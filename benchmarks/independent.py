@@ -176,7 +176,7 @@ def clean(_: str, seed: int, folder: Path) -> Case:
     ring, noise = draw_ring(seed)
     verdict = verdict_on(ring, noise, Fault(), usual_courses(RIG), seed, folder)
     law = verdict.diagnosis.law
-    return judged('clean', seed, '', [], verdict, law='' if law is None else law.term.law)
+    return judged('clean', seed, '', [], verdict, law='' if law is None else law.terms[0].law)
 
 
 def outside(name: str, seed: int, folder: Path) -> Case:

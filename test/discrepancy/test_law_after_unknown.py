@@ -52,8 +52,8 @@ def found() -> Diagnosis:
 def test_the_verdict_stays_unknown_and_carries_the_law(found: Diagnosis) -> None:
     assert found.verdict == 'unknown'
     assert found.law is not None
-    assert (found.law.term.coordinate, found.law.term.law) == ('load', 'step')
-    assert found.law.term.parameters['size'].value == pytest.approx(0.05, rel=0.05)
+    assert (found.law.terms[0].coordinate, found.law.terms[0].law) == ('load', 'step')
+    assert found.law.terms[0].parameters['size'].value == pytest.approx(0.05, rel=0.05)
 
 
 def test_the_law_is_worth_as_much_on_the_run_held_out(found: Diagnosis) -> None:
@@ -71,12 +71,12 @@ class BenchWithTheLaw(Bench):
     """The same bench with the proposed law in its catalogue, its size free."""
 
     def __init__(self, law) -> None:
-        self.law, peak = law, float(np.abs(law.term.values).max())
+        self.law, peak = law, float(np.abs(law.terms[0].values).max())
         self.effects = (Effect('proposed', {'size': Parameter(-3.0 * peak, 3.0 * peak)}),)
 
     def predict(self, name: str, point: Point) -> np.ndarray:
         size = point.effects.get('proposed', {}).get('size', 0.0)
-        term = self.law.term
+        term = self.law.terms[0]
         shape = term.evaluate({'load': LOAD}) / np.abs(term.values).max()
         return (point.base[0] * LOAD + size * shape)[None, :]
 
@@ -108,7 +108,7 @@ def test_a_law_may_act_on_a_target_that_the_system_names() -> None:
     found = diagnose_system(Problem(Squared(), [recorded(f'run {k}', own)
                                                 for k, own in enumerate(seen)]))
     assert found.law is not None
-    assert (found.law.term.target, found.law.term.law) == ('drive', 'sine')
+    assert (found.law.terms[0].target, found.law.terms[0].law) == ('drive', 'sine')
 
 
 class TwoChannels(System):
@@ -134,5 +134,5 @@ def test_a_law_that_bent_the_base_fit_counts_with_the_base_fitted_beside_it() ->
     found = diagnose_system(Problem(bench, [*made[:2], replace(made[2], held_out=True)]))
     without = found.runs[2].before - made[2].channels
     assert found.law is not None
-    assert found.law.term.coordinate == 'load'
+    assert found.law.terms[0].coordinate == 'load'
     assert 1.0 - found.law.held_out < 1.15 * NOISE / np.sqrt(np.mean(without**2))

@@ -69,15 +69,15 @@ def test_a_simple_law_is_found_by_its_coordinate_and_name(law: str) -> None:
     added, coordinate = LAWS[law]
     found = proposed(added)
     assert found is not None
-    assert (found.term.target, found.term.coordinate) == ('one', coordinate)
-    assert found.term.law == law
+    assert (found.terms[0].target, found.terms[0].coordinate) == ('one', coordinate)
+    assert found.terms[0].law == law
     assert found.fit > 0.8
 
 
 def test_the_parameters_of_a_step_lie_in_their_intervals() -> None:
     found = proposed(LAWS['step'][0])
     for name, true in {'size': 0.2, 'at': 0.6, 'width': 0.03}.items():
-        item = found.term.parameters[name]
+        item = found.terms[0].parameters[name]
         assert abs(item.value - true) < 4.0 * item.std
         assert item.std < 0.2 * true
 
@@ -86,7 +86,7 @@ def test_a_curve_that_is_no_simple_law_comes_with_its_band() -> None:
     def added(c):
         return 0.3 * np.sin(7.0 * c['load']) * np.exp(-2.0 * c['load']) + 0.2 * c['load'] ** 3
 
-    term = proposed(added).term
+    term = proposed(added).terms[0]
     truth = added({'load': term.at})
     left = (term.values - truth) - np.polyval(np.polyfit(term.at, term.values - truth, 1), term.at)
     assert term.law == 'curve'
@@ -130,7 +130,7 @@ def test_targets_that_go_together_are_a_doubt() -> None:
         return replace(one, targets={**one.targets, 'nearly one': nearly})
 
     found = law_of([beside('a', 1), beside('b', 2)])
-    told = {found.term.target, *(name for name in ('one', 'nearly one', 'two') if any(
+    told = {found.terms[0].target, *(name for name in ('one', 'nearly one', 'two') if any(
         f'an addition to {name} explains nearly as much' in doubt for doubt in found.doubts))}
     assert told == {'one', 'nearly one'}
 

@@ -52,10 +52,10 @@ Outcomes = Mapping[str, tuple[float, float]]
 class LawProposal:
     """A law that would explain the residual.
 
-    terms: one or two additions. share: explained share of the whitened misfit. p_value: with
-    all families counted. reasons: reasons not to trust it, one sentence
-    each. fit, held_out: gain as 1 - rms with / rms without; negative if
-    the law predicts worse. worse: runs that it predicts worse.
+    terms: one or two additions, the one that explains most first. share: explained share of the
+    whitened misfit. p_value: with all families counted. reasons: reasons not to trust it, one
+    sentence each. fit, held_out: gain as 1 - rms with / rms without; negative if the law predicts
+    worse. worse: runs that it predicts worse.
     """
 
     terms: tuple[Term, ...]
@@ -65,11 +65,6 @@ class LawProposal:
     fit: float = 0.0
     held_out: float | None = None
     worse: tuple[str, ...] = ()
-
-    @property
-    def term(self) -> Term:
-        """The term that explains most."""
-        return self.terms[0]
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -235,8 +230,19 @@ class Proposer:
         again = self._law_about(fit)
         if again is None:
             return first
-        again = self._judged(again, subject, self._beside(again, fit))
-        return max(first, again, key=lambda law: law.fit)
+        beside = self._beside(again, fit)
+        fitted: dict[str, tuple[float, float]] = {}
+        held: dict[str, tuple[float, float]] = {}
+        problem = self.metric.problem
+        for run in problem.all_runs:
+            seen = self._plain(run, beside)
+            both = problem.system.predict_many(run, [subject.point, beside.point])
+            outcomes = held if run.held_out else fitted
+            outcomes[run.name] = (
+                self._mean_square(seen, run.channels - both[0]),
+                self._mean_square(seen, run.channels - both[1] - again.addition(seen)))
+        # The gains of both models' own predictions.
+        return max(first, again.judged_by(fitted, held), key=lambda law: law.fit)
 
     def _law_about(self, fit: Fit) -> LawProposal | None:
         """The law that the residual of a fit shows, with the slopes of its prediction."""
@@ -261,20 +267,6 @@ class Proposer:
         runs = [replace(run, channels=run.channels - law.addition(self._plain(run, fit)))
                 for run in problem.runs]
         return fits.plain_fits(problem.with_runs(runs), [fit])[0]
-
-    def _judged(self, law: LawProposal, subject: Fit, beside: Fit) -> LawProposal:
-        """The law with the gains of both models' own predictions."""
-        fitted: dict[str, tuple[float, float]] = {}
-        held: dict[str, tuple[float, float]] = {}
-        problem = self.metric.problem
-        for run in [*problem.runs, *problem.held_out]:
-            seen = self._plain(run, beside)
-            both = problem.system.predict_many(run, [subject.point, beside.point])
-            outcomes = held if run.held_out else fitted
-            outcomes[run.name] = (
-                self._mean_square(seen, run.channels - both[0]),
-                self._mean_square(seen, run.channels - both[1] - law.addition(seen)))
-        return law.judged_by(fitted, held)
 
     def _plain(self, run: RunBlocks, fit: Fit) -> ObservedRun:
         """A run with targets and coordinates only."""

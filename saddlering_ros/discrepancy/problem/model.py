@@ -206,11 +206,18 @@ class ModelSystem:
             if there.sum() < MIN_SAMPLES:
                 raise DiscrepancyError(f'run {run.name}: channel {name} has {there.sum()} samples '
                                        f'that are numbers; give at least {MIN_SAMPLES}')
+        coordinates = dict(run.coordinates)
+        if not coordinates:  # The inputs that can serve as coordinates.
+            inputs = {name: np.asarray(values) for name, values in run.inputs.items()}
+            coordinates = {
+                name: array.astype(np.float64) for name, array in inputs.items()
+                if array.shape == run.time.shape and array.dtype.kind in 'fiu'
+                and np.all(np.isfinite(array)) and np.ptp(array) > 0.0}
         # Weight of each sample as a time, at most three times the usual one.
         width = np.gradient(run.time)
         width = np.minimum(width, 3.0 * np.median(width))
         return system.RunBlocks(
-            run.name, '', run.time, width, np.where(present, readings, 0.0), _coordinates(run),
+            run.name, '', run.time, width, np.where(present, readings, 0.0), coordinates,
             held_out=held_out, payload=run, present=None if present.all() else present)
 
     def values(self, point: system.Point) -> dict[str, float]:
@@ -376,19 +383,6 @@ def _range(name: str, fitted: Sequence[Run]) -> float:
             f'channel {name} does not vary in any fitted run: leave it out of the model, or give '
             'a run in which it moves')
     return span if span > 1e-12 * size else size or 1.0
-
-
-def _coordinates(run: Run) -> dict[str, Array]:
-    """Declared coordinates, or the inputs that can serve as coordinates."""
-    if run.coordinates:
-        return dict(run.coordinates)
-    coordinates = {}
-    for name, values in run.inputs.items():
-        array = np.asarray(values)
-        if (array.shape == run.time.shape and array.dtype.kind in 'fiu'
-                and np.all(np.isfinite(array)) and np.ptp(array) > 0.0):
-            coordinates[name] = array.astype(np.float64)
-    return coordinates
 
 
 def _record(run: system.RunBlocks, channel: int, values: Array) -> ChannelRecord:

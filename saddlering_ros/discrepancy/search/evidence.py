@@ -304,9 +304,7 @@ def with_forms(space: ModelSpace, fit: Fit, about: Fit) -> Fit:
     The prediction is that of the simulator to first order. The misfit counts the forms and the
     moved parameters by their prior spreads.
     """
-    forms = space.once('forms', about, lambda: form_columns(
-        space.problem, about, space.settings.form_error))
-    white_forms = space.once('white forms', about, lambda: space.metric.whiten(forms))
+    forms, white_forms = space.once('forms', about, lambda: _forms(space, about))
     tangents = space.tangent_of(fit)
     plain = np.hstack([FREE_SPREAD * tangents.plain, forms])
     white = np.hstack([FREE_SPREAD * tangents.white, white_forms])
@@ -318,25 +316,13 @@ def with_forms(space: ModelSpace, fit: Fit, about: Fit) -> Fit:
         misfit=float(whitened @ whitened + steps @ steps))
 
 
-def form_columns(problem: Problem, fit: Fit, form_error: float) -> Array:
-    """Columns (n, k), each one standard deviation, for every effect of a fit.
+def _forms(space: ModelSpace, fit: Fit) -> tuple[Array, Array]:
+    """Columns (n, k), each one standard deviation, for every effect of a fit; and whitened.
 
-    form_error: share of the square of the change of an effect by which its law errs in total.
+    Form error is the share of the square of the change of an effect by which its law errs in
+    total. A mixture adds the changes if the law had other values of one of its shape parameters.
     """
-    columns: list[Array] = []
-    mixtures = _mixtures(problem, fit)
-    changes = problem.changes_of_effects(fit.point, fit.prediction).T
-    for change, mixed in zip(changes, mixtures, strict=True):
-        shaped = [*(np.concatenate([part.ravel() for part in column])
-                    for column in _shapes(problem, problem.by_run(change))), *mixed]
-        scale = np.sqrt(form_error / len(shaped))
-        columns += [scale * column for column in shaped]
-    return np.array(columns).reshape(-1, problem.size).T
-
-
-def _mixtures(problem: Problem, fit: Fit) -> list[list[Array]]:
-    """By effect, the changes (n,) if the law had other values of one of its shape parameters."""
-    base = problem.system.base_parameters
+    problem, base = space.problem, space.problem.system.base_parameters
     owners, points = [], []
     for number, (effect, _, part) in enumerate(fit.candidate.slices(len(base))):
         shapes = range(part.start + 1, part.stop)
@@ -347,12 +333,18 @@ def _mixtures(problem: Problem, fit: Fit) -> list[list[Array]]:
                 if parameter.periodic or 0.0 <= moved[index] <= 1.0:
                     owners.append(number)
                     points.append(fit.candidate.point(base, moved))
-    mixtures: list[list[Array]] = [[] for _ in fit.candidate.effects]
-    changes = problem.predict(points) - fit.prediction[:, None] if points else np.zeros((0, 0))
-    for owner, change in zip(owners, changes.T, strict=True):
-        if np.isfinite(change).all():
-            mixtures[owner].append(change)
-    return mixtures
+    mixed = problem.predict(points) - fit.prediction[:, None] if points else np.zeros((0, 0))
+    columns: list[Array] = []
+    changes = problem.changes_of_effects(fit.point, fit.prediction).T
+    for number, change in enumerate(changes):
+        shaped = [*(np.concatenate([part.ravel() for part in column])
+                    for column in _shapes(problem, problem.by_run(change))),
+                  *(other for owner, other in zip(owners, mixed.T, strict=True)
+                    if owner == number and np.isfinite(other).all())]
+        scale = np.sqrt(space.settings.form_error / len(shaped))
+        columns += [scale * column for column in shaped]
+    plain = np.array(columns).reshape(-1, problem.size).T
+    return plain, space.metric.whiten(plain)
 
 
 def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:

@@ -190,8 +190,20 @@ class LackOfFitTests:
         kept = values > 1e-8 * values[-1]
         self._root = vectors[:, kept] / np.sqrt(values[kept])
         self._dimensions = int(kept.sum())
-        self._variances = {view: _view_variance(metric, self._structure, self._root, view)
-                           for view in problem.system.views}
+        # Mean square of the fitted structure under noise alone, per view and run.
+        self._variances: dict[str, list[float]] = {}
+        for view, weights in problem.system.views.items():
+            own = self._variances[view] = []
+            for number, run in enumerate(problem.runs):
+                there = [(weights[channel] * block.plain, self._root[block.index])
+                         for block in self._structure.blocks
+                         for index, channel, _ in [problem.slices[block.slot]]
+                         if weights[channel] and index == number]
+                joined = problem.freed(np.hstack([seen for seen, _ in there]), run, view)
+                share = problem.sample_weights(run, view)
+                spread = joined.T @ (joined * (share / share.sum())[:, None])
+                stacked = np.vstack([rows for _, rows in there])
+                own.append(float(np.sum(stacked * (spread @ stacked))))
         self._bands = list(_fast_bands(metric))
 
     def fast(self, fit: Fit) -> FastResidual:
@@ -236,10 +248,19 @@ class LackOfFitTests:
         most = {view: float(size.max()) for view, size in sizes.items()}
         view = max(most, key=lambda name: most[name])
         where = f'{view} in {runs[int(sizes[view].argmax())].name}' if most[view] > 0.0 else ''
+        problem, blocks, chances = self._metric.problem, self._structure.blocks, {}
+        for block in blocks:
+            number, channel, _ = problem.slices[block.slot]
+            name, own = runs[number].name, slopes[block.index]
+            gram = self._structure.gram[np.ix_(block.index, block.index)]
+            structure = float(own @ np.linalg.lstsq(gram, own, rcond=1e-8)[0])
+            pairs = min(self._pairs, max(self._metric.noise[name, channel].pairs, 1))
+            chance = float(fisher_chance(structure / own.size, own.size, pairs)) * len(blocks)
+            chances[problem.system.channel_names[channel], name] = min(1.0, chance)
         return SlowResidual(
             excess=statistic - free, dimensions=free, p_value=p_value, visible=most[view],
             where=where, powers={name: size**2 for name, size in most.items()}, sizes=sizes,
-            chances=self._chances(slopes))
+            chances=chances)
 
     def _powers(self, fit: Fit, shape: Array, view: str) -> Array:
         """Mean squares (R,) of a structure (n,), of at most that of the residual in each run.
@@ -251,20 +272,6 @@ class LackOfFitTests:
         return np.min([[problem.mean_square(part, run, view) for part, run in zip(
             problem.view_residuals(stacked, view), problem.runs, strict=True)]
             for stacked in (shape, fit.prediction - problem.measured)], axis=0)
-
-    def _chances(self, slopes: Array) -> dict[tuple[str, str], float]:
-        """Chance that noise alone leaves as much slow structure in each channel of each run."""
-        problem, blocks = self._metric.problem, self._structure.blocks
-        chances = {}
-        for block in blocks:
-            number, channel, _ = problem.slices[block.slot]
-            run, own = problem.runs[number], slopes[block.index]
-            gram = self._structure.gram[np.ix_(block.index, block.index)]
-            statistic = float(own @ np.linalg.lstsq(gram, own, rcond=1e-8)[0])
-            pairs = min(self._pairs, max(self._metric.noise[run.name, channel].pairs, 1))
-            chance = float(fisher_chance(statistic / own.size, own.size, pairs)) * len(blocks)
-            chances[problem.system.channel_names[channel], run.name] = min(1.0, chance)
-        return chances
 
     def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
         """Every family, the most significant first; the p-values count the number of families."""
@@ -302,24 +309,6 @@ class LackOfFitTests:
         size = float(powers.max()) ** 0.5 / self._ranges[view]
         p_value = float(fisher_chance(statistic / count, count, self._pairs)) if count else 1.0
         return ShapeTest(view, coordinate, p_value, statistic, max(count, 1), size)
-
-
-def _view_variance(metric: Metric, columns: BlockColumns, root: Array, view: str) -> list[float]:
-    """Mean square of the fitted structure under noise alone, per run, in one view."""
-    problem = metric.problem
-    weights = problem.system.views[view]
-    variances = []
-    for number, run in enumerate(problem.runs):
-        own = [(weights[channel] * block.plain, root[block.index])
-               for block in columns.blocks
-               for index, channel, _ in [problem.slices[block.slot]]
-               if weights[channel] and index == number]
-        joined = problem.freed(np.hstack([seen for seen, _ in own]), run, view)
-        share = problem.sample_weights(run, view)
-        gram = joined.T @ (joined * (share / share.sum())[:, None])
-        stacked = np.vstack([rows for _, rows in own])
-        variances.append(float(np.sum(stacked * (gram @ stacked))))
-    return variances
 
 
 def half_waves(values: Array, count: int) -> Array:
