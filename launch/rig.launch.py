@@ -21,7 +21,7 @@ from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import load_rig, rig_file_of_project
 from saddlering_ros.rig.geometry import frames_of, RING_FRAME
-from saddlering_ros.ros.launcher import packed_publication
+from saddlering_ros.ros.launcher import PACKED, transport_environment
 from saddlering_ros.ros.names import ACTION, ALARM, NODES, REPLAY, RING, TIME
 
 PACKAGE = 'saddlering_ros'
@@ -92,7 +92,8 @@ def start_nodes(context):
         'namespace': namespace, 'output': 'screen', 'respawn': given['respawn'] == 'true',
         'arguments': ['--ros-args', '--log-level', given['log_level']],
         'remappings': remappings(given, namespace),
-        'additional_env': packed_publication() if given['lockstep'] == 'true' else {},
+        'additional_env':
+            transport_environment(PACKED) if given['lockstep'] == 'true' else {},
     }
     parameters = parameters_by_kind(given)
     nodes = []

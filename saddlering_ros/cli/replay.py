@@ -81,6 +81,8 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
     record = read_raw(bag, rig=rig)
     if not args.trust_rig:
         refuse_other_hash(record, rig)
+    for note in (*record.notes, *(note for name in record for note in record[name].notes)):
+        print(f'note: {note}', file=sys.stderr)
     trusted = {'trust_rig': args.trust_rig}
     simulator: dict[str, Any] = dict(trusted)
     if args.params is not None:

@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-import signal
 import threading
 import time
 from typing import Any, ClassVar
@@ -92,7 +91,7 @@ class ActionNode(Node):
         self._agreement = RigAgreement(self, self.rig)
         self.bag_root = parameters.root_folder(self, 'bag_root', share_directory() / 'bags')
         self.parameters_root = parameters.root_folder(self, 'parameters_root', self.bag_root)
-        self.stopping = False
+        self.done = False
         self._answered: deque[float] = deque()
         self.busy = threading.Lock()
         self._stage, self._last = 'idle', 'no goal yet'
@@ -139,7 +138,7 @@ class ActionNode(Node):
 
     def _on_goal(self, goal: Any) -> GoalResponse:
         self._pace()
-        if self.busy.locked() or self.stopping:
+        if self.busy.locked() or self.done:
             self.get_logger().warning(
                 f'goal rejected: another goal is running ({self._stage}); cancel that goal or '
                 'wait')
@@ -180,7 +179,7 @@ class ActionNode(Node):
             goal_handle.publish_feedback(message)
 
         def reason_to_stop() -> str:
-            if self.stopping:
+            if self.done:
                 return 'the server is shutting down'
             if time.monotonic() - started > self.settings['longest_goal']:
                 return f'took longer than longest_goal, {self.settings["longest_goal"]:g} s'
@@ -194,7 +193,7 @@ class ActionNode(Node):
             outcome = Outcome(FAILED, None, f'{type(problem).__name__}: {problem}')
         future.set_result(outcome)
         self._done.trigger()
-        if not self.stopping:
+        if not self.done:
             self._worker.start()
 
     def _end(self, goal_handle: ServerGoalHandle, outcome: Outcome, result: Any) -> None:
@@ -236,16 +235,11 @@ class ActionNode(Node):
 
 def serve(make: Any, args: Sequence[str] | None = None) -> int:
     """Run an action server until SIGINT or SIGTERM; a goal that runs then is aborted first."""
-    told = threading.Event()
-
     def spin(node: ActionNode) -> None:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: told.set())
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        while not told.is_set() and node.context.ok():
+        while not node.done and node.context.ok():
             executor.spin_once(timeout_sec=0.1)
-        node.stopping = True
         if node.busy.locked():
             for wanted, seconds in ((node.busy.locked, 1.0), (lambda: True, FAREWELL)):
                 deadline = time.monotonic() + seconds

@@ -203,10 +203,6 @@ class BlockNoise:
     wander: float
     memory: float
 
-    def inflated(self, factor: float) -> BlockNoise:
-        """The same noise with its standard deviations `factor` times as large."""
-        return BlockNoise(factor**2 * self.white, factor**2 * self.wander, self.memory)
-
 
 def block_noise(noise: ChannelNoise, step: float) -> BlockNoise:
     """Noise of means over blocks of `step` [s], by their covariances at lags of 0 to 2 blocks."""
@@ -336,11 +332,13 @@ class RestLearner:
         if seconds < MIN_SECONDS or len(stamps) < MIN_SAMPLES:
             return None
         samples = max(1, round(self._block / interval))
-        factor = 1.0 + LEVEL_SIGMAS / math.sqrt(2.0 * len(stamps))
-        noise = tuple(
-            block_noise(noise_alone([channel], interval), samples * interval).inflated(factor)
-            if np.isfinite(channel).all() else UNKNOWN for channel in np.array(rows).T)
-        return RestNoise(noise, samples, interval, seconds, not self.moved)
+        larger = (1.0 + LEVEL_SIGMAS / math.sqrt(2.0 * len(stamps)))**2
+        noise = [UNKNOWN] * len(rows[0])
+        for place, channel in enumerate(np.array(rows).T):
+            if np.isfinite(channel).all():
+                one = block_noise(noise_alone([channel], interval), samples * interval)
+                noise[place] = BlockNoise(larger * one.white, larger * one.wander, one.memory)
+        return RestNoise(tuple(noise), samples, interval, seconds, not self.moved)
 
 
 PROBE_WANDER = 5e-5

@@ -122,7 +122,7 @@ class Monitor:
         self._learner = RestLearner(rest_band, settings.block)
         self.alarm: Raised | None = None
         self.lapses: list[Lapse] = []
-        self.changes, self.blocks, self.seconds = 0, 0, 0.0
+        self.changes, self.seconds = 0, 0.0
         self.materiality = np.zeros(len(CHANNELS))
         self._begin_anew()
 
@@ -131,7 +131,10 @@ class Monitor:
         self.rest: RestNoise | None = None
         self._watch: BlockWatch | None = None
         self._last: Sample | None = None
-        self._history = _History()
+        # The last blocks: when each began, its means and its load. Untouched zeros take no memory.
+        self._stamps = np.zeros(HISTORY_BLOCKS, np.int64)
+        self._rows = np.zeros((HISTORY_BLOCKS, len(CHANNELS) + 1))
+        self._blocks = 0
         self._noise_grew, self._known = False, (True,) * len(CHANNELS)
         self._onset: tuple[int, int] | None = None
         self._refine_at = self._raised_at = 0
@@ -267,7 +270,6 @@ class Monitor:
         assert self._watch is not None
         mean = np.array(self._sum) / self._count
         self._sum, self._count = [0.0] * (len(CHANNELS) + 1), 0
-        self.blocks += 1
         self.seconds += block
         known = tuple(math.isfinite(value) for value in mean[:-1])
         if known != self._known:
@@ -275,7 +277,10 @@ class Monitor:
             lost = [name for name, is_known in zip(CHANNELS, known, strict=True) if not is_known]
             self._lapse(f'{" and ".join(lost)} not known, and not watched' if lost
                         else 'all channels are known again')
-        index = self._history.add(self._block_began, mean)
+        index = self._blocks
+        self._stamps[index % HISTORY_BLOCKS] = self._block_began
+        self._rows[index % HISTORY_BLOCKS] = mean
+        self._blocks += 1
         if self.alarm is not None:
             # Take size and first guess anew from the readings since the alarm.
             if self._onset is not None and index >= self._refine_at:
@@ -299,36 +304,14 @@ class Monitor:
     def _described(self, alarm: Raised) -> Raised:
         assert self._onset is not None
         channel, onset = self._onset
-        stamps, rows = self._history.since(onset)
-        known = np.isfinite(rows[:, channel])
-        stamps, rows = stamps[known], rows[known]
+        first = max(onset, self._blocks - HISTORY_BLOCKS, 0)
+        places = np.arange(first, self._blocks) % HISTORY_BLOCKS
+        places = places[np.isfinite(self._rows[places, channel])]
+        stamps, rows = self._stamps[places], self._rows[places]
         return replace(
             alarm, since=int(stamps[0]), size=float(rows[:, channel].mean()),
             follows=first_guess(rows[:, channel], rows[:, -1], (stamps - stamps[0]) / SECOND,
                                 self._rest_band))
-
-
-class _History:
-    """The last HISTORY_BLOCKS blocks: when each began, its means and its load."""
-
-    def __init__(self) -> None:
-        # Zeros that are not touched yet take no memory.
-        self._stamps = np.zeros(HISTORY_BLOCKS, np.int64)
-        self._rows = np.zeros((HISTORY_BLOCKS, len(CHANNELS) + 1))
-        self._blocks = 0
-
-    def add(self, stamp: int, row: Array) -> int:
-        """Keep a block; its number."""
-        place = self._blocks % HISTORY_BLOCKS
-        self._stamps[place], self._rows[place] = stamp, row
-        self._blocks += 1
-        return self._blocks - 1
-
-    def since(self, number: int) -> tuple[NDArray[np.int64], Array]:
-        """Stamps (N,) and rows (N, 4) from the block of that number on, or from the oldest."""
-        first = max(number, self._blocks - HISTORY_BLOCKS, 0)
-        places = np.arange(min(first, self._blocks - 1), self._blocks) % HISTORY_BLOCKS
-        return self._stamps[places], self._rows[places]
 
 
 def watch(monitor: Monitor, samples: Iterable[Sample]) -> Monitor:

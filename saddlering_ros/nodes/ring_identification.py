@@ -67,20 +67,15 @@ def settings_of(goal: IdentifyRing.Goal) -> IdentificationSettings:
                             f'{largest:g}, or 0 for the default')
         if value:
             chosen[setting] = value
-    return IdentificationSettings(
-        method=goal.method or 'default', bounds=_bounds(goal), swarm=SwarmSettings(**chosen),
-        logarithmic_stiffness=goal.logarithmic_stiffness,
-        use_delta_y=True if goal.use_delta_y else None, seed=goal.seed)
-
-
-def _bounds(goal: IdentifyRing.Goal) -> dict[str, tuple[float, float]]:
     low, high = list(goal.lower_bounds), list(goal.upper_bounds)
-    if not low and not high:
-        return {}
-    if not len(low) == len(high) == len(PARAMETER_NAMES):
+    if (low or high) and not len(low) == len(high) == len(PARAMETER_NAMES):
         raise NodeError(f'bounds have {len(low)} and {len(high)} numbers: give six each, in the '
                         f'order {", ".join(PARAMETER_NAMES)}, or none')
-    return dict(zip(PARAMETER_NAMES, zip(low, high, strict=True), strict=True))
+    bounds = dict(zip(PARAMETER_NAMES, zip(low, high, strict=True), strict=False))
+    return IdentificationSettings(
+        method=goal.method or 'default', bounds=bounds, swarm=SwarmSettings(**chosen),
+        logarithmic_stiffness=goal.logarithmic_stiffness,
+        use_delta_y=True if goal.use_delta_y else None, seed=goal.seed)
 
 
 main = executable(RingIdentificationNode, serve)

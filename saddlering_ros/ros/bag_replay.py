@@ -65,16 +65,12 @@ class BagNode(StreamingNode):
             return False
         return True
 
-    def bag_path(self) -> str:
-        """The bag to replay now; NodeError if there is none, or it may not be read."""
+    def read_record(self, topics: Sequence[str] | None = None) -> RawRecord:
+        """The bag to replay now; NodeError for none, a forbidden one, or another rig's."""
         bag = self.settings['bag']
         if not bag:
             raise NodeError(f'{self.get_name()}: parameter bag is empty: give -p bag:=PATH')
-        return self._allowed(bag)
-
-    def read_record(self, topics: Sequence[str] | None = None) -> RawRecord:
-        """The bag to replay now; NodeError if it states another rig, unless trust_rig is set."""
-        record = read_raw(self.bag_path(), topics, rig=self._rig)
+        record = read_raw(self._allowed(bag), topics, rig=self._rig)
         parameters.refuse_other_rig(self, refuse_other_hash, record, self._rig)
         return record
 

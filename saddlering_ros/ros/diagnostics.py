@@ -164,16 +164,16 @@ class ParityTask(Kept):
         return TaskStatus(OK, 'zero within noise', figures)
 
 
+@dataclass
 class FunctionTask:
     """A task whose status a function gives."""
 
-    def __init__(self, name: str, find: Callable[[], TaskStatus]) -> None:
-        self.name = name
-        self._find = find
+    name: str
+    find: Callable[[], TaskStatus]
 
     def report(self, elapsed: float) -> TaskStatus:
         """Status of the function."""
-        return self._find()
+        return self.find()
 
 
 class SourcesTask:

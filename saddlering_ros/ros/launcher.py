@@ -206,8 +206,9 @@ class NodeGroup:
         for node in self.processes.values():
             status = node.process.poll()
             if status:
-                raise NodeError(f'{node.name} ended with status {status}: '
-                                f'{last_line(node.said())}')
+                why = (f' ({signal.Signals(-status).name}): start it again' if status < 0
+                       else f': {last_line(node.said())}')
+                raise NodeError(f'{node.name} ended with status {status}{why}')
 
     def stop(self) -> None:
         """End all nodes: SIGINT, SIGTERM after a while, SIGKILL after another."""
@@ -260,7 +261,7 @@ def start_nodes(
             'participants': [*REPLAY_NODES, *streaming],
             **{name: simulator[name] for name in ('elevation_deg',) if name in simulator}}}
     with NodeGroup(domain_id=domain_id, log_folder=log_folder, namespace=namespace,
-                   extra_environment=packed_publication() if lockstep else None) as group:
+                   extra_environment=transport_environment(PACKED) if lockstep else None) as group:
         for name in (*nodes, *REPLAY_NODES, 'replay_clock'):
             group.start(name, {**own.get(name, {}), **parameters.get(name, {})}, files=files)
         yield group
@@ -333,31 +334,23 @@ MAX_LOCAL = 32
 of ports that rmw_fastrtps announces itself to, which no profile can raise."""
 
 PUBLICATION_VARIABLE = 'RMW_FASTRTPS_PUBLICATION_MODE'
+PROMPT, PACKED = 'SYNCHRONOUS', 'ASYNCHRONOUS'
+"""Prompt, a message is on its way before `publish` returns. Packed, messages that wait go out
+together: for nodes in lockstep, where throughput counts and latency does not. The thread that
+sends them takes part of the processor from the publishing one, and delays a stream in real time.
+"""
 
 
-def transport_environment() -> dict[str, str]:
+def transport_environment(publication: str = PROMPT) -> dict[str, str]:
     """Environment that a process needs, before rclpy.init, to use config/fastdds.xml.
 
-    Empty if the user has chosen a file. Other middlewares than Fast DDS ignore it.
-    Published synchronously, a message is on its way before `publish` returns; the profile has no
-    say in that.
+    Empty if the user has chosen a file. Other middlewares than Fast DDS ignore it. The profile has
+    no say in the publication.
     """
     if any(os.environ.get(name) for name in PROFILE_VARIABLES):
         return {}
     return {PROFILE_VARIABLES[0]: str(share_directory() / 'config' / 'fastdds.xml'),
-            PUBLICATION_VARIABLE: os.environ.get(PUBLICATION_VARIABLE) or 'SYNCHRONOUS'}
-
-
-def packed_publication() -> dict[str, str]:
-    """Environment of nodes in lockstep, where throughput counts and latency does not.
-
-    Published asynchronously, messages that wait go out together in one packet. The thread that
-    sends them takes part of the processor from the publishing one meanwhile, and delays a stream
-    in real time.
-    """
-    if any(os.environ.get(name) for name in PROFILE_VARIABLES):
-        return {}
-    return {PUBLICATION_VARIABLE: os.environ.get(PUBLICATION_VARIABLE) or 'ASYNCHRONOUS'}
+            PUBLICATION_VARIABLE: os.environ.get(PUBLICATION_VARIABLE) or publication}
 
 
 def prepare_transport() -> None:

@@ -232,7 +232,7 @@ class LockstepGroup:
         nodes = [self.said[name] for name in self.names]
         readers = Counter(topic for said in nodes for topic in said.inputs)
         return [reason for said in nodes
-                for reason in self._unmatched(said, said.node, readers.__getitem__)[:1]]
+                for reason in self._unmatched(said, readers.__getitem__)[:1]]
 
     def unmatched_readers(self, readers: Callable[[str], int], pages: int, now: float,
                           ) -> list[str]:
@@ -241,16 +241,14 @@ class LockstepGroup:
         readers: how many readers a topic has; pages: how many live pages there are.
         """
         watching = self._watching(now)
-        reasons = ['the live page: nothing received'] if pages > len(watching) else []
-        for name in filter(self.said.__contains__, self.names):
-            reasons += self._unmatched(self.said[name], name, readers)
-        for said in watching:
-            reasons += self._unmatched(said, 'the live page', readers)
-        return reasons
+        nodes = [self.said[name] for name in self.names if name in self.said]
+        absent = ['the live page: nothing received'] if pages > len(watching) else []
+        return absent + [reason for said in (*nodes, *watching)
+                         for reason in self._unmatched(said, readers)]
 
-    def _unmatched(self, said: msg.ReplayProgress, who: str, readers: Callable[[str], int],
-                   ) -> list[str]:
+    def _unmatched(self, said: msg.ReplayProgress, readers: Callable[[str], int]) -> list[str]:
         """Topics on which a node is not connected with all others, in words."""
+        who = said.node if said.node in self.names else 'the live page'
         writers = {topic for other in self.said.values() for topic in other.outputs}
         return [
             *(f'{who}: is not connected to the publisher of {topic}'

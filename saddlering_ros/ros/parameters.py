@@ -107,8 +107,10 @@ def declare(node: Node, parameters: Sequence[NodeParameter]) -> dict[str, Any]:
     def judge(changes: list[RosParameter]) -> msg.SetParametersResult:
         for change in changes:
             known = by_name.get(change.name)
-            reason = known.refusal(change.value) if known is not None else ''
-            if known is not None and known.while_inactive and getattr(node, 'active', False):
+            if known is None:
+                continue
+            reason = known.refusal(change.value)
+            if known.while_inactive and getattr(node, 'active', False):
                 reason = (f'{known.name} can change only while the node is inactive: ros2 '
                           f'lifecycle set {node.get_fully_qualified_name()} deactivate first')
             if reason:

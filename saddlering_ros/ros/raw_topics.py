@@ -12,7 +12,7 @@ import time
 from typing import Any, TYPE_CHECKING, TypeVar
 
 from rclpy import qos
-from rclpy.callback_groups import CallbackGroup
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
@@ -82,17 +82,11 @@ def message_class(name: str) -> Any:
     return getattr(importlib.import_module(f'{package}.{kind}'), message)
 
 
-class _Drained(CallbackGroup):
+class _Drained(ReentrantCallbackGroup):
     """A group that no executor serves: `RawSubscription.take` empties its subscriptions."""
 
     def can_execute(self, entity: Any) -> bool:
         return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        return None
 
 
 class RawSubscription:

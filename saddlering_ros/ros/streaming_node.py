@@ -20,7 +20,6 @@ import rclpy
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from saddlering_interfaces.msg import ReplayProgress
@@ -275,11 +274,6 @@ def refusal_words(words: str) -> str:
 def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None = None) -> int:
     """Run a streaming node until it is done or a signal ends it; returns the exit status."""
     def spin(node: StreamingNode) -> None:
-        def finish(*_: object) -> None:
-            node.done = True
-
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, finish)
         node.start()
         # A full collection of garbage looks at every object of every imported library, which
         # takes tens of milliseconds in the middle of a stream. These objects are exempt from it.
@@ -303,12 +297,16 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         args: Sequence[str] | None = None) -> int:
     """Make a node, spin it, clean up; one line and status 2 for an error of the user.
 
-    `spin` itself sees to SIGINT and SIGTERM: a context that rclpy's handlers have shut down waits
-    for no reader.
+    SIGINT and SIGTERM set the node's `done`, which ends `spin`: a context that rclpy's handlers
+    have shut down waits for no reader.
     """
     launcher.follow_lifeline()
     launcher.sweep()
-    node: Node | None = None
+    node: Any = None
+
+    def finish(*_: object) -> None:
+        node.done = True
+
     try:
         parameters.check_command_line(sys.argv[1:] if args is None else args)
         domain = launcher.domain_from(os.environ.get('ROS_DOMAIN_ID') or '0', 'ROS_DOMAIN_ID')
@@ -323,6 +321,8 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         crowded = launcher.crowded_words(launcher.participants(domain), domain)
         if crowded:
             node.get_logger().error(crowded)
+        for number in launcher.SIGNALS:
+            signal.signal(number, finish)
         spin(node)
         return 0
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -337,7 +337,7 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         return UNUSABLE
     finally:
         # Destroy the node and the context; a second Ctrl-C must not interrupt this.
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in launcher.SIGNALS:
             with contextlib.suppress(ValueError):
                 signal.signal(number, signal.SIG_IGN)
         if node is not None:

@@ -1,10 +1,13 @@
 """A replay that waits for a node says for which, and gives up in time."""
 
+import shutil
 from types import SimpleNamespace
 
 import pytest
 
 from saddlering_ros.cli import replay
+from saddlering_ros.cli.main import main
+from saddlering_ros.files import share_directory
 from saddlering_ros.ros.names import NodeError
 
 
@@ -26,3 +29,18 @@ def test_a_node_that_stops_before_it_is_heard_is_named_and_ends_the_replay(monke
         replay._wait(group, float('inf'), None)
     err = capsys.readouterr().err
     assert err == 'note: the replay still waits for ring_simulator: nothing received\n'
+
+
+def test_a_bag_that_is_cut_off_is_told_before_it_is_replayed(tmp_path, monkeypatch, capsys):
+    bag = shutil.copytree(share_directory() / 'bags' / 'dynamic_50', tmp_path / 'cut')
+    file, = bag.glob('*.mcap')
+    file.write_bytes(file.read_bytes()[:file.stat().st_size // 2])
+
+    def refuse(*_, **__):
+        raise NodeError('no node is started')
+
+    monkeypatch.setattr('saddlering_ros.ros.launcher.start_nodes', refuse)
+    assert main(['replay', str(bag)]) == 2
+    note, refused = capsys.readouterr().err.splitlines()
+    assert note.startswith(f'note: {file}: the file is cut off at byte')
+    assert 'no node is started' in refused

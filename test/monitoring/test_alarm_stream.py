@@ -53,7 +53,7 @@ def pushed(record, *, pace, behind=0, parameters_at=0):
 
 def outcome(stream):
     monitor = stream.monitor
-    return monitor.alarm, monitor.rest, monitor.blocks, monitor.log_evidence, monitor.lapses
+    return monitor.alarm, monitor.rest, monitor.seconds, monitor.log_evidence, monitor.lapses
 
 
 def test_the_size_and_order_of_batches_change_nothing_bit_for_bit(record):

@@ -42,7 +42,7 @@ def soon(server: NodeServer, name: str, number: signal.Signals, recorded: Path,
 
 @pytest.mark.ros
 @pytest.mark.parametrize(('name', 'number', 'words'), [
-    ('replay_clock', signal.SIGKILL, 'replay_clock ended with status -9'),
+    ('replay_clock', signal.SIGKILL, 'ended with status -9 (SIGKILL): start it again'),
     ('eddy_current', signal.SIGTERM, 'ended before the bag was at its end')])
 def test_a_replay_whose_node_is_ended_fails_and_replaces_nothing(
         name: str, number: signal.Signals, words: str, bag: Path, ros_domain: int,

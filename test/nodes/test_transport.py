@@ -15,7 +15,7 @@ from rosnet import Client, Driver, wait_until
 from saddlering_ros.rig import default_rig
 from saddlering_ros.ros.launcher import (
     NodeGroup,
-    packed_publication,
+    PACKED,
     PROFILE_VARIABLES,
     PUBLICATION_VARIABLE,
     transport_environment,
@@ -130,11 +130,11 @@ def test_the_profile_is_one_fast_dds_can_read_and_gives_way_to_the_users(
     for name in (*PROFILE_VARIABLES, PUBLICATION_VARIABLE):
         monkeypatch.delenv(name, raising=False)
     assert transport_environment()[PUBLICATION_VARIABLE] == 'SYNCHRONOUS'
-    assert packed_publication() == {PUBLICATION_VARIABLE: 'ASYNCHRONOUS'}
+    assert transport_environment(PACKED)[PUBLICATION_VARIABLE] == 'ASYNCHRONOUS'
     for users in ('SYNCHRONOUS', 'ASYNCHRONOUS'):
         monkeypatch.setenv(PUBLICATION_VARIABLE, users)
         assert transport_environment()[PUBLICATION_VARIABLE] == users
-        assert packed_publication() == {PUBLICATION_VARIABLE: users}
+        assert transport_environment(PACKED)[PUBLICATION_VARIABLE] == users
     path = transport_environment()[PROFILE_VARIABLES[0]]
     space = '{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}'
     root = xml.etree.ElementTree.parse(path)
@@ -147,5 +147,5 @@ def test_the_profile_is_one_fast_dds_can_read_and_gives_way_to_the_users(
     assert 0 < number('heartbeatPeriod/nanosec') <= 50_000_000
     assert number('leaseAnnouncement/sec') == 0
     monkeypatch.setenv(PROFILE_VARIABLES[1], '/the/users.xml')
-    assert transport_environment() == packed_publication() == {}
+    assert transport_environment() == transport_environment(PACKED) == {}
     assert PROFILE_VARIABLES[0] not in NodeGroup(1).environment
