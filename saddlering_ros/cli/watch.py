@@ -51,23 +51,22 @@ def _watch_bag(
     """The result for one bag: its part of the document, and its text."""
     import numpy as np
 
-    from saddlering_ros.monitoring.detector import least_wander, materiality, MonitoringError
-    from saddlering_ros.monitoring.monitor import alarm_words, Monitor, MonitorSettings, watch
-    from saddlering_ros.monitoring.stream import residual_samples
+    from saddlering_ros.monitoring.detector import MonitoringError
+    from saddlering_ros.monitoring.monitor import alarm_words, MonitorSettings
+    from saddlering_ros.monitoring.stream import AlarmStream
     from saddlering_ros.record.residual import residual_stretches
 
-    monitor = Monitor(
-        MonitorSettings(false_alarm_hours=args.false_alarm_hours), rig.limits.rest_band,
-        lambda elevation: materiality(
-            rig, parameters.contact, elevation, args.materiality),
-        least_wander(rig))
+    stream = AlarmStream(
+        rig, MonitorSettings(false_alarm_hours=args.false_alarm_hours), args.materiality)
+    stream.use(parameters.contact)
+    monitor = stream.monitor
     test_run = arguments.read_shown(args, bag, rig)
     notes = list(test_run.notes)
     with Bar() as bar:
         stretches, _ = residual_stretches(rig, test_run, parameters, notes,
                                           lambda share: bar.show('watch', share))
-        watch(monitor, (sample for batch in stretches for sample in residual_samples(
-            batch, test_run.load[np.searchsorted(test_run.stamps, batch.stamps)])))
+        for batch in stretches:
+            stream.watch(batch, test_run.load[np.searchsorted(test_run.stamps, batch.stamps)])
     if monitor.rest is None:
         raise MonitoringError(f'{test_run.path}: the load never rests and then moves, so the '
                               'noise is not known and nothing is watched: record some seconds '

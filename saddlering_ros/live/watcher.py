@@ -84,7 +84,7 @@ BAND_LAG = 30
 MIN_MEANS = 20
 
 ELEVATION_KEY = 'elevation [deg]'
-"""Key of /diagnostics whose value the page shows."""
+"""Key of /diagnostics whose value the page shows, if the rig measures none."""
 
 LEVELS = ('ok', 'warning', 'error', 'silent')
 
@@ -131,7 +131,7 @@ class Watcher:
         self._received: dict[str, int] = {}
         self._doubt = self._bag = ''
         self._published: dict[str, int] = {}
-        self._facts: dict[str, str] = {}
+        self._assumed: float | None = None
         self._health: dict[str, tuple[float, dict[str, Any]]] = {}
         self._parameters: dict[str, Any] | None = None
         self._replay: dict[str, Any] | None = None
@@ -179,8 +179,7 @@ class Watcher:
     def now(self) -> dict[str, Any]:
         """The test and the numbers of this moment."""
         with self.lock:
-            shown = self.gauges.as_page(_number(self._facts.get(ELEVATION_KEY)),
-                                        self.rig.probes.absent)
+            shown = self.gauges.as_page(self._assumed, self.rig.probes.absent)
             curves = self.traces.current
             has_ended = shown['load'] is not None and shown['load']['is_old']
             return {'test': None if curves is None else self.session.as_page(curves, self._scales),
@@ -359,8 +358,10 @@ class Watcher:
                     continue
                 level = LEVELS[min(status.level[0], 3)]
                 self._health[status.name] = (now, {'level': level, 'words': status.message})
-                self._facts.update((item.key, item.value) for item in status.values
-                                   if item.key == ELEVATION_KEY)
+                for item in status.values:
+                    if item.key == ELEVATION_KEY:
+                        with contextlib.suppress(ValueError):
+                            self._assumed = float(item.value)
 
     def _on_parameters(self, message: msg.RingParameters) -> None:
         if not message.applied_by:
@@ -420,10 +421,3 @@ def missing_words(received: Mapping[str, int], published: Mapping[str, int]) -> 
 
 def _finite(value: float) -> float | None:
     return round(value, 5) if np.isfinite(value) else None
-
-
-def _number(text: str | None) -> float | None:
-    try:
-        return None if text is None else float(text)
-    except ValueError:
-        return None

@@ -3,7 +3,7 @@
 An alarm has a first guess at its cause, and a line in words.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -312,13 +312,6 @@ class Monitor:
             alarm, since=int(stamps[0]), size=float(rows[:, channel].mean()),
             follows=first_guess(rows[:, channel], rows[:, -1], (stamps - stamps[0]) / SECOND,
                                 self._rest_band))
-
-
-def watch(monitor: Monitor, samples: Iterable[Sample]) -> Monitor:
-    """Watch a whole record; returns the monitor."""
-    for sample in samples:
-        monitor.step(sample)
-    return monitor
 
 
 FOLLOWS = {

@@ -4,7 +4,7 @@ A residual that does not come, or comes late, cannot raise an alarm. The watch i
 must not look like a sound ring.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 import math
 
 import numpy as np
@@ -88,23 +88,21 @@ class AlarmStream:
         found = self._stamps[inside] == batch.stamps
         due = found | (batch.stamps < self._stamps[-1])
         self.counters['without_load'] += int((due & ~found).sum())
-        for sample in residual_samples(batch.pick(found), self._loads[inside[found]]):
-            self.monitor.step(sample)
+        self.watch(batch.pick(found), self._loads[inside[found]])
         self._residual = batch.pick(np.flatnonzero(~due))
         if found.any():
             until = int(batch.stamps[found].max())
             after = int(np.searchsorted(self._stamps, until, side='right'))
             self._stamps, self._loads = self._stamps[after:], self._loads[after:]
 
-
-def residual_samples(batch: Displacements, loads: NDArray[np.float64]) -> Iterator[Sample]:
-    """The rows (N,) of a batch and their loads (N,) [N] as samples of the monitor."""
-    for start in range(0, len(batch), PORTION):
-        rows = slice(start, start + PORTION)
+    def watch(self, batch: Displacements, loads: NDArray[np.float64]) -> None:
+        """Watch residuals (N,) whose loads (N,) [N] are known."""
         columns = (batch.stamps, *batch.channels[:3], loads, batch.zero_stamps, batch.elevations)
-        for stamp, x, y, gamma, load, zero, elevation in zip(
-                *(column[rows].tolist() for column in columns), strict=True):
-            yield Sample(stamp, (x, y, gamma), load, zero, elevation)
+        for start in range(0, len(batch), PORTION):
+            rows = slice(start, start + PORTION)
+            for stamp, x, y, gamma, load, zero, elevation in zip(
+                    *(column[rows].tolist() for column in columns), strict=True):
+                self.monitor.step(Sample(stamp, (x, y, gamma), load, zero, elevation))
 
 
 PATIENCE = 0.2

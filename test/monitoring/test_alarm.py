@@ -28,12 +28,20 @@ from saddlering_ros.monitoring.monitor import (
     MonitorSettings,
     Sample,
     WAITING,
-    watch,
     WATCHING,
 )
 from saddlering_ros.rig import default_rig
 
 SETTINGS = MonitorSettings()
+
+
+def watch(one, samples):
+    """Let a monitor watch samples; the monitor."""
+    for sample in samples:
+        one.step(sample)
+    return one
+
+
 BAND = 1000.0
 WANDERING = BlockNoise(1.0, 4.0, 0.995)
 

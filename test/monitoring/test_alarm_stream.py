@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.monitoring.detector import materiality
-from saddlering_ros.monitoring.monitor import LEARNING, MonitorSettings, Sample, WAITING, watch
+from saddlering_ros.monitoring.monitor import LEARNING, MonitorSettings, Sample, WAITING
 from saddlering_ros.monitoring.stream import AlarmStream
 from saddlering_ros.record.batches import Displacements, no_displacements, no_samples, Samples
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
@@ -68,10 +68,10 @@ def test_the_size_and_order_of_batches_change_nothing_bit_for_bit(record):
     direct = AlarmStream(RIG, MonitorSettings(), 2.0)
     direct.use(TRUE_TO_SCALE)
     residual, load = record
-    watch(direct.monitor, (
-        Sample(stamp, tuple(row), force, int(residual.zero_stamps[0]), ELEVATION)
-        for stamp, row, force in zip(residual.stamps.tolist(), residual.channels[:3].T.tolist(),
-                                     load.values.tolist(), strict=True)))
+    for stamp, row, force in zip(residual.stamps.tolist(), residual.channels[:3].T.tolist(),
+                                 load.values.tolist(), strict=True):
+        direct.monitor.step(
+            Sample(stamp, tuple(row), force, int(residual.zero_stamps[0]), ELEVATION))
     assert outcome(direct) == outcome(whole)
 
 
