@@ -1,11 +1,12 @@
 """A dirty ring: many small errors at once, drawn, on the ring of independent_ring.py.
 
-    python benchmarks/dirty_ring.py [--seeds 1 2 ...] [--effects NAME NAME none] [--out FILE.jsonl]
+    python benchmarks/dirty_ring.py [--seeds 1 2 ...] [--effects NAME NAME none] [--without]
+                                    [--out FILE.jsonl]
 
 Of a sound real ring nothing is exact: load cell, elevation, trunnion, probes, friction, raceways,
 structure and temperature each have a small error. One cause of the catalogue, about ten times as
-large, is hidden beside them. Each effect has one ring, of the seeds in turn; the rows are those of
-real_faults.py.
+large, is hidden beside them. Each effect has one ring, of the seeds in turn; --without takes it
+out of the catalogue. The rows are those of real_faults.py.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ import os
 os.environ.setdefault('SADDLERING_THREADS', '1')
 
 from dataclasses import replace
+from itertools import cycle
 import math
 from pathlib import Path
 import tempfile
 import time as clock
+from unittest.mock import patch
 
 from frame import arguments, keep
 from independent import draw_ring, RIG, verdict_on
@@ -26,6 +29,8 @@ from independent_faults import fault_of, Hidden, slider_state
 from independent_ring import Array, Fault, Motion, Sliders, usual_courses
 import numpy as np
 from real_faults import answer_of, misfit, say, table
+
+from saddlering_ros import effects
 
 FULL = RIG.full_scale_load
 MAIN = ('load_offset', 'load_nonlinearity', 'cylinder_friction', 'elevation_error', 'bracket_play',
@@ -98,26 +103,31 @@ def dirty_fault(hidden: Hidden, seed: int) -> Fault:
     return dirty(hidden.fault, np.random.default_rng([seed, 13]))
 
 
-def row_of(effect: str, seed: int, folder: Path) -> dict[str, object]:
+def row_of(effect: str, seed: int, folder: Path, *, is_removed: bool) -> dict[str, object]:
     """The verdict on one dirty ring with one cause, or none, as real_faults.py tables it."""
     began = clock.process_time()
     ring, noise = draw_ring(seed)
     whole = dirty_fault(hidden_in(effect, seed), seed)
-    found = verdict_on(ring, noise, whole, usual_courses(RIG), seed, folder).diagnosis
+    listed = {name: one for name, one in effects.catalogue().items()
+              if not is_removed or name != effect}
+    with patch.object(effects, 'catalogue', lambda: listed):
+        found = verdict_on(ring, noise, whole, usual_courses(RIG), seed, folder).diagnosis
+    kind = 'removed' if is_removed else 'hidden'
     return {
         'machine': 'dirty ring', 'seed': seed, 'trial': effect or 'none', 'exact': False,
-        'kind': 'hidden' if effect else 'sound', 'truth': [effect] if effect else [],
+        'kind': kind if effect else 'sound', 'truth': [effect] if effect else [],
         'misfit': misfit(found), 'seconds': clock.process_time() - began, **answer_of(found),
     }
 
 
 def main() -> None:
-    args = arguments(__doc__, {'effects': ['none']}, seeds=(1,), effects=(*MAIN, 'none'), out=Path)
+    args = arguments(__doc__, {'effects': ['none']}, seeds=(1,), effects=(*MAIN, 'none'),
+                     without=False, out=Path)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        for number, effect in enumerate(args.effects):
-            seed = args.seeds[number % len(args.seeds)]
-            rows.append(row_of('' if effect == 'none' else effect, seed, Path(folder)))
+        for name, seed in zip(args.effects, cycle(args.seeds), strict=False):
+            hidden = '' if name == 'none' else name
+            rows.append(row_of(hidden, seed, Path(folder), is_removed=args.without))
             say(rows[-1])
             if args.out:
                 keep(args.out, rows[-1])

@@ -206,9 +206,9 @@ def _beside_error(strict: Answer) -> Answer:
         before, after = residual_of(space, space.base), residual_of(space, fit)
         published = publish(space, fit, search.alternatives, before, after, process)
         sizes = {cause.effect: cause.visible for cause in published.causes}
-        weak = _weakest({name: own for name, own in published.member_shares.items()
-                         if name != published.main.effect})
         main = published.main.effect
+        weak = _weakest({name: own for name, own in published.member_shares.items()
+                         if name != main})
         if has_forms and len(sizes) > 1 and not established.doubts_on_main(space, fit, published):
             proven.setdefault(main, published)
         if weak is None:
@@ -234,10 +234,9 @@ def _answer_beside(
     strict: Answer, search: Search, published: Publication, process: Array, most_dropped: float,
     proven: Mapping[str, Publication],
 ) -> Answer:
-    """The verdict on causes beside model error.
+    """The verdict on causes beside model error; most_dropped: visible size of what is left out.
 
-    most_dropped: visible size of what is left out; proven: models in which a main cause is
-    established beside others, by its id.
+    proven: models in which a main cause is established beside others, by its id.
     """
     noise_alone, fit = strict.search.space, search.fit
     whitened = noise_alone.metric.whiten(
@@ -268,8 +267,8 @@ def _answer_beside(
         doubts.append(wording.AS_LARGE)
     is_open = any(len(cause.group) > 1 for cause in published.causes)
     verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'
-    judgement = Judgement(verdict, explained_share_of(strict.before, left),
-                          tuple(doubts or told))
+    judgement = Judgement(
+        verdict, explained_share_of(strict.before, left), tuple(doubts or told))
     return Answer(search, judgement, strict.before, left, published,
                   remainder_of(noise_alone, seen, left), taken, process)
 
