@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,22 +69,15 @@ class PreparedRecord:
     run: RunBlocks
 
 
-class Span(NamedTuple):
-    """Samples [first, last) of one block, and the number of parts of its simulated load."""
-
-    first: int
-    last: int
-    parts: int
-
-
 @dataclass(frozen=True)
 class _Blocks:
     """Division of a run: blocks, stretches at rest, hold and branch of each block.
 
+    spans: samples [first, last) of each block and the number of parts of its simulated load;
     between: samples of one part of the load outside of blocks.
     """
 
-    spans: list[Span]
+    spans: list[tuple[int, int, int]]
     rest: list[RestSegment]
     hold: Array
     branch: Array | None
@@ -112,15 +104,14 @@ def build_record(rig: Rig, test_run: Record, *, held_out: bool) -> PreparedRecor
     divided = _static if test_run.test == 'static' else _dynamic
     blocks = divided(rig, test_run, time, load, quiet)
     grid = _load_grid(test_run.elevation, time, load, measured.zero.load, blocks)
-    spans = [slice(block.first, block.last) for block in blocks.spans]
+    spans = [slice(first, last) for first, last, _ in blocks.spans]
     centre = np.array([time[span].mean() for span in spans])
     drive, branch = grid.block_means(grid.load), blocks.branch
     if branch is None:
         direction = direction_of(drive, rig.limits.reversal_band)
     else:
-        # Turning points belong to the branch before them.
         direction = branch.copy()
-        for index in np.flatnonzero(direction == 0.0):
+        for index in np.flatnonzero(direction == 0.0):  # of the branch before a turning point
             direction[index] = direction[index - 1] if index else 1.0
     step = float(np.median(np.diff(time)))
     means = np.array([probes[:, span].mean(axis=1) for span in spans])
@@ -136,9 +127,8 @@ def build_record(rig: Rig, test_run: Record, *, held_out: bool) -> PreparedRecor
 
 def _static(rig: Rig, test_run: Record, time: Array, load: Array, quiet: Array) -> _Blocks:
     """Blocks within the plateaus of a static run."""
-    levels = plateaus(test_run)
-    hold, branch = [], []
-    blocks: list[Span] = []
+    levels, hold, branch = plateaus(test_run), [], []
+    blocks: list[tuple[int, int, int]] = []
     rest: list[RestSegment] = []
     step = float(np.median(np.diff(time)))
     for number in range(len(levels)):
@@ -151,7 +141,7 @@ def _static(rig: Rig, test_run: Record, time: Array, load: Array, quiet: Array) 
         parts = max(min(BLOCKS_PER_PLATEAU, inside.size // 2), int(length / LONGEST_BLOCK))
         for block in np.array_split(inside, parts):
             bins = max(1, math.ceil(block.size * step / HELD_GRID - 0.2))
-            blocks.append(Span(int(block[0]), int(block[-1]) + 1, min(bins, block.size)))
+            blocks.append((int(block[0]), int(block[-1]) + 1, min(bins, block.size)))
             hold.append(float(number))
             branch.append(float(levels.branch[number]))
         settled = inside[time[inside] >= test_run.time[levels.start[number]]]
@@ -176,9 +166,8 @@ def _dynamic(rig: Rig, _: Record, time: Array, load: Array, quiet: Array) -> _Bl
     for begin, end in rests:
         held = (starts >= begin) & (stops <= end)
         hold[held], parts[held] = -float(begin) - 1.0, 1
-    blocks = [
-        Span(int(a), int(b), min(int(count), int(b - a)))
-        for a, b, count in zip(starts, stops, parts, strict=True)]
+    blocks = [(int(a), int(b), min(int(count), int(b - a)))
+              for a, b, count in zip(starts, stops, parts, strict=True)]
     return _Blocks(blocks, rest, hold, None, 1)
 
 
@@ -191,13 +180,12 @@ def _load_grid(
     """
     cuts: list[int] = []
     first, last, reached = [], [], 0
-    for block in blocks.spans:
-        cuts += range(reached, block.first, blocks.between)
+    for start, stop, parts in blocks.spans:
+        cuts += range(reached, start, blocks.between)
         first.append(len(cuts))
-        inner = np.linspace(block.first, block.last, block.parts + 1)[:-1]
-        cuts += [round(float(cut)) for cut in inner]
+        cuts += [round(cut) for cut in np.linspace(start, stop, parts + 1)[:-1].tolist()]
         last.append(len(cuts))
-        reached = block.last
+        reached = stop
     cuts += range(reached, time.size, blocks.between)
     starts = np.array(cuts, dtype=np.int64)
     count = np.diff(np.append(starts, time.size))
@@ -205,8 +193,7 @@ def _load_grid(
         elevation=elevation, time=np.add.reduceat(time, starts) / count,
         load=np.add.reduceat(load, starts) / count, zero_load=zero_load,
         first=np.array(first), last=np.array(last), max_step=LONGEST_STEP,
-        load_noise=white_noise(load)
-        / np.sqrt([block.last - block.first for block in blocks.spans]))
+        load_noise=white_noise(load) / np.sqrt([stop - start for start, stop, _ in blocks.spans]))
 
 
 def smooth_rate(load: Array, time: Array) -> Array:

@@ -73,11 +73,11 @@ def contact_law(
         before = _still_open(diagnosis.base_alone, {}, elevations)
         after = _still_open(diagnosis.base, before, elevations)
         return ContactLaw(diagnosis.base_alone, diagnosis.base, covariance, before, after, alone)
-    deviations = np.sqrt(np.diag(alone.covariance))
     estimates = {
-        name: discrepancy.Estimate(float(getattr(alone.parameters.contact, name)),
-                                   float(deviation), PARAMETER_UNITS[name])
-        for name, deviation in zip(PARAMETER_NAMES, deviations, strict=True)}
+        name: discrepancy.Estimate(value, deviation, PARAMETER_UNITS[name])
+        for name, value, deviation in zip(
+            PARAMETER_NAMES, alone.parameters.contact.to_array().tolist(),
+            np.sqrt(np.diag(alone.covariance)).tolist(), strict=True)}
     if not diagnosis.causes:
         of_noise = alone.parameters.source.covariance
         assert of_noise is not None
@@ -154,12 +154,10 @@ class Verdict:
         belong in the rig file.
         """
         values = np.array([estimate.value for estimate in self.contact_law.after.values()])
-        effects = {}
-        if self.verdict in ('named', 'ambiguous'):
-            effects = {
-                cause.effect: {name: size.value for name, size in cause.parameters.items()}
-                for cause in self.diagnosis.causes
-                if not cause.definition.line and not title_of_dimension(cause.effect)}
+        effects = {
+            cause.effect: {name: size.value for name, size in cause.parameters.items()}
+            for cause in self.diagnosis.causes if self.verdict in ('named', 'ambiguous')
+            and not cause.definition.line and not title_of_dimension(cause.effect)}
         made = self.provenance(held_out=False)
         source = ParameterSource(
             method='diagnose', bags=tuple(origin.path for origin in made.bags),
@@ -231,13 +229,11 @@ def run_figures(
     rig: Rig, diagnosis: Diagnosis, record: PreparedRecord, before: Array, after: Array
 ) -> RunFigures:
     """Misfits and curves of one run, from predictions before and after (C, N)."""
-    run = record.run
-    curves = []
-    for increments in (run.channels, before, after):
-        motion = measured_displacement(rig.probes, with_absent(rig.probes, increments))
-        curves.append(np.stack([np.asarray(getattr(motion, name)) for name in CHANNELS]))
-    channels = {}
-    views = diagnosis.fits.metric.problem.system.views
+    run, channels, views = record.run, {}, diagnosis.fits.metric.problem.system.views
+    motions = [measured_displacement(rig.probes, with_absent(rig.probes, increments))
+               for increments in (run.channels, before, after)]
+    curves = [np.stack([np.asarray(getattr(motion, name)) for name in CHANNELS])
+              for motion in motions]
     grid: LoadGrid = run.payload
     sound = np.append(sound_deviation(rig, diagnosis.fits.before.point.base, grid.elevation,
                                       grid.block_means(grid.load), grid.zero_load), 0.0)
@@ -246,9 +242,10 @@ def run_figures(
             continue  # A probe is absent.
         measured, first, last = (curve[index] for curve in curves)
         span = max(float(np.ptp(measured)), 1e-12)
+        alone, extended = (
+            float(np.sqrt(np.mean((one - measured)**2))) / span for one in (first, last))
         noise = _noise_floor(diagnosis, run, views[name])
-        channels[name] = ChannelMisfit(_rms(first - measured) / span, _rms(last - measured) / span,
-                                       noise / span, float(sound[index]) / span)
+        channels[name] = ChannelMisfit(alone, extended, noise / span, float(sound[index]) / span)
     return RunFigures(record, channels, *curves)
 
 
@@ -263,17 +260,10 @@ def _noise_floor(diagnosis: Diagnosis, run: discrepancy.RunBlocks, weights: Arra
     if (name, 0) not in noise:
         fitted = diagnosis.fits.metric.problem.runs
         name = min(fitted, key=lambda one: abs(np.log(np.median(one.width) / width))).name
-    power = 0.0
-    for channel, weight in enumerate(weights):
-        if weight:
-            deviations = noise[name, channel].since(
-                run.time, run.width, start - WINDOW_SECONDS, WINDOW_SECONDS)
-            power += float(weight) ** 2 * float(np.mean(deviations**2))
-    return math.sqrt(power)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return math.sqrt(sum(
+        weight**2 * float(np.mean(noise[name, channel].since(
+            run.time, run.width, start - WINDOW_SECONDS, WINDOW_SECONDS)**2))
+        for channel, weight in enumerate(weights.tolist()) if weight))
 
 
 def limit_entry(limit: discrepancy.DetectionLimit) -> dict[str, Any]:
@@ -292,12 +282,10 @@ def _cause_entries(diagnosis: Diagnosis) -> list[discrepancy.CauseEntry | ShapeE
     causes = [cause.entry() for cause in diagnosis.causes]
     if diagnosis.verdict != 'unknown':
         return [*causes]
-    after = diagnosis.residual_after
-    entries: list[discrepancy.CauseEntry | ShapeEntry] = []
-    for shape in [one for one in after.shapes if is_left(one.p_value, one.visible)][:4]:
-        entry = _shape_entry(shape)
-        entries.append({'shape': ring_wording.shape_words(entry), **entry})
-    fast = after.fast
+    after, fast = diagnosis.residual_after, diagnosis.residual_after.fast
+    shapes = [_shape_entry(one) for one in after.shapes if is_left(one.p_value, one.visible)][:4]
+    entries: list[discrepancy.CauseEntry | ShapeEntry] = [
+        {'shape': ring_wording.shape_words(entry), **entry} for entry in shapes]
     if fast.visible >= MATERIAL:
         frequency = quantity(fast.frequency, 'Hz', digits=2)
         entries.append({
@@ -312,13 +300,11 @@ def _cause_entries(diagnosis: Diagnosis) -> list[discrepancy.CauseEntry | ShapeE
 
 def _parameters_entry(law: ContactLaw) -> dict[str, Any]:
     """Values and standard deviations, null for undetermined parameters, and the reasons."""
-    after: dict[str, float | None] = {}
-    for name, estimate in law.after.items():
-        after[name] = estimate.value
-        after[f'{name}_std'] = None if name in law.reasons_after else estimate.std
     return {
         'before': {name: estimate.value for name, estimate in law.before.items()},
-        'after': after,
+        'after': {key: number for name, estimate in law.after.items() for key, number in (
+            (name, estimate.value),
+            (f'{name}_std', None if name in law.reasons_after else estimate.std))},
         'before_std': {
             name: None if name in law.reasons_before else estimate.std
             for name, estimate in law.before.items()},
@@ -339,8 +325,6 @@ def signature_cosines(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
     """Every signature with similar ones: 1 means that these data cannot separate them."""
     labels = diagnosis.observability.labels
     return {
-        label: {
-            other: round(float(value), 3)
-            for other, value in zip(labels, row, strict=True)
-            if other != label and value >= MIN_COSINE}
+        label: {other: round(float(value), 3) for other, value in zip(labels, row, strict=True)
+                if other != label and value >= MIN_COSINE}
         for label, row in zip(labels, diagnosis.observability.cosines, strict=True)}

@@ -38,11 +38,9 @@ FONT = {
     'ytick.color': '#3e4c59', 'axes.unicode_minus': True,
 }
 
-FEW_DECADES = 2.5
-"""A logarithmic axis over no more decades than this has ticks at 2 and 5 as well."""
-
-MANY_COLUMNS = 3
-"""Grids of more columns than this get smaller titles and ticks."""
+FEW_DECADES, MANY_COLUMNS = 2.5, 3
+"""A logarithmic axis over no more decades than this has ticks at 2 and 5 as well; grids of more
+columns than this get smaller titles and ticks."""
 
 
 def drawing() -> AbstractContextManager[None]:
@@ -186,9 +184,9 @@ def markers(x: ArrayLike, y: ArrayLike, marker: str, colour: str, name: str = ''
 def strokes(x: Array, low: Array, high: Array, name: str = '', dash: str = '-',
             width: float = 1.2) -> Series:
     """Upright strokes (N,) from `low` to `high`, as one line with NaN between them."""
-    gaps = np.full(x.size, np.nan)
-    return line(np.stack([x, x, gaps], axis=1).ravel(),
-                np.stack([low, high, gaps], axis=1).ravel(), NOISE, name, dash, width)
+    across, up = (np.stack([*ends, np.full(x.size, np.nan)], axis=1).ravel()
+                  for ends in ((x, x), (low, high)))
+    return line(across, up, NOISE, name, dash, width)
 
 
 @dataclass(frozen=True)
@@ -227,9 +225,8 @@ def draw(chart: Chart) -> Figure:
             gridspec_kw={'height_ratios': chart.heights}, sharex='col' if chart.shares_x else
             False)
         for panel in chart.panels:
-            _draw_panel(grid[panel.row][panel.column], panel,
-                        is_small=chart.columns > MANY_COLUMNS)
-        for heat, axes in ((panel.heat, grid[panel.row][panel.column]) for panel in chart.panels):
+            axes, heat = grid[panel.row][panel.column], panel.heat
+            _draw_panel(axes, panel, is_small=chart.columns > MANY_COLUMNS)
             if heat is not None and heat.label:
                 figure.colorbar(axes.images[0], ax=grid, shrink=0.7, pad=0.02, label=heat.label,
                                 extend='both' if heat.low < 0.0 else 'neither')
@@ -263,8 +260,7 @@ def _draw_panel(axes: Any, panel: Panel, *, is_small: bool) -> None:
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
     if panel.y_is_log:
         axes.set_yscale('log')
-    if panel.x_is_log or panel.y_is_log:
-        axes.minorticks_off()
+    axes.minorticks_off()
     for axis, ticks in ((axes.xaxis, panel.x_ticks), (axes.yaxis, panel.y_ticks)):
         if ticks is not None:
             axis.set_ticks(list(ticks.at), list(ticks.words), fontsize=ticks.size)

@@ -179,8 +179,8 @@ def drawn(chart: Chart) -> bytes:
 
 def pictures_of(document: str) -> dict[str, bytes]:
     """The PNG pictures inlined in a page, by name."""
-    found = re.findall(r'<img id="([^"]+)"[^>]*base64,([^"]+)"', document)
-    return {name: base64.b64decode(data) for name, data in found}
+    return {name: base64.b64decode(data) for name, data in re.findall(
+        r'<img id="([^"]+)"[^>]*base64,([^"]+)"', document)}
 
 
 def png(figure: Figure) -> bytes:
@@ -189,12 +189,11 @@ def png(figure: Figure) -> bytes:
     `Figure.savefig` would draw it twice, once for the layout alone.
     """
     figure.set_dpi(RESOLUTION)
-    canvas = FigureCanvasAgg(figure)
+    canvas, buffer = FigureCanvasAgg(figure), io.BytesIO()
     canvas.draw()
     seen = Image.frombytes('RGBA', canvas.get_width_height(), bytes(canvas.buffer_rgba()))
-    seen = seen.convert('RGB')
-    buffer = io.BytesIO()
-    seen.quantize(COLOURS, method=Image.Quantize.FASTOCTREE).save(buffer, 'PNG', optimize=False)
+    seen.convert('RGB').quantize(COLOURS, method=Image.Quantize.FASTOCTREE).save(
+        buffer, 'PNG', optimize=False)
     return buffer.getvalue()
 
 

@@ -13,9 +13,8 @@ import numpy as np
 from saddlering_ros.pages import charts
 from saddlering_ros.pages.charts import Array, Chart, HeatMap, Panel, Series, ShadedBand, Ticks
 
-PIXELS_PER_INCH = 100.0
-DIGITS = 7
-"""Significant digits of a coordinate: finer than any screen."""
+PIXELS_PER_INCH, DIGITS = 100.0, 7
+"""DIGITS: significant digits of a coordinate, finer than any screen."""
 
 MARKERS = {'^': 'triangle-up', 'v': 'triangle-down', 'o': 'circle', 'D': 'diamond', '.': 'circle',
            '|': 'line-ns'}
@@ -24,11 +23,8 @@ GRID, EDGE, INK = '#e4e8ec', '#7b8794', '#26323d'
 COLUMN_GAP, LABELLED_GAP, ROW_GAP, TITLED_GAP = 0.06, 0.085, 0.035, 0.075
 """Shares of the figure between panels; LABELLED_GAP: where a label stands between two columns."""
 
-BAR = 0.085
-"""Share of the width that a colour bar takes."""
-
-LEGEND_PIXELS = 60.0
-"""Room below the panels for labels and legend."""
+BAR, LEGEND_PIXELS = 0.085, 60.0
+"""Share of the width that a colour bar takes, and room below the panels for labels and legend."""
 
 Plotly = dict[str, Any]
 
@@ -46,8 +42,7 @@ def chart_of(chart: Chart) -> Plotly:
         'showlegend': bool(chart.named),
     }
     traces: list[Plotly] = []
-    shown: set[str] = set()
-    first_of_column: dict[int, str] = {}
+    shown, first_of_column = set[str](), dict[int, str]()
     for number, panel in enumerate(chart.panels, start=1):
         suffix = '' if number == 1 else str(number)
         across, up = _domains(chart, panel, height)
@@ -110,7 +105,7 @@ Span = tuple[float, float]
 def _domains(chart: Chart, panel: Panel, height: float) -> tuple[Span, Span]:
     """Where a panel lies in the figure, across and up, as shares."""
     has_bar = any(item.heat is not None and item.heat.label for item in chart.panels)
-    right = 1.0 - (BAR if has_bar else 0.0)
+    right = 1.0 - BAR * has_bar
     has_labels = any(item.column and item.shows_y and item.shows_y_label for item in chart.panels)
     between = LABELLED_GAP if has_labels else COLUMN_GAP
     width = (right - between * (chart.columns - 1)) / chart.columns
@@ -151,8 +146,7 @@ def _log_ticks(values: Sequence[Array]) -> Ticks:
 
 
 def _trace(series: Series, panel: Panel, suffix: str, *, is_first: bool) -> Plotly:
-    name = series.name
-    value = '%{y}' if panel.y_ticks is not None else '%{y:.4g}'
+    name, value = series.name, '%{y:.4g}' if panel.y_ticks is None else '%{y}'
     words = f'{panel.x_label}: %{{x:.4g}}<br>{panel.y_label}: {value}'.replace('\n', ' / ')
     trace: Plotly = {
         'type': 'scatter', 'x': _numbers(series.x), 'y': _numbers(series.y),

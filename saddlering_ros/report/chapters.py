@@ -233,9 +233,8 @@ def shape_tests(document: VerdictDocument) -> str:
 def candidates(document: VerdictDocument) -> str:
     """Every fitted candidate with its evidence, and real effects that are too small."""
     found, small = document.get('candidates') or [], document.get('immaterial') or []
-    causes = ring_wording.causes_of(document)
-    chosen = {cause['effect'] for cause in causes}
-    alike = {name for cause in causes for name in cause['group']}
+    chosen = {cause['effect'] for cause in causes_of(document)}
+    alike = {name for cause in causes_of(document) for name in cause['group']}
     parts = [html.paragraph(
         'Each candidate was refitted with the contact parameters free, on all fitted runs and all '
         'four probes. ΔBIC above 10 is strong evidence for the candidate.', 'soft')
@@ -271,26 +270,21 @@ def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
                               for name, value in values.items() if name in units])
 
 
-def _limit(limits: ring_wording.LimitEntry, size: float | None) -> str:
-    """A size of an effect's first parameter as people read it."""
-    effect = catalogue().get(limits['effect'])
-    if size is None or effect is None:
-        return quantity(size, limits['unit'])
-    return value_words(limits['effect'], effect.parameters[0].name, size, limits['unit'])
-
-
 def detection_limits(document: VerdictDocument) -> str:
     """The smallest size of every effect that these data could have shown."""
     rows: list[list[str | Cell]] = []
     for item in document.get('detection_limits') or []:
         dark, places = sum(place['limit'] is None for place in item['places']), item['places']
         never = f'; never in {dark} of {len(places)} configurations' if dark else ''
+        effect = catalogue().get(item['effect'])
+        limit, best, material = (
+            quantity(size, item['unit']) if size is None or effect is None else
+            value_words(effect.id, effect.parameters[0].name, size, item['unit'])
+            for size in (item['limit'], item['best_limit'], item['material_limit']))
         rows.append([
             ring_wording.title_of(item['effect']), code(item['effect']),
-            _limit(item, item['limit']) + never if item['testable'] else
-            number('cannot be seen', 'bad'),
-            _limit(item, item['best_limit']) if item['testable'] else '',
-            _limit(item, item['material_limit']), percent(item['share'])])
+            limit + never if item['testable'] else number('cannot be seen', 'bad'),
+            best if item['testable'] else '', material, percent(item['share'])])
     return html.section('Detection limits of these data', html.folded(
         'Detection limit of every cause in the catalogue',
         html.table(
@@ -305,9 +299,8 @@ def detection_limits(document: VerdictDocument) -> str:
 
 def notes(document: VerdictDocument) -> str:
     """Limits of the data, and how the diagnosis was run."""
-    seconds = document.get('seconds')
-    took = [] if seconds is None else [
-        f'The diagnosis took {seconds:.0f} s; seed {document.get("seed")}.']
+    took = [f'The diagnosis took {document["seconds"]:.0f} s; seed {document.get("seed")}.'
+            ] if document.get('seconds') is not None else []
     return html.section('Notes', html.bullets([*(document.get('notes') or []), *took]))
 
 
@@ -421,13 +414,12 @@ def of_file(parameters: ParameterSet) -> str:
     """The parameter file: contact law with errors, effects, correlation, where it came from."""
     source, covariance = parameters.source, parameters.source.covariance
     spread = [None] * 6 if covariance is None else np.sqrt(np.diag(covariance)).tolist()
-    values_of = {name: float(getattr(parameters.contact, name)) for name in PARAMETER_NAMES}
+    values_of = dict(zip(PARAMETER_NAMES, parameters.contact.to_array().tolist(), strict=True))
     rows: list[Row] = []
     for (name, value), std in zip(values_of.items(), spread, strict=True):
         reason = source.undetermined.get(name)
-        shown = std if reason is None else None
-        rows.append([code(name), quantity(value, PARAMETER_UNITS[name], shown),
-                     interval(value, shown),
+        std = std if reason is None else None
+        rows.append([code(name), quantity(value, PARAMETER_UNITS[name], std), interval(value, std),
                      '' if reason is None else f'{UNDETERMINED}: {reason}'])
     rows += _per_millimetre(values_of)
     rows += [[code(f'{effect}.{name}'), f'{compact(value, 5)} (SI)', '', '']
@@ -453,12 +445,12 @@ def correlation(covariance: Array | None) -> str:
         [code(name), *(_heat(share) if size > 0.0 else Cell('–', mark='heat')
                        for share, size in zip(*of, strict=True))]
         for name, *of in zip(PARAMETER_NAMES, shares, scale, strict=True)]
-    strong = [f'{PARAMETER_NAMES[i]} and {PARAMETER_NAMES[j]}'
-              for i, j in zip(*np.triu_indices(6, 1), strict=True) if abs(shares[i, j]) > STRONG]
-    words = (f'Strongly correlated: {"; ".join(strong)}.' if strong
-             else 'No correlation exceeds 0.9.')
+    strong = '; '.join(
+        f'{PARAMETER_NAMES[i]} and {PARAMETER_NAMES[j]}'
+        for i, j in zip(*np.triu_indices(6, 1), strict=True) if abs(shares[i, j]) > STRONG)
     return html.heading('Correlation') + html.table(
-        ['', *map(number, PARAMETER_NAMES)], rows) + html.paragraph(words, 'note')
+        ['', *map(number, PARAMETER_NAMES)], rows) + html.paragraph(
+        f'Strongly correlated: {strong}.' if strong else 'No correlation exceeds 0.9.', 'note')
 
 
 def _heat(value: float) -> Cell:

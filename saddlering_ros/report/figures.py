@@ -150,12 +150,10 @@ def curves_of_run(
              for row, name in enumerate(CHANNELS)}
     shown = first[:, good]
     return RunCurves(
-        name=run.path.name, test=run.test,
-        elevation_deg=round(float(np.degrees(run.elevation)), 2), held_out=held_out,
-        time=means(run.time)[good], width=widths[good], load=means(run.load)[good],
-        direction=direction[good], measured=seen[:, good], before=shown,
-        after=shown if last is first else last[:, good], noise=noise, force_unit=force_unit,
-    )
+        name=run.path.name, test=run.test, held_out=held_out, noise=noise, force_unit=force_unit,
+        elevation_deg=round(float(np.degrees(run.elevation)), 2), width=widths[good],
+        time=means(run.time)[good], load=means(run.load)[good], direction=direction[good],
+        measured=seen[:, good], before=shown, after=shown if last is first else last[:, good])
 
 
 def branches(load: Array, direction: Array, values: Array) -> Array:
@@ -166,8 +164,7 @@ def branches(load: Array, direction: Array, values: Array) -> Array:
     span = max(float(np.ptp(load)), 1e-12)
     level = np.round((load - load.min()) / span * LOAD_LEVELS).astype(int)
     rows = []
-    for number in range(LOAD_LEVELS + 1):
-        here = level == number
+    for here in (level == number for number in range(LOAD_LEVELS + 1)):
         up, down = here & (direction > 0.0), here & (direction < 0.0)
         if up.any() and down.any():
             rising, falling = values[up].mean(), values[down].mean()
@@ -213,14 +210,12 @@ def curve_columns(curves: Sequence[RunCurves]) -> dict[str, list[Any]]:
         *FACTS, *(f'{name}_{kind}' for kind in versions for name in CHANNELS))}
     for run in curves:
         same = (run.name, run.test, run.elevation_deg, int(run.held_out))
-        for name, value in zip(FACTS, same, strict=False):
-            columns[name] += [value] * run.time.size
-        for name, values in zip(FACTS[len(same):], (
-                run.time, run.load, run.direction.astype(int)), strict=True):
-            columns[name] += values.tolist()
-        for kind, attribute in versions.items():
-            for name, row in zip(CHANNELS, getattr(run, attribute), strict=True):
-                columns[f'{name}_{kind}'] += row.tolist()
+        values = [*([value] * run.time.size for value in same), run.time.tolist(),
+                  run.load.tolist(), run.direction.astype(int).tolist(),
+                  *(row for attribute in versions.values()
+                    for row in getattr(run, attribute).tolist())]
+        for column, own in zip(columns.values(), values, strict=True):
+            column += own
     return columns
 
 
@@ -417,9 +412,9 @@ def residual_map(runs: Sequence[RunCurves]) -> Chart:
             for row, (run, sign) in enumerate(rows):
                 misfit = run.residual(channel, extended=extended) / max(run.noise[channel], 1e-12)
                 level = np.clip(np.round(run.load / top * LOAD_LEVELS).astype(int), 0, LOAD_LEVELS)
-                for number in np.unique(level[np.sign(run.direction) == sign]):
-                    values[row, number] = misfit[
-                        (level == number) & (np.sign(run.direction) == sign)].mean()
+                here = np.sign(run.direction) == sign
+                for number in np.unique(level[here]):
+                    values[row, number] = misfit[(level == number) & here].mean()
             heat = charts.HeatMap(
                 values, BROWN_TO_PURPLE, low=-MAP_LIMIT, high=MAP_LIMIT, rows=names, columns=loads,
                 label='' if panels else 'mean misfit / noise floor', background='#dde3e9')
@@ -447,8 +442,7 @@ def proposed_law(term: Mapping[str, Any], force_unit: str) -> Chart:
     values, spread = (scale * np.array(curve[key], float) for key in ('values', 'std'))
     shown = force_unit if is_load else MICRO_UNITS.get(term['channel'], 'µm')
     across = term['coordinate'] + (f' / {unit}' if unit else '')
-    series = (charts.line(at, values, charts.AFTER, 'proposed law'),
-              charts.line(at, values - 2.0 * spread, charts.AFTER, dash=':'),
-              charts.line(at, values + 2.0 * spread, charts.AFTER, dash=':'))
+    series = (charts.line(at, values, charts.AFTER, 'proposed law'), *(
+        charts.line(at, values + side * spread, charts.AFTER, dash=':') for side in (-2.0, 2.0)))
     panel = Panel(0, 0, across, f'{term["channel"]} / {shown}', series, levels=(0.0,))
     return Chart((panel,), width=7.0, height=3.2)

@@ -185,15 +185,10 @@ def save_plots(
     return paths
 
 
-EARLIEST = 946_684_800_000_000_000
-"""Stamps [ns] before the year 2000 count from some other zero and give no date."""
-
-
 def date_of(stamp: int) -> str:
-    """'2026-11-20 08:15 UTC' of a stamp [ns]; '' if the stamp is no date."""
-    if stamp < EARLIEST:
-        return ''
-    return datetime.fromtimestamp(stamp / 1e9, timezone.utc).strftime('%Y-%m-%d %H:%M UTC')
+    """'2026-11-20 08:15 UTC' of a stamp [ns]; '' before 2000, because its zero is another."""
+    date = datetime.fromtimestamp(stamp / 1e9, timezone.utc)
+    return date.strftime('%Y-%m-%d %H:%M UTC') if date.year >= 2000 else ''
 
 
 def head(title: str, rig: Rig, tests: Sequence[tuple[Record, str]]) -> str:
@@ -298,8 +293,7 @@ def _reduction_words(item: Mapping[str, float | None]) -> str:
     before, after = item.get('nrmse_before'), item.get('nrmse_after')
     if not before or after is None:
         return '–'
-    gain = 1.0 - after / before
-    words = f'{100.0 * gain:.0f} %' if abs(gain) >= 5e-3 else '0 %'
+    words = f'{round(100.0 * (1.0 - after / before))} %'
     return f'({words})' if before <= allowed_misfit(item.get('noise_floor')) else words
 
 
