@@ -34,7 +34,8 @@ Floats = NDArray[np.float64]
 FORCE_UNITS = {'kgf': 9.80665, 'daN': 10.0, 'lbf': 4.4482216, 'kips': 4448.2216}
 
 UNIT_TOLERANCE = 0.03
-"""Largest deviation of a ratio from that of a unit for the note."""
+"""Largest deviation of a ratio from that of a unit for the note: 25 bags start within 1.4 % of
+their preload."""
 
 PEAK_SHARE = 0.3
 """Share of full scale, in another unit, which the highest load reaches."""
@@ -50,15 +51,17 @@ PARITY_FOLLOWS = Kind(
     'the parity of probes 1 and 3 follows the load by {moved}; that of a rigid ring is constant: '
     'cross-talk, a gain, a bracket or the ring itself (diagnose reports which)',
     limit=0.004)
-"""Share of the largest motion by which the parity may follow the load."""
+"""Share of the largest motion by which the parity may follow the load. In 17 bags with sound
+probes it follows by 0.0016 at most, with a probe of twice the usual error of gain by 0.014."""
 
 PARITY_OSCILLATES = Kind(
     'the parity of probes 1 and 3 oscillates by {size} at {frequency}, which a rigid ring cannot: '
     'mains pickup, a vibration of the probes, or one above half the sampling rate that is seen at '
     'a wrong frequency (aliasing): filter before sampling',
     limit=60.0)
-"""Ratio of the power of a line of the spectrum to the median about it. Chance: once in 1e14
-records."""
+"""Ratio of the power of a line of the spectrum to the median about it. One of 1 000 records of
+white noise reaches it, with a line of a fifth of the noise; the line must also exceed the noise.
+Bags of the virtual rig stay below 36."""
 
 LOAD_UNIT = Kind(
     'the load begins at {start:.4g} and ends at {peak:.4g} at most, which looks like {units} (the '

@@ -42,11 +42,11 @@ def certainty(document: Mapping[str, Any], title_of: Callable[[str], str] = str)
     refits = (document.get('refits') or ())[:MAX_ROWS]
     first = next((one['effect'] for one in document['causes'] if 'effect' in one), '')
     tried = rows_down(
-        [f'{one["change"]}: ' + (title_of(one['first']) if one['first'] else 'no cause')
-         for one in refits],
+        [one['change'] if one['first'] == first else f'{one["change"]}: ' + (
+            title_of(one['first']) if one['first'] else 'no cause') for one in refits],
         [charts.markers([1.0], [row], 'o', AFTER, size=7.0) if one['first'] == first else
          charts.markers([0.0], [row], 'D', BEFORE, size=7.0) for row, one in enumerate(refits)],
-        'first cause', charts.Ticks((-0.5, 0.0, 1.0, 1.5), ('', 'another', 'the same', '')))
+        'first cause', (-0.5, 1.5), charts.Ticks((0.0, 1.0), ('another', 'the same')))
     pictures = [
         html.picture(bars(outcomes, 'probability / %', 100.0), 'probabilities', 'Probability of '
                      'each cause, of no cause, and of an unknown one.') if outcomes else '',
@@ -70,14 +70,19 @@ def bars(rows: Sequence[Row], label: str, top: float | None = None) -> charts.Ch
     rows = rows[:MAX_ROWS]
     series = [charts.line([0.0, size], [place, place], colour, width=9.0)
               for place, (_, size, colour) in enumerate(rows)]
-    if top:
-        series.append(charts.markers([top], [len(rows) + 4.0], '.', NOISE, size=0.1))
-    return rows_down([row[0] for row in rows], series, label)
+    return rows_down([row[0] for row in rows], series, label, (top,) if top else ())
 
 
-def rows_down(words: Sequence[str], series: Sequence[charts.Series], label: str,
-              x_ticks: charts.Ticks | None = None) -> charts.Chart:
-    """charts.Series from the top down, one row for each of the words, which are broken if long."""
+def rows_down(
+    words: Sequence[str], series: Sequence[charts.Series], label: str, ends: Sequence[float] = (),
+    x_ticks: charts.Ticks | None = None,
+) -> charts.Chart:
+    """Series from the top down, one row for each of the words, which are broken if long.
+
+    ends: values that the axis reaches, by points out of view.
+    """
+    series = [*series, *(charts.markers([end], [len(words) + 4.0], '.', NOISE, size=0.1)
+                         for end in ends)]
     lines = [fill(one, MAX_WORDS) for one in words]
     panel = charts.Panel(0, 0, label, '', tuple(series), x_ticks=x_ticks,
                   y_ticks=charts.Ticks(tuple(map(float, range(len(lines)))), tuple(lines)),
