@@ -148,18 +148,11 @@ class ActionNode(Node):
 
     async def _execute(self, goal_handle: ServerGoalHandle) -> Any:
         result = self.ACTION.Result()
+        future: Future = Future()
+        self._stage = 'starting'
+        threading.Thread(target=self._work, args=(goal_handle, future), daemon=True).start()
         try:
-            try:
-                request = self.request(goal_handle.request)
-            except SaddleringError as problem:
-                outcome = Outcome(REFUSED, None, str(problem))
-            else:
-                future: Future = Future()
-                self._stage = 'starting'
-                threading.Thread(target=self._work, args=(goal_handle, request, future),
-                                 daemon=True).start()
-                outcome = await future
-            self._end(goal_handle, outcome, result)
+            self._end(goal_handle, await future, result)
         except Exception as problem:
             self.get_logger().error(f'failed: {problem}')
             result.status, result.message = result.FAILED, str(problem)
@@ -169,7 +162,7 @@ class ActionNode(Node):
             self.busy.release()
         return result
 
-    def _work(self, goal_handle: ServerGoalHandle, request: Any, future: Future) -> None:
+    def _work(self, goal_handle: ServerGoalHandle, future: Future) -> None:
         """In a thread: drive the worker process, pass its progress on, watch for a cancel."""
         started = time.monotonic()
 
@@ -186,9 +179,12 @@ class ActionNode(Node):
             return 'canceled' if goal_handle.is_cancel_requested else ''
 
         try:
-            outcome = self._worker.run(request, on_progress, lambda: bool(reason_to_stop()))
+            outcome = self._worker.run(self.request(goal_handle.request), on_progress,
+                                       lambda: bool(reason_to_stop()))
         except Cancelled:
             outcome = Outcome(CANCELED, None, reason_to_stop())
+        except SaddleringError as problem:
+            outcome = Outcome(REFUSED, None, str(problem))
         except Exception as problem:
             outcome = Outcome(FAILED, None, f'{type(problem).__name__}: {problem}')
         future.set_result(outcome)
