@@ -1,7 +1,7 @@
 """The tests that the page has seen: names, messages, the alarm during each and its verdict."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import heapq
 from pathlib import Path
 import tempfile
@@ -177,28 +177,36 @@ class Session:
                       for name, peaks in curves.peaks.items() if name != 'residual'},
             'verdict': test.alarm.verdict(curves.origin, curves.newest)}
 
-    def messages(self, curves: TestCurves) -> tuple[str, dict[str, list[Stamped]]]:
-        """Name of a test, and by topic its messages with their stamps.
+    def beside(self, number: int) -> list[SeenTest]:
+        """The test of that number and those beside it, as they are now, for `messages_of`.
 
-        They came during it, or just beside it: topics are drained one after another. LiveError if
-        some were too many to keep.
+        LiveError if its messages were too many to keep.
         """
-        number, first, last = curves.number, curves.origin - EDGE, curves.newest + EDGE
         if self._tests[number].is_cut:
             raise LiveError('the messages of this test were too many to keep: record the next '
                             'one with ros2 bag record, or saddlering replay --record')
         tests = [self._tests[one] for one in (number, number - 1, number + 1)
                  if one in self._tests]
-        found: dict[str, list[Stamped]] = {}
-        for topic in TOPICS:
-            mine: dict[int, bytes] = {}
-            for test in tests:  # the other ones may hold another replay of the same bag
-                here = [(stamp, message) for message in test.messages.get(topic, ())
-                        if first <= (stamp := decode_time(message)) <= last and stamp not in mine]
-                found.setdefault(topic, []).extend(here)
-                mine.update(here)
-            found[topic].sort()
-        return self._tests[number].name, found
+        return [replace(test, messages=dict(test.messages)) for test in tests]
+
+
+def messages_of(tests: Sequence[SeenTest], curves: TestCurves) -> dict[str, list[Stamped]]:
+    """By topic the messages of the first of `tests`, with their stamps.
+
+    They came during it, or just beside it: topics are drained one after another. It takes seconds
+    for a long test, in which no lock should be held: its reader's queues would overflow.
+    """
+    first, last = curves.origin - EDGE, curves.newest + EDGE
+    found: dict[str, list[Stamped]] = {}
+    for topic in TOPICS:
+        mine: dict[int, bytes] = {}
+        for test in tests:  # the other ones may hold another replay of the same bag
+            here = [(stamp, message) for message in test.messages.get(topic, ())
+                    if first <= (stamp := decode_time(message)) <= last and stamp not in mine]
+            found.setdefault(topic, []).extend(here)
+            mine.update(here)
+        found[topic].sort()
+    return found
 
 
 def mcap_of(flows: Mapping[str, list[Stamped]], facts: TestMetadata) -> bytes:

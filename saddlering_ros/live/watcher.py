@@ -25,7 +25,14 @@ from saddlering_ros.bags.wire import CdrError, decode_displacements, decode_samp
 from saddlering_ros.errors import LiveError, SaddleringError
 from saddlering_ros.live.commands import Action, ACTIONS, Commands
 from saddlering_ros.live.gauges import Gauges
-from saddlering_ros.live.session import alarm_as_page, mcap_of, Session, with_link
+from saddlering_ros.live.session import (
+    alarm_as_page,
+    mcap_of,
+    messages_of,
+    SeenTest,
+    Session,
+    with_link,
+)
 from saddlering_ros.live.traces import Traces
 from saddlering_ros.monitoring.detector import materiality, sound_motion
 from saddlering_ros.quantities import quantity
@@ -187,8 +194,9 @@ class Watcher:
 
     def state(self) -> dict[str, Any]:
         """The state of the page without the streams and the values of each sample."""
+        now = time.monotonic()
+        missing = self._missing(now)
         with self.lock:
-            now = time.monotonic()
             health = [
                 {'name': name, **(status if now - heard <= SILENT else {
                     'level': 'silent', 'words': 'Ended with its replay' if any(
@@ -204,7 +212,7 @@ class Watcher:
                 'allowed': (alarm or {}).get('allowed') or self._allowed, 'range': self._range,
                 'doubt': self._doubt,
                 'commands': self.commands.as_page(), 'left_out': self.traces.left_out,
-                'missing': self._missing(now),
+                'missing': missing,
                 'past': [self.session.as_page(curves, self._scales)
                          for curves in self.traces.past],
                 'jobs': {name: asdict(action.job) for name, action in self.actions.items()
@@ -217,12 +225,14 @@ class Watcher:
             return ''
         taken = sum(flow.received for flow in self._flows.values())
         if self._counted != taken:
-            self._counted, self._received = taken, dict(self.traces.received)
-            if self.traces.current is not None:
-                with contextlib.suppress(LiveError):
-                    _, kept = self.session.messages(self.traces.current)
-                    self._received |= {name: len(kept[topic.name])
-                                       for name, topic in RIG.items()}
+            tests: list[SeenTest] = []
+            with self.lock, contextlib.suppress(LiveError):
+                self._counted, self._received = taken, dict(self.traces.received)
+                curves = self.traces.current
+                tests = [] if curves is None else self.session.beside(curves.number)
+            if curves is not None and tests:
+                kept = messages_of(tests, curves)
+                self._received |= {name: len(kept[topic.name]) for name, topic in RIG.items()}
         due = {name: self._published.get(self._flows[name].topic, 0) for name in self._received}
         return missing_words(self._received, due)
 
@@ -242,12 +252,11 @@ class Watcher:
                           if curves is not None and curves.number == number), None)
             if found is None:
                 return None
-            name, flows = self.session.messages(found)
-            elevation = self._elevation
+            tests, elevation = self.session.beside(number), self._elevation
         facts = TestMetadata(
-            elevation_deg=None if math.isnan(elevation) else math.degrees(elevation), run=name,
-            details={'rig_hash': self.rig.digest})
-        return mcap_of(flows, facts)
+            elevation_deg=None if math.isnan(elevation) else math.degrees(elevation),
+            run=tests[0].name, details={'rig_hash': self.rig.digest})
+        return mcap_of(messages_of(tests, found), facts)
 
     def clear(self) -> None:
         """Clear the plots."""

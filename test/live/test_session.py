@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from saddlering_ros.bags.wire import encode_displacements, encode_samples
-from saddlering_ros.live.session import Session
+from saddlering_ros.bags.wire import decode_time, encode_displacements, encode_samples
+from saddlering_ros.live.session import messages_of, Session
 from saddlering_ros.live.traces import TestCurves
 from saddlering_ros.live.watcher import Watcher
 from saddlering_ros.record.batches import Displacements, Samples
@@ -27,7 +27,7 @@ def test_a_bag_that_is_replayed_twice_is_saved_with_each_message_once():
         session.follow(number, '')
         session.keep(PROBES[0].name, messages(PROBES[0], value=value))
     for number, value in ((1, 1e-3), (2, 1.5e-3)):
-        _, flows = session.messages(CURVES[number])
+        flows = messages_of(session.beside(number), CURVES[number])
         assert [message for _, message in flows[PROBES[0].name]] == messages(
             PROBES[0], value=value)
 
@@ -37,7 +37,7 @@ def test_messages_that_came_before_the_load_of_their_test_are_saved_with_it():
     session.keep(PROBES[0].name, messages(PROBES[0], slice(0, 20)))
     session.follow(2, '')
     session.keep(PROBES[0].name, messages(PROBES[0], slice(20, 100)))
-    assert len(session.messages(CURVES[2])[1][PROBES[0].name]) == 100
+    assert len(messages_of(session.beside(2), CURVES[2])[PROBES[0].name]) == 100
 
 
 @pytest.mark.ros
@@ -63,3 +63,25 @@ def test_a_displacement_may_come_before_the_load_of_its_test(ros_domain):
         watcher.clear()
         watcher._take('measured', encode_displacements(rows, 'ring'))
         assert watcher.now()['test']['number'] == 2
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('ask', [lambda watcher: watcher.bag(1), lambda watcher: watcher.state()])
+def test_messages_are_received_while_those_of_a_test_are_sorted_out(
+        ros_domain, monkeypatch, ask):
+    """A bag of fifteen minutes takes seconds to make: a queue would overflow meanwhile."""
+    with Watcher(ros_domain) as watcher:
+        watcher.traces.push('load', STAMPS, np.ones((1, 100)))
+        for topic in (LOAD, *PROBES):
+            watcher.session.keep(topic.name, messages(topic))
+        watcher._replay = {'state': 'finished'}
+        held = []
+
+        def decode(message):
+            held.append(watcher.lock.locked())
+            return decode_time(message)
+
+        monkeypatch.setattr('saddlering_ros.live.session.decode_time', decode)
+        ask(watcher)
+        assert len(held) == 500
+        assert not all(held)
