@@ -18,7 +18,7 @@ from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import finite_json
 from saddlering_ros.record.batches import gap_mask
 from saddlering_ros.record.plateaus import plateaus
-from saddlering_ros.record.quality import topic_quality, TopicQuality, UNKNOWN_QUALITY
+from saddlering_ros.record.quality import topic_quality, TopicQuality
 from saddlering_ros.record.record import RawRecord, RawTopic, TestMetadata
 from saddlering_ros.record.scratch import count_where, extremes, spread_changes
 from saddlering_ros.record.topics import LOAD_TOPIC, RIG_TOPICS, TOPICS
@@ -176,7 +176,7 @@ def _topics(
         lowest, highest = map(float, extremes(values))
         if seen is None:
             is_finite = count_where(np.isfinite, values) == len(values)
-            seen = topic_quality(stamps, values) if is_finite else UNKNOWN_QUALITY
+            seen = topic_quality(stamps, values) if is_finite else TopicQuality()
         yield replace(
             info, rate=1e9 / float(np.median(spread_changes(stamps))),
             start=(int(stamps[0]) - start) / 1e9, duration=int(stamps[-1] - stamps[0]) / 1e9,

@@ -39,8 +39,6 @@ MAX_ZERO_ERROR = 3.0
 LAG = 3
 """Samples over which a step of the residual at rest is taken, because neighbours share stamps."""
 
-UNITS = {'delta_x': 'm', 'delta_y': 'm', 'gamma': 'rad', 'parity': 'm'}
-
 
 @dataclass(frozen=True)
 class ChannelFigures:
@@ -160,7 +158,8 @@ def channel_figures(
     is_sloped = is_simulated and float(centred @ centred) > 0.0
     rating = rate(shape_measured, shape_simulated) if is_simulated else None
     return ChannelFigures(
-        unit=UNITS[CHANNELS[position]], range=extent, zero_error=zero_error, rmse=rmse,
+        unit='rad' if CHANNELS[position] == 'gamma' else 'm', range=extent,
+        zero_error=zero_error, rmse=rmse,
         nrmse=_ratio(rmse, extent),
         noise_floor=_ratio(_noise_of_sample(residual, rests, noise, step), extent),
         sound=_ratio(sound, extent),

@@ -5,7 +5,7 @@ cannot tell stays silent: a quiet sensor behind a coarse converter shows no band
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 
 import numpy as np
@@ -93,7 +93,7 @@ share of the slower period (stamps jitter by a few percent of it), gets a note."
 
 @dataclass(frozen=True)
 class TopicQuality:
-    """Properties of one topic by its readings.
+    """Properties of one topic by its readings; the defaults are those of no numbers.
 
     rate [Hz] by the median period; mean_rate [Hz] over the record (NaN if stamps have gaps);
     repeated: share of readings equal to the one before; update_rate [Hz]: of readings
@@ -104,16 +104,16 @@ class TopicQuality:
     smallest reading, where it is repeated as only a limit does.
     """
 
-    rate: float
-    mean_rate: float
-    repeated: float
-    update_rate: float
-    resolution: float
-    noise: float
-    bandwidth: float
-    spikes: NDArray[np.intp]
-    stall: tuple[int, int]
-    limit: tuple[float, int]
+    rate: float = math.nan
+    mean_rate: float = math.nan
+    repeated: float = math.nan
+    update_rate: float = math.nan
+    resolution: float = math.nan
+    noise: float = math.nan
+    bandwidth: float = math.nan
+    spikes: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    stall: tuple[int, int] = (0, 0)
+    limit: tuple[float, int] = (math.nan, 0)
 
     @property
     def is_held(self) -> bool:
@@ -124,13 +124,6 @@ class TopicQuality:
     def is_coarse(self) -> bool:
         """Whether the converter's step, and not the sensor's noise, limits the readings."""
         return self.resolution > COARSE_SHARE * self.noise
-
-
-UNKNOWN_QUALITY = TopicQuality(
-    rate=math.nan, mean_rate=math.nan, repeated=math.nan, update_rate=math.nan,
-    resolution=math.nan, noise=math.nan, bandwidth=math.nan, spikes=np.zeros(0, dtype=np.intp),
-    stall=(0, 0), limit=(math.nan, 0))
-"""Properties of readings that are no numbers."""
 
 
 def topic_quality(stamps: Stamps, values: Floats) -> TopicQuality:

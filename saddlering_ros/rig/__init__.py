@@ -1,7 +1,6 @@
 """The description of a rig: geometry, loads, probes, contact parameters, and their files."""
 
 from saddlering_ros.rig.description import (
-    Carriage,
     check_bounds,
     default_rig,
     load_rig,
@@ -13,7 +12,6 @@ from saddlering_ros.rig.description import (
     RIG_VARIABLE,
     RollerRow,
     short_digest,
-    Trunnion,
 )
 from saddlering_ros.rig.geometry import (
     CHANNELS,
@@ -35,8 +33,6 @@ from saddlering_ros.rig.parameter_file import (
     ContactParameters,
     PARAMETER_NAMES,
     PARAMETER_UNITS,
-    parameters_from_mapping,
-    parameters_to_mapping,
     ParameterSet,
     ParameterSource,
     read_parameters,
@@ -58,13 +54,12 @@ from saddlering_ros.rig.units import (
 
 __all__ = [
     'CHANNELS', 'FORCE_UNITS', 'FULL_SCALE_LOAD', 'MICRO_UNITS', 'OPPOSITE', 'PARAMETER_NAMES',
-    'PARAMETER_UNITS', 'RIG_VARIABLE', 'TONNE', 'TRUE_TO_SCALE', 'Carriage', 'ContactParameters',
+    'PARAMETER_UNITS', 'RIG_VARIABLE', 'TONNE', 'TRUE_TO_SCALE', 'ContactParameters',
     'Displacement', 'Instruments', 'LoadLimits', 'ParameterSet', 'ParameterSource', 'Probes',
-    'Rig', 'RigError', 'RollerRow', 'Trunnion', 'ZeroReading', 'ZeroWindow',
-    'check_bounds', 'default_rig', 'displacement_to_probes', 'force_decimals',
-    'force_words', 'gap_increment', 'line_contact_stiffness', 'load_rig', 'measured_displacement',
-    'mirrored_gap', 'parameters_from_mapping', 'parameters_to_mapping', 'probes_to_displacement',
-    'read_parameters', 'resolve_load', 'rig_file_of_project', 'rig_from_parameters',
-    'short_digest', 'size_factor',
-    'stiffness_per_millimetre', 'with_absent', 'write_parameters', 'zero_of_record',
+    'Rig', 'RigError', 'RollerRow', 'ZeroReading', 'ZeroWindow', 'check_bounds', 'default_rig',
+    'displacement_to_probes', 'force_decimals', 'force_words', 'gap_increment',
+    'line_contact_stiffness', 'load_rig', 'measured_displacement', 'mirrored_gap',
+    'probes_to_displacement', 'read_parameters', 'resolve_load', 'rig_file_of_project',
+    'rig_from_parameters', 'short_digest', 'size_factor', 'stiffness_per_millimetre',
+    'with_absent', 'write_parameters', 'zero_of_record',
 ]

@@ -288,19 +288,17 @@ class ZeroWindow:
         return None
 
 
-def zero_of_record(rig: Rig, time: NDArray[np.float64], load: NDArray[np.float64],
-                   gaps: NDArray[np.float64] | None = None) -> ZeroReading:
-    """The zero of a whole record: time (N,) [s], load (N,) [N], gaps (4, N) [m] or None.
+def zero_of_record(rig: Rig, time: NDArray[np.float64], load: NDArray[np.float64]) -> ZeroReading:
+    """`zero_of_blocks` of a whole record without probes: time (N,) [s], load (N,) [N]."""
+    return zero_of_blocks(rig, lambda: [(time, load, np.empty((0, len(time))))])
+
+
+def zero_of_blocks(rig: Rig, blocks: Callable[[], Iterable[Samples]]) -> ZeroReading:
+    """The zero of a record that comes in blocks of samples, as often as they are asked for.
 
     Falls back to the first steady stretch at any load, and then to the first sample, when the
     record has none near preload; `near_preload` tells.
     """
-    rows = np.empty((0, len(time))) if gaps is None else np.asarray(gaps, dtype=np.float64)
-    return zero_of_blocks(rig, lambda: [(time, load, rows)])
-
-
-def zero_of_blocks(rig: Rig, blocks: Callable[[], Iterable[Samples]]) -> ZeroReading:
-    """The zero of a record that comes in blocks of samples, as often as they are asked for."""
     for anywhere in (False, True):
         window = ZeroWindow(rig, anywhere=anywhere)
         for time, load, gaps in blocks():

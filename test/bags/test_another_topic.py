@@ -10,9 +10,9 @@ import pytest
 from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.bags.wire import decode_samples, encode_samples
 from saddlering_ros.errors import BagError
-from saddlering_ros.record import Aligner, RIG_TOPICS
+from saddlering_ros.record.aligner import Aligner
 from saddlering_ros.record.batches import Samples
-from saddlering_ros.record.topics import ELEVATION, RigTopic, TOPICS, WRENCH_TYPE
+from saddlering_ros.record.topics import ELEVATION, RIG_TOPICS, RigTopic, TOPICS, WRENCH_TYPE
 
 CELL = RigTopic('/rig/second_load_cell', WRENCH_TYPE, 'wrench.force.z', 'N', 'second_load_cell',
                 'a second load cell', 'hydraulic_load', required=False)

@@ -11,8 +11,7 @@ import pytest
 
 from saddlering_ros.comparison.change import AXIAL, standard_errors
 from saddlering_ros.errors import BagError
-from saddlering_ros.record import plateau_means, plateaus
-from saddlering_ros.record.plateaus import find_holds
+from saddlering_ros.record.plateaus import find_holds, plateau_means, plateaus
 from saddlering_ros.rig import TONNE
 
 

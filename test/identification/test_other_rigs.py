@@ -13,7 +13,8 @@ from saddlering_ros.doubts.readings import check_load_unit
 from saddlering_ros.errors import BagError
 from saddlering_ros.identification import IdentificationError, identify
 from saddlering_ros.identification.uncertainty import reason_wide
-from saddlering_ros.record import align, LOAD_TOPIC, PROBE_TOPICS, Record, seconds_array
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, Record
+from saddlering_ros.record.batches import align, seconds_array
 from saddlering_ros.record.quality import topic_quality
 from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig.experiment import (

@@ -12,8 +12,6 @@ import yaml
 
 from saddlering_ros.rig import (
     ContactParameters,
-    parameters_from_mapping,
-    parameters_to_mapping,
     ParameterSet,
     ParameterSource,
     read_parameters,
@@ -21,6 +19,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
     write_parameters,
 )
+from saddlering_ros.rig.parameter_file import parameters_from_mapping, parameters_to_mapping
 
 FULL = ParameterSet(
     TRUE_TO_SCALE, {'radial_friction': {'force': 1.5e3, 'presliding': 2e-6}},

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from saddlering_ros.rig import default_rig, TONNE, zero_of_record, ZeroWindow
-from saddlering_ros.rig.geometry import MIN_SAMPLES, MIN_WINDOW_SECONDS, WINDOW_SECONDS
+from saddlering_ros.rig.geometry import (
+    MIN_SAMPLES,
+    MIN_WINDOW_SECONDS,
+    WINDOW_SECONDS,
+    zero_of_blocks,
+)
 
 RIG = default_rig()
 
@@ -43,7 +48,7 @@ def test_a_load_that_moves_by_less_does_not_close_it() -> None:
 def test_readings_are_means_over_the_window_and_nothing_else() -> None:
     time, load = steady(1.0, RIG.preload)
     gaps = np.random.default_rng(1).normal(1e-3, 1e-6, (4, time.size))
-    reading = zero_of_record(RIG, time, load, gaps)
+    reading = zero_of_blocks(RIG, lambda: [(time, load, gaps)])
     assert reading.gaps == pytest.approx(gaps[:, :51].mean(axis=1), rel=1e-14)
 
 
@@ -111,7 +116,7 @@ def test_pushing_samples_one_by_one_gives_the_records_zero_to_the_last_bit() -> 
     window = ZeroWindow(RIG)
     live = [window.push(t, p, tuple(g)) for t, p, g in zip(time, load, gaps.T, strict=True)]
     reading = next(item for item in live if item is not None)
-    assert reading == zero_of_record(RIG, time, load, gaps)
+    assert reading == zero_of_blocks(RIG, lambda: [(time, load, gaps)])
     assert live.index(reading) == reading.end
 
 
@@ -128,7 +133,7 @@ def test_the_zero_of_a_long_record_takes_no_memory_of_its_length() -> None:
     load = np.full(time.size, RIG.preload)
     gaps = np.ones((4, time.size))
     tracemalloc.start()
-    zero = zero_of_record(RIG, time, load, gaps)
+    zero = zero_of_blocks(RIG, lambda: [(time, load, gaps)])
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert zero.near_preload

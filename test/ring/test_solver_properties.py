@@ -16,7 +16,6 @@ from saddlering_ros.record.batches import Samples
 from saddlering_ros.record.guard import ReadingLimits, SampleGuard
 from saddlering_ros.record.residual import SimulationStream
 from saddlering_ros.rig import (
-    Carriage,
     ContactParameters,
     default_rig,
     FULL_SCALE_LOAD,
@@ -25,8 +24,8 @@ from saddlering_ros.rig import (
     Rig,
     RollerRow,
     TRUE_TO_SCALE,
-    Trunnion,
 )
+from saddlering_ros.rig.description import Carriage, Trunnion
 from saddlering_ros.ring import dynamic_batch, RingSimulator, simulate, static_batch
 from saddlering_ros.ring.kernels import integration, layout
 
