@@ -24,7 +24,7 @@ WEIGHT_UNKNOWN = 0.02
 """Standard deviation of the weight of the carriage, as a share."""
 GRID = 70
 """Loads at which the columns are computed. The spread of a run is within 0.5 to 5 % (rms) of that
-with 1120. Single columns of a dynamic run, narrow where a roller touches, converge with no grid."""
+with 1120. Single columns of a dynamic run, narrow where a roller touches, settle on no grid."""
 SOUND_LOADS = 25
 """The same for `sound_deviation`, which 200 loads change by 5 %."""
 COLUMNS = 60
