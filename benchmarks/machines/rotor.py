@@ -1,7 +1,4 @@
-"""A rotor on two bearings: records are beams and faults of ross, the model two discs on springs.
-
-ross-rotordynamics reads its cracks from a table, with pandas below 3.
-"""
+"""A rotor on two bearings: records are beams and faults of ross, the model two discs."""
 
 from __future__ import annotations
 
@@ -25,34 +22,38 @@ SHAFT = np.array([[2.288, 1.914], [1.914, 2.288]])
 LEVER = np.array([[0.7, 0.3], [0.3, 0.7]])
 TRUE = {'near_x': 0.85, 'near_y': 1.2, 'far_x': 0.5, 'far_y': 0.6, 'mass': 3.1, 'damping': 200.0,
         'unbalance': 4.0, 'angle': 0.3}
-NAMES = ('bow.force', 'bow.angle', 'misaligned.force', 'misaligned.angle', 'misaligned.upward',
-         'misaligned.discs', 'crack.loss', 'rub.stiffness', 'rub.gap', 'loose.share')
+NAMES = ('bow.force', 'bow.angle', 'misaligned.force', 'misaligned.angle', 'misaligned.axes',
+         'misaligned.discs', 'crack.loss', 'crack.place', 'rub.stiffness', 'rub.gap',
+         'loose.share')
 
 
 @nb.njit(cache=True)
 def whirl(speed, springs, mass, damping, heavy, angle, law):  # type: ignore[no-untyped-def]
     """Displacements (4, N) [um] of both discs from where they hang at rest."""
-    bow, to, pull, way, up, mix, loss, push, gap, loose = law
+    bow, to, pull, way, tilt, mix, loss, place, push, gap, loose = law
     seen, q, v, dt = np.empty((4, COUNT)), np.zeros(4), np.zeros(4), STEP / PARTS
-    sag = 9.81 * mass * np.linalg.inv(springs[1]).sum() / 2.0
+    whole = springs.sum(axis=1)
     for n in range((EARLY + COUNT) * PARTS):
         if n % PARTS == 0 and n >= EARLY * PARTS:
             seen[:, n // PARTS - EARLY] = q
         turn, x, y = speed * n * dt, 0.5 * (q[0] + q[2]), 0.5 * (q[1] + q[3])
-        soft = 0.5 * loss * (1.0 + np.cos(turn)) * (np.cos(turn) * x + np.sin(turn) * (y - sag))
+        facing = turn + place
+        moment = np.cos(facing) * (whole[0, 0] * q[0] + whole[0, 1] * q[2])
+        moment += np.sin(facing) * (whole[1, 0] * q[1] + whole[1, 1] * q[3] - 19.62 * mass)
+        hinge = 0.5 * loss * (1.0 - np.sin(facing)) * moment  # Its weight opens it below.
         pressed = push * max(1.0 - gap / max(np.hypot(x, y), 1e-9), 0.0)
         for axis in range(2):
             late = axis * np.pi / 2.0
-            middle = soft * np.cos(turn - late) - pressed * (y + 0.3 * x if axis else x - 0.3 * y)
-            twice = pull * np.cos(2.0 * turn + way - late) * (up if axis else 1.0)
+            pushed = 0.5 * pressed * (y + 0.3 * x if axis else x - 0.3 * y)
+            bent = hinge * np.cos(facing - late)
+            twice = pull * np.cos(2.0 * turn + way - late) * np.cos(tilt - late)
             once = 1e-4 * heavy * speed**2 * np.cos(turn + angle - late)
             once += bow * np.cos(turn + to - late)
             held = 1.0 - loose if axis and y > 0.0 else 1.0
             for disc in range(2):
-                force = 0.5 * middle + (np.sin(mix) if disc else np.cos(mix)) * twice
-                force += 0.0 if disc else once
+                force = np.sin(mix) * twice if disc else np.cos(mix) * twice + once
                 near, far = springs[axis, disc]
-                force -= held * (near * q[axis] + far * q[axis + 2])
+                force -= pushed + held * (near * (q[axis] - bent) + far * (q[axis + 2] - bent))
                 v[2 * disc + axis] += dt * (1e6 * force - damping * v[2 * disc + axis]) / mass
         q += dt * v
     return seen
@@ -78,13 +79,13 @@ MODEL = Model(
     effects={
         'bow': effect('Bent shaft', 'force', 20, angle=Parameter.angle()),
         'misaligned': effect('Coupling out of line', 'force', 20, angle=Parameter.angle(),
-                             upward=Parameter(-3, 3), discs=Parameter.angle()),
-        'crack': effect('Crack that breathes', 'loss', 0.3),
+                             axes=Parameter.angle(), discs=Parameter.angle()),
+        'crack': effect('Crack that breathes', 'loss', 0.5, place=Parameter.angle()),
         'rub': effect('Rub at the middle', 'stiffness', 1, gap=Parameter(5, 200, unit='um')),
         'loose': effect('Loose foot', 'share', 0.8)},
     channels={probe: Channel('um', offset='free') for probe in PROBES},
 )
-HIDDEN = {'misaligned': {'force': 8.0}, 'crack': {'loss': 0.05}, 'rub': {'stiffness': 0.1}}
+HIDDEN = {'bow': {'force': 4.0}, 'misaligned': {'force': 8.0}, 'rub': {'stiffness': 0.1}}
 
 
 def record(draw: Draw) -> Run:
@@ -97,18 +98,17 @@ def record(draw: Draw) -> Run:
                             cxx=500, cyy=500) for n, end in ((1, 'near'), (11, 'far'))])
     force, turned, *_ = rotor.unbalance_force_over_time(
         [4], [1e-4 * draw.true['unbalance']], [draw.true['angle']], speed, time, return_all=True)
-    sag = np.linalg.lstsq(rotor.K(speed), rotor.gravitational_force())[0]
+    force[24] += draw.size('bow.force') * np.cos(turned + 0.8)
+    force[25] += draw.size('bow.force') * np.sin(turned + 0.8)
     apart, push = 5e-6 * draw.size('misaligned.force'), 1e6 * draw.size('rub.stiffness')
     if apart:
         coupling = faults.MisalignmentFlex(rotor, 0, 'parallel', apart, apart, 0.0, 4e4, 3.8e4)
         force += coupling.compute_reaction_force(turned)
-    crack = faults.Crack(rotor, 6, 3.6 * draw.size('crack.loss'))
     rub = faults.Rubbing(rotor, 6, 4e-5, push, 40.0 if push else 0.0, 0.3)
-    crack.forces, rub.forces = np.zeros((2, *force.shape))
+    rub.forces = np.zeros_like(force)
 
     def added(step: int, disp_resp: Array, velc_resp: Array, **_: object) -> Array:
-        return crack._get_force_in_time(step, disp_resp + sag, turned[step]) + (
-            rub._get_force_over_time(step, disp_resp, velc_resp, speed))
+        return rub._get_force_over_time(step, disp_resp, velc_resp, speed)
 
     found = rotor.run_time_response(speed, force.T, time, 'newmark', add_to_RHS=added)
     seen = 1e6 * found.yout[EARLY:, list(PROBES.values())].T
