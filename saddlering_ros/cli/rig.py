@@ -38,7 +38,7 @@ COMMANDS = (Command(
 def run(args: argparse.Namespace) -> int:
     """Draft, draw, check; status 2 if a bag speaks against the rig."""
     from saddlering_ros.doubts.comparison import rig_in_words
-    from saddlering_ros.files import write_text
+    from saddlering_ros.files import check_ending, write_text
     from saddlering_ros.rig import load_rig, RigError
     from saddlering_ros.rig.drawing import draft_rig_file, save_drawing
 
@@ -47,16 +47,20 @@ def run(args: argparse.Namespace) -> int:
         raise RigError('--set is an entry of a draft: give --draft too')
     written: list[Path] = []
     if args.draft is not None:
-        if args.draft.exists():
-            raise RigError(f'{args.draft}: exists already, and a draft does not replace it: '
-                           'choose another name')
-        text, rig = draft_rig_file(rig, args.set)
-        write_text(args.draft, text, RigError)
+        check_ending(args.draft, ('.yaml', '.yml'), RigError)
         written = [args.draft, args.draft.with_suffix('.svg')]
-        save_drawing(written[1], rig)
+        for path in written:
+            if path.exists():
+                raise RigError(f'{path}: exists already, and a draft does not replace it: choose '
+                               'another name')
+        text, rig = draft_rig_file(rig, args.set)
     if args.drawing is not None:
         save_drawing(args.drawing, rig, 50.0 if args.elevation is None else args.elevation)
         written.append(args.drawing)
+    if args.draft is not None:
+        if args.drawing != written[1]:
+            save_drawing(written[1], rig)
+        write_text(args.draft, text, RigError)
     found = {bag: contradictions(bag, rig, args.test, arguments.elevation_of(args))
              for bag in args.check}
     doubts = sum(len(lines) for lines in found.values())

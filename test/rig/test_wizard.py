@@ -52,6 +52,21 @@ def test_the_drawing_names_probes_with_their_signs_and_the_dimensions(tmp_path: 
         save_drawing(tmp_path / 'rig.txt', rig)
 
 
+@pytest.mark.parametrize(('options', 'said'), [
+    (['--draft', 'mine.yaml'], 'mine.svg: exists already'),
+    (['--draft', 'new.svg'], 'new.svg: is not written as SVG'),
+    (['--draft', 'new.yaml', '--drawing', 'new.txt'], 'this kind of drawing'),
+])
+def test_a_draft_that_is_refused_writes_and_replaces_nothing(
+        tmp_path: Path, monkeypatch, capsys, options: list[str], said: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path('mine.svg').write_text('a drawing by hand')
+    assert main(['rig', *options]) == 2
+    assert said in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['mine.svg']
+    assert Path('mine.svg').read_text() == 'a drawing by hand'
+
+
 def test_the_drawing_leaves_out_the_probe_that_the_rig_does_not_have():
     svg = drawing_svg(replace(RIG, probes=replace(RIG.probes, absent=3)))
     assert '1 (+)' in svg
