@@ -128,7 +128,7 @@ def _sniffed(path: Path, lines: Sequence[str], given: Mapping[str, Any]) -> CsvS
                 best = score
                 found = replace(_headings(rows, width, decimal), delimiter=delimiter,
                                 decimal=decimal)
-    if not best:
+    if not best and not given.keys() >= {'delimiter', 'decimal', 'header_line', 'first_line'}:
         raise ImportingError(f'{path}: no columns of numbers were found: state csv: {{delimiter, '
                              'decimal, header_line, first_line} in the map')
     return found

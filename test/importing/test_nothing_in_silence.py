@@ -205,6 +205,22 @@ def test_loads_of_an_import_are_printed_and_drawn_in_the_unit_of_the_rig_file(
     assert labels == [f'load [{unit}]']
 
 
+@pytest.mark.parametrize(('change', 'said'), [
+    (lambda cell: cell.replace(',', '.'), 'is no clear number where the decimal mark is'),
+    (lambda cell: cell if ':' in cell or cell.count('.') == 2 else 'NaN', 'has no sample'),
+    (lambda cell: None, 'has no data from line 6 on'),
+])
+def test_a_file_that_is_not_as_its_map_states_is_told_what_and_not_to_state_it(
+        tmp_path, capsys, change, said: str) -> None:
+    lines = (DATA / 'static_30.csv').read_text('latin-1').splitlines()
+    rows = [[change(cell) for cell in line.split(';')] for line in lines[5:50]]
+    data = [';'.join(row) for row in rows if None not in row]
+    (tmp_path / 'a.csv').write_text('\n'.join([*lines[:5], *data, '']), 'latin-1')
+    assert main(['import', str(tmp_path / 'a.csv'), '--map', str(DATA / 'map_static_30.yaml'),
+                 '--out', str(tmp_path / 'bag')]) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_a_preview_of_another_kind_is_refused_before_the_bag_is_written(tmp_path, capsys) -> None:
     assert main(['import', str(DATA / 'dynamic_30.csv'), '--map',
                  str(DATA / 'map_dynamic_30.yaml'), '--out', str(tmp_path / 'bag'), '--preview',
