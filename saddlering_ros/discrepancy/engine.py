@@ -187,9 +187,8 @@ def _beside_error(strict: Answer) -> Answer:
     A secondary cause that takes too little of what remains without it is left out, and what it
     took becomes model error. So is the smallest of causes that are not established together, or
     of which it has alternatives, because the main one may be established without it. If it is
-    not, those that are established together are named, and if none are, all are told. What is
-    left out because it takes too little still is no misfit of the main cause: that is established
-    by what it takes beside all others, too.
+    not, those that are established together are named, and if none are, all are told. On a ring,
+    the main one is established by what it takes beside those that are left out, too.
     """
     noise_alone = strict.search.space
     has_forms = not noise_alone.problem.assumptions.exact_laws
@@ -275,5 +274,5 @@ def _answer_beside(
 
 def _weakest(shares: Mapping[str, Shares]) -> str | None:
     """The cause that takes least, if it is too little to be established."""
-    weak = {name: own.best for name, own in shares.items() if own.best < established.MIN_TAKEN}
-    return min(weak, key=lambda name: weak[name]) if weak else None
+    weak = [name for name, own in shares.items() if own.best < established.MIN_TAKEN]
+    return min(weak, key=lambda name: shares[name].best, default=None)

@@ -22,7 +22,6 @@ from saddlering_ros.discrepancy.problem.fits import (
     left_out_residuals,
     plain_fits,
     PRIOR,
-    Tangent,
 )
 from saddlering_ros.discrepancy.problem.problem import NoiseByRun, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Estimate, Parameter, RunBlocks
@@ -110,7 +109,7 @@ def shares_of(problem: Problem, noise: NoiseByRun, less: Fit, more: Fit) -> Shar
         / problem.view_ranges[view] ** 2 for view, weights in problem.system.views.items()])
     fitted = _Powers.of(problem, floor, problem.runs, [
         problem.by_run(fit.prediction - problem.measured) for fit in (less, more)])
-    known, interval, taken = [fitted], None, {}
+    touched, interval, taken = fitted.touched(), None, {}
     if problem.held_out or len(problem.runs) > 1:
         runs = problem.held_out or problem.runs
         left = [
@@ -118,10 +117,9 @@ def shares_of(problem: Problem, noise: NoiseByRun, less: Fit, more: Fit) -> Shar
             if problem.held_out else left_out_residuals(problem, fit) for fit in (less, more)]
         if all(np.isfinite(run).all() for residuals in left for run in residuals):
             predicted = _Powers.of(problem, floor, runs, left)
-            known.append(predicted)
+            touched += predicted.touched()
             interval, taken = predicted.interval(), predicted.taken()
     by_run = fitted.more.sum(axis=(1, 2)) / np.maximum(fitted.less.sum(axis=(1, 2)), 1e-300)
-    touched = [item for powers in known for item in powers.touched()]
     return Shares(
         # What a cause may leave of the worst view is a small misfit in another one.
         fitted.taken(1.0 - MIN_TAKEN), taken, 1.0 - float(by_run.max()),
@@ -401,24 +399,17 @@ def publish(
     gains. The part that nuisance parameters would have explained adds to the uncertainty of
     the published values. process: model error in the metric of the fits, if it was learnt.
     """
-    problem, rate = space.problem, space.settings.error_rate
-    parameters = problem.system.base_parameters
+    problem, parameters = space.problem, space.problem.system.base_parameters
     is_persistent = problem.assumptions.is_persistent
     metric = space.metric if is_persistent else space.metric.with_offsets(process)
     less = {name: space.without(fit, name) for name in fit.candidate.ids}
-    judged = [space.base, fit, *less.values()]
-    base, model, *others = refit_full_jacobian(metric, judged, space.settings.max_rounds)
-    base_covariance = _covariance(
-        space.tangent_of(space.base), before, base.theta_unit - space.base.theta_unit, rate)
-    covariance = _covariance(
-        space.tangent_of(fit), after, model.theta_unit - fit.theta_unit, rate)
+    base, model, *others = refit_full_jacobian(
+        metric, [space.base, fit, *less.values()], space.settings.max_rounds)
+    covariance = _covariance(space, fit, model, after)
     refitted = {refit.candidate.key: refit for refit in (base, model, *others)}
     plain = dict(zip(refitted, plain_fits(problem, list(refitted.values())), strict=True))
-
-    taken = {
-        key: shares_of(problem, space.metric.noise, other, plain[model.candidate.key])
-        for key, other in plain.items() if key != model.candidate.key
-    }
+    taken = {key: shares_of(problem, space.metric.noise, other, plain[model.candidate.key])
+             for key, other in plain.items() if key != model.candidate.key}
 
     def gain_over(other: Fit) -> Gain:
         key = other.candidate.key
@@ -443,7 +434,8 @@ def publish(
             parameters=own, p_value=evidence.p_value, delta_bic=evidence.delta_bic,
             visible=evidence.visible, gain=gain_over(less[effect.id])))
     # The causes predict other runs worse than the base, or one of them surely does.
-    gains = {' and '.join(cause.effect for cause in causes): gain_over(base)}
+    whole = gain_over(base)
+    gains = {' and '.join(cause.effect for cause in causes): whole}
     gains.update({cause.effect: cause.gain for cause in causes
                   if cause.gain.interval is not None and cause.gain.interval[1] < 0.0})
     failed = [
@@ -455,8 +447,9 @@ def publish(
     return Publication(
         causes=tuple(causes),
         base=_estimates(parameters, model.theta_unit, covariance),
-        base_alone=_estimates(parameters, base.theta_unit, base_covariance),
-        gain=gain_over(base),
+        base_alone=_estimates(
+            parameters, base.theta_unit, _covariance(space, space.base, base, before)),
+        gain=whole,
         runs=tuple(
             RunPrediction(run, *problem.system.predict_many(run, [base.point, model.point]))
             for run in problem.all_runs),
@@ -466,16 +459,14 @@ def publish(
         member_shares={} if len(less) < 2 else {
             name: taken[other.candidate.key] for name, other in less.items()},
         doubts=(*sizes_at_bounds(problem, model), *failed[:1]),
-        converged=all(refit.converged for refit in [*refitted.values(), *plain.values()]),
-    )
+        converged=all(refit.converged for refit in [*refitted.values(), *plain.values()]))
 
 
-def _covariance(
-    sensitivities: Tangent, residual: Residual, moved: Array, error_rate: float
-) -> Array:
+def _covariance(space: ModelSpace, fit: Fit, published: Fit, residual: Residual) -> Array:
     """Covariance in bound-scaled coordinates, widened by misfit and nuisance parameters."""
-    fitted = covariance(sensitivities.white, PRIOR) * residual.inflation(error_rate)
-    return np.asarray(fitted + np.diag(moved**2))
+    fitted = covariance(space.tangent_of(fit).white, PRIOR)
+    widened = fitted * residual.inflation(space.settings.error_rate)
+    return np.asarray(widened + np.diag((published.theta_unit - fit.theta_unit) ** 2))
 
 
 def _estimates(
