@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from saddlering_ros.discrepancy.problem import problem as problems
@@ -90,7 +90,8 @@ def next_test_of(
     own, less = ([keys.index(one.candidate.key) for one in side]
                  for side in zip(*pairs, strict=True))
     models = _OpenModels(
-        space, fits, own, less, floor=alternative_floor(space.pairs, space.settings),
+        space, fits, own, less, np.array([fits[place].theta_unit.size for place in own]),
+        floor=alternative_floor(space.pairs, space.settings),
         excess=max(space.slow_residual(fit).excess, 0.0))
     return models.separations(), models.judged_by_held_out()
 
@@ -99,14 +100,15 @@ def next_test_of(
 class _OpenModels:
     """Models that the data leave open, each beside the same model without the cause in question.
 
-    own, less: their places among the distinct fits. floor, excess: limits within which a model
-    stays in a group (see search/evidence.py).
+    own, less: their places among the distinct fits; sizes: their numbers of parameters. floor,
+    excess: limits within which a model stays in a group (see search/evidence.py).
     """
 
     space: ModelSpace
     fits: Sequence[Fit]
     own: Sequence[int]
     less: Sequence[int]
+    sizes: NDArray[np.int64]
     floor: float
     excess: float
 
@@ -143,7 +145,7 @@ class _OpenModels:
             white = whiten(proposal.run.channels.ravel()[:, None])
             misfits = misfits + [float(one.misfits(white)[0]) for one in forecasts]
         left, own = self._left(misfits), misfits[list(self.own)]
-        priced = own + self._prices
+        priced = own + self.space.log_size * self.sizes
         odds = np.exp(-0.5 * (priced - priced.min()))
         answers = []
         for index, (place, less) in enumerate(zip(self.own, self.less, strict=True)):
@@ -154,24 +156,18 @@ class _OpenModels:
                 float(own[index] - own.min()), float(odds[index] / odds.sum()), index in left))
         return tuple(sorted(answers, key=lambda one: -one.share))
 
-    @cached_property
-    def _prices(self) -> Array:
-        """Prices of the parameters of each model."""
-        sizes = [self.fits[place].theta_unit.size for place in self.own]
-        return self.space.log_size * np.array(sizes)
-
     def _left(self, misfits: Array) -> list[int]:
         """Models that stay in the group at these misfits of all fits, in order."""
         own, less = misfits[list(self.own)], misfits[list(self.less)]
-        sizes = [self.fits[place].theta_unit.size for place in self.own]
-        best = int(np.argmin(own + self._prices))
+        best = int(np.argmin(own + self.space.log_size * self.sizes))
         left = []
-        for number, size in enumerate(sizes):
+        for number, size in enumerate(self.sizes):
             # The first model stands for no particular cause; another one names its own.
             taken = less[best if number == 0 else number] - own[best]
             if number == best or indistinguishable(
                     distance=own[number] - own[best], taken=taken, excess=self.excess,
-                    fewer=sizes[best] - size, floor=self.floor, settings=self.space.settings):
+                    fewer=int(self.sizes[best] - size), floor=self.floor,
+                    settings=self.space.settings):
                 left.append(number)
         return left
 

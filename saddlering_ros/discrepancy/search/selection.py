@@ -38,7 +38,13 @@ from saddlering_ros.discrepancy.search import evidence, ranking
 from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.evidence import Comparison, SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import half_waves
-from saddlering_ros.discrepancy.search.signatures import MIN_LENGTH, Signature, whitened_by
+from saddlering_ros.discrepancy.search.signatures import (
+    measure_signatures,
+    MIN_LENGTH,
+    shapes_tried,
+    Signature,
+    whitened_by,
+)
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
 
 MAX_BASES = 3
@@ -100,7 +106,15 @@ def better_base(space: ModelSpace, fit: Fit) -> Fit | None:
 
 def _search(begun: ModelSpace) -> Search:
     """Select effects, adapt the nuisance parameters to them, check the alternatives."""
-    space, log = spaces.with_inputs(begun), SearchLog()
+    space, log = begun, SearchLog()
+    errors = getattr(space.problem.system, 'inputs', ())
+    gains = [score.gain for score in space.scores(space.base)] if errors else []
+    # Where nothing is wrong to first order, no input of the simulator is accused.
+    if errors and (
+            max(gains, default=0.0) >= space.real_gain or space.leaves_misfit(space.base)):
+        inputs = measure_signatures(
+            space.metric, space.base, space.base_tangent, space.scale, errors)
+        space = replace(space, trials=space.trials + shapes_tried(inputs), inputs=inputs)
     fit = select(space, log)
     alternatives: Alternatives = {}
     space.watch.progress('check of alternatives', 0.75)

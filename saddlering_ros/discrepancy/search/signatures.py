@@ -350,7 +350,21 @@ def _limit_of(
     shapes: dict[tuple[object, ...], list[Signature]] = {}
     for member in members:
         shapes.setdefault(member.shape, []).append(member)
-    places = [_limits_at(shape, needed, materiality, reach) for shape in shapes.values()]
+    places = []
+    for same in shapes.values():
+        values = {parameter.name: parameter.from_unit(float(u)) for parameter, u in zip(
+            effect.ordered[1:], same[0].theta_unit[1:], strict=True)}
+        values.update(effect.variants[same[0].variant])
+        by_sign = [[one for one in same if np.sign(one.size) == sign]
+                   for sign in {np.sign(one.size) for one in same} - {0.0}]
+        # The sign that shows less counts.
+        sizes = [
+            max((_size_at([(abs(one.size), height(one)) for one in alike], wanted)
+                 for alike in by_sign), default=np.inf)
+            for height, wanted in ((attrgetter('length'), needed),
+                                   (attrgetter('visible'), materiality))]
+        places.append(Configuration(
+            values, *(size if size <= reach else np.inf for size in sizes)))
 
     def nine_in_ten(limits: Sequence[float]) -> float:
         """The size that is enough in nine of ten configurations that have a limit, or inf."""
@@ -373,25 +387,6 @@ def _limit_of(
         configurations=tuple(
             replace(one, limit=value(one.limit), material_limit=value(one.material_limit))
             for one in places))
-
-
-def _limits_at(
-    members: Sequence[Signature], needed: float, materiality: float, reach: float
-) -> Configuration:
-    """Limits in one variant and shape, for sizes up to `reach` and the sign that shows less."""
-    effect, shape = members[0].effect, members[0].theta_unit[1:]
-    values = {parameter.name: parameter.from_unit(float(u))
-              for parameter, u in zip(effect.ordered[1:], shape, strict=True)}
-    values.update(effect.variants[members[0].variant])
-    by_sign = [[member for member in members if np.sign(member.size) == sign]
-               for sign in {np.sign(member.size) for member in members} - {0.0}]
-    limit, material = (
-        max((_size_at([(abs(one.size), height(one)) for one in same], wanted)
-             for same in by_sign), default=np.inf)
-        for height, wanted in ((attrgetter('length'), needed),
-                               (attrgetter('visible'), materiality)))
-    return Configuration(
-        values, limit if limit <= reach else np.inf, material if material <= reach else np.inf)
 
 
 def _size_at(heights: Sequence[tuple[float, float]], wanted: float) -> float:

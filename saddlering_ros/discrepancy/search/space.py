@@ -4,7 +4,7 @@ Candidates are refitted together; candidates far behind the best one stop after 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -364,19 +364,3 @@ def space_about(problem: Problem, rough: Fit) -> ModelSpace:
     signatures = shown_by.measure_signatures(metric, base, sensitivities, scale, effects)
     trials = shapes_tried(signatures) + sum(bool(effect.line) for effect in effects)
     return ModelSpace(metric, base, sensitivities, signatures, scale, max(1, trials))
-
-
-def with_inputs(space: ModelSpace) -> ModelSpace:
-    """The space with errors of the simulator's inputs, if the base alone leaves misfit.
-
-    Where nothing is wrong to first order, no input is accused.
-    """
-    errors = getattr(space.problem.system, 'inputs', ())
-    if not errors:
-        return space
-    gains = [score.gain for score in space.scores(space.base)]
-    if max(gains, default=0.0) < space.real_gain and not space.leaves_misfit(space.base):
-        return space
-    inputs = shown_by.measure_signatures(
-        space.metric, space.base, space.base_tangent, space.scale, errors)
-    return replace(space, trials=space.trials + shapes_tried(inputs), inputs=inputs)
