@@ -127,9 +127,9 @@ class Watcher:
         self.gauges = Gauges()
         self.session = Session()
         self.commands = Commands(self.node)
-        self._band: list[float | None] = [None] * len(CHANNELS)
-        self._allowed: list[float | None] = [None] * len(CHANNELS)
-        self._range: list[list[float | None]] = [[None, None]] * len(CHANNELS)
+        unknown: list[Any] = [None] * len(CHANNELS)
+        self._bands = {'band': unknown, 'allowed': unknown,
+                       'range': [[None, None]] * len(CHANNELS)}
         self._contact: ContactParameters | None = None
         self._elevation = math.nan
         self._sound_for: tuple[ContactParameters, float] | None = None
@@ -208,9 +208,8 @@ class Watcher:
             return {
                 'full_load': self.rig.full_scale_load * self._scales['load'],
                 'force_unit': self.rig.force_unit, 'health': health, 'replay': self._replay,
-                'parameters': self._parameters, 'alarm': alarm, 'band': self._band,
-                'allowed': (alarm or {}).get('allowed') or self._allowed, 'range': self._range,
-                'doubt': self._doubt,
+                'parameters': self._parameters, 'alarm': alarm, 'doubt': self._doubt,
+                **self._bands, 'allowed': (alarm or {}).get('allowed') or self._bands['allowed'],
                 'commands': self.commands.as_page(), 'left_out': self.traces.left_out,
                 'missing': missing,
                 'past': [self.session.as_page(curves, self._scales)
@@ -319,9 +318,9 @@ class Watcher:
             # Noise of the drawn means of the residual [um, urad]; None while they are too few.
             means = self.traces.means('residual')
             count = means.shape[1]
-            self._band = [None if count < MIN_MEANS else
-                          _finite(1e6 * white_noise(channel, min(BAND_LAG, count // 6)))
-                          for channel in means]
+            self._bands['band'] = [None if count < MIN_MEANS else
+                                   _finite(1e6 * white_noise(channel, min(BAND_LAG, count // 6)))
+                                   for channel in means]
             # What a sound ring may do, anew if parameters or elevation are others.
             key = self._contact, self._elevation
             if self._contact is None or math.isnan(self._elevation) or key == self._sound_for:
@@ -329,8 +328,8 @@ class Watcher:
             self._sound_for = self._contact, self._elevation
             motion = sound_motion(self.rig, *self._sound_for)
             motion = 1e6 * (motion - motion[:, :1])
-            self._range = [[_finite(row.min()), _finite(row.max())] for row in motion]
-            self._allowed = [
+            self._bands['range'] = [[_finite(row.min()), _finite(row.max())] for row in motion]
+            self._bands['allowed'] = [
                 _finite(1e6 * value) for value in materiality(self.rig, *self._sound_for)]
 
     def _take(self, name: str, messages: list[bytes]) -> None:

@@ -89,7 +89,7 @@ class RingAlarmNode(StreamingNode):
                          for topic in (f'/{names.RESIDUAL}', LOAD_TOPIC)]
         self.tasks = [diagnostics.FunctionTask('alarm', self._alarm_status),
                       diagnostics.FunctionTask('promise', self._promise_status), *self._streams,
-                      self._agreement, diagnostics.SourcesTask(self.sources),
+                      self._agreement, self.sources(),
                       diagnostics.Events(self._events)]
         self._tell_state()
 

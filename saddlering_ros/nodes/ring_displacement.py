@@ -110,7 +110,7 @@ class RingDisplacementNode(StreamingNode):
             diagnostics.FunctionTask('zero', self._zero_status),
             diagnostics.FunctionTask('probes', self._probes_status), *self._streams,
             *self._saturation, self._parity, self._agreement,
-            diagnostics.SourcesTask(self.sources),
+            self.sources(),
             diagnostics.Events(self._events, harmless=('reordered',))]
 
     def connect(self) -> None:

@@ -46,7 +46,7 @@ class RingResidualNode(StreamingNode):
         self._awaited = 0
         self._sizes = ResidualTask()
         self.tasks = [*self._streams, diagnostics.FunctionTask('zero', self._zero_status),
-                      self._sizes, self._agreement, diagnostics.SourcesTask(self.sources),
+                      self._sizes, self._agreement, self.sources(),
                       diagnostics.Events(lambda: vars(self._stream.counters)), self._readiness]
 
     def connect(self) -> None:

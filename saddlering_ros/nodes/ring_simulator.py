@@ -126,7 +126,7 @@ class RingSimulatorNode(StreamingNode):
             diagnostics.FunctionTask('solver', self._solver_status),
             diagnostics.FunctionTask('parameters', self._parameters_status),
             diagnostics.FunctionTask('elevation', self._elevation_status), self._agreement,
-            diagnostics.SourcesTask(self.sources),
+            self.sources(),
             diagnostics.Events(self._events, harmless=('reordered',))]
 
     def connect(self) -> None:

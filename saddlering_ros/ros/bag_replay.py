@@ -21,7 +21,7 @@ from saddlering_ros.record.batches import Samples, SECOND
 from saddlering_ros.record.scratch import BLOCK, forget
 from saddlering_ros.record.topics import LOAD_TOPIC, TOPICS
 from saddlering_ros.ros import parameters
-from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, SourcesTask, TaskStatus, WARN
+from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, TaskStatus, WARN
 from saddlering_ros.ros.names import CLOCK, NodeError
 from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription
@@ -147,7 +147,7 @@ class ReplayNode(BagNode):
         self._heard = time.monotonic()
         self._jumps = 0
         self.tasks = [FunctionTask('replay', self._task_status), self._agreement,
-                      SourcesTask(self.sources)]
+                      self.sources()]
 
     def connect(self) -> None:
         """Listen to the clock; publish the topics."""

@@ -1,6 +1,6 @@
 """The health of a node: small tasks, each of which watches one property."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 import math
 from typing import Any, ClassVar, Protocol
@@ -19,6 +19,12 @@ STATE_TASK, ACTIVE = 'state', 'active'
 
 ENOUGH_INTERVALS = 8
 """So many intervals of one period have a median of their own."""
+
+GAP_PERIODS, SHORTEST_GAP = 5.0, 0.005
+"""A gap is longer than so many periods, and than so many seconds: what a busy machine delays."""
+
+PARITY_SIGMAS = 5.0
+"""A mean parity beyond so many times its noise is no noise: once in two million periods."""
 
 
 @dataclass(frozen=True)
@@ -61,18 +67,17 @@ class Kept:
 class StreamTask(Kept):
     """Rate and gaps of one topic, by the stamps [ns] that are pushed; silence is STALE.
 
-    A gap is an interval over `floor` seconds and over `gap_periods` times the median interval: of
-    the period if it has enough, else of those before. A step back is a message late, or a jump.
+    A gap is an interval over SHORTEST_GAP and over GAP_PERIODS times the median interval: of the
+    period if it has enough, else of those before. A step back is a message late, or a jump.
     Stamps that are not set are left out.
     """
 
     NONE = np.empty(0, np.int64)
 
-    def __init__(self, topic: str, *, lowest_rate: float = 0.0, gap_periods: float = 5.0,
-                 floor: float = 0.005) -> None:
+    def __init__(self, topic: str, *, lowest_rate: float = 0.0) -> None:
         super().__init__()
         self.name = f'stream {topic}'
-        self.lowest_rate, self.gap_periods, self.floor = lowest_rate, gap_periods, floor
+        self.lowest_rate = lowest_rate
         self.total = self.gaps = self.late = 0
         self._median = math.nan
         self._last = self.NONE
@@ -88,7 +93,7 @@ class StreamTask(Kept):
         if len(forward):
             middle = float(np.median(forward))
             are_enough = math.isnan(self._median) or len(forward) >= ENOUGH_INTERVALS
-            limit = max(self.gap_periods * (middle if are_enough else self._median), self.floor)
+            limit = max(GAP_PERIODS * (middle if are_enough else self._median), SHORTEST_GAP)
             long = forward[forward > limit]
             self._median = middle if are_enough else 0.9 * self._median + 0.1 * middle
         late, longest = int((steps < 0.0).sum()), float(long.max(initial=0.0))
@@ -144,9 +149,9 @@ class ParityTask(Kept):
 
     name = 'parity'
 
-    def __init__(self, noise: Callable[[], float], sigmas: float = 5.0) -> None:
+    def __init__(self, noise: Callable[[], float]) -> None:
         super().__init__()
-        self._noise, self._sigmas = noise, sigmas
+        self._noise = noise
 
     def report(self, elapsed: float) -> TaskStatus:
         """Mean and peak of the period."""
@@ -154,7 +159,7 @@ class ParityTask(Kept):
         parity = parity[np.isfinite(parity)]
         if not len(parity):
             return TaskStatus(OK, 'no displacement yet')
-        mean, limit = float(parity.mean()), self._sigmas * self._noise()
+        mean, limit = float(parity.mean()), PARITY_SIGMAS * self._noise()
         figures = {'mean [um]': f'{mean * 1e6:.3f}',
                    'peak [um]': f'{float(np.abs(parity).max()) * 1e6:.3f}',
                    'limit of the mean [um]': f'{limit * 1e6:.3f}'}
@@ -176,24 +181,15 @@ class FunctionTask:
         return self.find()
 
 
-class SourcesTask:
+def sources_status(publishers: Mapping[str, int]) -> TaskStatus:
     """One source of each topic that is read: two mixed sources cannot be separated."""
-
-    name = 'sources'
-
-    def __init__(self, publishers: Callable[[], dict[str, int]]) -> None:
-        self._publishers = publishers
-
-    def report(self, elapsed: float) -> TaskStatus:
-        """Topics with more than one publisher."""
-        counts = self._publishers()
-        figures = {topic: str(count) for topic, count in counts.items()}
-        several = [f'{count} publishers on {topic}' for topic, count in counts.items()
-                   if count > 1]
-        if several:
-            return TaskStatus(WARN, f'{", ".join(several)}: their samples are mixed; '
-                              'end all but one', figures)
-        return TaskStatus(OK, 'one at most', figures)
+    figures = {topic: str(count) for topic, count in publishers.items()}
+    several = [f'{count} publishers on {topic}' for topic, count in publishers.items()
+               if count > 1]
+    if several:
+        return TaskStatus(WARN, f'{", ".join(several)}: their samples are mixed; '
+                          'end all but one', figures)
+    return TaskStatus(OK, 'one at most', figures)
 
 
 class Events:

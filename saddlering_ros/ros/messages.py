@@ -1,7 +1,7 @@
 """Messages of the suite made from values, and read: parameters, causes, alarm, progress, time."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 import math
 from typing import Any
 
@@ -270,9 +270,8 @@ class LockstepGroup:
                     'has not received the clock yet' if replayed == 1 else
                     f'has {(until - replayed) / 1e9:.3f} s left to publish'))
                 continue
-            lag = next(self._lags(said, last), None)
-            if lag is not None:
-                reasons.append(f'{said.node}: is {lag[1] / 1e9:.3f} s behind on {lag[0]}')
+            for topic, lag, _ in self._lags(said, last)[:1]:
+                reasons.append(f'{said.node}: is {lag / 1e9:.3f} s behind on {topic}')
         return reasons
 
     def spectators_lag(self, now: float) -> int:
@@ -287,13 +286,15 @@ class LockstepGroup:
                 and said.inputs and now - self.heard[name] < SPECTATOR_LEASE]
 
     def _lags(self, said: msg.ReplayProgress, last: Mapping[str, int],
-              ) -> Iterator[tuple[str, int, int]]:
+              ) -> list[tuple[str, int, int]]:
         """Topics on which a node is behind, by how much [ns], and how many publishers it knows."""
+        lags = []
         for topic, time, publishers in zip(
                 said.inputs, said.input_stamps, said.publishers, strict=True):
             stamp = to_stamp(time)
-            if (stamp or said.node in self._owing) and stamp != last.get(topic, stamp):
-                yield topic, last[topic] - (stamp or self._start), publishers
+            if stamp != last.get(topic, stamp) and (stamp or said.node in self._owing):
+                lags.append((topic, last[topic] - (stamp or self._start), publishers))
+        return lags
 
 
 def _last_stamps(writers: Iterable[msg.ReplayProgress]) -> dict[str, int]:

@@ -25,7 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.errors import SaddleringError, UNUSABLE
 from saddlering_ros.ros import diagnostics, launcher, parameters, raw_topics
-from saddlering_ros.ros.diagnostics import OK, Task, TaskStatus
+from saddlering_ros.ros.diagnostics import FunctionTask, OK, Task, TaskStatus
 from saddlering_ros.ros.messages import progress_of
 from saddlering_ros.ros.names import DIAGNOSTICS, NodeError, PROGRESS
 from saddlering_ros.ros.parameters import NodeParameter
@@ -159,9 +159,10 @@ class StreamingNode(LifecycleNode):
         result: TransitionCallbackReturn = upwards(state)
         return result
 
-    def sources(self) -> dict[str, int]:
-        """How many publishers each input topic has."""
-        return {flow.topic: flow.publishers() for flow in self.inputs}
+    def sources(self) -> Task:
+        """The task that counts the publishers of each input topic."""
+        return FunctionTask('sources', lambda: diagnostics.sources_status(
+            {flow.topic: flow.publishers() for flow in self.inputs}))
 
     def offer(self, kind: Any, name: str, act: Callable[[Any], str]) -> None:
         """Serve `name` while the node is active; `act` gives the words, NodeError refuses."""

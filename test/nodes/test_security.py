@@ -22,7 +22,7 @@ from saddlering_ros.jobs.action_server import ActionNode, serve
 from saddlering_ros.nodes.ring_diagnosis import RingDiagnosisNode
 from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
 from saddlering_ros.nodes.ring_identification import settings_of
-from saddlering_ros.ros.diagnostics import OK, SourcesTask, WARN
+from saddlering_ros.ros.diagnostics import OK, sources_status, WARN
 from saddlering_ros.ros.launcher import prepare_transport
 from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import bag_below, NodeParameter
@@ -120,7 +120,7 @@ def test_a_parameter_out_of_range_is_refused_also_while_running(value: float) ->
 
 @pytest.mark.parametrize(('publishers', 'level'), [(0, OK), (1, OK), (2, WARN)])
 def test_two_sources_of_one_topic_are_reported(publishers: int, level: int) -> None:
-    finding = SourcesTask(lambda: {'/rig/hydraulic_load': publishers}).report(1.0)
+    finding = sources_status({'/rig/hydraulic_load': publishers})
     assert finding.level == level
 
 
