@@ -21,15 +21,11 @@ from saddlering_ros import __version__
 from saddlering_ros.errors import SaddleringError
 
 
-class PathError(SaddleringError):
-    """A file shipped with the package is not where an install puts it."""
-
-
 def share_directory() -> Path:
     """Return the directory that holds config/, launch/ and bags/.
 
     In order: the source tree this module runs from, every prefix of AMENT_PREFIX_PATH, and the
-    prefix of this Python. It raises PathError when none of them holds the package.
+    prefix of this Python. SaddleringError when none of them holds the package.
     """
     source = Path(__file__).resolve().parent.parent
     if (source / 'package.xml').is_file():
@@ -39,7 +35,7 @@ def share_directory() -> Path:
         share = Path(prefix) / 'share' / 'saddlering_ros'
         if (share / 'package.xml').is_file():
             return share
-    raise PathError(f'saddlering_ros: config and bags not found under {sys.prefix}/share; '
+    raise SaddleringError(f'saddlering_ros: config and bags not found under {sys.prefix}/share; '
                     'source the workspace (install/setup.bash), or install the package again')
 
 

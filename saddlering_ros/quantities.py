@@ -28,7 +28,14 @@ def quantity(
     """'9.04 ± 0.03 kN'; a value without error (None or 0) has `digits`, no value is a dash."""
     if value is None or not math.isfinite(value):
         return '–'
-    factor, shown = _scale(value, std, unit)
+    size = max(abs(value), abs(std or 0.0))
+    factor, shown = 1.0, '' if unit in PLAIN else unit
+    if unit == 'rad' and abs(value) >= math.radians(0.1):
+        factor, shown = math.radians(1.0), '°'
+    elif unit in PREFIXED and size > 0.0:
+        factor, prefix = next((pair for pair in PREFIXES if size >= pair[0] * (1.0 - 1e-12)),
+                              PREFIXES[-1])
+        shown = prefix + unit
     text = _with_error(value / factor, None if not std else std / factor, digits)
     return f'{text} {shown}'.strip()
 
@@ -112,21 +119,6 @@ def significant(value: float, digits: int) -> str:
         return '0'
     places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
     return f'{value:.{places}f}'
-
-
-def _scale(value: float, std: float | None, unit: str) -> tuple[float, str]:
-    if unit in PLAIN:
-        return 1.0, ''
-    if unit == 'rad' and abs(value) >= math.radians(0.1):
-        return math.radians(1.0), '°'
-    if unit not in PREFIXED:
-        return 1.0, unit
-    size = max(abs(value), abs(std or 0.0))
-    for factor, prefix in PREFIXES:
-        if size >= factor * (1.0 - 1e-12):
-            return factor, prefix + unit
-    factor, prefix = PREFIXES[-1]
-    return (factor, prefix + unit) if size > 0.0 else (1.0, unit)
 
 
 def _with_error(value: float, std: float | None, digits: int) -> str:

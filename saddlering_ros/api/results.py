@@ -12,36 +12,24 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from saddlering_ros import files
 from saddlering_ros.api import inputs
 from saddlering_ros.api.inputs import ApiError, Bag, Columns, columns_of, runs_of, Tabular
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.ring_wording import causes_of, document_text, VerdictDocument
-from saddlering_ros.files import (
-    bag_folder,
-    Origin,
-    spare_bags,
-    spare_files,
-    whole_file,
-    write_csv,
-    write_text,
-)
 from saddlering_ros.identification import Identification, Validation
 from saddlering_ros.identification.result import identification_text
 from saddlering_ros.identification.validation import Criterion, judge, validation_text
-from saddlering_ros.rig import (
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    ParameterSet,
-    Rig,
-    write_parameters,
-)
+from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, write_parameters
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from saddlering_ros.comparison.change import Change
+    from saddlering_ros.files import Origin
     from saddlering_ros.pages.charts import Chart
     from saddlering_ros.report.figures import RunCurves
+    from saddlering_ros.rig import ParameterSet, Rig
 
 PLOT_SUFFIXES = ('.png', '.svg', '.pdf')
 
@@ -71,7 +59,7 @@ class Plot:
             raise ApiError(f'{path}: cannot be saved under this name: end the name with '
                            f'{", ".join(PLOT_SUFFIXES)}')
         self.spare(Path(path))
-        with whole_file(path, ApiError) as temporary:
+        with files.whole_file(path, ApiError) as temporary:
             self.figure.savefig(temporary, format=suffix.lstrip('.'))
 
     def _repr_png_(self) -> bytes:
@@ -117,8 +105,9 @@ class Result(Tabular):
     def to_json(self) -> dict[str, Any]:
         """Everything as plain dictionaries, lists and numbers, as `--json` writes it."""
         document = self._document()
-        files = [*document['provenance']['files'], *(origin.as_dict() for origin in self.files)]
-        return {**document, 'provenance': {**document['provenance'], 'files': files}}
+        made = document['provenance']
+        read = [*made['files'], *(origin.as_dict() for origin in self.files)]
+        return {**document, 'provenance': {**made, 'files': read}}
 
     def save(self, path: Path | str) -> None:
         """Write the result; the suffix selects .json (all figures) or .csv (table of `columns`).
@@ -129,9 +118,9 @@ class Result(Tabular):
         where = Path(path)
         self._spare_inputs(where)
         if where.suffix == '.json':
-            write_text(where, json.dumps(self.to_json(), indent=2) + '\n')
+            files.write_text(where, json.dumps(self.to_json(), indent=2) + '\n')
         elif where.suffix == '.csv':
-            write_csv(where, self.columns(), ApiError)
+            files.write_csv(where, self.columns(), ApiError)
         elif where.suffix in ('.yaml', '.yml') and isinstance(self, ParametricResult):
             self.save_parameters(where)
         else:
@@ -142,10 +131,11 @@ class Result(Tabular):
     def _spare_inputs(self, *outputs: Path | str) -> None:
         """FileConflict if an output would replace a bag or a file of this result."""
         for output in map(Path, outputs):
-            spare_files(output, str(output), ((Path(one.path), one.path) for one in self.files))
-            spare_bags(output, str(output),
-                       ((bag_folder(bag.path), str(bag.path)) for bag in self.bags
-                        if bag.run.sha256))
+            files.spare_files(
+                output, str(output), ((Path(one.path), one.path) for one in self.files))
+            files.spare_bags(output, str(output), (
+                (files.bag_folder(bag.path), str(bag.path)) for bag in self.bags
+                if bag.run.sha256))
 
     def _repr_html_(self) -> str:
         from saddlering_ros.pages import html

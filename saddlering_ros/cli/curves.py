@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from saddlering_ros.record import Record
     from saddlering_ros.rig import ParameterSet, ZeroReading
 
-KINDS = {'displacement': 'measured', 'simulate': 'simulated',
-         'residual': 'measured minus simulated'}
-"""What each command computes, in words."""
-
 
 def _command(
     name: str, words: str, description: str, *examples: tuple[str, str],
@@ -119,10 +115,12 @@ def _print_summary(
         for note in notes:
             print(f'saddlering {args.command}: note: {note}', file=sys.stderr)
         return
+    kinds = {'displacement': 'measured', 'simulate': 'simulated',
+             'residual': 'measured minus simulated'}
     console = arguments.stdout_console()
     console.print(
         f'{run.name}: {run.test} test at {math.degrees(run.elevation):g} deg, '
-        f'{KINDS[args.command]} at {seen.count} of {len(run.stamps)} load stamps over '
+        f'{kinds[args.command]} at {seen.count} of {len(run.stamps)} load stamps over '
         f'{run.time[-1]:.3f} s')
     console.print(f'zero at {load_rig(args.rig).force_words(zero.load, 3)} ({zero.load:.1f} N)'
                   f'{"" if zero.near_preload else " (not near the preload)"}')

@@ -143,8 +143,8 @@ class Feed:
                 rows += len(stamps)
                 bad = np.flatnonzero(stamps == calibration.MISSING)
                 if len(bad):  # a table pads its shorter columns with rows of empty cells
-                    bad = bad[[not all(_is_empty(cells[row]) for cells in block.values())
-                               for row in bad]]
+                    bad = bad[[any(str(cells[row]).strip() not in ('', 'nan')
+                                   for cells in block.values()) for row in bad]]
                 if len(bad):
                     left_out += len(bad)
                     shown = ' '.join(str(block[name][bad[0]]) for name in piece.time.columns)
@@ -247,8 +247,3 @@ class Feed:
             samples[name] = (shifted, values) if usable.all() else (
                 shifted[usable], values[usable])
         return (self._run, self._label), samples
-
-
-def _is_empty(cell: object) -> bool:
-    return bool(np.isnan(cell)) if isinstance(cell, float) else (
-        isinstance(cell, str) and not cell.strip())
