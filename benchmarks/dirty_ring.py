@@ -39,16 +39,6 @@ MAIN = ('load_offset', 'load_nonlinearity', 'cylinder_friction', 'elevation_erro
 """Causes that are hidden."""
 
 
-def raceway(draw: np.random.Generator) -> tuple[Array, Array]:
-    """Waviness of orders 2 to 8 with 0.5 um each: amplitudes and phases."""
-    return 0.5e-6 * draw.standard_normal(7), draw.uniform(0.0, 2.0 * np.pi, 7)
-
-
-def wave(phi: Array, own: tuple[Array, Array]) -> Array:
-    """The waviness at an angle (N,) about the ring [m]."""
-    return np.asarray(own[0] @ np.cos(np.arange(2, 9)[:, None] * phi + own[1][:, None]))
-
-
 def dirty(fault: Fault, draw: np.random.Generator) -> Fault:
     """`fault` and every small error of a real ring beside it."""
     gain, bend = 3e-3 * draw.standard_normal(), 1e-3 * draw.standard_normal()
@@ -58,7 +48,9 @@ def dirty(fault: Fault, draw: np.random.Generator) -> Fault:
     gains, bends = 2e-3 * draw.standard_normal(4), 8.0 * draw.standard_normal(4)
     heights, warms = 2e-3 * draw.standard_normal(2), 3e-9 * draw.standard_normal(4)
     curves, phases = 0.15e-6 * draw.standard_normal(4), draw.uniform(0.5, 1.5, 4)
-    axial, middle = raceway(draw), raceway(draw)
+    # Waviness of orders 2 to 8 with 0.5 um each: amplitudes and phases of both raceways.
+    axial, middle = ((0.5e-6 * draw.standard_normal(7), draw.uniform(0.0, 2.0 * np.pi, 7))
+                     for _ in range(2))
 
     def load(time: Array, measured: Array) -> Array:
         at = measured if fault.ring_load is None else fault.ring_load(time, measured)
@@ -78,7 +70,8 @@ def dirty(fault: Fault, draw: np.random.Generator) -> Fault:
         return np.asarray(added)
 
     def gap(own: tuple[Array, Array], more: object) -> object:
-        return lambda phi: wave(phi, own) + (more(phi) if callable(more) else 0.0)
+        return lambda phi: own[0] @ np.cos(np.arange(2, 9)[:, None] * phi + own[1][:, None]) + (
+            more(phi) if callable(more) else 0.0)
 
     def beside(own: Sliders, force: float) -> Sliders:
         return own if own.total > 0.0 else Sliders(force, 2e-6)
