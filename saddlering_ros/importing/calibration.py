@@ -89,8 +89,7 @@ def known_unit(name: object) -> Unit | None:
 
 def measures(name: object, *quantities: str) -> bool:
     """Whether `name` is a unit of one of the quantities."""
-    unit = known_unit(name)
-    return unit is not None and unit.quantity in quantities
+    return getattr(known_unit(name), 'quantity', None) in quantities
 
 
 @dataclass(frozen=True)
@@ -252,10 +251,9 @@ class CountedTime:
     def _of_text(self, text: str) -> int:
         try:
             number = Decimal(text) * self.unit.factor.numerator * SECOND
-            found = int((number / self.unit.factor.denominator).to_integral_value())
+            stamp = self.start + int((number / self.unit.factor.denominator).to_integral_value())
         except (InvalidOperation, ValueError, OverflowError):
             return MISSING
-        stamp = found + self.start
         return stamp if abs(stamp) < MAX_STAMP else MISSING
 
 
@@ -308,11 +306,10 @@ TimeSource = RegularTime | CountedTime | DatedTime | FileTime
 def zone_of(name: object, where: str) -> tzinfo:
     """The time zone of that name: UTC, Europe/Berlin, +01:00."""
     text = str(name).strip()
-    offset = re.fullmatch(r'([+-])(\d{1,2}):?(\d{2})', text)
-    if offset:
-        span = timedelta(hours=int(offset[2]), minutes=int(offset[3]))
-        return timezone(span if offset[1] == '+' else -span)
     try:
+        if offset := re.fullmatch(r'([+-])(\d{1,2}):?(\d{2})', text):
+            span = timedelta(hours=int(offset[2]), minutes=int(offset[3]))
+            return timezone(span if offset[1] == '+' else -span)
         return timezone.utc if text.upper() in ('UTC', 'Z', 'GMT') else ZoneInfo(text)
     except (ZoneInfoNotFoundError, ValueError, OSError) as problem:
         raise ImportingError(f'{where} is {text!r}, which is not a known time zone: give UTC, a '

@@ -1,6 +1,7 @@
 """A first map made from the files' own columns, to be completed by hand."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 import json
 import re
 
@@ -71,8 +72,7 @@ def _seen(sources: Sequence[Source]) -> Iterator[str]:
         yield from (f'  warning: {line}' for line in source.warnings)
 
 
-def _quoted(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(value)
+_quoted = partial(json.dumps, ensure_ascii=False)
 
 
 def _is_called(column: Column, pattern: re.Pattern[str]) -> bool:
@@ -88,7 +88,14 @@ def _time(columns: Sequence[Column]) -> list[str]:
     dated = [column for column in columns if column.kind == TEXT and column.samples
              and (_is_called(column, _TIME) or _is_date(column.samples[0]))]
     if dated:
-        return _dated(dated)
+        clock = [column for column in dated if _CLOCK.match(column.samples[0])]
+        day = [column for column in dated if column not in clock]
+        names = ', '.join(_quoted(column.name) for column in (*day[:1], *clock[:1]))
+        first = (day or clock)[0].samples[0]
+        form = '"%d.%m.%Y %H:%M:%S"' if _DAY_FIRST.match(first) else 'iso'
+        has_zone = re.search(r'(Z|[+-]\d\d:?\d\d)\s*$', first)
+        return [f'column: [{names}]' if day and clock else f'column: {names}', f'format: {form}',
+                *(() if has_zone else (f'zone: {TO_DO}              # UTC, Europe/Berlin, ..',))]
     for column in _counted(columns):
         return [f'column: {_quoted(column.name)}',
                 f'unit: {_unit_of_time(column)}                  # s, ms, us, ns, min, h',
@@ -112,18 +119,6 @@ def _is_date(text: str) -> bool:
     except ValueError:
         return bool(_DAY_FIRST.match(text))
     return True
-
-
-def _dated(columns: Sequence[Column]) -> list[str]:
-    clock = [column for column in columns if _CLOCK.match(column.samples[0])]
-    day = [column for column in columns if column not in clock]
-    names = ', '.join(_quoted(column.name) for column in (*day[:1], *clock[:1]))
-    first = (day or clock)[0].samples[0]
-    form = '"%d.%m.%Y %H:%M:%S"' if _DAY_FIRST.match(first) else 'iso'
-    lines = [f'column: [{names}]' if day and clock else f'column: {names}', f'format: {form}']
-    if not re.search(r'(Z|[+-]\d\d:?\d\d)\s*$', first):
-        lines.append(f'zone: {TO_DO}              # UTC, Europe/Berlin, ..')
-    return lines
 
 
 def _chosen(columns: Sequence[Column]) -> dict[str, Column]:

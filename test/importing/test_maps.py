@@ -115,6 +115,8 @@ def test_every_way_to_state_the_time_gives_the_same_stamps(
     (document({**LOAD, 'time': {'column': 't', 'unit': 's'}}), 'hydraulic_load.time has no start'),
     (document(time={'rate': 100}), 'a rate needs a start'),
     (document(time={'rate': 100, 'start': '2026-11-20T08:00:00'}), 'without a time zone'),
+    (document(time={'rate': 100, 'start': '2026-11-20T08:00:00', 'zone': '+44:00'}),
+     "time.zone is '+44:00', which is not a known time zone"),
     (document(time={'column': 't', 'unit': 'kN'}), 'give a unit of time'),
     (document(test={'test': 'dynamic'}), 'test.elevation_deg is missing in the map'),
     (document(test={'test': 'fast', 'elevation_deg': 5}), "test is 'fast': give static or dyn"),
