@@ -59,24 +59,18 @@ def listen(domain: int | None, namespace: str, seconds: float) -> dict[str, Hear
     try:
         flows = [_Flow(topic, RawSubscription(node, topic.relative, message_class(topic.type)))
                  for topic in (LOAD, *PROBES)]
-        _take_for(node, flows, FIRST_SAMPLE, until_first=True)
-        _take_for(node, flows, seconds, until_first=False)
+        wait, reviewed, is_silent = DataWait(context), -math.inf, True
+        end = time.monotonic() + FIRST_SAMPLE + seconds
+        while (now := time.monotonic()) < end:
+            if now - reviewed > 0.2:
+                reviewed = now
+                for flow in flows:
+                    flow.subscription.review()
+            wait.wait([flow.subscription for flow in flows], POLL)
+            if sum(flow.take() for flow in flows) and is_silent:
+                end, is_silent = time.monotonic() + seconds, False
+            time.sleep(POLL)
         return {flow.topic.name: flow.heard(node) for flow in flows}
     finally:
         node.destroy_node()
         rclpy.try_shutdown(context=context)
-
-
-def _take_for(node: Node, flows: list[_Flow], seconds: float, *, until_first: bool) -> None:
-    """Take messages for `seconds`, or until the first sample."""
-    wait = DataWait(node.context)
-    end, reviewed = time.monotonic() + seconds, -math.inf
-    while (now := time.monotonic()) < end:
-        if now - reviewed > 0.2:
-            reviewed = now
-            for flow in flows:
-                flow.subscription.review()
-        wait.wait([flow.subscription for flow in flows], POLL)
-        if sum(flow.take() for flow in flows) and until_first:
-            return
-        time.sleep(POLL)

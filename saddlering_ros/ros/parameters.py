@@ -118,9 +118,8 @@ def declare(node: Node, parameters: Sequence[NodeParameter]) -> dict[str, Any]:
         return msg.SetParametersResult(successful=True)
 
     def keep(changes: list[RosParameter]) -> None:
-        for change in changes:
-            if change.name in by_name:
-                settings[change.name] = _stripped(change.value)
+        settings.update({change.name: _stripped(change.value) for change in changes
+                         if change.name in by_name})
 
     node.add_on_set_parameters_callback(judge)
     node.add_post_set_parameters_callback(keep)

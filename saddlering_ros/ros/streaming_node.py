@@ -288,10 +288,7 @@ def run_streaming(make: Callable[[], StreamingNode], args: Sequence[str] | None 
 def executable(make: Callable[[], Any], serve: Callable[..., int] = run_streaming,
                ) -> Callable[..., None]:
     """The function `main` of a node's module; serve: makes and runs it, for the exit status."""
-    def main(args: Sequence[str] | None = None) -> None:
-        leave(serve(make, args))
-
-    return main
+    return lambda args=None: leave(serve(make, args))
 
 
 def run(make: Callable[[], Any], spin: Callable[[Any], None],
