@@ -254,13 +254,9 @@ class BlockFit:
         each = fisher_chance(max(self.taken, 0.0) / self.freedom, self.freedom, degrees)
         return min(1.0, trials * float(each))
 
-    def refitted(self, misfit: Misfit, wanted: Array) -> BlockFit:
-        """The same family on the same target, fitted to another residual (n,)."""
-        return fit_block(misfit, self.target, self.block, self.white, wanted)
-
 
 def fit_block(
-    misfit: Misfit, target: str, block: ShapeFamily, white: Array, wanted: Array
+    misfit: Misfit, wanted: Array, target: str, block: ShapeFamily, white: Array
 ) -> BlockFit:
     """`block` on `target`, its whitened columns (n, k) fitted to a whitened residual (n,)."""
     gram, slope = white.T @ white, white.T @ wanted

@@ -164,17 +164,10 @@ MAX_PAIRS = 4
 """Largest number of pairs that are refitted. Chosen for cost."""
 
 
-@dataclass(frozen=True)
-class Pair:
-    """The model of two effects, the start of its refit, and its first-order gain."""
-
-    candidate: Candidate
-    start: Array
-    gain: float
-
-
-def best_pairs(base: Fit, usable: Sequence[Signature]) -> list[Pair]:
-    """The best pair of shapes of each pair of effects, those with the largest gain."""
+def best_pairs(
+    base: Fit, usable: Sequence[Signature], least: float
+) -> list[tuple[Candidate, Array]]:
+    """The best pairs of effects that promise more than `least`, with starts of their refits."""
     # One size of every straight effect, and all sizes of the others.
     shapes: dict[tuple[object, ...], Signature] = {}
     for one in usable:
@@ -188,10 +181,10 @@ def best_pairs(base: Fit, usable: Sequence[Signature]) -> list[Pair]:
     gains, *factors = _pair_gains(stack, -(stack.T @ base.whitened), reaches)
     names = np.array([signature.effect.id for signature in signatures])
     gains[names[:, None] == names] = -np.inf
-    pairs: dict[frozenset[str], Pair] = {}
+    pairs: dict[frozenset[str], tuple[Candidate, Array]] = {}
     for flat in np.argsort(-gains, axis=None):
         place = divmod(int(flat), len(signatures))
-        if len(pairs) == MAX_PAIRS or not np.isfinite(gains[place]):
+        if len(pairs) == MAX_PAIRS or not gains[place] > least:
             break
         both = [signatures[index] for index in place]
         ids = frozenset(one.effect.id for one in both)
@@ -200,8 +193,7 @@ def best_pairs(base: Fit, usable: Sequence[Signature]) -> list[Pair]:
         start = np.concatenate([base.theta_unit, *(
             [_size_unit(one, float(factor[place])), *one.theta_unit[1:]]
             for one, factor in zip(both, factors, strict=True))])
-        candidate = Candidate(tuple((one.effect, one.variant) for one in both))
-        pairs[ids] = Pair(candidate, start, float(gains[place]))
+        pairs[ids] = Candidate(tuple((one.effect, one.variant) for one in both)), start
     return list(pairs.values())
 
 

@@ -253,19 +253,33 @@ def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
 
 def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit, Alternatives]:
     """Alternatives to every member; a better alternative replaces the member."""
-    alternatives: dict[str, tuple[Fit, ...]] = {}
+    alternatives, settings = dict[str, tuple[Fit, ...]](), space.settings
     for _ in range(MAX_CHECKS):
         alternatives, better = {}, []
         for name in fit.candidate.ids:
             space.watch.check()
             less = space.without(fit, name)
-            fits = _alternatives_to(space, name, less, fit, log)
+            taken, members = less.misfit - fit.misfit, set(less.candidate.ids)
+            # An effect that base parameters almost imitate is not searched, but may be the cause.
+            scores = ranking.rank(
+                less, space.tangent_of(less).white, space.shown, [*members, name])
+            listed = ranking.shortlist(scores, 0.1 * taken, settings.refits)
+            # Effects that were almost as good as the best one beside those of `less` are tried.
+            tried = [one for one in log.candidates if set(one.effects[:-1]) == members]
+            least = spaces.CLOSE_SHARE * max((one.delta_bic for one in tried), default=0.0)
+            names = {one.effects[-1] for one in tried if one.delta_bic > least}
+            names -= {score.effect.id for score in listed}
+            listed += [score for score in ranking.best_of_each(scores) if score.effect.id in names]
+            listed = [score for score in listed if name not in score.effect.contains]
+            fits = [
+                other for other in spaces.fit_each(space, less, listed, [fit])
+                if name not in other.candidate.ids and not stopped_sizes(space.problem, other)
+                and Comparison(space, less, other).is_another_cause()]
             excess = max(space.slow_residual(fit).excess, 0.0) if fits else 0.0
             alternatives[name] = tuple(other for other in fits if evidence.indistinguishable(
-                distance=other.misfit - fit.misfit, taken=less.misfit - fit.misfit, excess=excess,
+                distance=other.misfit - fit.misfit, taken=taken, excess=excess,
                 fewer=fit.theta_unit.size - other.theta_unit.size,
-                floor=evidence.alternative_floor(space.pairs, space.settings),
-                settings=space.settings))
+                floor=evidence.alternative_floor(space.pairs, settings), settings=settings))
             material = [fit for fit in fits if Comparison(space, less, fit).is_material]
             if material and space.penalised(material[0]) < space.penalised(fit) - 1.0:
                 better.append(material[0])
@@ -273,31 +287,6 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
             break
         fit = prune(space, min(better, key=space.penalised), log)
     return fit, alternatives
-
-
-def _alternatives_to(
-    space: ModelSpace, name: str, less: Fit, fit: Fit, log: SearchLog
-) -> list[Fit]:
-    """`less` with another effect in place of `name`, if that effect is a cause by itself.
-
-    An effect that base parameters almost imitate is not searched, but it may be the cause.
-    """
-    taken = less.misfit - fit.misfit
-    skipped = [*less.candidate.ids, name]
-    scores = ranking.rank(less, space.tangent_of(less).white, space.shown, skipped)
-    listed = ranking.shortlist(scores, 0.1 * taken, space.settings.refits)
-    # Effects that were almost as good as the best one beside those of `less` are tried too.
-    members = set(less.candidate.ids)
-    tried = [candidate for candidate in log.candidates if set(candidate.effects[:-1]) == members]
-    least = spaces.CLOSE_SHARE * max((candidate.delta_bic for candidate in tried), default=0.0)
-    names = {candidate.effects[-1] for candidate in tried if candidate.delta_bic > least}
-    names -= {score.effect.id for score in listed}
-    listed += [score for score in ranking.best_of_each(scores) if score.effect.id in names]
-    listed = [score for score in listed if name not in score.effect.contains]
-    return [
-        other for other in spaces.fit_each(space, less, listed, [fit])
-        if name not in other.candidate.ids and not stopped_sizes(space.problem, other)
-        and Comparison(space, less, other).is_another_cause()]
 
 
 def stopped_sizes(problem: Problem, fit: Fit) -> list[tuple[Effect, float]]:
@@ -318,12 +307,12 @@ def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
     if count > 1:
         return fit
     least = space.base.misfit - fit.misfit + space.real_gain * (2 - count)
-    pairs = [pair for pair in ranking.best_pairs(space.base, space.usable) if pair.gain > least]
+    pairs = ranking.best_pairs(space.base, space.usable, least)
     if not pairs:
         return fit
     refits = run_refits(space.metric, [
-        refit(space.metric, pair.candidate, pair.start, rounds=space.settings.rounds)
-        for pair in pairs])
+        refit(space.metric, candidate, start, rounds=space.settings.rounds)
+        for candidate, start in pairs])
     log.candidates += [Comparison(space, space.base, pair_fit).evidence(1) for pair_fit in refits]
     best = min(refits, key=space.penalised)
     known = space.fits.get(best.candidate.key)

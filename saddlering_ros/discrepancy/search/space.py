@@ -258,31 +258,6 @@ def fit_each(
     return sorted(fits, key=space.penalised)
 
 
-def fit_race(
-    space: ModelSpace, fit: Fit, first: Sequence[Fit], others: Sequence[Score]
-) -> list[Fit]:
-    """`first` and the best of the model of `fit` plus `others`, refined, the best first.
-
-    Every candidate is refitted for a few rounds with free base parameters, because a
-    first-order gain is a poor guide to an effect that the base fit imitates. A
-    candidate is refined if the slopes of its residual promise a good share of the gain
-    of the best one.
-    """
-    others = [score for score in others
-              if fit.candidate.plus(score.effect, score.variant).key not in space.fits]
-    if not others:
-        return list(first)
-    trials = [(score, [score.start]) for score in others]
-    coarse = sorted(_raced(space, fit, trials, first), key=space.foreseen)
-    close, _ = _split(space, fit, coarse, first, CLOSE_SHARE)
-    leading: dict[str, Fit] = {}
-    for other in close:
-        leading.setdefault(other.candidate.ids[-1], other)
-    joining = list(leading.values())[: space.settings.refits]
-    refined = [space.keep(other) for other in space.refine(joining)]
-    return sorted([*first, *refined], key=space.penalised)
-
-
 def _raced(
     space: ModelSpace, fit: Fit, trials: Sequence[Trial], beside: Sequence[Fit]
 ) -> list[Fit]:
@@ -334,8 +309,19 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
         is_stopped = not current.candidate.effects and space.stopped_base(current).any()
         if not (is_found or is_stopped or space.leaves_misfit(current)):
             return first
-        others = [score for score in scores if all(score is not tried for tried in listed)]
-        return fit_race(space, current, first, others)
+        # All others receive a few rounds with free base parameters, because a first-order gain is
+        # a poor guide to an effect that the base fit imitates. Those are refined of which the
+        # slopes of the residual promise a good share of the gain of the best one.
+        others = [(score, [score.start]) for score in scores
+                  if all(score is not tried for tried in listed) and
+                  current.candidate.plus(score.effect, score.variant).key not in space.fits]
+        coarse = sorted(_raced(space, current, others, first), key=space.foreseen)
+        leading: dict[str, Fit] = {}
+        for other in _split(space, current, coarse, first, CLOSE_SHARE)[0]:
+            leading.setdefault(other.candidate.ids[-1], other)
+        joining = list(leading.values())[: space.settings.refits]
+        refined = [space.keep(other) for other in space.refine(joining)]
+        return sorted([*first, *refined], key=space.penalised)
 
     return space.once('refitted', current, refits)
 
