@@ -80,8 +80,6 @@ def check_table_path(path: Path) -> None:
     """Raise BagError, before any work is done, if no table can be written at `path`."""
     if path.suffix.lower() not in SUFFIXES:
         raise BagError(f'{path}: the name ends in neither .csv nor .parquet: give one of these')
-    if path.is_dir():
-        raise BagError(f'{path}: is a directory: give the name of a file')
 
 
 def write_samples(

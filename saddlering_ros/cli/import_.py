@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _import(args: argparse.Namespace) -> int:
     from saddlering_ros.files import check_ending, spare_files
-    from saddlering_ros.importing.calibration import ImportingError, words_of
+    from saddlering_ros.importing.calibration import ImportingError, Table, words_of
     from saddlering_ros.importing.convert import import_files, PREVIEW_ENDINGS, save_preview
     from saddlering_ros.importing.mapping import read_map
     from saddlering_ros.rig import load_rig
@@ -80,7 +80,9 @@ def _import(args: argparse.Namespace) -> int:
     if args.preview is not None:  # before the bag is written
         check_ending(args.preview, PREVIEW_ENDINGS, ImportingError)
     mapping = read_map(args.map)
-    named = [(table, f'table {table}') for table in mapping.tables]  # which no output replaces
+    tables = [channel.calibration.path for channel in mapping.channels
+              if isinstance(channel.calibration, Table)]
+    named = [(table, f'table {table}') for table in tables]  # which no output replaces
     for name, given in (('out', args.out), ('json', args.json), ('preview', args.preview)):
         if given is not None and str(given) != '-':
             spare_files(Path(given), f'--{name} {given}', named)

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.errors import BagError, did_you_mean, plain_number
-from saddlering_ros.files import whole_file
+from saddlering_ros.files import sha256_of_file, whole_file
 from saddlering_ros.importing.calibration import ImportingError, words_of
 from saddlering_ros.importing.feed import Feed, feeds_of, Part, Samples
 from saddlering_ros.importing.mapping import ImportMap, instruments_text
-from saddlering_ros.importing.source import open_sources, Source
+from saddlering_ros.importing.source import open_sources
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import RANGE_TYPE
@@ -111,6 +111,7 @@ def import_files(
     `on_progress` is called with the number of samples written so far.
     """
     sources = open_sources(files, mapping.csv)
+    hashes = '; '.join(f'{file.name} sha256 {sha256_of_file(file)}' for file in files)
     feeds = feeds_of(sources, mapping)
     ranges = {channel.name: channel.range for channel in mapping.channels}
     for channel in mapping.channels:
@@ -126,7 +127,7 @@ def import_files(
             raise ImportingError(f'{out}: the channels do not agree on the runs: their files have '
                                  'gaps, or values of the split column, at different places')
         (number, label), _ = streams[0]
-        metadata = _metadata(mapping, number, label, sources, rig)
+        metadata = _metadata(mapping, number, label, hashes, rig)
         path = out
         if mapping.split is not None:
             name = re.sub(r'[^\w.+-]+', '_', metadata.run).strip('._') or f'run_{number + 1}'
@@ -157,9 +158,9 @@ def import_files(
 
 
 def _metadata(
-    mapping: ImportMap, number: int, label: str, sources: Sequence[Source], rig: Rig | None,
+    mapping: ImportMap, number: int, label: str, hashes: str, rig: Rig | None,
 ) -> TestMetadata:
-    """The test metadata of run `number`, from 0 on."""
+    """The test metadata of run `number`, from 0 on; hashes: of the files."""
     given = dict(mapping.test)
     if mapping.split is not None:
         label = label if mapping.split.by == 'column' else str(number + 1)
@@ -176,9 +177,7 @@ def _metadata(
                                  'test: static or dynamic, elevation_deg: degrees')
     details = {key: value for key, value in given.items()
                if key not in ('test', 'elevation_deg', 'rig', 'run')}
-    details |= {'import_sources': '; '.join(
-        f'{source.path.name} sha256 {source.sha256}' for source in sources),
-        'import_map': mapping.text}
+    details |= {'import_sources': hashes, 'import_map': mapping.text}
     if stated := instruments_text(mapping.channels):
         details['instruments'] = stated
     if rig is not None:

@@ -93,12 +93,6 @@ class ImportMap:
     csv: Mapping[str, Any] = field(default_factory=dict)
     text: str = ''
 
-    @property
-    def tables(self) -> list[Path]:
-        """The files of its calibration tables."""
-        return [channel.calibration.path for channel in self.channels
-                if isinstance(channel.calibration, calibration.Table)]
-
 
 def read_map(path: Path) -> ImportMap:
     """The map at `path`, beside which its tables lie; ImportingError if it cannot be used."""

@@ -3,7 +3,6 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import fnmatch
-from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 import stat
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.errors import did_you_mean
-from saddlering_ros.files import resolved, sha256_of_file
+from saddlering_ros.files import resolved
 from saddlering_ros.importing.calibration import ImportingError
 
 BLOCK_ROWS = 1 << 16
@@ -94,11 +93,6 @@ class Source:
     def number_texts(self, name: str, cells: NDArray[Any], first: int) -> NDArray[Any]:
         """Texts of numbers in plain digits with a decimal point; first: row of the first cell."""
         return cells
-
-    @cached_property
-    def sha256(self) -> str:
-        """Of the whole file."""
-        return sha256_of_file(self.path)
 
     def column(self, name: str) -> Column:
         """The column of that exact name."""
