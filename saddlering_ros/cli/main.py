@@ -62,7 +62,8 @@ def build_parser() -> tuple[arguments.OneLineParser, dict[str, tuple[arguments.C
         for command in module.COMMANDS:
             command.add_to(subparsers)
             commands[command.name] = command, module.run
-    parser.epilog = arguments.examples_text([commands[name][0].examples[0] for name in SHOWN])
+    parser.epilog = arguments.examples_text([
+        commands[name][0].examples[0] for name in SHOWN if name in commands])
     return parser, commands
 
 
