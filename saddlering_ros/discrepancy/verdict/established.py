@@ -100,10 +100,7 @@ class Shares:
 
 
 def shares_of(problem: Problem, noise: NoiseByRun, less: Fit, more: Fit) -> Shares:
-    """What a plain fit `more` takes of the misfit of `less`.
-
-    It predicts held-out runs; without any, each run is predicted from the others.
-    """
+    """What a plain fit `more` takes of the misfit of `less`; without held-out runs, in turn."""
     floor = np.array([
         np.mean([noise_power(noise, run, weights) for run in problem.runs])
         / problem.view_ranges[view] ** 2 for view, weights in problem.system.views.items()])
@@ -135,7 +132,7 @@ def noise_power(noise: NoiseByRun, run: RunBlocks, weights: Array) -> float:
 
 @dataclass(frozen=True)
 class _Powers:
-    """Mean squares (R, V, S) of the residuals of two models, and of what one changes of the other.
+    """Mean squares (R, V, S) of the residuals of two models and of their difference.
 
     By run, view and stretch, as shares of the squared range. floor: that of noise (V,).
     """
@@ -150,9 +147,9 @@ class _Powers:
     def of(cls, problem: Problem, floor: Array, runs: Sequence[RunBlocks],
            left: Sequence[Sequence[Array]]) -> _Powers:
         """Of residuals (C, N) by run of both models."""
-        changes = [one - other for one, other in zip(*left, strict=True)]
         squares = np.zeros((3, len(runs), floor.size, STRETCHES))
-        for model, residuals in zip(squares, (*left, changes), strict=True):
+        models = [*left, [one - other for one, other in zip(*left, strict=True)]]
+        for model, residuals in zip(squares, models, strict=True):
             for row, run, residual in zip(model, runs, residuals, strict=True):
                 for place, (view, weights) in enumerate(problem.system.views.items()):
                     seen = problem.freed(weights @ residual, run, view) / problem.view_ranges[view]
@@ -210,10 +207,9 @@ def doubts_of(space: ModelSpace, fit: Fit, published: Publication,
 
 
 def doubts_on_main(space: ModelSpace, fit: Fit, published: Publication) -> list[str]:
-    """Reasons why the main one of several effects is not established, whatever the others are.
+    """Reasons why the main one of several effects is not established beside the others.
 
-    The others are part of the model, so that what they take is no misfit that it leaves. One of
-    several effects that could replace each other leaves half as much.
+    What these take is no misfit that it leaves. One that others could replace leaves half as much.
     """
     main = published.main
     own = published.member_shares[main.effect]
@@ -240,8 +236,7 @@ def _unlike(shares: Shares) -> list[str]:
 def like_sound_errors(alone: ModelSpace, strict: Fit, fit: Fit, names: Iterable[str]) -> list[str]:
     """A sentence for every effect that errors of a sound machine could replace.
 
-    alone: the space in which such errors are allowed for, and what else is left is misfit.
-    strict: the model found there.
+    alone: the space in which only what such errors leave is misfit; strict: the model found there.
     """
     sentences = []
     for name in names:
