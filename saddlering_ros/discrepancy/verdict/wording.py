@@ -211,8 +211,8 @@ def sound_error_words(name: str, taken: float, needed: float) -> str:
 
 
 def beside_words(name: str, taken: float, others: Sequence[str]) -> str:
-    return (f'{name} takes {percent(taken)} of the power of what {" and ".join(others)} leave; '
-            'these are not established')
+    return (f'{name} takes {percent(taken)} of the power that is left beside '
+            f'{" and ".join(others)}, of which no verdict is given')
 
 
 def suspect_words(ids: Sequence[str], doubts: Sequence[str]) -> str:
