@@ -232,7 +232,7 @@ def test_what_a_small_cause_without_a_name_takes_is_no_misfit_of_the_main_one() 
     rough = replace(problem.assumptions, exact_laws=False)
     answer = diagnose_system(replace(problem, assumptions=rough))
     assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('named', ['friction'])
-    assert any('of what cubic leave' in item for item in answer.warnings)
+    assert any('left beside cubic' in item for item in answer.warnings)
 
 
 def test_what_errors_of_a_sound_machine_could_replace_is_not_established() -> None:
