@@ -26,18 +26,19 @@ import sys
 import tempfile
 import time
 from typing import Any
+from unittest.mock import patch
 
 from examiner import broken_promises, open_seal, score, SEALED
 from frame import arguments, keep, kept_rows, ROOT, run, share
 import numpy as np
 
-from saddlering_ros import diagnose
+from saddlering_ros import diagnose, effects
 from saddlering_ros.effects import effect as catalogued
 from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.virtual_rig.effects import find_effect
 
-SHARES = {'clean': 0.2, 'single': 0.5, 'pair': 0.15, 'outside': 0.15}
-"""Kinds of rigs, and their shares of all draws."""
+SHARES = {'clean': 0.2, 'single': 0.5, 'pair': 0.15, 'outside': 0.15, 'removed': 0.0}
+"""Kinds of rigs, and their shares of all draws; removed: single, its law not in the catalogue."""
 
 EXAMINER = ROOT / 'benchmarks' / 'examiner.py'
 HELD_OUT = 'dynamic_70'
@@ -69,21 +70,31 @@ class Trial:
         return bool(self.ratios) and all((ratio or 0.0) >= least for ratio in self.ratios)
 
 
+def without(*removed: str) -> Any:
+    """A context in which the catalogue lacks these effects."""
+    listed = {name: one for name, one in effects.catalogue().items() if name not in removed}
+    return patch.object(effects, 'catalogue', lambda: listed)
+
+
 def trial(kind: str, seed: int) -> Trial:
-    """Draw, seal, diagnose, open, score."""
+    """Draw, seal, open, diagnose, score."""
     with tempfile.TemporaryDirectory(prefix='blind_') as folder:
-        drawn = run([str(EXAMINER), '--seed', str(seed), '--kind', kind, '--out', f'{folder}/rig'])
+        drawn = run([str(EXAMINER), '--seed', str(seed), '--out', f'{folder}/rig',
+                     '--kind', 'single' if kind == 'removed' else kind])
         told = json.loads(drawn.said.strip().splitlines()[-1])
         fitted = [bag for bag in told['bags'] if Path(bag).name != HELD_OUT]
         held_out = [bag for bag in told['bags'] if Path(bag).name == HELD_OUT]
-        began = time.monotonic()
-        verdict = diagnose(fitted, hold_out=held_out, seed=seed).found
-        seconds = time.monotonic() - began
+        # Before the diagnosis, which sees bags only: `removed` needs the name.
         hidden = open_seal(Path(folder) / 'rig' / SEALED, told['seal'])['effects']
+        names = [item['effect'] for item in hidden]
+        began = time.monotonic()
+        with without(*names if kind == 'removed' else ()):
+            verdict = diagnose(fitted, hold_out=held_out, seed=seed).found
+        seconds = time.monotonic() - began
     answer: dict[str, Any] = {**verdict.to_json()}
     causes = [cause for cause in answer['causes'] if 'effect' in cause]
     groups = [cause['group'] for cause in causes]
-    counted, _ = score(kind, [item['effect'] for item in hidden], answer['verdict'], groups)
+    counted, _ = score(kind, names, answer['verdict'], groups)
     ratios = [size_over_limit(item, answer['detection_limits']) for item in hidden
               if kind in ('single', 'pair')]
     error, within = size_error(hidden[0], causes) if kind == 'single' else (None, None)
@@ -96,8 +107,10 @@ def size_over_limit(hidden: dict[str, Any], limits: Sequence[dict[str, Any]]) ->
 
     0 where it cannot be found at all.
     """
+    own = next((item for item in limits if item['effect'] == hidden['effect']), None)
+    if own is None:
+        return None
     size = next(item for item in catalogued(hidden['effect']).parameters if item.amplitude)
-    own = next(item for item in limits if item['effect'] == hidden['effect'])
     given = hidden['parameters'].get(size.name)
     if given is None or size.neutral != 0.0:
         return None
@@ -202,7 +215,7 @@ def rates(trials: Sequence[Trial]) -> Iterator[str]:
            f'{scored(large, "right")}, unknown {scored(large, "unknown")}, missed '
            f'{scored(large, "missed")}')
     yield f'all single effects: right {scored(kinds["single"], "right")}'
-    faulty = [item for item in trials if item.kind != 'clean']
+    faulty = [item for item in trials if item.kind not in ('clean', 'removed')]
     yield f'wrong names, of all rigs with faults: {scored(faulty, "wrong")}'
     yield f'wrong names, of single effects: {scored(kinds["single"], "wrong")}'
     yield f'outside the catalogue, called unknown: {scored(kinds["outside"], "right")}'
@@ -233,10 +246,9 @@ def main() -> int:
         __doc__, {'draws': 4, 'out': Path('out/blind_short.jsonl')}, draws=300, count=(),
         seed=20_000, out=Path('out/blind.jsonl'), jobs=len(os.sched_getaffinity(0)),
         minutes=math.inf, table=False)
-    counts = {kind: round(args.draws * part) for kind, part in SHARES.items()}
-    if args.count:
-        pairs = [item.partition('=') for item in args.count]
-        counts = {kind: int(count) for kind, _, count in pairs}
+    pairs = [item.partition('=') for item in args.count]
+    counts = {kind: int(count) for kind, _, count in pairs} or {
+        kind: round(args.draws * part) for kind, part in SHARES.items()}
     if not args.table:
         campaign(plan(counts, args.seed), args.out, args.jobs, args.minutes)
     trials = [Trial(**row) for row in kept_rows(args.out)]

@@ -21,16 +21,14 @@ import math
 from pathlib import Path
 import tempfile
 import time as clock
-from unittest.mock import patch
 
+from blind import without
 from frame import arguments, keep
 from independent import draw_ring, RIG, verdict_on
 from independent_faults import fault_of, Hidden, slider_state
 from independent_ring import Array, Fault, Motion, Sliders, usual_courses
 import numpy as np
 from real_faults import answer_of, misfit, say, table
-
-from saddlering_ros import effects
 
 FULL = RIG.full_scale_load
 MAIN = ('load_offset', 'load_nonlinearity', 'cylinder_friction', 'elevation_error', 'bracket_play',
@@ -101,9 +99,7 @@ def row_of(effect: str, seed: int, folder: Path, *, is_removed: bool) -> dict[st
     began = clock.process_time()
     ring, noise = draw_ring(seed)
     whole = dirty_fault(hidden_in(effect, seed), seed)
-    listed = {name: one for name, one in effects.catalogue().items()
-              if not is_removed or name != effect}
-    with patch.object(effects, 'catalogue', lambda: listed):
+    with without(*[effect] * is_removed):
         found = verdict_on(ring, noise, whole, usual_courses(RIG), seed, folder).diagnosis
     kind = 'removed' if is_removed else 'hidden'
     return {

@@ -6,7 +6,8 @@
 Rings of benchmarks/independent_ring.py: sound ones, every effect of the catalogue once, every law
 of independent_faults.OUTSIDE once. For a law outside the catalogue the proposal is compared with
 the truth, its file is put into the catalogue, and fresh tests of the same ring are diagnosed with
-it. --only takes names and seeds; --table prints the table of FILE.
+it. The kind removed is the single ones with their laws taken out of the catalogue. --only takes
+names and seeds; --table prints the table of FILE.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import tempfile
 import time
 from typing import Any
 
-from blind import size_over_limit
+from blind import size_over_limit, without
 from examiner import score
 from frame import arguments, keep, kept_rows, share
 from independent_faults import EFFECTS, fault_of, OUTSIDE
@@ -129,25 +130,18 @@ def groups_of(verdict: Verdict) -> list[list[str]]:
     return [list(cause.group) for cause in verdict.diagnosis.causes]
 
 
-def held_residual(verdict: Verdict) -> tuple[Any, np.ndarray]:
-    """The held-out run and its residual without any cause."""
-    for figures, pair in zip(verdict.runs, verdict.diagnosis.runs, strict=True):
-        if figures.record.run.held_out:
-            return figures.record.run, figures.record.run.channels - pair.before
-    raise ValueError('no run is held out')
-
-
 def true_reduction(faulty: Verdict, sound: Verdict) -> float:
     """Reduction on the held-out run if the model knew the fault: what the sound twin leaves."""
-    problem = faulty.diagnosis.fits.metric.problem
-    run, before = held_residual(faulty)
-    _, after = held_residual(sound)
-    ratio = mean_square(problem, [run], [after]) / mean_square(problem, [run], [before])
-    return float(1.0 - np.sqrt(ratio))
+    run = faulty.runs[-1].record.run
+    after, before = (
+        mean_square(faulty.diagnosis.fits.metric.problem, [run],
+                    [one.runs[-1].record.run.channels - one.diagnosis.runs[-1].before])
+        for one in (sound, faulty))
+    return float(1.0 - np.sqrt(after / before))
 
 
 def single(effect: str, seed: int, folder: Path) -> Case:
-    """One effect of the catalogue."""
+    """One effect; no ratio if it is not in the catalogue."""
     ring, noise = draw_ring(seed)
     hidden = fault_of(effect, np.random.default_rng([seed, 12]))
     verdict = verdict_on(ring, noise, hidden.fault, usual_courses(RIG), seed, folder)
@@ -255,6 +249,8 @@ def report(cases: Sequence[Case]) -> None:
             case.score == 'right' for case in singles if (case.ratio or 0.0) >= least))
     print('wrong names:', share(case.score == 'wrong' for case in [*singles, *laws]))
     print('outside the catalogue unknown:', share(case.score == 'right' for case in laws))
+    print('true law taken out, established:', share(
+        case.verdict in ('named', 'ambiguous') for case in cases if case.kind == 'removed'))
     print('right channel and coordinate:', share(case.is_right for case in laws))
     print(f'reduction at least {MIN_REDUCTION} of that of the truth:', share(
         (case.reduction or 0.0) >= MIN_REDUCTION * (case.true_reduction or 0.0) for case in near))
@@ -265,11 +261,12 @@ def plan(seed: int, count: int) -> list[tuple[str, int, str]]:
     """Kind, seed and name of every case."""
     return [*(('outside', seed + i, law.name) for i, law in enumerate(OUTSIDE)),
             *(('clean', seed + 100 + i, '') for i in range(count)),
-            *(('single', seed + 200 + i, name) for i, name in enumerate(EFFECTS)),
+            *((kind, seed + 200 + i, name) for kind in ('single', 'removed')
+              for i, name in enumerate(EFFECTS)),
             *(('axial', seed + 300 + i, '') for i in range(AXIAL_DRAWS))]
 
 
-KINDS = {'outside': outside, 'clean': clean, 'single': single, 'axial': axial}
+KINDS = {'outside': outside, 'clean': clean, 'single': single, 'removed': single, 'axial': axial}
 
 
 def main() -> int:
@@ -283,9 +280,10 @@ def main() -> int:
                 args.only and not {str(seed), name} & set(args.only)):
             continue
         began = time.process_time()
-        with tempfile.TemporaryDirectory(prefix='independent_') as folder:
+        absent = [name] if kind == 'removed' else []
+        with tempfile.TemporaryDirectory() as folder, without(*absent):
             case = KINDS[kind](name, seed, Path(folder))
-        case = replace(case, seconds=time.process_time() - began)
+        case = replace(case, kind=kind, seconds=time.process_time() - began)
         keep(args.out, asdict(case))
         print(line_of(case), flush=True)
     cases = [Case(**row) for row in kept_rows(args.out)]
