@@ -245,13 +245,15 @@ def probabilities_of(
 ) -> dict[str, float]:
     """Probability of each cause or group, of none, and of a cause not listed; they sum to 1.
 
-    The chance of the causes falls with a power of the share of the misfit that they leave (1 less
-    `taken`, which is 0 where their law may be another). That of causes that are not established
-    is smaller and rises in proportion to `taken`. Several share by the power that each moves.
+    The chance of established causes falls with a power of the share of the misfit that they leave
+    (1 less `taken`), of at most what they may leave beside model error: if they leave noise alone,
+    the held-out runs may have none. That of others is smaller and rises in proportion to `taken`,
+    which is 0 where their law may be another. Several share by the power that each moves.
     """
     if verdict == 'none':
         return {'none': NOTHING, 'unknown': 1.0 - NOTHING}
-    chance = SUREST / (1.0 + (max(1.0 - taken, 0.0) / HALF_LEFT) ** STEEPNESS)
+    left = float(np.clip(1.0 - taken, 0.0, 1.0 - MIN_TAKEN))
+    chance = SUREST / (1.0 + (left / HALF_LEFT) ** STEEPNESS)
     if verdict == 'unknown':
         chance = MIN_RIGHT + SHARE_RIGHT * min(max(taken, 0.0), 1.0)
     powers = [cause.visible**2 for cause in causes]
