@@ -38,8 +38,8 @@ from saddlering_ros.discrepancy.verdict.established import (
 )
 from saddlering_ros.discrepancy.verdict.naming import (
     allowed_sizes,
+    exceeds_declared_error,
     explained_share_of,
-    is_under_declared_error,
     judge,
     Judgement,
     residual_of,
@@ -158,11 +158,11 @@ def _answer(search: Search) -> Answer:
     """The verdict in the metric of noise, nuisance parameters and declared model error."""
     space, fit = search.space, search.fit
     before = residual_of(space, space.base)
-    if is_under_declared_error(space, before):
+    is_declared = any(allowed_sizes(space).values())
+    if is_declared and not exceeds_declared_error(space, before):
         search, fit = replace(search, fit=space.base, alternatives={}), space.base
     after = residual_of(space, fit) if fit.candidate.effects else before
     published = publish(space, fit, search.alternatives, before, after)
-    is_declared = any(allowed_sizes(space).values())
     weak = _weakest(published.member_shares) or next(
         iter(established.under_declared_error(space, fit)), None)
     if is_declared and weak is not None and len(fit.candidate.effects) > 1:

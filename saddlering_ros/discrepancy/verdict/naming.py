@@ -7,7 +7,7 @@ proportions that differ from run to run, from channel to channel, or over state 
 family of such shapes is small, so that a small remainder is significant.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,12 @@ from saddlering_ros.discrepancy.search.evidence import (
     MAX_WITH_ALTERNATIVES,
     with_forms,
 )
-from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest, SlowResidual
+from saddlering_ros.discrepancy.search.lack_of_fit import (
+    Block,
+    BlockColumns,
+    ShapeTest,
+    SlowResidual,
+)
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import AT_BOUND, ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
@@ -46,23 +51,46 @@ MIN_LEVEL = 0.2
 """Smallest share of the learnt noise that is assumed, so that a residual far under the noise does
 not make every shape significant."""
 
-Columns = Callable[[int], Array]
-"""Shapes (N, k) of a family in one channel of one run, by the index of the slice."""
-
 
 def consistency_tests(
     metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResidual, pairs: int
 ) -> list[ShapeTest]:
-    """Every family of these runs; the number of families is counted in the p-values."""
-    families = _families(metric.problem, fit, tangent)
-    tests = [
-        test for name, columns in families.items()
-        if (test := _tested(metric, fit, tangent, name, columns, slow, pairs)) is not None]
+    """Every family of these runs; the number of families is counted in the p-values.
+
+    Noise that is learnt from fast parts of a residual can be too large at slow times. The slow
+    structure of the residual bounds its level from above.
+    """
+    problem, tests = metric.problem, []
+    inverse = np.linalg.pinv(tangent.white.T @ tangent.white, rcond=1e-10, hermitian=True)
+    for name, blocks in _families(problem, fit, tangent):
+        columns = BlockColumns(metric, blocks, 1 + max(int(one.index[-1]) for one in blocks))
+        tangents, lengths = columns.products(tangent.white), np.sqrt(
+            np.maximum(np.diag(columns.gram), 1e-300))
+        imitated = inverse @ tangents.T
+        values, vectors = np.linalg.eigh(
+            (columns.gram - tangents @ imitated) / np.outer(lengths, lengths))
+        kept = values > MIN_LEFT
+        count = int(kept.sum())
+        if not count:
+            continue  # The sensitivities of the model imitate every shape.
+        root = vectors[:, kept] / np.sqrt(values[kept])
+        inner = root.T @ (columns.products(fit.whitened) / lengths)
+        statistic = float(inner @ inner)
+        left = (slow.excess + slow.dimensions - statistic) / max(slow.dimensions - count, 1)
+        level = min(1.0, max(left, MIN_LEVEL)) if slow.dimensions > count else 1.0
+        weights = (root @ inner) / lengths
+        shape = columns.combined(weights) - tangent.plain @ (imitated @ weights)
+        sizes = {view: max(problem.view_sizes(shape, view)) for view in problem.system.views}
+        view = max(sizes, key=lambda name: sizes[name])
+        beyond = max(statistic - count * level, 0.0) / max(statistic, 1e-300)
+        tests.append(ShapeTest(
+            view, name, float(fisher_chance(statistic / count / level, count, pairs)), statistic,
+            count, sizes[view] * beyond**0.5))
     return [replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests]
 
 
-def _families(problem: Problem, fit: Fit, tangent: Tangent) -> dict[str, Columns]:
-    """Shapes about a fit by their kind, each evaluated for one channel of one run at a time."""
+def _families(problem: Problem, fit: Fit, tangent: Tangent) -> Iterator[tuple[str, list[Block]]]:
+    """Families of shapes about a fit by their kind, one at a time because they are large."""
     runs, slices, plain = problem.runs, problem.slices, tangent.plain
     channels = len(problem.system.channel_names)
     predicted = problem.by_run(fit.prediction)
@@ -71,38 +99,39 @@ def _families(problem: Problem, fit: Fit, tangent: Tangent) -> dict[str, Columns
     states = [*seen, *(_places([run.inputs[name] for run in runs]) for name in shared)]
     times = [[np.pi * (run.time - run.time[0]) / np.ptp(run.time) for run in runs]]
 
-    def over(shapes: Array, states: Sequence[Sequence[Array]], waves: int) -> Columns:
+    def along(shapes: Array, states: Sequence[Sequence[Array]], waves: int) -> list[Block]:
         """Shapes (n, k) times cosines over each state, which has an array (N,) for each run."""
-        return lambda slot: np.hstack([
-            shapes[slices[slot][2]] * np.cos(wave * places[slices[slot][0]])[:, None]
-            for places in states for wave in range(1, waves + 1)])
+        return [
+            Block(slot, np.arange(shapes.shape[1] * len(states) * waves), np.hstack([
+                shapes[part] * np.cos(wave * places[run])[:, None]
+                for places in states for wave in range(1, waves + 1)]))
+            for slot, (run, _, part) in enumerate(slices)]
 
-    def one_of(kind: int, count: int) -> Columns:
-        """The sensitivities in one of `count` runs (kind 0) or channels (1), not in the last."""
-        return lambda slot: np.asarray(
-            np.kron(np.eye(count)[slices[slot][kind], :-1], plain[slices[slot][2]]))
-
-    def of_channels(slot: int) -> Array:
-        """Shapes over the predicted channels, in this channel of any run."""
-        run, channel, _ = slices[slot]
-        waves = np.arange(1, STATE_WAVES + 1)
-        own = np.hstack([np.cos(places[run][:, None] * waves) for places in seen])
-        return np.asarray(np.kron(np.eye(channels)[channel], own))
+    def in_one(owners: Sequence[int], shapes: Sequence[Array]) -> list[Block]:
+        """Shapes (N, k) of each slice, in the columns of its owner, a run or a channel."""
+        return [
+            Block(slot, owner * shape.shape[1] + np.arange(shape.shape[1]), shape)
+            for slot, (owner, shape) in enumerate(zip(owners, shapes, strict=True))]
 
     sensitivities = plain[:, : len(problem.system.base_parameters)]
-    families: dict[str, Columns] = {
-        'state, as the parameters act': over(sensitivities, states, PARAMETER_WAVES),
-        'time, as the parameters act': over(sensitivities, times, PARAMETER_TIMES),
-        'the predicted state': of_channels}
-    if len(runs) > 1:
-        families['the runs, as the parameters act'] = one_of(0, len(runs))
-    if channels > 1:
-        families['the channels, as the parameters act'] = one_of(1, channels)
+    yield 'state, as the parameters act', along(sensitivities, states, PARAMETER_WAVES)
+    yield 'time, as the parameters act', along(sensitivities, times, PARAMETER_TIMES)
+    owners = np.array([(run, channel) for run, channel, _ in slices]).T
+    waves = np.arange(1, STATE_WAVES + 1)
+    yield 'the predicted state', in_one(owners[1], [
+        np.hstack([np.cos(places[run][:, None] * waves) for places in seen])
+        for run, _, _ in slices])
+    # The last run, or channel, is given by the others and the sensitivities themselves.
+    for kind, words, count in ((0, 'runs', len(runs)), (1, 'channels', channels)):
+        if count > 1:
+            yield f'the {words}, as the parameters act', [
+                block for block, owner in zip(
+                    in_one(owners[kind], [plain[part] for _, _, part in slices]), owners[kind],
+                    strict=True) if owner < count - 1]
     if fit.candidate.effects:
         changes = problem.changes_of_effects(fit.point, fit.prediction)
-        families['state, as the cause acts'] = over(changes, states, CAUSE_WAVES)
-        families['time, as the cause acts'] = over(changes, times, CAUSE_TIMES)
-    return families
+        yield 'state, as the cause acts', along(changes, states, CAUSE_WAVES)
+        yield 'time, as the cause acts', along(changes, times, CAUSE_TIMES)
 
 
 def _places(values: Sequence[Array]) -> list[Array]:
@@ -110,63 +139,6 @@ def _places(values: Sequence[Array]) -> list[Array]:
     low = min(float(state.min()) for state in values)
     high = max(float(state.max()) for state in values)
     return [np.pi * (state - low) / max(high - low, 1e-300) for state in values]
-
-
-def _tested(
-    metric: Metric, fit: Fit, tangent: Tangent, name: str, columns: Columns, slow: SlowResidual,
-    pairs: int,
-) -> ShapeTest | None:
-    """The test of one family; None if the sensitivities of the model imitate every shape.
-
-    Noise that is learnt from fast parts of a residual can be too large at slow times. The slow
-    structure of the residual bounds its level from above.
-    """
-    gram, tangents, residual = _products(metric, fit, tangent, columns)
-    lengths = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    inverse = np.linalg.pinv(tangent.white.T @ tangent.white, rcond=1e-10, hermitian=True)
-    imitated = inverse @ tangents.T
-    values, vectors = np.linalg.eigh((gram - tangents @ imitated) / np.outer(lengths, lengths))
-    kept = values > MIN_LEFT
-    count = int(kept.sum())
-    if not count:
-        return None
-    root = vectors[:, kept] / np.sqrt(values[kept])
-    inner = root.T @ (residual / lengths)
-    statistic = float(inner @ inner)
-    left = (slow.excess + slow.dimensions - statistic) / max(slow.dimensions - count, 1)
-    level = min(1.0, max(left, MIN_LEVEL)) if slow.dimensions > count else 1.0
-    p_value = float(fisher_chance(statistic / count / level, count, pairs))
-    weights = (root @ inner) / lengths
-    problem = metric.problem
-    shape = np.concatenate([
-        columns(slot) @ weights - tangent.plain[part] @ (imitated @ weights)
-        for slot, (_, _, part) in enumerate(problem.slices)])
-    sizes = {view: max(problem.view_sizes(shape, view)) for view in problem.system.views}
-    view = max(sizes, key=lambda name: sizes[name])
-    beyond = max(statistic - count * level, 0.0) / max(statistic, 1e-300)
-    return ShapeTest(view, name, p_value, statistic, count, sizes[view] * beyond**0.5)
-
-
-def _products(
-    metric: Metric, fit: Fit, tangent: Tangent, columns: Columns
-) -> tuple[Array, Array, Array]:
-    """Products of whitened shapes with each other (k, k), the tangents (k, p) and the residual."""
-    shared = metric.shared
-    count = columns(0).shape[1]
-    gram, residual = np.zeros((count, count)), np.zeros(count)
-    tangents = np.zeros((count, tangent.white.shape[1]))
-    along = np.zeros((count, shared.directions.shape[1]))
-    for slot, (_, _, part) in enumerate(metric.problem.slices):
-        white = metric.whiteners[slot].whiten(columns(slot))
-        gram += white.T @ white
-        tangents += white.T @ tangent.white[part]
-        residual += white.T @ fit.whitened[part]
-        along += white.T @ shared.directions[part]
-    shrink = shared.shrink
-    return (
-        gram - (along * (2.0 * shrink - shrink**2)) @ along.T,
-        tangents - along @ (shrink[:, None] * (shared.directions.T @ tangent.white)),
-        residual - along @ (shrink * (shared.directions.T @ fit.whitened)))
 
 
 @dataclass(frozen=True)
@@ -199,35 +171,47 @@ def judge(
     space: ModelSpace, fit: Fit, alternatives: Alternatives, before: Residual, after: Residual
 ) -> Judgement:
     """The verdict: whether the causes have alternatives, and whether they explain the misfit."""
-    settings = space.settings
-    share = explained_share_of(before, after) if fit.candidate.effects else 0.0
-    left = _is_left(space, after)
-    warnings: list[str] = []
-    verdict: Verdict = 'none'
-    if fit.candidate.effects:
-        open_members = [name for name in fit.candidate.ids if alternatives.get(name)]
-        doubts = _doubts(space, fit, after, share)
-        if open_members and len(fit.candidate.effects) > MAX_WITH_ALTERNATIVES:
-            doubts.append(wording.too_many_words(len(fit.candidate.effects), open_members))
-        verdict = 'unknown' if doubts else 'ambiguous' if open_members else 'named'
-        warnings += doubts
-        if after.slow.is_real_and_material(settings) and not doubts:
-            warnings.append(wording.other_form_words(share, after.slow.where))
-    elif left:
-        verdict = 'unknown'
-    if after.fast.is_real_and_material(settings):
-        warnings.append(wording.oscillation_words(after.fast))
+    settings, ids, left = space.settings, fit.candidate.ids, _left_in(space, after)
+    fast = [wording.oscillation_words(after.fast)] if after.fast.is_real_and_material(
+        settings) else []
+    if not ids:
+        return Judgement('unknown' if left else 'none', 0.0, tuple(fast))
+    share, doubts = explained_share_of(before, after), []
+    # The law of a ring's effect may have another form, which leaves a small part.
+    if left and (share < settings.min_total or space.problem.assumptions.exact_laws
+                 or space.tests.slow(with_forms(space, fit, fit)).is_real_and_material(settings)):
+        doubts.append(wording.partial_words(ids, share, left))
+    if crowded([Comparison(space, space.without(fit, name), fit).added for name in ids], settings):
+        doubts.append(wording.crowded_words(len(ids)))
+    doubts += shapes_at_bounds(space, fit)
+    open_members = [name for name in ids if alternatives.get(name)]
+    if open_members and len(ids) > MAX_WITH_ALTERNATIVES:
+        doubts.append(wording.too_many_words(len(ids), open_members))
+    warnings = [*doubts, *fast]
+    if after.slow.is_real_and_material(settings) and not doubts:
+        warnings.insert(0, wording.other_form_words(share, after.slow.where))
+    verdict: Verdict = 'unknown' if doubts else 'ambiguous' if open_members else 'named'
     return Judgement(verdict, share, tuple(warnings))
 
 
-def _is_left(space: ModelSpace, after: Residual) -> bool:
-    """Whether a real and material residual remains, in all or in one channel of one run."""
-    settings = space.settings
-    if any(allowed_sizes(space).values()):
-        return _exceeds_declared_error(space, after)
-    if after.slow.is_real_and_material(settings) or after.fast.is_real_and_material(settings):
-        return True
-    return bool(_unexplained(space, after))
+def _left_in(space: ModelSpace, after: Residual) -> str:
+    """Where a real and material residual remains, in all or in one channel of one run; or ''."""
+    settings, problem, slow = space.settings, space.problem, after.slow
+    allowed, names = allowed_sizes(space), [run.name for run in problem.runs]
+    least = {view: max(settings.materiality, own) for view, own in allowed.items()}
+    places = []
+    # The laws of a ring are judged in each view, against the form error of the effects.
+    if problem.assumptions.exact_laws:
+        places = [
+            f'{channel} in {run}' for (channel, run), chance in slow.chances.items()
+            if chance < settings.error_rate
+            and slow.sizes[channel][names.index(run)] >= least[channel]]
+        places += [
+            f'{test.view} along {test.coordinate}' for test in (*after.consistency, *after.shapes)
+            if test.p_value < settings.error_rate and test.visible >= least[test.view]]
+    is_left = exceeds_declared_error(space, after) if any(allowed.values()) else (
+        places or slow.is_real_and_material(settings) or after.fast.is_real_and_material(settings))
+    return (', '.join(places) or slow.where or after.fast.view) if is_left else ''
 
 
 def allowed_sizes(space: ModelSpace) -> dict[str, float]:
@@ -242,12 +226,7 @@ def allowed_sizes(space: ModelSpace) -> dict[str, float]:
     }
 
 
-def is_under_declared_error(space: ModelSpace, before: Residual) -> bool:
-    """Whether a model error is declared and the simulator alone is not wrong by more."""
-    return any(allowed_sizes(space).values()) and not _exceeds_declared_error(space, before)
-
-
-def _exceeds_declared_error(space: ModelSpace, residual: Residual) -> bool:
+def exceeds_declared_error(space: ModelSpace, residual: Residual) -> bool:
     """Whether a real residual is larger than the declared model error somewhere."""
     settings, slow, fast = space.settings, residual.slow, residual.fast
     least = {view: max(settings.materiality, own) for view, own in allowed_sizes(space).items()}
@@ -257,45 +236,6 @@ def _exceeds_declared_error(space: ModelSpace, residual: Residual) -> bool:
     ):
         return True
     return fast.is_real_and_material(settings) and fast.visible >= least[fast.view]
-
-
-def _unexplained(space: ModelSpace, after: Residual) -> list[str]:
-    """Channels and runs whose residual exceeds the noise and the declared model error."""
-    problem = space.problem
-    if not problem.assumptions.exact_laws:
-        return []  # Judged in each view, against the form error of the effects.
-    allowed = allowed_sizes(space)
-    least = {view: max(space.settings.materiality, own) for view, own in allowed.items()}
-    names = [run.name for run in problem.runs]
-    unexplained = [
-        f'{channel} in {run}'
-        for (channel, run), chance in after.slow.chances.items()
-        if chance < space.settings.error_rate
-        and after.slow.sizes[channel][names.index(run)] >= least[channel]
-    ]
-    unexplained += [
-        f'{test.view} along {test.coordinate}'
-        for test in (*after.consistency, *after.shapes)
-        if test.p_value < space.settings.error_rate and test.visible >= least[test.view]
-    ]
-    return unexplained
-
-
-def _doubts(space: ModelSpace, fit: Fit, after: Residual, share: float) -> list[str]:
-    """Reasons why real causes are not named, one sentence each."""
-    settings, assumptions = space.settings, space.problem.assumptions
-    doubts = []
-    if _is_left(space, after):
-        where = ', '.join(_unexplained(space, after)) or after.slow.where or after.fast.view
-        is_exact = assumptions.exact_laws
-        if share < settings.min_total or is_exact or space.tests.slow(
-                with_forms(space, fit, fit)).is_real_and_material(settings):
-            doubts.append(wording.partial_words(fit.candidate.ids, share, where))
-    members = [Comparison(space, space.without(fit, name), fit).added
-               for name in fit.candidate.ids]
-    if crowded(members, settings):
-        doubts.append(wording.crowded_words(len(fit.candidate.effects)))
-    return [*doubts, *shapes_at_bounds(space, fit)]
 
 
 def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
