@@ -34,7 +34,7 @@ from saddlering_ros.record.quality import (
 )
 from saddlering_ros.record.record import RawRecord, RawTopic, Record, TestMetadata
 from saddlering_ros.record.scratch import count_where, extremes, spread
-from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS
+from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TOPICS
 from saddlering_ros.rig import load_rig, LoadLimits, mirrored_gap, Rig, TONNE
 
 LENGTH_UNITS = {
@@ -322,11 +322,12 @@ def _guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, Sa
     else:
         check_probe_unit(where, judged, raw.min_range, raw.max_range)
     if many:
-        unit = '' if name == LOAD_TOPIC else _unit_outside(raw)
+        hint = '' if name == LOAD_TOPIC else _unit_outside(raw)
+        low, high = (quantity(limit, TOPICS[name].unit) for limit in (limits.low, limits.high))
         raise BagError(
-            f'{where}: {wrong} of {len(raw)} readings cannot be those of this rig (from '
-            f'{limits.low:.4g} to {limits.high:.4g}, or change faster than rig.full_scale_time '
-            f'allows){unit}: correct the rig file, or see to the sensor')
+            f'{where}: {wrong} of {len(raw)} readings cannot be those of the rig file (from {low} '
+            f'to {high}, or change faster than rig.full_scale_time allows){hint}: give the file '
+            'of this ring (--rig) or correct it, or see to the sensor')
     return replace(raw, stamps=sound.stamps, values=sound.values), guard
 
 

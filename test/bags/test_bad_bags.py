@@ -64,6 +64,7 @@ def same(series):
     (PROBE, lambda stamps: stamps + 60_000_000_000, same, 'overlap'),
     (PROBE, same, lambda values: values * 1e3, 'millimetres'),
     (PROBE, same, lambda values: values * 1e6, 'micrometres'),
+    (LOAD_TOPIC, same, lambda values: 2.5 * values, 'of the rig file (from -24.5 kN to 368 kN'),
     (LOAD_TOPIC, same, lambda values: values / TONNE, 'tonnes'),
     (LOAD_TOPIC, same, lambda values: values / 1e3, 'kilonewtons'),
     (LOAD_TOPIC, same, np.negative, 'negative')])
