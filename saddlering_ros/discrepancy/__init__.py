@@ -43,11 +43,11 @@ from saddlering_ros.discrepancy.search.selection import space_beside_error
 from saddlering_ros.discrepancy.search.signatures import DetectionLimit, Observability, observed
 from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.discrepancy.verdict import wording
-from saddlering_ros.discrepancy.verdict.certainty import probabilities_of
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
     CauseEntry,
     Diagnosis,
+    probabilities_of,
     ReductionEntry,
     Residual,
     SizeEntry,

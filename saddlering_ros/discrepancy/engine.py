@@ -22,13 +22,6 @@ from saddlering_ros.discrepancy.search.selection import (
 from saddlering_ros.discrepancy.search.signatures import observed
 from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
-from saddlering_ros.discrepancy.verdict.certainty import (
-    probabilities_of,
-    stability_of,
-    uncertain_size,
-    unshared,
-    unsteady_sizes,
-)
 from saddlering_ros.discrepancy.verdict.established import (
     doubts_of,
     Publication,
@@ -43,6 +36,10 @@ from saddlering_ros.discrepancy.verdict.naming import (
     judge,
     Judgement,
     residual_of,
+    stability_of,
+    uncertain_size,
+    unshared,
+    unsteady_sizes,
 )
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, Residual, Verdict
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
@@ -122,7 +119,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         seconds=clock.monotonic() - began,
         complete=not answer.remainder and verdict != 'unknown',
         remainder=answer.remainder,
-        probabilities=probabilities_of(verdict, causes, 0.0 if is_other else taken),
+        probabilities=results.probabilities_of(verdict, causes, 0.0 if is_other else taken),
         refits=refits,
         near_limit=near_limit,
         influence=influence,
@@ -171,9 +168,9 @@ def _answer(search: Search) -> Answer:
     judgement = judge(space, fit, search.alternatives, before, after)
     taken = 0.0 if published.shares is None else published.shares.best
     doubts = list(published.doubts)
-    if is_declared and published.shares is not None and taken < established.MIN_TAKEN:
+    if is_declared and published.shares is not None and taken < results.MIN_TAKEN:
         doubts.append(wording.weak_words(
-            ' and '.join(fit.candidate.ids), taken, established.MIN_TAKEN))
+            ' and '.join(fit.candidate.ids), taken, results.MIN_TAKEN))
     if is_declared:
         doubts += established.shared_directions(space, fit, search.alternatives)
     doubts += uncertain_size(space, published.causes)
@@ -261,7 +258,7 @@ def _answer_beside(
     doubts += uncertain_size(search.space, published.causes)
     # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
     is_sure = beside is not None or main.group == (main.effect,)
-    most = established.MAINLY if is_sure else 1.0 - established.MIN_TAKEN
+    most = established.MAINLY if is_sure else 1.0 - results.MIN_TAKEN
     if most_dropped**2 > most * main.visible**2:
         doubts.append(wording.AS_LARGE)
     is_open = any(len(cause.group) > 1 for cause in published.causes)
@@ -274,5 +271,5 @@ def _answer_beside(
 
 def _weakest(shares: Mapping[str, Shares]) -> str | None:
     """The cause that takes least, if it is too little to be established."""
-    weak = [name for name, own in shares.items() if own.best < established.MIN_TAKEN]
+    weak = [name for name, own in shares.items() if own.best < results.MIN_TAKEN]
     return min(weak, key=lambda name: shares[name].best, default=None)

@@ -27,7 +27,7 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.problem.problem import Metric
-from saddlering_ros.discrepancy.verdict import certainty, established, wording
+from saddlering_ros.discrepancy.verdict import established, naming, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 
 TIME = np.linspace(0.0, 20.0, 500)
@@ -402,7 +402,7 @@ def test_a_refit_that_ends_in_a_law_which_contains_the_cause_has_the_same_first_
     monkeypatch: pytest.MonkeyPatch, contains: tuple[str, ...], stability: float,
 ) -> None:
     wider = replace(MODEL.effects['cubic'], contains=contains)
-    monkeypatch.setattr(certainty._Sums, 'penalised', lambda sums, *_: (
+    monkeypatch.setattr(naming._Sums, 'penalised', lambda sums, *_: (
         -float(sums.fit.candidate.ids == ('cubic',))))
     answer = found(0.3, 0.02, replace(MODEL, effects={**MODEL.effects, 'cubic': wider}))
     assert answer.stability == stability

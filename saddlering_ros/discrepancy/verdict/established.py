@@ -30,20 +30,16 @@ from saddlering_ros.discrepancy.search.selection import Alternatives, stopped_si
 from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.verdict import wording
-from saddlering_ros.discrepancy.verdict.naming import allowed_sizes, shapes_at_bounds
+from saddlering_ros.discrepancy.verdict.naming import allowed_sizes, shapes_at_bounds, STRETCHES
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
+    MIN_TAKEN,
     PublishedFits,
     Remainder,
     Residual,
     RunPrediction,
 )
 from saddlering_ros.estimation.least_squares import covariance
-
-MIN_TAKEN = 0.85
-"""Share of the power of a view's misfit beyond noise that an established cause takes, both where
-it is fitted and where it predicts. Stand-ins took up to 0.80 on the development seeds of
-docs/benchmarks."""
 
 MIN_TAKEN_BESIDE = 1.0 - 0.5 * (1.0 - MIN_TAKEN)
 """The same of a main cause beside one with alternatives, which can take part of what a wrong main
@@ -68,9 +64,6 @@ MAX_OWN_KIND = 0.7
 
 DRAWS = 400
 """Draws of stretches for the interval of a reduction."""
-
-STRETCHES = 4
-"""Stretches of a run whose part of the evidence is told, and which are drawn again."""
 
 
 @dataclass(frozen=True)
