@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import time as clock
 
-from saddlering_ros.discrepancy.law.proposal import Proposer
-from saddlering_ros.discrepancy.next_test import next_test_of
+from saddlering_ros.discrepancy.next_step import law_for, next_test_of
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search.selection import (
@@ -84,8 +83,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         # hold no nuisance parameters, which would take a share of the misfit from the law.
         is_partial = judgement.explained >= PARTIAL_SUBJECT
         subject = published.fits.after if is_partial else published.fits.before
-        proposer = Proposer(search.space.metric, search.space.max_pairs)
-        law = proposer.law_for(subject)
+        law = law_for(search.space, subject)
     steady = (*lines, *slow_lines)
     verdict: Verdict = 'named' if steady and judgement.verdict == 'none' else judgement.verdict
     causes = sorted(

@@ -12,7 +12,7 @@ from saddlering_ros.diagnosis import next_test
 from saddlering_ros.diagnosis.next_test import on_slewed_ring, propose, with_swapped_probes
 from saddlering_ros.diagnosis.ring_wording import lowered, size_of, title_of
 from saddlering_ros.discrepancy import Point, Separation
-from saddlering_ros.discrepancy.next_test import HeldOutEvidence
+from saddlering_ros.discrepancy.next_step import HeldOutEvidence
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import Outcomes, RIG_TESTS
 from saddlering_ros.rig import default_rig

@@ -10,17 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from saddlering_ros.discrepancy.law import families
 from saddlering_ros.discrepancy.law.families import BlockFit, DIRECTION, LOAD, Misfit, ObservedRun
 from saddlering_ros.discrepancy.law.matching import match_law, Term
-from saddlering_ros.discrepancy.problem import fits
-from saddlering_ros.discrepancy.problem.fits import Fit
-from saddlering_ros.discrepancy.problem.problem import Metric
-from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks, System
+from saddlering_ros.discrepancy.problem.system import Array
 
 MIN_SHARE = 0.1
 """Smallest share of the misfit that the first family must predict to describe it."""
@@ -36,10 +32,6 @@ BEYOND = 0.02
 
 BACKFITS = 3
 """Rounds in which two families are fitted in turn. Chosen for cost."""
-
-DIRECTION_BAND = 0.01
-"""Smallest return of the drive that changes its direction, as a share of its range. Chosen
-between the ripple of a load and the smallest reversal of a test."""
 
 MeanSquare = Callable[[ObservedRun, Array], float]
 """Mean square of a plain residual (C, N) of a run over the ranges, as in the gain."""
@@ -194,119 +186,3 @@ def describe(term: Term) -> str:
         families.HYSTERESIS: 'the history of the load'}
     along = words.get(term.coordinate, term.coordinate)
     return f'{term.target} has an addition that follows {along}: {term.law} ({term.words})'
-
-
-@runtime_checkable
-class HasTargets(Protocol):
-    """A system with further targets of an addition besides its views and channels."""
-
-    def targets(self, run: RunBlocks, point: Point) -> Mapping[str, Array]:
-        """Change of the channels (C, N) per unit of the addition, by the name of the target."""
-        ...
-
-    def start_of(self, run: RunBlocks) -> float:
-        """Start of the time [s] of a law."""
-        ...
-
-
-@dataclass(frozen=True)
-class Proposer:
-    """The metric in which a law is searched; degrees: of freedom of the noise's level."""
-
-    metric: Metric
-    degrees: int
-
-    def law_for(self, subject: Fit) -> LawProposal | None:
-        """The law that would explain the residual of `subject`.
-
-        Base parameters that were fitted without a law have taken a part of it. So they are fitted
-        again beside the law, and the law about them; the gain is that of both together. On two
-        rings of the independent simulator this raised the predicted share of a held-out run from
-        0.82 and 0.67 to 0.98. Where their bounds do not allow that, the first law stays, with its
-        linear change of them.
-        """
-        first = self._law_about(subject)
-        if first is None:
-            return None
-        fit = self._beside(first, subject)
-        again = self._law_about(fit)
-        if again is None:
-            return first
-        beside = self._beside(again, fit)
-        fitted: dict[str, tuple[float, float]] = {}
-        held: dict[str, tuple[float, float]] = {}
-        problem = self.metric.problem
-        for run in problem.all_runs:
-            seen = self._plain(run, beside)
-            both = problem.system.predict_many(run, [subject.point, beside.point])
-            outcomes = held if run.held_out else fitted
-            outcomes[run.name] = (
-                self._mean_square(seen, run.channels - both[0]),
-                self._mean_square(seen, run.channels - both[1] - again.addition(seen)))
-        # The gains of both models' own predictions.
-        return max(first, again.judged_by(fitted, held), key=lambda law: law.fit)
-
-    def _law_about(self, fit: Fit) -> LawProposal | None:
-        """The law that the residual of a fit shows, with the slopes of its prediction."""
-        problem = self.metric.problem
-        slopes = problem.by_run(fits.tangent(self.metric, fit).plain)
-        residuals = problem.by_run(problem.measured - fit.prediction)
-        fitted = [_observed(problem.system, run, fit.point, residual, slope)
-                  for run, residual, slope in zip(problem.runs, residuals, slopes, strict=True)]
-        points, steps = fits.around(fit, problem.system.base_parameters)
-        held = []
-        for run in problem.held_out:
-            answers = problem.system.predict_many(run, points)
-            slope = (answers[1:] - answers[:1]) / np.array(steps)[:, None, None]
-            held.append(_observed(problem.system, run, fit.point, run.channels - answers[0],
-                                  np.moveaxis(slope, 0, -1)))
-        misfit = Misfit(tuple(fitted), self.metric.whiten, self.degrees)
-        return propose_law(misfit, self._mean_square, held, problem.settings.error_rate)
-
-    def _beside(self, law: LawProposal, fit: Fit) -> Fit:
-        """The model of `fit`, fitted to the runs minus the part of the law."""
-        problem = self.metric.problem
-        runs = [replace(run, channels=run.channels - law.addition(self._plain(run, fit)))
-                for run in problem.runs]
-        return fits.plain_fits(problem.with_runs(runs), [fit])[0]
-
-    def _plain(self, run: RunBlocks, fit: Fit) -> ObservedRun:
-        """A run with targets and coordinates only."""
-        still = np.zeros((*run.channels.shape, 0))
-        return _observed(self.metric.problem.system, run, fit.point, run.channels, still)
-
-    def _mean_square(self, run: ObservedRun, residual: Array) -> float:
-        problem = self.metric.problem
-        own = next(given for given in problem.all_runs if given.name == run.name)
-        return fits.mean_square(problem, [own], [residual])
-
-
-def _observed(
-    system: System, run: RunBlocks, point: Point, residual: Array, slopes: Array
-) -> ObservedRun:
-    """A run with its targets and its coordinates: drive, direction, rate, time, and any others."""
-    targets: dict[str, Array] = {}
-    for name, weights in system.views.items():
-        pattern = weights / float(weights @ weights)
-        targets[name] = np.repeat(pattern[:, None], run.time.size, axis=1)
-    for number, name in enumerate(system.channel_names):
-        alone = np.zeros((len(system.channel_names), run.time.size))
-        alone[number] = 1.0
-        if not any(np.allclose(alone, other / np.abs(other).max()) for other in targets.values()):
-            targets[name] = alone
-    begin, from_start = float(run.time[0]), frozenset[str]()
-    if isinstance(system, HasTargets):
-        more = system.targets(run, point)
-        targets.update(more)
-        begin, from_start = system.start_of(run), frozenset(more)
-    coordinates = {families.TIME: run.time - begin}
-    if run.inputs:
-        first, *others = run.inputs
-        drive, direction, rate = run.inputs[first], run.direction, run.rate
-        if direction is None:
-            direction = families.direction_of(drive, DIRECTION_BAND * float(np.ptp(drive)))
-        if rate is None:
-            rate = np.gradient(drive, run.time)
-        coordinates = {**{name: run.inputs[name] for name in others}, LOAD: drive, **coordinates,
-                       DIRECTION: direction, families.RATE: rate}
-    return ObservedRun(run.name, coordinates, targets, residual, slopes, from_start)

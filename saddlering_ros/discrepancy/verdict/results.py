@@ -8,7 +8,7 @@ from typing import Literal, TypedDict
 import numpy as np
 
 from saddlering_ros.discrepancy.law.proposal import LawProposal
-from saddlering_ros.discrepancy.next_test import HeldOutEvidence, Separation
+from saddlering_ros.discrepancy.next_step import HeldOutEvidence, Separation
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain
 from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, RunBlocks

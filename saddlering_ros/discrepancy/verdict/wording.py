@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from saddlering_ros import quantities
-from saddlering_ros.discrepancy.next_test import HeldOutEvidence
+from saddlering_ros.discrepancy.next_step import HeldOutEvidence
 from saddlering_ros.discrepancy.problem.system import Estimate, Parameter
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual
 from saddlering_ros.discrepancy.verdict import results
