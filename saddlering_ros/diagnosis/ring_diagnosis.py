@@ -17,6 +17,7 @@ from saddlering_ros.diagnosis.rig_dimensions import certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
 from saddlering_ros.discrepancy import probabilities_of, Settings
+from saddlering_ros.doubts.wiring import wiring_first
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification import Identification, IdentificationError, identify
@@ -81,7 +82,9 @@ def diagnose_ring(
                             probabilities=probabilities_of('none'))
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '
                      'coarse probes')
-    sentence = next_test(diagnosis, [*runs, *hold_out], rig)
+    sentence = ' '.join(filter(None, (
+        wiring_first(rig, [record.test_run for record in records]),
+        next_test(diagnosis, [*runs, *hold_out], rig))))
     rigs = rigs_of(records)
     if len(rigs) > 1 and diagnosis.verdict != 'none':
         # A difference between the rigs would be named as a cause.

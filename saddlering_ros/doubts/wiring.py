@@ -9,6 +9,7 @@ Faults of a few percent (a gain, a bracket that gives way, clipping at the end o
 effects for the diagnosis. Here a probe moves to the wrong side, not at all, or like another one.
 """
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.doubts.finding import Finding, Kind
 from saddlering_ros.quantities import quantity
+from saddlering_ros.record import Record
 from saddlering_ros.record.scratch import blocks, complete_rows, spread
 from saddlering_ros.rig import FORCE_UNITS, gap_increment, resolve_load, Rig
 
@@ -46,9 +48,8 @@ DEAD = Kind(
 """Share of the largest motion below which a probe does not follow the load."""
 
 SWAPPED = Kind(
-    'probes {first} and {second} have opposite readings (their sum is {percent:.1f} % of their '
-    'difference) and probes 1 and 3, which should be opposite, are not ({opposite:.0f} %): '
-    'channels look swapped',
+    'channels of probes {first} and {second} look swapped: their sum is {percent:.1f} % of their '
+    'difference, and that of probes 1 and 3, which should be opposite, is {opposite:.0f} %',
     limit=0.06)
 """Sum of two probes, as a share of their difference (rms), up to which they mirror each other."""
 
@@ -91,6 +92,16 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
     if stuck or dead:
         return [*stuck, *dead]
     return _mirrored(increments) or _sides(rig, slope, expected, clear)
+
+
+def wiring_first(rig: Rig, runs: Sequence[Record]) -> str:
+    """What to do about probable faults of the wiring before any test; '' without such faults."""
+    faults: dict[str, list[str]] = {}
+    for run in runs:
+        for finding in wiring_findings(rig, run.elevation, run.load, run.gaps):
+            faults.setdefault(finding.words.partition(':')[0], []).append(run.name)
+    return ' '.join(f'See to the wiring first: in {", ".join(names)} {fault}.'
+                    for fault, names in faults.items())
 
 
 def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> list[Finding]:

@@ -7,6 +7,7 @@ import io
 from pathlib import Path
 import struct
 import tracemalloc
+from types import SimpleNamespace
 
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
@@ -289,6 +290,18 @@ def test_swapped_channels_are_named(sound, one, other):
     load, gaps = sound
     gaps[[one, other]] = gaps[[other, one]]
     assert 'swapped' in said(load, gaps)
+
+
+def test_what_looks_swapped_comes_before_any_test(sound):
+    from saddlering_ros.doubts.wiring import wiring_first
+    load, gaps = sound
+    swapped = SimpleNamespace(
+        name='static_50', elevation=np.radians(50.0), load=load, gaps=gaps[[0, 3, 2, 1]])
+    assert wiring_first(default_rig(), [swapped]) == (
+        'See to the wiring first: in static_50 probes 2 and 4 look swapped, or both of the wrong '
+        'polarity.')
+    swapped.gaps = gaps
+    assert not wiring_first(default_rig(), [swapped])
 
 
 def test_a_stuck_a_clipped_and_a_dead_probe_are_named(sound):
