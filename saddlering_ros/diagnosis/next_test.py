@@ -149,6 +149,10 @@ def for_group(effects: Sequence[str], separations: Sequence[discrepancy.Separati
     simulated = {one.proposal.kind for one in separations}
     if best is None or (best.share < ENOUGH and table is not None and table.id not in simulated):
         return between(effects)
+    if not best.alone:
+        words = (f'None of {len(separations)} simulated tests leaves one of these causes alone: '
+                 'compare the size of each with the rig.')
+        return ' '.join(filter(None, (between(effects), words)))
     meanings = ''.join(_meanings(test, effects) for test in RIG_TESTS
                        if test.id == best.proposal.kind and separated(test, effects))
     share, low, high = (round(100.0 * value) for value in (best.share, *best.interval))

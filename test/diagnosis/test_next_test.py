@@ -97,6 +97,13 @@ def test_a_test_that_cannot_be_simulated_comes_before_a_simulated_one_that_separ
     assert 'simulated' in next_test.for_group(group, simulated('second_rate', 0.6))
 
 
+def test_tests_that_never_leave_one_cause_alone_are_not_recommended_by_their_share():
+    group = ['radial_friction', 'settling']
+    assert next_test.for_group(group, simulated('second_rate', 0.0)) == (
+        f'{next_test.between(group)} None of 1 simulated tests leaves one of these causes alone: '
+        'compare the size of each with the rig.')
+
+
 def test_every_proposed_test_is_of_a_known_kind_and_has_a_name_of_its_own():
     tests = proposed()
     assert {item.kind for item in tests} <= {test.id for test in RIG_TESTS}
