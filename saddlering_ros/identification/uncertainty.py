@@ -18,7 +18,14 @@ from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.identification.objective import predict, Refinement, WeightedObjective
 from saddlering_ros.quantities import compact, WIDTH_95
-from saddlering_ros.rig import PARAMETER_NAMES, probes_to_displacement, Rig
+from saddlering_ros.rig import (
+    Displacement,
+    displacement_to_probes,
+    PARAMETER_NAMES,
+    probes_to_displacement,
+    Rig,
+    with_absent,
+)
 from saddlering_ros.ring.roller_scatter import scatter_columns
 
 
@@ -105,16 +112,12 @@ def certified_errors(rig: Rig) -> list[Imperfection]:
 
 def _probe_error(rig: Rig, number: int, power: int, size: float, seen: Array) -> Array:
     """Increments (B, 3, N) with an error of one probe: size times its increment to a power."""
-    half, read = 0.5 * rig.probes.axial_span, seen.copy()
-    sign = 1.0 if number in (1, 2) else -1.0
-    if number in (1, 3):
-        own = sign * (seen[:, 0] + rig.probes.radial_height * seen[:, 2])
-        read[:, 0] += (1.0 if rig.probes.absent else 0.5) * sign * size * own**power
-        return read
-    own = seen[:, 1] + sign * half * seen[:, 2]
-    read[:, 1] += 0.5 * size * own**power
-    read[:, 2] += sign * 0.5 * size * own**power / half
-    return read
+    x, y, gamma = np.moveaxis(seen, 1, 0)
+    read = displacement_to_probes(rig.probes, Displacement(x, y, gamma, 0.0))
+    read[number - 1] += size * read[number - 1] ** power
+    present = read[[one - 1 for one in rig.probes.present]]
+    moved = probes_to_displacement(rig.probes, with_absent(rig.probes, present))
+    return np.moveaxis(moved.channels[:3], 0, 1)
 
 
 @dataclass(frozen=True)
@@ -280,11 +283,9 @@ def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
     """
     usual = objective.increments(contact[None, :])
     rig, effects = objective.rig, []
-    height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
     for one, found in zip(objective.observations, usual, strict=True):
         x, y, gamma = np.concatenate([np.zeros((3, 1)), found[0]], axis=1)
-        probes = np.stack([x + height * gamma, y + half * gamma, -x - height * gamma,
-                           y - half * gamma])
+        probes = displacement_to_probes(rig.probes, Displacement(x, y, gamma, 0.0))
         columns = scatter_columns(
             rig, contact, one.elevation, one.zero_load, np.append(one.zero_load, one.load),
             np.append(one.time[0] - BEFORE, one.time), probes, static=not one.dynamic)

@@ -10,7 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from saddlering_ros.rig import probes_to_displacement, Rig, RollerRow
+from saddlering_ros.rig import (
+    Displacement,
+    displacement_to_probes,
+    probes_to_displacement,
+    Rig,
+    RollerRow,
+)
 from saddlering_ros.ring.model import Floats
 from saddlering_ros.ring.simulator import static_response
 
@@ -67,9 +73,7 @@ def scatter_columns(
     q, decays = (np.concatenate(pair, axis=1) for pair in zip(*parts, strict=True))
     if not static:
         q = _late(time, q, decays)
-    height, half = rig.probes.radial_height, 0.5 * rig.probes.axial_span
-    x = q[:, 0] + height * q[:, 2]
-    return np.stack([x, q[:, 1] + half * q[:, 2], -x, q[:, 1] - half * q[:, 2]])
+    return displacement_to_probes(rig.probes, Displacement(q[:, 0], q[:, 1], q[:, 2], 0.0))
 
 
 def _late(time: Floats, q: Floats, decay: Floats) -> Floats:

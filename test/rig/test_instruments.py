@@ -9,7 +9,13 @@ import pytest
 
 from saddlering_ros.diagnosis.rig_dimensions import certified_effects
 from saddlering_ros.identification.uncertainty import certified_errors
-from saddlering_ros.rig import default_rig, Instruments, RigError
+from saddlering_ros.rig import (
+    default_rig,
+    Displacement,
+    displacement_to_probes,
+    Instruments,
+    RigError,
+)
 from saddlering_ros.rig.instruments import difference_of, instruments_from, NAMES, stated_by
 
 RIG = default_rig()
@@ -49,20 +55,16 @@ def test_every_stated_instrument_has_an_error_and_the_others_have_none():
         name for name in NAMES if name != 'load_gain')
 
 
+@pytest.mark.parametrize('height', [0.0, 0.12])
 @pytest.mark.parametrize('number', [1, 2, 3, 4])
-def test_the_gain_of_a_probe_is_that_of_its_own_reading(number):
-    rig = replace(RIG, instruments=Instruments(probe_gain=(0.01,) * 4))
+def test_the_gain_of_a_probe_is_that_of_its_own_reading(number, height):
+    rig = replace(RIG, instruments=Instruments(probe_gain=(0.01,) * 4),
+                  probes=replace(RIG.probes, radial_height=height))
     error = next(one for one in certified_errors(rig) if one.name == f'probe_gain_{number}')
     seen = np.array([[[3e-5], [2e-5], [4e-5]]])
-    half = 0.5 * rig.probes.axial_span
-    read = error.reading(seen)[0, :, 0]
-
-    def probes(motion):
-        x, y, tilt = motion
-        return np.array([x, y + half * tilt, -x, y - half * tilt])
-
-    change = probes(read) - probes(seen[0, :, 0])
-    own = 0.01 * probes(seen[0, :, 0])[number - 1]
+    probes, read = (displacement_to_probes(rig.probes, Displacement(*motion[0, :, 0], 0.0))
+                    for motion in (seen, error.reading(seen)))
+    change, own = read - probes, 0.01 * probes[number - 1]
     pair = {1: 3, 3: 1}.get(number)
     # The parity of the radial pair takes half of the error; the axial pair is seen as it is.
     assert change[number - 1] == pytest.approx(0.5 * own if pair else own)
