@@ -375,6 +375,14 @@ def test_a_cause_without_a_rival_is_stable_and_its_evidence_is_told_by_run() -> 
     assert 'Evidence by run: run ' in answer.summary()
 
 
+def test_no_run_holds_more_than_all_of_the_evidence() -> None:
+    words = wording.influence_words(
+        [('up', 0, 1, 30.0), ('up', 1, 2, 70.0), ('down', 0, 1, -15.0)])
+    assert words == ('Evidence by run: up 100 % (most of it from 1 to 2 s); '
+                     'against the causes: down.')
+    assert not wording.influence_words([('down', 0, 1, -15.0)])
+
+
 def test_a_stand_in_that_most_refits_replace_is_not_established() -> None:
     """The true law acts as the spring with the other sign, which the catalogue does not allow."""
     def law(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:

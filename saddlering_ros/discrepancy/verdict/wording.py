@@ -120,15 +120,15 @@ def limit_lines(near_limit: Sequence[str]) -> list[str]:
 def influence_words(influence: Sequence[tuple[str, float, float, float]]) -> str:
     """Which runs and stretches hold the evidence: run, start, end [s] and evidence of each.
 
-    Nothing without evidence.
+    Shares count from what speaks for the causes, as on the page. Nothing without such a run.
     """
     runs: dict[str, list[tuple[float, float, float]]] = {}
     for run, start, end, evidence in influence:
         runs.setdefault(run, []).append((evidence, start, end))
     sums = {run: sum(evidence for evidence, *_ in parts) for run, parts in runs.items()}
-    whole = sum(sums.values())
-    if whole <= 0.0:
+    if max(sums.values(), default=0.0) <= 0.0:
         return ''
+    whole = sum(max(evidence, 0.0) for *_, evidence in influence)
     words = []
     for run in sorted(sums, key=lambda name: -sums[name])[:MAX_RUNS]:
         _, start, end = max(runs[run])
