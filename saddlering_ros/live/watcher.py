@@ -83,7 +83,7 @@ REPORT = 0.2
 
 SILENT = 3.5
 """A node that has not spoken on /diagnostics for so long [s] is gone: it is offline, unless the
-clock of a replay that is at its end left the network within as long of the node's last word."""
+clock of a replay left the network within as long of the node's last word."""
 
 BAND_LAG = 30
 """Drawn means over which the noise of the residual is judged, at most: slow noise counts too."""
@@ -143,7 +143,7 @@ class Watcher:
         self._parameters: dict[str, Any] | None = None
         self._replay: dict[str, Any] | None = None
         self._alarm: dict[str, Any] | None = None
-        self._at_end = False
+        self._has_clock = False
         self._ends: list[float] = []
         self.actions = {name: Action(self.node, name, self.lock) for name in ACTIONS}
         self._progress = self.node.create_publisher(
@@ -312,9 +312,12 @@ class Watcher:
         for flow in self._flows.values():
             flow.review()
         with self.lock:
-            if self._at_end and not self.node.count_publishers(names.STATE):
+            if self._replay is not None and self._has_clock \
+                    and not self.node.count_publishers(names.STATE):
                 self._ends.append(now)
-                self._at_end = False
+                self._has_clock = False
+                if self._replay['state'] != 'finished':
+                    self._replay |= {'state': 'stopped', 'waiting_for': []}
             # Noise of the drawn means of the residual [um, urad]; None while they are too few.
             means = self.traces.means('residual')
             count = means.shape[1]
@@ -354,7 +357,7 @@ class Watcher:
         self._flows[name].last_stamp = int(stamps[-1])
         self.traces.push(name, stamps, values)
         self._received_at = time.monotonic()
-        playing = self._replay is not None and self._replay['state'] != 'finished'
+        playing = self._replay is not None and self._replay['state'] not in ('finished', 'stopped')
         self.session.follow(self.traces.number, self._bag if playing else '')
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
@@ -396,7 +399,7 @@ class Watcher:
         share = (to_stamp(message.now) - start) / max(end - start, 1)
         words = ('waiting', 'playing', 'paused', 'finished')[min(message.state, 3)]
         with self.lock:
-            self._bag, self._at_end = Path(message.bag).name, words == 'finished'
+            self._bag, self._has_clock = Path(message.bag).name, True
             if words != 'finished':
                 self.traces.begin(start, end)
             self._replay = {'state': words, 'share': min(max(share, 0.0), 1.0),

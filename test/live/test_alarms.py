@@ -11,6 +11,7 @@ from saddlering_ros.live.session import alarm_as_page, AlarmOfTest, Session, wit
 from saddlering_ros.live.traces import TestCurves
 from saddlering_ros.live.watcher import Watcher
 from saddlering_ros.ros.messages import to_time
+from saddlering_ros.ros.names import STATE
 
 OFFLINE = 'Node offline'
 
@@ -47,14 +48,18 @@ def test_a_node_that_reports_no_longer_is_shown_as_offline():
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize(('state', 'pause', 'words'), [
-    (ReplayState.FINISHED, 0.0, 'Ended with its replay'), (ReplayState.PLAYING, 0.0, OFFLINE),
-    (ReplayState.FINISHED, 0.4, OFFLINE)])
+@pytest.mark.parametrize(('state', 'clock_leaves', 'pause', 'words', 'shown'), [
+    (ReplayState.FINISHED, True, 0.0, 'Ended with its replay', 'finished'),
+    (ReplayState.PLAYING, True, 0.0, 'Ended with its replay', 'stopped'),  # Ctrl-C
+    (ReplayState.PLAYING, False, 0.0, OFFLINE, 'playing'),
+    (ReplayState.FINISHED, True, 0.4, OFFLINE, 'finished')])
 def test_a_node_that_leaves_with_its_replay_is_not_offline_but_one_that_died_in_it_is(
-        ros_domain, monkeypatch, state, pause, words):
+        ros_domain, monkeypatch, state, clock_leaves, pause, words, shown):
     monkeypatch.setattr('saddlering_ros.live.watcher.SILENT', 0.3)
     monkeypatch.setattr('saddlering_ros.live.watcher.REVIEW', 0.05)
     with Watcher(ros_domain) as watcher:
+        if not clock_leaves:
+            watcher.node.create_publisher(ReplayState, STATE, 1)
         watcher._on_alarm(RingAlarm(state=RingAlarm.BLIND))
         watcher._on_diagnostics(DiagnosticArray(status=[
             DiagnosticStatus(name='ring_alarm: alarm', message='no alarm')]))
@@ -62,6 +67,7 @@ def test_a_node_that_leaves_with_its_replay_is_not_offline_but_one_that_died_in_
         watcher._on_replay(ReplayState(state=state))
         wait_until(lambda: watcher.state()['alarm']['offline'] == words, 20.0)
         assert watcher.state()['health'][0]['words'] == words
+        assert watcher.state()['replay']['state'] == shown
         watcher._on_replay(ReplayState(state=ReplayState.PLAYING))  # another replay, without it
         assert watcher.state()['health'][0]['words'] == words
 
