@@ -74,7 +74,8 @@ class ReplayClockNode(BagNode):
         NodeParameter('lockstep', False, 'advance the clock only when all participants have '
                       'processed all earlier messages'),
         NodeParameter('participants', PARTICIPANTS, 'nodes for which the clock waits, before the '
-                      'first message and in lockstep'),
+                      'first message and in lockstep; nodes of your own, too, so that no name '
+                      'is refused as unknown'),
         NodeParameter('window', 0.2, 'longest bag time per step in lockstep [s]', low=0.001,
                       high=1.8, changeable=True),
         NodeParameter('clock_rate', 100.0, 'steps a second in real time', low=1.0, high=1000.0),

@@ -9,11 +9,13 @@ from builtin_interfaces.msg import Time
 import numpy as np
 
 from saddlering_interfaces import msg
+from saddlering_ros.errors import did_you_mean
 from saddlering_ros.monitoring.expected import Expected
 from saddlering_ros.monitoring.monitor import Monitor
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, ParameterSet, ParameterSource
 from saddlering_ros.rig.parameter_file import Effects
+from saddlering_ros.ros import names
 from saddlering_ros.ros.names import LIVE_PAGE, NodeError
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 
@@ -181,6 +183,11 @@ SPECTATOR_LEASE = 10.0
 machine has kept a page from reporting for several seconds while a browser loaded it."""
 
 
+REPORTING_NODES = names.names(names.REPLAY, names.RING, names.ALARM)
+SILENT_NODES = names.names(names.TIME, names.ACTION)
+"""Nodes of the suite that report their progress, and that do not."""
+
+
 class LockstepGroup:
     """The nodes a replay waits for, and the last report of each.
 
@@ -190,8 +197,13 @@ class LockstepGroup:
     lets them catch up before the queues lose messages, and at its end.
     """
 
-    def __init__(self, names: list[str]) -> None:
-        self.names = names
+    def __init__(self, participants: list[str]) -> None:
+        for name in participants:
+            if '/' in name or name in SILENT_NODES:
+                raise NodeError(f'replay_clock: parameter participants has {name!r}, which never '
+                                'reports progress: give names of nodes without namespace, such '
+                                f'as {", ".join(REPORTING_NODES)}')
+        self.names = participants
         self.malformed = 0
         self.said: dict[str, msg.ReplayProgress] = {}
         self.heard: dict[str, float] = {}
@@ -226,7 +238,10 @@ class LockstepGroup:
 
     def absent(self) -> list[str]:
         """Participants that sent nothing yet, or are not matched with the others, in words."""
-        reasons = [f'{name}: nothing received' for name in self.names if name not in self.said]
+        reasons = [
+            f'{name}: nothing received'
+            + ('' if name in REPORTING_NODES else did_you_mean(name, REPORTING_NODES))
+            for name in self.names if name not in self.said]
         if reasons:
             return reasons
         nodes = [self.said[name] for name in self.names]

@@ -15,6 +15,7 @@ from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.nodes.replay_clock import shortest_time_of
 from saddlering_ros.ros.launcher import start_nodes
 from saddlering_ros.ros.messages import LockstepGroup, SPECTATOR_LEASE, to_time
+from saddlering_ros.ros.names import NodeError
 
 pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -90,6 +91,16 @@ def said(node: str, *, until: int = 0, inputs=(), outputs=()) -> ReplayProgress:
         message.subscriptions.append(count)
         message.published.append(0)
     return message
+
+
+def test_a_misspelt_participant_is_waited_for_but_told_and_one_that_never_reports_is_refused():
+    """Nodes of one's own may take part, so the clock cannot know all names."""
+    assert LockstepGroup(['ring_simulater', 'ring_residual', 'mine']).absent() == [
+        'ring_simulater: nothing received: did you mean ring_simulator?',
+        'ring_residual: nothing received', 'mine: nothing received']
+    for name in ('replay_clock', 'ring_diagnosis', '/rig1/ring_residual'):
+        with pytest.raises(NodeError, match=f"participants has '{name}', which never reports"):
+            LockstepGroup([name])
 
 
 def test_a_replay_starts_when_all_are_heard_of_and_matched_both_ways() -> None:
