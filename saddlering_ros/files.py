@@ -75,8 +75,11 @@ def check_writable(folder: Path, words: str) -> None:
     there = next(path for path in (folder, *folder.parents) if path.exists())
     if not there.is_dir():
         raise FileConflict(f'{words}: {there.name} is not a folder: choose another place')
-    if not os.access(there, os.W_OK):
-        raise FileConflict(f'{words}: {there} cannot be written to: choose another place')
+    try:
+        tempfile.TemporaryFile(dir=there).close()
+    except OSError as problem:
+        raise FileConflict(f'{words}: {there} cannot be written to ({problem.strerror}): choose '
+                           'another place') from problem
 
 
 def bag_folder(bag: Path) -> Path:

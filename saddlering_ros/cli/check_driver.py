@@ -35,11 +35,11 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.quantities import finite_json
     from saddlering_ros.rig import load_rig
     from saddlering_ros.ros.driver_listener import listen
-    from saddlering_ros.ros.launcher import prepare_transport
+    from saddlering_ros.ros.launcher import prepare_middleware
     from saddlering_ros.ros.names import namespace_of
 
     rig, namespace = load_rig(args.rig), namespace_of(args.namespace)
-    prepare_transport()
+    prepare_middleware()
     heard = listen(arguments.domain_of(args), namespace, args.seconds)
     found = check_driver(rig, heard, math.radians(args.elevation), args.rate)
     count = sum(one.severity == FAULT for one in found)

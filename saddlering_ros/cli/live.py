@@ -33,12 +33,12 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.live.server import Address, serve
     from saddlering_ros.live.watcher import Watcher
     from saddlering_ros.rig import load_rig
-    from saddlering_ros.ros.launcher import prepare_transport
+    from saddlering_ros.ros.launcher import prepare_middleware
     from saddlering_ros.ros.names import namespace_of
 
     domain = arguments.domain_of(args)
     rig = load_rig(args.rig)
-    prepare_transport()
+    prepare_middleware()
 
     def say(where: Address) -> None:
         if not tell_json(args, {'url': where.url, 'domain': domain}):

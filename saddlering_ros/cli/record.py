@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.live.recorder import recording
     from saddlering_ros.record import TestMetadata
     from saddlering_ros.rig import load_rig
-    from saddlering_ros.ros.launcher import prepare_transport
+    from saddlering_ros.ros.launcher import prepare_middleware
     from saddlering_ros.ros.names import namespace_of
 
     if (args.test is None) != (args.elevation is None):
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     if args.test is not None:
         facts = TestMetadata(args.test, args.elevation, details=facts).as_text()
     domain = arguments.domain_of(args)
-    prepare_transport()
+    prepare_middleware()
     told_to_end = threading.Event()
     for name in ('SIGINT', 'SIGTERM', 'SIGHUP'):  # heard, too, while the bag is being closed
         number = getattr(signal, name)

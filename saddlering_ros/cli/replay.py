@@ -174,11 +174,11 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
 def _recording(args: argparse.Namespace, facts: TestMetadata, domain: int) -> Any:
     """The recorder, which keeps the facts of the test that is replayed."""
     from saddlering_ros.live.recorder import recording
-    from saddlering_ros.ros.launcher import prepare_transport
+    from saddlering_ros.ros.launcher import prepare_middleware
     from saddlering_ros.ros.names import namespace_of
 
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    prepare_transport()
+    prepare_middleware()
     facts = facts.overruled(None, args.elevation)
     is_stated = facts.test is not None and facts.elevation_deg is not None
     return recording(args.record, domain, facts=facts.as_text() if is_stated else {},

@@ -22,7 +22,7 @@ import threading
 import time
 from typing import Any
 
-from saddlering_ros.files import share_directory, temporary_folder
+from saddlering_ros.files import check_writable, share_directory, temporary_folder
 from saddlering_ros.ros.names import ALARM, names, NodeError, NODES, REPLAY, RING
 
 REPLAY_NODES = names(REPLAY)
@@ -353,12 +353,14 @@ def transport_environment(publication: str = PROMPT) -> dict[str, str]:
             PUBLICATION_VARIABLE: os.environ.get(PUBLICATION_VARIABLE) or publication}
 
 
-def prepare_transport() -> None:
-    """Set the transport of this process; keep its discovery on this machine.
+def prepare_middleware() -> None:
+    """Set the transport of this process, keep its discovery here; FileConflict if it cannot log.
 
     The user may have chosen a range. ROS 2's own default is the subnet: everybody there could see
     the topics, call services, send goals and publish loads.
     """
+    logs = os.environ.get('ROS_LOG_DIR') or f'{os.environ.get("ROS_HOME") or "~/.ros"}/log'
+    check_writable(Path(logs).expanduser(), f'log folder {logs} (ROS_LOG_DIR)')
     os.environ.update(transport_environment())
     if not any(os.environ.get(name) for name in DISCOVERY_VARIABLES):
         os.environ[DISCOVERY_VARIABLES[0]] = 'LOCALHOST'

@@ -1,10 +1,11 @@
 """Node parameters declared once: default, range and words, for ROS, the checks and the docs."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 import math
 from operator import attrgetter
+import os
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,12 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.utilities import remove_ros_args
+import yaml
 
 from saddlering_ros.errors import did_you_mean, SaddleringError
 from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.rig import default_rig, load_rig, PARAMETER_NAMES, Rig, rig_from_parameters
+from saddlering_ros.rig.instruments import instruments_from
 from saddlering_ros.rig.parameter_file import SOURCE_KEYS, unfold
 from saddlering_ros.ros.names import NodeError
 
@@ -260,21 +263,44 @@ def refuse_undeclared(node: Node) -> None:
         raise NodeError(f'{node.get_name()}: parameter {name} is unknown{remedy}')
 
 
-def check_command_line(arguments: Sequence[str]) -> None:
-    """Read the words after a program's name strictly, before rclpy does; NodeError for a bad one.
+def strict_arguments(arguments: Sequence[str]) -> list[str]:
+    """The words after a program's name, read strictly for rclpy; NodeError for a bad one.
 
     rclpy leaves out words that are none of its own. Of a parameter file it lets the last of two
     equal keys win, reads 0110 as 72, and never returns from a pipe.
     """
-    for option, value in pairwise(arguments):
-        if option != '--params-file':
-            continue
-        document = read_strict_yaml(value, NodeError)
-        for entry in document.values() if isinstance(document, Mapping) else ():
-            if isinstance(entry, Mapping) and isinstance(entry.get('ros__parameters'), Mapping):
-                unfold(entry['ros__parameters'], value, NodeError)
-    for word in remove_ros_args(['', *arguments])[1:]:
+    words = [_with_certificates(word) if option == '--params-file' else word
+             for option, word in pairwise(['', *arguments])]
+    for word in remove_ros_args(['', *words])[1:]:
         raise NodeError(f'{word} is not read: give --ros-args -p NAME:=VALUE')
+    return words
+
+
+def _with_certificates(file: str) -> str:
+    """A parameter file, or a copy in memory with the uncertainties that its certificates state.
+
+    ROS has no lists of sections, and a node does not know the folder of the file.
+    """
+    document, is_copy = read_strict_yaml(file, NodeError), False
+    for entry in document.values() if isinstance(document, Mapping) else ():
+        given = entry.get('ros__parameters') if isinstance(entry, Mapping) else None
+        if not isinstance(given, dict):
+            continue
+        rig = unfold(given, file, NodeError).get('rig')
+        if not isinstance(rig, dict) or 'certificate' not in str(rig):
+            continue
+        stated = asdict(instruments_from(rig.pop('instruments', {}), file))
+        for name in [name for name in given if name.partition('.')[0] == 'rig']:
+            del given[name]
+        given['rig'] = rig | {'instruments': {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in stated.items() if value is not None}}
+        is_copy = True
+    if not is_copy:
+        return file
+    place = os.memfd_create('parameters')
+    os.write(place, yaml.safe_dump(document).encode())
+    return f'/proc/self/fd/{place}'
 
 
 def _put(nested: dict[str, Any], path: Sequence[str], value: Any) -> None:

@@ -306,14 +306,14 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
         node.done = True
 
     try:
-        parameters.check_command_line(sys.argv[1:] if args is None else args)
+        words = parameters.strict_arguments(sys.argv[1:] if args is None else args)
         domain = launcher.domain_from(os.environ.get('ROS_DOMAIN_ID') or '0', 'ROS_DOMAIN_ID')
-        launcher.prepare_transport()
+        launcher.prepare_middleware()
         if launcher.is_node_program():
             # From now on, both signals act as in any Python program.
             signal.signal(signal.SIGINT, signal.default_int_handler)
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=['', *words], signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         parameters.refuse_undeclared(node)
         crowded = launcher.crowded_words(launcher.participants(domain), domain)

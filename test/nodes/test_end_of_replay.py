@@ -77,8 +77,8 @@ def test_progress_that_does_not_belong_together_or_is_of_nobody_waited_for_is_no
 
 READER = """
 import os, sys, time
-from saddlering_ros.ros.launcher import prepare_transport
-prepare_transport()
+from saddlering_ros.ros.launcher import prepare_middleware
+prepare_middleware()
 from geometry_msgs.msg import WrenchStamped
 import rclpy
 from saddlering_ros.ros.raw_topics import RawSubscription

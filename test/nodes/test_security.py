@@ -23,7 +23,7 @@ from saddlering_ros.nodes.ring_diagnosis import RingDiagnosisNode
 from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
 from saddlering_ros.nodes.ring_identification import settings_of
 from saddlering_ros.ros.diagnostics import OK, sources_status, WARN
-from saddlering_ros.ros.launcher import prepare_transport
+from saddlering_ros.ros.launcher import prepare_middleware
 from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import bag_below, NodeParameter
 from saddlering_ros.ros.streaming_node import run_streaming
@@ -129,15 +129,30 @@ def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(
     for given, used in (({}, 'LOCALHOST'), ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}, 'SUBNET'),
                         ({'ROS_LOCALHOST_ONLY': '1'}, None)):
         monkeypatch.setattr(os, 'environ', dict(given))
-        prepare_transport()
+        prepare_middleware()
         assert os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == used
 
 
-@pytest.mark.parametrize('start', [
+PROGRAMS = pytest.mark.parametrize('start', [
     lambda _: run_streaming(RingDisplacementNode, []), lambda _: serve(RingDiagnosisNode, []),
     lambda folder: saddlering(['record', str(folder / 'bag'), '--duration', '1']),
     lambda _: saddlering(['check-driver']), lambda _: saddlering(['live', '--port', '0'])],
     ids=['node', 'server', 'record', 'check-driver', 'live'])
+
+
+@PROGRAMS
+def test_a_log_folder_that_cannot_be_written_is_refused_before_anything_is(
+        start: Callable[[Path], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv('ROS_LOG_DIR', '/proc/logs')
+    monkeypatch.setattr(signal, 'signal', lambda *_: None)
+    assert start(tmp_path) == 2
+    assert 'log folder /proc/logs (ROS_LOG_DIR): /proc cannot be written to' in (
+        capsys.readouterr().err)
+    assert not list(tmp_path.iterdir())
+
+
+@PROGRAMS
 def test_every_program_limits_its_discovery_before_it_joins_a_domain(
         start: Callable[[Path], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ranges = []

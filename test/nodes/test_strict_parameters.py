@@ -13,10 +13,10 @@ import yaml
 
 from saddlering_ros.files import share_directory
 from saddlering_ros.nodes.ring_residual import RingResidualNode
-from saddlering_ros.rig import load_rig
+from saddlering_ros.rig import load_rig, RigError
 from saddlering_ros.ros.launcher import ros_arguments
 from saddlering_ros.ros.names import NodeError
-from saddlering_ros.ros.parameters import check_command_line, declare_rig, refuse_undeclared
+from saddlering_ros.ros.parameters import declare_rig, refuse_undeclared, strict_arguments
 from saddlering_ros.ros.streaming_node import run_streaming
 
 BAG = Path(__file__).parents[2] / 'bags' / 'static_50'
@@ -108,7 +108,7 @@ def launched(path: Path, name: str) -> list[str]:
 def test_a_file_that_a_launch_file_wrote_is_accepted(tmp_path: Path, name: str) -> None:
     words = launched(tmp_path / 'launch_params_x', name)
     assert '!!python/tuple' in Path(words[-1]).read_text()
-    check_command_line(words)
+    strict_arguments(words)
 
 
 @pytest.mark.parametrize('text', [
@@ -117,7 +117,7 @@ def test_no_other_tag_of_python_is_accepted(tmp_path: Path, text: str) -> None:
     file = tmp_path / 'params.yaml'
     file.write_text(f'/**:\n  ros__parameters:\n    a: {text}\n')
     with pytest.raises(NodeError, match='is not YAML'):
-        check_command_line([ROS_ARGS, '--params-file', str(file)])
+        strict_arguments([ROS_ARGS, '--params-file', str(file)])
 
 
 def test_a_node_starts_with_a_list_from_a_launch_file(tmp_path: Path) -> None:
@@ -153,6 +153,42 @@ def test_a_rig_file_reaches_a_node_with_its_certificates_and_limits_of_wear(
     finally:
         node.destroy_node()
         rclpy.shutdown(context=context)
+
+
+CERTIFICATE = """<digitalCalibrationCertificate><quantity id="sensitivity"><real>
+<value>1.0</value><unit>\\one</unit><expandedMU><valueExpandedMU>0.002</valueExpandedMU>
+<coverageFactor>2</coverageFactor></expandedMU></real></quantity></digitalCalibrationCertificate>
+"""
+
+
+def test_a_node_finds_certificates_beside_its_rig_file_as_a_command_does(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tmp_path.joinpath('cell.xml').write_text(CERTIFICATE)
+    certified = {'certificate': 'cell.xml', 'quantity': 'sensitivity'}
+    document = yaml.safe_load((share_directory() / 'config' / 'rig.yaml').read_text())
+    document['/**']['ros__parameters']['rig']['instruments'] = {
+        'load_gain': certified, 'probe_gain': [dict(certified), 0.002, 0.003, dict(certified)]}
+    file = tmp_path / 'rig.yaml'
+    file.write_text(yaml.dump(document))
+    monkeypatch.chdir('/')
+    context = rclpy.Context()
+    rclpy.init(context=context, args=['program', *strict_arguments(ros_arguments(files=[file]))])
+    node = rclpy.create_node('ring_alarm', context=context)
+    try:
+        assert declare_rig(node) == load_rig(file)
+        assert load_rig(file).instruments.probe_gain == (0.001, 0.002, 0.003, 0.001)
+        refuse_undeclared(node)
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+
+
+def test_a_certificate_that_is_not_there_is_refused_with_its_place(tmp_path: Path) -> None:
+    file = tmp_path / 'rig.yaml'
+    file.write_text('/**: {ros__parameters: {rig.instruments.load_gain: '
+                    '{certificate: cell.xml, quantity: gain}}}')
+    with pytest.raises(RigError, match=f'{file}: rig.instruments.load_gain: {tmp_path}/cell.xml'):
+        strict_arguments(ros_arguments(files=[file]))
 
 
 @pytest.mark.parametrize('value', [1e-7, 1.5e-7, 5e-5, 3.0, -1e16])
