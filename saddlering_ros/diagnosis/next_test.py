@@ -211,16 +211,17 @@ def repeated_laws(laws: Sequence[str], cosines: Mapping[str, Mapping[str, float]
 
 
 def for_unseen(effects: Sequence[str]) -> str | None:
-    """The test that shows most of the effects that these data cannot show."""
+    """Every effect that these data cannot show, and the test that shows most of them."""
     scored = [([name for name in effects
                 if outcome(name, test) not in (UNCLEAR, test.otherwise)], test)
               for test in RIG_TESTS if test.otherwise]
     best, test = max(scored, key=lambda score: len(score[0]), default=([], RIG_TESTS[0]))
     if not best:
         return None
-    causes = ' or '.join(lowered(title_of(name)) for name in best)
-    return (f'No question is open. These data cannot show {causes}. To see such a cause: '
-            f'{test.instruction} {_meanings(test, best)}')
+    unseen, shown = (' or '.join(lowered(title_of(name)) for name in names)
+                     for names in (effects, best))
+    return (f'These data cannot show {unseen}, because contact parameters imitate them. To see '
+            f'{shown}: {test.instruction} {_meanings(test, best)}')
 
 
 def _meanings(test: RigTest, effects: Sequence[str]) -> str:

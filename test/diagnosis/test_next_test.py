@@ -141,6 +141,11 @@ def test_a_sound_ring_is_told_which_causes_these_data_could_not_show():
     assert 'load gain error' in sentence
     assert 'calibrated load cell' in sentence
     assert next_test.for_unseen([]) is None
+    sentence = next_test.for_unseen(['axial_clearance', 'load_gain', 'unequal_rows'])
+    assert sentence.startswith(
+        'These data cannot show wrong axial clearance or load gain error or unequal axial rows, '
+        'because contact parameters imitate them.')
+    assert 'To see wrong axial clearance or unequal axial rows: Pull and push' in sentence
 
 
 def test_what_nothing_explains_gets_a_test_of_its_own_channel():
