@@ -24,7 +24,7 @@ BLOCK_SECONDS = 0.05
 """Length [s] of the means of the load that are compared."""
 
 MIN_SECONDS = 0.3
-"""Shortest rest [s]."""
+"""Shortest part [s] of a rest without settling and guard: six blocks."""
 
 SETTLING_SECONDS = 0.5
 """Time [s] of settling after a movement, at most half the stretch."""
@@ -54,7 +54,9 @@ class RestSegment:
 class Rest:
     """A rest as it grows by blocks of samples: how many there are, and their mean load [N].
 
-    Streams and records use this one rule. band [N]: see `takes`.
+    Streams and records use this one rule. Only the blocks differ: those of a record have equal
+    numbers of samples, those of a stream end by their stamps, because its interval is not known.
+    band [N]: see `takes`.
     """
 
     band: float
@@ -69,14 +71,16 @@ class Rest:
         self.level += (mean - self.level) * count / self.samples
         return True
 
-    def quiet(self, step: float, *, has_moved: bool, moves_on: bool) -> slice:
-        """The samples without settling and without the start of the next movement.
+    def quiet(self, step: float, *, has_moved: bool, moves_on: bool) -> slice | None:
+        """The samples without settling and without the start of the next movement; None if few.
 
         step [s]: between samples; has_moved, moves_on: whether the load moved before and after.
         """
         settling = min(round(SETTLING_SECONDS / step), self.samples // 2) if has_moved else 0
         guard = min(round(GUARD_SECONDS / step), self.samples // 5) if moves_on else 0
-        return slice(settling, self.samples - guard)
+        count = self.samples - guard - settling
+        is_long = count >= MIN_SAMPLES and (count - 1) * step >= MIN_SECONDS
+        return slice(settling, self.samples - guard) if is_long else None
 
 
 def stretches_at_rest(time: Array, load: Array, band: float) -> Stretches:
@@ -94,8 +98,7 @@ def stretches_at_rest(time: Array, load: Array, band: float) -> Stretches:
         if index < blocks and rest.takes(level[index], count):
             continue
         quiet = rest.quiet(step, has_moved=begin > 0, moves_on=True)
-        seconds = time[index * count - 1] - time[begin]
-        if seconds > MIN_SECONDS and rest.samples - quiet.start >= MIN_SAMPLES:
+        if quiet is not None:
             found.append((begin + quiet.start, begin + quiet.stop))
         if index < blocks:
             begin, rest = index * count, Rest(band, count, float(level[index]))

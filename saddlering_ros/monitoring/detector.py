@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.noise import noise_alone
 from saddlering_ros.estimation.process import ChannelNoise
-from saddlering_ros.estimation.rest import BLOCK_SECONDS, MIN_SAMPLES, MIN_SECONDS, Rest
+from saddlering_ros.estimation.rest import BLOCK_SECONDS, MIN_SAMPLES, Rest
 from saddlering_ros.quantities import MAX_LOG
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.rig import ContactParameters, Rig
@@ -327,10 +327,10 @@ class RestLearner:
             return None
         interval = float(np.median(np.diff(self._stamps[:self._rest.samples]))) / SECOND
         quiet = self._rest.quiet(interval, has_moved=self.moved, moves_on=ended)
-        stamps, rows = self._stamps[quiet], self._rows[quiet]
-        seconds = (stamps[-1] - stamps[0]) / SECOND if stamps else 0.0
-        if seconds < MIN_SECONDS or len(stamps) < MIN_SAMPLES:
+        if quiet is None:
             return None
+        stamps, rows = self._stamps[quiet], self._rows[quiet]
+        seconds = (stamps[-1] - stamps[0]) / SECOND
         samples = max(1, round(self._block / interval))
         larger = (1.0 + LEVEL_SIGMAS / math.sqrt(2.0 * len(stamps)))**2
         noise = [UNKNOWN] * len(rows[0])
