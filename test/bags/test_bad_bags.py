@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from saddlering_ros.bags import bag_info, read_run
+from saddlering_ros.bags.mcap_read import MAGIC, MESSAGE, RECORD_HEAD
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, Record
 from saddlering_ros.record.topics import TOPICS
@@ -285,6 +286,16 @@ def test_damage_anywhere_is_refused_or_harmless(
             np.testing.assert_array_equal(run.load, sound.load)
             np.testing.assert_array_equal(run.gaps, sound.gaps)
     assert refused > 5
+
+
+def test_a_message_that_is_no_longer_one_is_missed(tmp_path, brief, raw):
+    bag = raw(tmp_path / 'bag.mcap', brief, chunked=False)
+    data, place = bytearray(bag.read_bytes()), len(MAGIC)
+    while data[place] != MESSAGE:
+        place += RECORD_HEAD + int.from_bytes(data[place + 1:place + RECORD_HEAD], 'little')
+    data[place] = 0x80  # a record of a kind that a reader skips
+    bag.write_bytes(data)
+    assert 'messages are readable, a record between them is damaged' in refusal(bag)
 
 
 def test_damage_without_checksums_ends_in_a_line_too(tmp_path, brief, raw):

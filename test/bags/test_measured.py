@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_run
+from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import default_rig, Displacement, displacement_to_probes
 
@@ -58,8 +58,12 @@ def test_where_a_probe_is_silent_nothing_is_measured(tmp_path, moved):
     silent = PROBE_TOPICS[0]
     recording = recording.changed(
         silent, recording.stamps[silent][kept], recording.values[silent][kept])
-    run = read_run(recording.write(tmp_path / 'bag'))
+    bag = recording.write(tmp_path / 'bag')
+    run, info = read_run(bag), bag_info(bag)
     measured = displacement_of_run(RIG, run)
+    (topic,) = [one for one in info.topics if one.gaps]
+    assert (topic.topic, topic.gaps) == (silent, 1)
+    assert topic.longest_gap == pytest.approx(101 * 0.002, rel=1e-3)
     assert np.flatnonzero(~measured.complete).tolist() == list(range(500, 600))
     assert np.isnan(measured.displacement.delta_x[500:600]).all()
     assert np.isfinite(measured.displacement.delta_y).all()

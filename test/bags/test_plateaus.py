@@ -73,6 +73,12 @@ def test_every_level_is_found_however_the_test_was_driven_and_whatever_the_steps
     np.testing.assert_allclose(found.load / TONNE, levels, atol=0.02 if form else 0.05)
 
 
+def test_two_holds_at_the_top_are_both_its_turning_point():
+    found = plateaus(static_run([0.5, 5.0, 10.0, 10.8, 5.0, 0.5]))
+    assert found.level.tolist() == [0, 1, 2, 2, 1, 0]
+    assert found.branch.tolist() == [0, 1, 0, 0, -1, -1]
+
+
 def test_branches_and_levels_tell_the_way_up_from_the_way_down():
     levels = staircase()
     found = plateaus(static_run(levels))

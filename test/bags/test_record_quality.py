@@ -5,7 +5,7 @@ import pytest
 
 from saddlering_ros.doubts.readings import clock_findings, quality_findings
 from saddlering_ros.quantities import quantity
-from saddlering_ros.record.quality import topic_quality
+from saddlering_ros.record.quality import doubtful_lag, topic_quality
 
 STEP, NOISE, RATE = 30.5e-9, 0.3e-6, 1000.0
 
@@ -84,11 +84,13 @@ def test_a_load_of_twenty_hertz_beside_probes_of_five_hundred_lags():
     assert clock_findings(topic_quality(stamps, values), probes, 8.0) == []
 
 
-def test_a_clock_that_drifts_by_a_thousandth_is_named_and_another_rate_is_not():
+@pytest.mark.parametrize(('drift', 'words'), [(1e-3, '0.0999 %'), (-1e-3, '0.1 %')])
+def test_a_clock_that_drifts_by_a_thousandth_is_named_and_another_rate_is_not(drift, words):
     load = topic_quality(*record())
-    drifting = [topic_quality(*record(seed=seed, drift=1e-3)) for seed in range(1, 5)]
+    drifting = [topic_quality(*record(seed=seed, drift=drift)) for seed in range(1, 5)]
     (line,) = map(str, clock_findings(load, drifting, 8.0))
-    assert 'rates that differ by 0.0999 %' in line
+    assert f'rates that differ by {words}' in line
+    assert doubtful_lag(load, drifting, 8.0) == pytest.approx(8e-3, rel=2e-3)
     assert clock_findings(load, [topic_quality(*record(rate=500.0))] * 4, 8.0) == []
 
 

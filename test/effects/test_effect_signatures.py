@@ -21,11 +21,12 @@ from saddlering_ros.rig import (
     default_rig,
     FULL_SCALE_LOAD,
     PARAMETER_NAMES,
+    ParameterSet,
     probes_to_displacement,
     TONNE,
     TRUE_TO_SCALE,
 )
-from saddlering_ros.ring import probe_batch, static_batch
+from saddlering_ros.ring import probe_batch, simulate, static_batch
 
 Floats = NDArray[np.float64]
 
@@ -273,13 +274,17 @@ def test_one_degree_of_elevation_takes_two_percent_from_the_radial_force() -> No
     assert np.ptp(changed) / np.ptp(plain) - 1.0 == pytest.approx(-0.019, abs=0.002)
 
 
-def test_a_clock_offset_shifts_all_probes_alike() -> None:
+@pytest.mark.parametrize('skew', [0.0, 1e-3])
+def test_another_clock_shifts_all_probes_alike_in_fits_and_in_nodes(skew: float) -> None:
     time, load = ramp()
-    late = simulated({'clock_offset': {'offset': 0.02}}, (time, load))
-    plain = simulated({}, (time, load))
-    for name in ('delta_x', 'delta_y', 'gamma'):
-        shifted = np.interp(time - 0.02, time, plain[name])
+    clocks = {'clock_offset': {'offset': 0.02, 'skew': skew}}
+    late, plain = simulated(clocks, (time, load)), simulated({}, (time, load))
+    of_node = channels(simulate(RIG, ParameterSet(TRUE_TO_SCALE, clocks), PUSHED, time, load,
+                                5e-3).probes)
+    for name, by_node in zip(('delta_x', 'delta_y', 'gamma'), of_node, strict=False):
+        shifted = np.interp(time - 0.02 - skew * time, time, plain[name])
         assert late[name] == pytest.approx(shifted, abs=1e-12)
+        assert by_node == pytest.approx(shifted, abs=1e-12)
 
 
 def test_a_lagging_probe_follows_a_ramp_one_time_constant_late() -> None:

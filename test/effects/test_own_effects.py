@@ -15,7 +15,14 @@ from saddlering_ros.cli.main import build_parser, main
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.effects import EffectError, use_folder
 from saddlering_ros.effects.law import Law, LawHistory, read_law_effect
-from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
+from saddlering_ros.rig import (
+    CHANNELS,
+    default_rig,
+    ParameterSet,
+    probes_to_displacement,
+    TRUE_TO_SCALE,
+    write_parameters,
+)
 from saddlering_ros.ring import simulate
 from saddlering_ros.ring.simulator import RingSimulator
 
@@ -59,12 +66,13 @@ def moved(extra: ParameterSet) -> np.ndarray:
     return simulate(RIG, extra, 0.9, TIME, LOAD).probes - plain.probes
 
 
-def test_a_law_of_the_folder_is_added_to_its_channel(folder) -> None:
-    folder()
-    change = moved(parameters(2e-6))
-    assert change[0].max() == pytest.approx(2e-6, rel=1e-3)
-    assert np.allclose(change[2], -change[0])
-    assert not change[1].any()
+@pytest.mark.parametrize('target', CHANNELS)
+def test_a_law_of_the_folder_is_added_to_its_channel_alone(folder, target: str) -> None:
+    folder(target, text=STEP.replace('unit: m', 'unit: rad') if target == 'gamma' else STEP)
+    change = probes_to_displacement(RIG.probes, moved(parameters(2e-6)))
+    for name in CHANNELS:
+        highest = 2e-6 if name == target else 0.0
+        assert getattr(change, name).max() == pytest.approx(highest, rel=1e-3, abs=1e-12), name
 
 
 def test_a_law_in_the_load_is_felt_as_load(folder) -> None:
@@ -89,6 +97,13 @@ def test_a_direction_turns_after_the_load_turned_back_enough() -> None:
     load = np.array([0.0, 5e3, 4e3, 2e3, 1e3])
     history = LawHistory(law, 0.0, 0.0)
     assert history.push(np.arange(5.0), load).tolist() == [0.0, 0.0, 0.0, -2.0, -2.0]
+
+
+def test_a_rate_is_that_of_a_rising_load_once_its_filter_has_settled() -> None:
+    law = Law('delta_x', 'rate', (-1e6, 1e6), (-1.0, 1.0), 2000.0)
+    time = np.arange(0.0, 2.0, 1e-3)
+    values = LawHistory(law, 0.0, 0.0).push(time, 2e5 * time)
+    assert values[-1] == pytest.approx(0.2, rel=0.01)
 
 
 def test_the_diagnosis_gets_the_effect_and_feels_a_law_in_the_load_as_load(

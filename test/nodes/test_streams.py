@@ -204,6 +204,15 @@ def test_only_equal_stamps_are_subtracted_whatever_the_order_of_arrival() -> Non
     assert np.allclose(together.channels, 2.0, rtol=0.0, atol=1e-12)
 
 
+def test_a_replay_that_begins_anew_in_one_batch_is_joined_with_itself_alone() -> None:
+    stream = ResidualStream(FULL_SCALE_LOAD)
+    stamps = np.arange(1, 2001) * 1_000_000
+    stream.push(pair(stamps[:1000], 3.0), pair([], 1.0))
+    found = stream.push(pair(stamps, 5.0), pair(stamps, 1.0))
+    assert stream.counters.jumps == 1
+    assert np.allclose(found.channels, 4.0, rtol=0.0, atol=1e-12)
+
+
 def test_a_side_whose_partner_is_gone_waits_in_bounded_memory() -> None:
     stream = ResidualStream(FULL_SCALE_LOAD)
     for start in range(0, 60_000, 1000):

@@ -7,6 +7,7 @@ import json
 import math
 from pathlib import Path
 
+from made_once import MadeOnce
 import pytest
 
 from benchmarks.examiner import draw_truth, plan_run, RecordSettings, RunPlan
@@ -98,27 +99,28 @@ def test_a_wrong_elevation_and_another_hash_are_found_and_a_right_rig_is_not(
 
 @pytest.mark.parametrize('elevation', [30.0, 50.0, 70.0])
 def test_a_static_test_of_a_sound_rig_is_not_called_wrong(
-        elevation: float, tmp_path: Path) -> None:
+        elevation: float, made_once: MadeOnce) -> None:
     """Of 24 at 70 deg, 17 were: the clearance is taken up only above half the load there."""
     for seed in (2, 4, 7, 13):
-        bag = static_test(tmp_path / f'{seed}', elevation, seed)
+        bag = static_test(made_once, elevation, seed)
         found = check_rig(RIG, read_raw(bag, rig=RIG), read_run(bag, rig=RIG))
         assert found == [], seed
 
 
 @pytest.mark.parametrize(('true', 'stated'), [(30.0, 50.0), (50.0, 30.0), (50.0, 70.0)])
 def test_an_elevation_that_is_wrong_by_20_deg_is_found(
-        true: float, stated: float, tmp_path: Path) -> None:
+        true: float, stated: float, made_once: MadeOnce) -> None:
     for seed in (2, 4, 7):
-        bag = static_test(tmp_path / f'{seed}', true, seed)
+        bag = static_test(made_once, true, seed)
         run = read_run(bag, rig=RIG, elevation=math.radians(stated))
         found = [*map(str, check_rig(RIG, read_raw(bag, rig=RIG), run))]
         assert any('tilt and axial motion agree with an elevation' in line for line in found), seed
 
 
-def static_test(place: Path, elevation: float, seed: int) -> Path:
+def static_test(made_once: MadeOnce, elevation: float, seed: int) -> Path:
     """A static test with holds of 2 s on a sound virtual rig, at an elevation [degrees]."""
-    settings = RecordSettings(hold=2.0, static_rate=25.0)
-    plan = RunPlan('static_70', 'static', elevation)
-    return write_record(place, record_test(
-        plan_run(draw_truth(seed, 'clean'), plan, settings, RIG)), RIG)
+    def make(folder: Path) -> None:
+        plan = plan_run(draw_truth(seed, 'clean'), RunPlan('static_70', 'static', elevation),
+                        RecordSettings(hold=2.0, static_rate=25.0), RIG)
+        write_record(folder / 'bag', record_test(plan), RIG)
+    return made_once.folder(f'sound/{elevation:g}_{seed}', make) / 'bag'

@@ -9,9 +9,10 @@ import pytest
 import readable_ring as reference
 
 from saddlering_ros.effects import extension_of
-from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
+from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, Rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.ring import static_batch
 from saddlering_ros.ring.model import mixed, rows_of
+from saddlering_ros.ring.roller_scatter import known_rigs
 
 RIG = default_rig()
 ELEVATION = float(np.radians(50.0))
@@ -28,12 +29,15 @@ def test_clearances_are_even_in_all_and_unlike_from_roller_to_roller(count: int)
 
 def test_the_ring_rests_where_the_sum_of_such_rollers_balances_the_load() -> None:
     effects = {'axial_clearance': {'change': 1.4e-5, 'spread': 1.0},
-               'radial_clearance': {'change': 1e-5, 'spread': 0.5}}
+               'radial_clearance': {'change': 1e-5, 'spread': 0.5},
+               'out_of_round': {'amplitude': 4e-6, 'angle': 0.4}}
     motion = static_batch(RIG, TRUE_TO_SCALE.to_array()[None], ELEVATION, LOADS,
                           [extension_of(effects)])[0]
     upper, lower, middle = reference.contact_rows(RIG, TRUE_TO_SCALE)
     axial = 7e-6 * (1.0 + mixed(RIG.axial_rows.rollers))
-    radial = 5e-6 * (1.0 + 0.5 * mixed(RIG.radial_row.rollers))
+    angles = np.linspace(0.0, 2.0 * np.pi, RIG.radial_row.rollers, endpoint=False)
+    radial = (5e-6 * (1.0 + 0.5 * mixed(RIG.radial_row.rollers))
+              + 4e-6 * np.cos(2.0 * (angles - 0.4)))
     rows = (replace(upper, gap=upper.gap + axial), replace(lower, gap=lower.gap + axial),
             replace(middle, gap=middle.gap + radial))
     for load, q in zip(LOADS, motion.T, strict=True):
@@ -50,3 +54,13 @@ def test_a_file_from_before_rollers_could_differ_gives_the_numbers_it_gave() -> 
     assert plain.uniform.all()
     gaps = plain.flat.reshape(3, 3, -1)[0, 2, :plain.counts[0]]
     assert gaps == pytest.approx(0.5 * RIG.axial_rows.clearance + 7e-6, abs=1e-18)
+
+
+def test_an_uncertain_quantity_lies_as_far_below_its_value_as_above() -> None:
+    def read(rig: Rig) -> np.ndarray:
+        return np.array([rig.axial_rows.clearance, rig.radial_row.clearance, rig.carriage.weight])
+
+    above, below = (np.array([read(one) for one in side])
+                    for side in zip(*known_rigs(RIG), strict=True))
+    assert above + below == pytest.approx(np.tile(2.0 * read(RIG), (3, 1)))
+    assert np.array_equal(above > below, np.eye(3, dtype=bool))
