@@ -80,7 +80,7 @@ def _print_info(bag: str, info: BagInfo, rig: Rig) -> None:
             ('run', found.run),
             ('storage', f'{info.files} file{"s" * (info.files != 1)}, {info.size / 1e6:.2f} MB, '
              f'{info.message_count} messages, compression '
-             f'{printable(", ".join(info.compressions)) or "unknown"}'),
+             + (', '.join(printable(name) or 'none' for name in info.compressions) or 'unknown')),
             ('duration', '' if math.isnan(info.duration) else f'{info.duration:.3f} s'),
             ('load', '' if math.isnan(high) else f'{loads[0]} ({loads[1]})'),
             ('plateaus', '' if info.plateaus is None else str(info.plateaus))):

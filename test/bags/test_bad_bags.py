@@ -11,6 +11,7 @@ import yaml
 
 from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.bags.mcap_read import MAGIC, MESSAGE, RECORD_HEAD
+from saddlering_ros.cli.main import main
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, Record
 from saddlering_ros.record.topics import TOPICS
@@ -100,6 +101,13 @@ def test_another_encoding(tmp_path, recording, raw):
 def test_bytes_that_are_no_message(tmp_path, recording, raw):
     line = refusal(raw(tmp_path / 'bag.mcap', recording, message=lambda *_: b'\0\1\0\0junk'))
     assert 'shorter' in line
+
+
+def test_info_tells_plain_chunks_from_compressed_ones(tmp_path, recording, raw, capsys):
+    for compression, words in ((CompressionType.NONE, 'none'), (CompressionType.ZSTD, 'zstd')):
+        bag = raw(tmp_path / f'{words}.mcap', recording, compression=compression)
+        main(['info', str(bag)])
+        assert f'compression {words}' in ' '.join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
