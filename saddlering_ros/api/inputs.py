@@ -103,9 +103,11 @@ def frame(library: str, columns: Columns) -> Any:
                        'which gives the same as plain lists') from problem
 
 
-def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """Rows with the same keys as lists by key."""
-    return {key: [row[key] for row in rows] for key in (rows[0] if rows else {})}
+def columns_of(
+    rows: Sequence[Mapping[str, Any]], keys: Sequence[str] = (),
+) -> dict[str, list[Any]]:
+    """Rows with the same keys as lists by key; keys: those of a table that may have no row."""
+    return {key: [row[key] for row in rows] for key in keys or (rows[0] if rows else ())}
 
 
 @dataclass(frozen=True, repr=False)

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from saddlering_ros.report.figures import RunCurves
     from saddlering_ros.rig import ParameterSet, Rig
 
+CAUSE_COLUMNS = ('cause', 'title', 'parameter', 'value', 'std', 'unit', 'misfit_reduction_fitted',
+                 'misfit_reduction_held_out', 'p_value')
 PLOT_SUFFIXES = ('.png', '.svg', '.pdf')
 
 
@@ -312,12 +314,11 @@ class DiagnosisResult(ParametricResult):
     def columns(self) -> dict[str, list[Any]]:
         """One row per parameter of a cause: size, std, unit, misfit reduction, p-value."""
         return columns_of([
-            {'cause': cause['effect'], 'title': cause['title'], 'parameter': name,
-             'value': item['value'], 'std': item['std'], 'unit': item['unit'],
+            {'cause': cause['effect'], 'title': cause['title'], 'parameter': name, **item,
              'misfit_reduction_fitted': cause['gain']['fit'],
-             'misfit_reduction_held_out': cause['gain']['held_out'],
-             'p_value': cause['evidence']['p_value']}
-            for cause in causes_of(self.document) for name, item in cause['parameters'].items()])
+             'misfit_reduction_held_out': cause['gain']['held_out'], **cause['evidence']}
+            for cause in causes_of(self.document) for name, item in cause['parameters'].items()
+        ], CAUSE_COLUMNS)
 
     def _tables(self) -> dict[str, Callable[[], Columns]]:
         from saddlering_ros.report.figures import curve_columns, curves_of

@@ -90,7 +90,8 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
     elif not title_of_dimension(named):
         alike = look_alikes(named, signature_cosines(diagnosis))
         sentence = confirming(named, alike[:MAX_ALTERNATIVES])
-    free = discrepancy.wording.free_test_words(diagnosis.held_out_evidence)
+    free = discrepancy.wording.free_test_words(
+        [replace(one, title=lowered(one.title)) for one in diagnosis.held_out_evidence])
     return ' '.join(filter(None, (free, first, sentence)))
 
 

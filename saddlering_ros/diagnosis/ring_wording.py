@@ -157,6 +157,11 @@ def lowered(title: str) -> str:
     return title[:1].lower() + title[1:] if title[1:2].islower() else title
 
 
+def lowered_titles(group: str) -> str:
+    """The titles of 'first_id or second_id', in the form for the middle of a sentence."""
+    return ' or '.join(lowered(title_of(name)) for name in group.split(' or '))
+
+
 def headline(document: VerdictDocument) -> str:
     """The verdict in one or two sentences."""
     verdict = document['verdict']
@@ -165,7 +170,7 @@ def headline(document: VerdictDocument) -> str:
                 f'{_sound_words(document)}or smaller than {100.0 * quantities.MATERIAL:g} % of a '
                 "channel's range.")
     if verdict == 'unknown':
-        return _unknown(document)
+        return ' '.join(filter(None, unknown(document)))
     causes, rest = causes_of(document), ''
     if document.get('remainder'):
         most = document['remainder'][0]
@@ -188,8 +193,8 @@ def headline(document: VerdictDocument) -> str:
             f'{wording.share_words(gain["fit"], gain["held_out"])}.{rest}')
 
 
-def _unknown(document: VerdictDocument) -> str:
-    """Where the misfit is largest over the noise, what explains a part of it, its shapes."""
+def unknown(document: VerdictDocument) -> tuple[str, str]:
+    """Where the misfit is largest over the noise; then what explains a part of it, its shapes."""
     cases = [(item['nrmse_before'] / item['noise_floor'],
               f', most in {name} of {bag_name(run["bag"])}: {percent(item["nrmse_before"])} of '
               f'range, where noise alone gives {percent(item["noise_floor"])}')
@@ -197,11 +202,11 @@ def _unknown(document: VerdictDocument) -> str:
              if name != 'parity' and item['nrmse_before'] and item['noise_floor']]
     ratio, where = max(cases, default=(0.0, ''))
     where = where if ratio > 1.0 else ''
-    partial = ''.join(f' {title_of(cause["effect"])} ({size_of(cause)}) explains a part only.'
-                      for cause in causes_of(document))
+    partial = [f'{title_of(cause["effect"])} ({size_of(cause)}) explains a part only.'
+               for cause in causes_of(document)]
     shapes = '; '.join(shape_words(shape) for shape in shapes_of(document))
-    return (f'Something is wrong, and no cause of the catalogue is established{where}.{partial}'
-            + (f' The residual: {shapes}.' if shapes else ''))
+    return (f'Something is wrong, and no cause of the catalogue is established{where}.',
+            ' '.join([*partial, *([f'The residual: {shapes}.'] if shapes else [])]))
 
 
 def tried(document: VerdictDocument) -> str:
@@ -326,7 +331,10 @@ def certainty_lines(document: VerdictDocument) -> list[str]:
     """Probabilities and stability, why the verdict is near its limit, which runs it rests on."""
     influence = document.get('influence', []) if causes_of(document) else []
     return [*filter(None, (
-        wording.certainty_words(document.get('probabilities', {}), document.get('stability', 1.0)),
+        wording.certainty_words(
+            {lowered_titles(group): share
+             for group, share in document.get('probabilities', {}).items()},
+            document.get('stability', 1.0)),
         *wording.limit_lines(document.get('near_limit', [])),
         wording.influence_words([
             (one['run'], one['start'], one['end'], one['evidence']) for one in influence])))]

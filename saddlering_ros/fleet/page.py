@@ -34,7 +34,7 @@ def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
         html.picture(history_chart(ring), f'history_{ring.ring}', f'Ring {ring.ring}.')
         for ring in [item for item in fleet.rings if item.history.of][:MAX_DRAWN]]
     every: Rows = [
-        [ring.ring, ring.bench, str(len(ring.sessions)), f'{ring.e_value:.3g}',
+        [html.code(ring.ring), ring.bench, str(len(ring.sessions)), f'{ring.e_value:.3g}',
          *([''] * len(COORDINATES) if ring.unlike is None else
            [f'{value:+.1f}' for value in ring.unlike.z_scores]), '; '.join(ring.reasons)]
         for ring in fleet.rings]
@@ -87,9 +87,10 @@ def _attention(ring: RingJudgement) -> list[str | html.Cell]:
         proposed.append(UNLIKE_TEST)
     if ring.drift is not None:
         proposed.insert(0, ring.drift.next_test)
-    return [ring.ring, ring.bench, '; '.join(ring.reasons), next(iter(proposed), ''), '; '.join(
-        f'{name}: {median} {unit} ({low} to {high})'
-        for name, (median, low, high) in lives.items()), html.Cell(links, is_html=True)]
+    life = '; '.join(f'{name}: {median} {unit} ({low} to {high})'
+                     for name, (median, low, high) in lives.items())
+    return [html.code(ring.ring), ring.bench, '; '.join(ring.reasons), next(iter(proposed), ''),
+            life, html.Cell(links, is_html=True)]
 
 
 def history_chart(ring: RingJudgement) -> charts.Chart:

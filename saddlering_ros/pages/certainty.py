@@ -26,7 +26,7 @@ def certainty(document: Mapping[str, Any], title_of: Callable[[str], str] = str)
     """The chapter of a verdict's document, without the pictures for which it has no data."""
     shares = document.get('probabilities') or {}
     outcomes = [
-        (f'{OUTCOMES.get(outcome) or " or ".join(map(title_of, outcome.split(" or ")))}: {told}',
+        (f'{OUTCOMES.get(outcome) or title_of(outcome)}: {told}',
          100.0 * shares[outcome], NOISE if outcome in OUTCOMES else AFTER)
         for outcome, told in shares_in_words(shares).items()]
     stretches, unit = document.get('influence') or (), document.get('time_unit', 's')

@@ -45,6 +45,8 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
     The figure shows the channel whose misfit the verdict changes most, or has the largest misfit.
     """
     verdict, next_test = document['verdict'], document.get('next_test')
+    first, more = (ring_wording.unknown(document) if verdict == 'unknown' else
+                   (ring_wording.headline(document), ''))
     has_cause, shown = verdict in ('named', 'ambiguous'), {run.name: run for run in curves}
     cases = [
         (run['held_out'], (item['nrmse_before'] or 0.0)
@@ -53,7 +55,7 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
         for name, item in run['channels'].items() if name != 'parity']
     return html.verdict(
         verdict, html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
-        html.paragraph(ring_wording.headline(document), 'headline'),
+        html.paragraph(first, 'headline'), html.paragraph(more),
         html.paragraph(f'Next test: {next_test}' if next_test else '', 'next'),
         html.paragraph(ring_wording.gain_sentence(document)),
         *map(html.paragraph, ring_wording.certainty_lines(document)),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.diagnosis.ring_wording import bag_name, lowered, title_of, VerdictDocument
+from saddlering_ros.diagnosis.ring_wording import bag_name, lowered_titles, VerdictDocument
 from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.files import whole_file, write_csv
 from saddlering_ros.identification.validation import judge, Validation
@@ -62,7 +62,7 @@ def diagnosis_page(
     return html.page('Diagnosis of the ring simulation', [
         top,
         chapters.verdict_banner(document, curves),
-        certainty(document, lambda name: lowered(title_of(name))),
+        certainty(document, lowered_titles),
         chapters.causes(document),
         *more,
         chapters.proposal(document, curves[0].force_unit if curves else 't'),

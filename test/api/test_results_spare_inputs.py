@@ -121,3 +121,9 @@ def test_pictures_and_effect_files_do_not_replace_inputs(place):
     assert picture.read_text() == 'mine'
     assert sorted(path.name for path in (place / 'bag').iterdir()) == sorted(
         path.name for path in (ROOT / 'bags' / 'dynamic_50_fast').iterdir())
+
+
+def test_a_table_of_causes_has_its_headings_without_a_cause(tmp_path):
+    found = SimpleNamespace(to_json=lambda: {'verdict': 'none', 'causes': []})
+    DiagnosisResult((), default_rig(), (), found).save(tmp_path / 'causes.csv')
+    assert (tmp_path / 'causes.csv').read_text().startswith('cause,title,parameter,value,std,unit')

@@ -189,13 +189,14 @@ def test_a_moment_arm_with_five_alternatives_is_told_the_tests_that_need_no_reco
     group = ('moment_arm', 'elevation_error', 'load_gain', 'load_offset', 'rig_trunnion_x',
              'rig_weight_x')
     cause = SimpleNamespace(effect='moment_arm', group=group)
-    evidence = [HeldOutEvidence(name, name, ('static_70',), 0.0, float(name == 'moment_arm'),
-                                name == 'moment_arm') for name in group]
+    evidence = [HeldOutEvidence(name, title_of(name), ('static_70',), 0.0,
+                                float(name == 'moment_arm'), name == 'moment_arm')
+                for name in group]
     found = SimpleNamespace(
         verdict='ambiguous', causes=[cause], held_out_evidence=evidence, separations=())
     sentence = next_test.next_test(found, [], default_rig())
     free, drawing, record = (sentence.index(words) for words in (
-        'Fit static_70 too: of the alternatives, moment_arm predicts static_70 best',
+        'Fit static_70 too: of the alternatives, the model with wrong moment arm predicts',
         'First compare the rig file with the drawing and the ring: ', ' means '))
     assert free < drawing < record
     assert 'rig.trunnion.x, rig.carriage.weight_x' in sentence

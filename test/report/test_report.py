@@ -168,6 +168,17 @@ def test_unknown_describes_the_shape_that_is_left():
     assert 'gamma follows time, 2.0 % of range' in said
 
 
+def test_the_banner_of_unknown_has_one_bold_sentence_and_titles_in_place_of_ids():
+    said = document('unknown', probabilities={
+        'radial_friction or load_gain': 0.1, 'unknown': 0.9})
+    banner = chapters.verdict_banner(said).replace('\xa0', ' ')
+    bold, = re.findall(r'<p class="headline">(.*?)</p>', banner)
+    assert bold.startswith('Something is wrong')
+    assert bold.endswith('noise alone gives 0.20 %.')
+    assert re.search('<p>Dry friction .* explains a part only.</p>', banner)
+    assert 'unknown 90 %, dry friction in the radial row or load gain error 10 %.' in banner
+
+
 def test_a_proposed_law_is_shown_with_its_curve_its_worth_and_its_doubts():
     term = {'channel': 'gamma', 'coordinate': 'load', 'law': 'line', 'formula': 'gamma += a P',
             'parameters': {'a': {'value': 2e-10, 'std': 1e-11, 'unit': 'rad/N'}},

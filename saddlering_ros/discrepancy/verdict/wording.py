@@ -98,8 +98,8 @@ def free_test_words(evidence: Sequence[HeldOutEvidence]) -> str:
     names = ' or '.join(one.title for one in kept)
     share = sum(one.share for one in kept)
     certain = f'{"over " if share > MAX_SURE else ""}{percent(min(share, MAX_SURE))}'
-    return (f'Fit {runs} too: of the alternatives, {names} predicts {runs} best '
-            f'({certain} of their probability).')
+    return (f'Fit {runs} too: of the alternatives, the model with {names} predicts {runs} '
+            f'best ({certain} of their probability).')
 
 
 def certainty_words(probabilities: Mapping[str, float], stability: float) -> str:
@@ -231,8 +231,8 @@ def uncertain_gain_words(low: float, high: float) -> str:
 
 def worse_prediction_words(name: str, rise: float, *, is_held_out: bool) -> str:
     runs = 'held-out runs' if is_held_out else 'runs held out in turn'
-    return (f'{name} predicts {runs} worse: the misfit there rises by {percent(rise)}, so that it '
-            'is not named')
+    return (f'the model with {name} predicts {runs} worse: the misfit there rises by '
+            f'{percent(rise)}, so that it is not named')
 
 
 def own_kind_words(ids: Sequence[str], share: float) -> str:
