@@ -376,7 +376,7 @@ def _law_about(space: ModelSpace, fit: Fit) -> LawProposal | None:
                               np.moveaxis(slope, 0, -1)))
     runs = {run.name: run for run in problem.all_runs}
     return propose_law(
-        Misfit(tuple(fitted), metric.whiten, space.max_pairs),
+        Misfit(tuple(fitted), metric, space.max_pairs),
         lambda seen, residual: fitting.mean_square(problem, [runs[seen.name]], [residual]),
         held, problem.settings.error_rate)
 

@@ -163,24 +163,29 @@ MAX_REFINED = 3
 
 @dataclass(frozen=True)
 class _Match:
-    """One form of law in place of a fitted family, for a whitened residual `wanted` (n,)."""
+    """One form of law in place of a fitted family, for a whitened residual `wanted` (n,).
+
+    seen: as in `Misfit.products`, of this residual.
+    """
 
     misfit: Misfit
     fit: BlockFit
     wanted: Array
+    seen: Array
     form: Form
 
-    def columns(self, *shapes: Shape) -> Array:
-        """Whitened columns (n, k) of the law with each of the shapes."""
-        return self.misfit.columns(self.fit.target, [
-            np.hstack([self.form.columns(run.coordinates, shape) for shape in shapes])
-            for run in self.misfit.runs])
+    def along_runs(self, *shapes: Shape) -> list[Array]:
+        """The law (N, k) with each of the shapes, by run."""
+        return [np.hstack([self.form.columns(run.coordinates, shape) for shape in shapes])
+                for run in self.misfit.runs]
 
-    def left(self, columns: Array) -> float:
-        """Misfit with the best amplitudes of columns (n, m)."""
-        slope = columns.T @ self.wanted
-        amplitudes = np.linalg.pinv(columns.T @ columns, hermitian=True) @ slope
-        return float(self.wanted @ self.wanted - amplitudes @ slope)
+    def left(self, *shapes: Shape) -> list[float]:
+        """Misfit with the best amplitudes of the law with each of the shapes."""
+        plain = self.misfit.plain(self.fit.target, self.along_runs(*shapes))
+        gram, slopes = self.misfit.products(plain, self.seen)
+        own = np.split(np.arange(slopes.size), len(shapes))
+        return [float(self.wanted @ self.wanted - slopes[one] @ np.linalg.pinv(
+            gram[np.ix_(one, one)], hermitian=True) @ slopes[one]) for one in own]
 
     def on_grid(self) -> tuple[float, Array]:
         """Misfit and shape of the best law on the grid of the form."""
@@ -188,8 +193,7 @@ class _Match:
         if self.form is MEMORY and self.fit.block.memory is not None:
             low, high = float(self.fit.block.memory[0]), float(self.fit.block.memory[-1])
         shapes = [np.array(shape) for shape in self.form.grid(low, high)]
-        columns = np.split(self.columns(*shapes), len(shapes), axis=1)
-        return min(zip(map(self.left, columns), shapes, strict=True), key=lambda law: law[0])
+        return min(zip(self.left(*shapes), shapes, strict=True), key=lambda law: law[0])
 
     def refined(self, least: float, start: Array) -> tuple[float, Array]:
         """Misfit and shape of the best law about a start, whose misfit is `least`."""
@@ -205,7 +209,7 @@ class _Match:
 
         still = np.zeros(len(free))
         minimum = minimize(
-            lambda move: self.left(self.columns(moved_by(move))), still, method='Nelder-Mead',
+            lambda move: self.left(moved_by(move))[0], still, method='Nelder-Mead',
             options={'maxfev': 60, 'xatol': 1e-4, 'fatol': 1e-7 * max(least, 1e-300),
                      'initial_simplex': np.vstack([still, 0.1 * np.eye(len(free))])})
         if minimum.fun >= least:
@@ -214,14 +218,16 @@ class _Match:
 
     def term(self, shape: Array) -> Term:
         """The law with the best amplitudes, their standard deviations and its curve."""
-        form, wanted, block, columns = self.form, self.wanted, self.fit.block, self.columns(shape)
+        form, wanted, block = self.form, self.wanted, self.fit.block
+        columns = self.misfit.columns(self.fit.target, self.along_runs(shape))
         sizes = np.asarray(np.linalg.lstsq(columns, wanted, rcond=None)[0], dtype=np.float64)
         law, slopes = columns @ sizes, [columns]
         for index in form.searched:
             step = STEP * (abs(shape[index]) or 1.0)
             moved = shape.copy()
             moved[index] += step
-            slopes.append(((self.columns(moved) @ sizes - law) / step)[:, None])
+            other = self.misfit.columns(self.fit.target, self.along_runs(moved))
+            slopes.append(((other @ sizes - law) / step)[:, None])
         sensitivities, left = np.hstack(slopes), wanted - law
         length = np.maximum(np.sqrt((sensitivities**2).sum(axis=0)), 1e-300)
         scaled = sensitivities / length
@@ -265,7 +271,8 @@ def match_law(misfit: Misfit, fit: BlockFit, wanted: Array) -> Term:
     if along == DIRECTION:
         forms = [replace(form, coordinate=along, words=f'direction * {form.words}')
                  for form in (*CURVES, CONSTANT)]
-    matches = [_Match(misfit, fit, wanted, form) for form in forms]
+    seen = misfit.metric.shared.apply(np.column_stack([wanted, misfit.base]))
+    matches = [_Match(misfit, fit, wanted, seen, form) for form in forms]
     begun = sorted(((*match.on_grid(), match) for match in matches), key=price)
     best = min(((*match.refined(least, start), match)
                 for least, start, match in begun[:MAX_REFINED]), key=price)

@@ -66,7 +66,7 @@ class BlockColumns:
         """Products (m, B) or (m,) with whitened stacked columns (n, B) or (n,)."""
         flat = columns.reshape(columns.shape[0], -1)
         seen = self._metric.shared.shrink[:, None] * (self._metric.shared.directions.T @ flat)
-        answer = self._noise_products(flat) - self._along @ seen
+        answer = self.noise_products(flat) - self._along @ seen
         return answer.reshape(self.count, *columns.shape[1:])
 
     def combined(self, weights: Array) -> Array:
@@ -80,9 +80,9 @@ class BlockColumns:
     @cached_property
     def _along(self) -> Array:
         """Products (m, K) with the directions of the nuisance parameters."""
-        return self._noise_products(self._metric.shared.directions)
+        return self.noise_products(self._metric.shared.directions)
 
-    def _noise_products(self, columns: Array) -> Array:
+    def noise_products(self, columns: Array) -> Array:
         """Products (m, B) of the columns whitened by noise alone with stacked columns (n, B)."""
         total = np.zeros((self.count, columns.shape[1]))
         for block, white in zip(self.blocks, self._white, strict=True):
