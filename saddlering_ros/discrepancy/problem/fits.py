@@ -357,32 +357,32 @@ def ratio(before: float, after: float) -> float:
     return 1.0 - float(np.sqrt(after / before))
 
 
-def gain_of(problem: Problem, less: Fit, more: Fit) -> Gain:
-    """Gain of `more` over `less` on the fitted runs, and on runs held out, without a refit."""
+def gain_of(problem: Problem, less: Fit, more: Fit, left: Sequence[Sequence[Array]]) -> Gain:
+    """Gain of `more` over `less` on the fitted runs, and on the predicted residuals of both."""
     if not more.candidate.effects:
         return Gain(0.0, 0.0, 'none')
-    runs, held, both = problem.runs, problem.held_out, (less, more)
     fitted = ratio(*(
-        mean_square(problem, runs, problem.by_run(fit.prediction - problem.measured))
-        for fit in both))
-    if held:
-        predicted = [problem.system.predict_many(run, [fit.point for fit in both]) for run in held]
-        value = ratio(*(
-            mean_square(problem, held, [channels[number] - run.channels for channels, run
-                                        in zip(predicted, held, strict=True)])
-            for number in (0, 1)))
-        if not np.isfinite(value):
-            return Gain(fitted, None, 'the simulator failed on a held-out run')
-        return Gain(fitted, value, 'held out')
-    if len(runs) < 2:
+        mean_square(problem, problem.runs, problem.by_run(fit.prediction - problem.measured))
+        for fit in (less, more)))
+    if not left[0]:
         return Gain(fitted, None, 'one run only')
-    left_out = ratio(*(
-        mean_square(problem, runs, left_out_residuals(problem, fit)) for fit in both))
-    return Gain(fitted, left_out, 'held out in turn')
+    value = ratio(*(mean_square(problem, problem.held_out or problem.runs, residuals)
+                    for residuals in left))
+    if problem.held_out and not np.isfinite(value):
+        return Gain(fitted, None, 'the simulator failed on a held-out run')
+    return Gain(fitted, value, 'held out' if problem.held_out else 'held out in turn')
 
 
-def left_out_residuals(problem: Problem, fit: Fit) -> list[Array]:
-    """Residuals (C, N) of each run, predicted from the others by one Gauss-Newton step."""
+def predicted_residuals(problem: Problem, fit: Fit) -> list[Array]:
+    """Residuals (C, N) of the held-out runs; without any, of each run but for a single one.
+
+    Such a run is predicted from the others by one Gauss-Newton step.
+    """
+    if problem.held_out:
+        return [problem.system.predict_many(run, [fit.point])[0] - run.channels
+                for run in problem.held_out]
+    if len(problem.runs) < 2:
+        return []
     metric = GainMetric.about(problem, fit)
     residual = metric.whiten(fit.prediction - problem.measured)
     sensitivities = tangent(metric, fit)

@@ -19,8 +19,8 @@ from saddlering_ros.discrepancy.problem.fits import (
     Fit,
     Gain,
     gain_of,
-    left_out_residuals,
     plain_fits,
+    predicted_residuals,
     PRIOR,
 )
 from saddlering_ros.discrepancy.problem.problem import NoiseByRun, Problem
@@ -92,23 +92,20 @@ class Shares:
              for view, share in self.fitted.items()), default=0.0)
 
 
-def shares_of(problem: Problem, noise: NoiseByRun, less: Fit, more: Fit) -> Shares:
-    """What a plain fit `more` takes of the misfit of `less`; without held-out runs, in turn."""
+def shares_of(
+    problem: Problem, noise: NoiseByRun, less: Fit, more: Fit, left: Sequence[Sequence[Array]],
+) -> Shares:
+    """What a plain fit `more` takes of the misfit of `less`; left: predicted residuals of both."""
     floor = np.array([
         np.mean([noise_power(noise, run, weights) for run in problem.runs])
         / problem.view_ranges[view] ** 2 for view, weights in problem.system.views.items()])
     fitted = _Powers.of(problem, floor, problem.runs, [
         problem.by_run(fit.prediction - problem.measured) for fit in (less, more)])
     touched, interval, taken = fitted.touched(), None, {}
-    if problem.held_out or len(problem.runs) > 1:
-        runs = problem.held_out or problem.runs
-        left = [
-            [problem.system.predict_many(run, [fit.point])[0] - run.channels for run in runs]
-            if problem.held_out else left_out_residuals(problem, fit) for fit in (less, more)]
-        if all(np.isfinite(run).all() for residuals in left for run in residuals):
-            predicted = _Powers.of(problem, floor, runs, left)
-            touched += predicted.touched()
-            interval, taken = predicted.interval(), predicted.taken()
+    if left[0] and all(np.isfinite(run).all() for residuals in left for run in residuals):
+        predicted = _Powers.of(problem, floor, problem.held_out or problem.runs, left)
+        touched += predicted.touched()
+        interval, taken = predicted.interval(), predicted.taken()
     by_run = fitted.more.sum(axis=(1, 2)) / np.maximum(fitted.less.sum(axis=(1, 2)), 1e-300)
     return Shares(
         # What a cause may leave of the worst view is a small misfit in another one.
@@ -396,12 +393,16 @@ def publish(
     covariance = _covariance(space, fit, model, after)
     refitted = {refit.candidate.key: refit for refit in (base, model, *others)}
     plain = dict(zip(refitted, plain_fits(problem, list(refitted.values())), strict=True))
-    taken = {key: shares_of(problem, space.metric.noise, other, plain[model.candidate.key])
-             for key, other in plain.items() if key != model.candidate.key}
+    whole_key = model.candidate.key
+    left = {key: predicted_residuals(problem, one) if fit.candidate.effects else []
+            for key, one in plain.items()}
+    taken = {key: shares_of(problem, space.metric.noise, other, plain[whole_key],
+                            (left[key], left[whole_key]))
+             for key, other in plain.items() if key != whole_key}
 
     def gain_over(other: Fit) -> Gain:
         key = other.candidate.key
-        gain = gain_of(problem, plain[key], plain[model.candidate.key])
+        gain = gain_of(problem, plain[key], plain[whole_key], (left[key], left[whole_key]))
         known = gain.held_out is not None and key in taken
         return replace(gain, interval=taken[key].interval) if known else gain
 
