@@ -116,7 +116,7 @@ OTHER_PRELOAD = Kind(
 
 OTHER_ELEVATION = Kind(
     'tilt and axial motion agree with an elevation of about {apparent:.0f} deg (within '
-    '{uncertainty:.0f}) and the bag states {stated:g}: the elevation, the trunnion '
+    '{uncertainty:.2g}) and the bag states {stated:g}: the elevation, the trunnion '
     "(rig.trunnion), the probes' span (rig.probes.axial_span) or "
     'the pitch radius (rig.axial_rows.pitch_radius) is wrong',
     limit=math.radians(10.0))
