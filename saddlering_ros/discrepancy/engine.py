@@ -29,7 +29,6 @@ from saddlering_ros.discrepancy.verdict.established import (
     Shares,
 )
 from saddlering_ros.discrepancy.verdict.naming import (
-    allowed_sizes,
     exceeds_declared_error,
     explained_share_of,
     judge,
@@ -153,7 +152,7 @@ def _answer(search: Search) -> Answer:
     """The verdict in the metric of noise, nuisance parameters and declared model error."""
     space, fit = search.space, search.fit
     before = residual_of(space, space.base)
-    is_declared = any(allowed_sizes(space).values())
+    is_declared = any(space.problem.assumptions.allowed_error or ())
     if is_declared and not exceeds_declared_error(space, before):
         search, fit = replace(search, fit=space.base, alternatives={}), space.base
     after = residual_of(space, fit) if fit.candidate.effects else before

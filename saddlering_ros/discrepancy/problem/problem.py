@@ -285,10 +285,11 @@ class Problem:
                     (seen.T * (np.sqrt(weights / weights.sum()) / self.view_ranges[view])).T)
         return np.concatenate(parts)
 
-    def view_sizes(self, residual: Array, view: str) -> list[float]:
-        """Rms of stacked residuals (n,) in one view, as shares of its range, run by run."""
-        return [self.mean_square(seen, run, view) ** 0.5 / self.view_ranges[view]
-                for run, seen in zip(self.runs, self.view_residuals(residual, view), strict=True)]
+    def view_sizes(self, residual: Array, view: str) -> Array:
+        """Rms (R,) of stacked residuals (n,) in one view by run, as shares of its range."""
+        squares = [self.mean_square(seen, run, view) for run, seen in zip(
+            self.runs, self.view_residuals(residual, view), strict=True)]
+        return np.sqrt(squares) / self.view_ranges[view]
 
     def mean_square(self, seen: Array, run: RunBlocks, view: str) -> float:
         """Mean square over time of the values (N,) of a view, without missing samples."""

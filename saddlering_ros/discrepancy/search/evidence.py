@@ -236,15 +236,10 @@ def _explained(space: ModelSpace, less: Fit, more: Fit) -> Sizes:
             space.metric.without_nuisances, fit.prediction - problem.measured))
         for fit in (less, more))
     changes = space.scale.by_run(more.prediction - less.prediction)
-    explained: dict[str, Array] = {}
-    for view in problem.system.views:
-        seen = zip(problem.runs, problem.view_residuals(before, view),
-                   problem.view_residuals(after, view), strict=True)
-        powers = [problem.mean_square(old, run, view) - problem.mean_square(new, run, view)
-                  for run, old, new in seen]
-        falls = np.sqrt(np.maximum(powers, 0.0)) / problem.view_ranges[view]
-        explained[view] = np.minimum(falls, changes[view])
-    return explained
+    falls = {view: problem.view_sizes(before, view) ** 2 - problem.view_sizes(after, view) ** 2
+             for view in problem.system.views}
+    return {view: np.minimum(np.sqrt(np.maximum(fall, 0.0)), changes[view])
+            for view, fall in falls.items()}
 
 
 def _misfit_with_inflated_nuisances(space: ModelSpace, fit: Fit) -> float:
@@ -292,9 +287,8 @@ def indistinguishable(
 
 def crowded(explained: Iterable[Sizes], settings: Settings) -> bool:
     """Whether one view has too many effects to exclude a cause that is not in the catalogue."""
-    crowd: Counter[str] = Counter()
-    for sizes in explained:
-        crowd.update(view for view, size in sizes.items() if size.max() >= settings.materiality)
+    crowd = Counter(view for sizes in explained for view, size in sizes.items()
+                    if size.max() >= settings.materiality)
     return max(crowd.values(), default=0) > MAX_IN_ONE_VIEW
 
 

@@ -191,7 +191,7 @@ class LackOfFitTests:
         kept = values > 1e-8 * values[-1]
         self._root = vectors[:, kept] / np.sqrt(values[kept])
         self._dimensions = int(kept.sum())
-        # Mean square of the fitted structure under noise alone, per view and run.
+        # Mean square of the fitted structure under noise alone over the range, per view and run.
         self._variances: dict[str, list[float]] = {}
         for view, weights in problem.system.views.items():
             own = self._variances[view] = []
@@ -204,7 +204,7 @@ class LackOfFitTests:
                 share = problem.sample_weights(run, view)
                 spread = joined.T @ (joined * (share / share.sum())[:, None])
                 stacked = np.vstack([rows for _, rows in there])
-                own.append(float(np.sum(stacked * (spread @ stacked))))
+                own.append(float(np.sum(stacked * (spread @ stacked))) / self._ranges[view] ** 2)
         self._bands = list(_fast_bands(metric))
 
     def fast(self, fit: Fit) -> FastResidual:
@@ -244,8 +244,7 @@ class LackOfFitTests:
         shape = self._structure.combined(self._root @ inner)
         sizes, runs = {}, self._metric.problem.runs
         for view, variances in self._variances.items():
-            powers = self._powers(fit, shape, view) - variances
-            sizes[view] = np.sqrt(np.maximum(powers, 0.0)) / self._ranges[view]
+            sizes[view] = np.sqrt(np.maximum(self._powers(fit, shape, view) - variances, 0.0))
         most = {view: float(size.max()) for view, size in sizes.items()}
         view = max(most, key=lambda name: most[name])
         where = f'{view} in {runs[int(sizes[view].argmax())].name}' if most[view] > 0.0 else ''
@@ -264,15 +263,14 @@ class LackOfFitTests:
             chances=chances)
 
     def _powers(self, fit: Fit, shape: Array, view: str) -> Array:
-        """Mean squares (R,) of a structure (n,), of at most that of the residual in each run.
+        """Mean squares (R,) of a structure (n,) over the range, at most those of the residual.
 
         A structure that nuisance parameters can imitate has an estimate with a large error. The
         estimate may then be larger than the residual itself.
         """
         problem = self._metric.problem
-        return np.min([[problem.mean_square(part, run, view) for part, run in zip(
-            problem.view_residuals(stacked, view), problem.runs, strict=True)]
-            for stacked in (shape, fit.prediction - problem.measured)], axis=0)
+        return np.minimum(problem.view_sizes(shape, view), problem.view_sizes(
+            fit.prediction - problem.measured, view)) ** 2
 
     def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
         """Every family in every view, the most significant first; p-values count their number."""
@@ -297,11 +295,10 @@ class LackOfFitTests:
                 slopes = columns.products(fit.whitened) - shared @ (orthogonal.T @ fit.whitened)
                 inner = root.T @ slopes
                 count, statistic = int(kept.sum()), float(inner @ inner)
-                powers = self._powers(fit, columns.combined(root @ inner), view)
+                size = self._powers(fit, columns.combined(root @ inner), view).max() ** 0.5
                 chance = fisher_chance(statistic / count, count, self._pairs) if count else 1.0
                 tests.append(ShapeTest(
-                    view, coordinate, float(chance), statistic, max(count, 1),
-                    float(powers.max()) ** 0.5 / self._ranges[view]))
+                    view, coordinate, float(chance), statistic, max(count, 1), float(size)))
         return sorted(
             (replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests),
             key=lambda test: (test.p_value, -test.statistic / test.dimensions))

@@ -487,5 +487,5 @@ def _shown(
     [fit] = run_refits(moved, [refit(moved, Candidate(), base.theta_unit, rounds=ROUNDS)])
     problem.simulations += other.simulations
     left = fit.prediction - target
-    visible = max(max(problem.view_sizes(left, view)) for view in problem.system.views)
-    return float(np.sqrt(fit.misfit)), visible
+    visible = max(problem.view_sizes(left, view).max() for view in problem.system.views)
+    return float(np.sqrt(fit.misfit)), float(visible)

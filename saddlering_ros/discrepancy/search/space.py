@@ -214,13 +214,9 @@ def refit_full_jacobian(metric: Metric, fits: Sequence[Fit], rounds: int) -> lis
 
 
 def best_fit_of_each(fits: Sequence[Fit]) -> list[Fit]:
-    """The best fit of each candidate, in their order."""
-    best: dict[fitting.Key, Fit] = {}
-    for fit in fits:
-        key = fit.candidate.key
-        if key not in best or fit.misfit < best[key].misfit:
-            best[key] = fit
-    return list(best.values())
+    """The best fit of each candidate."""
+    worst_first = sorted(fits, key=lambda fit: -fit.misfit)
+    return list({fit.candidate.key: fit for fit in worst_first}.values())
 
 
 RACE_ROUNDS = 2

@@ -118,7 +118,8 @@ def consistency_tests(
         level = min(1.0, max(left, MIN_LEVEL)) if slow.dimensions > count else 1.0
         weights = (root @ inner) / lengths
         shape = columns.combined(weights) - tangent.plain @ (imitated @ weights)
-        sizes = {view: max(problem.view_sizes(shape, view)) for view in problem.system.views}
+        sizes = {view: float(problem.view_sizes(shape, view).max())
+                 for view in problem.system.views}
         view = max(sizes, key=lambda name: sizes[name])
         beyond = max(statistic - count * level, 0.0) / max(statistic, 1e-300)
         tests.append(ShapeTest(
@@ -197,11 +198,10 @@ class Judgement:
 def residual_of(space: ModelSpace, fit: Fit) -> Residual:
     """The residual of a fit; with consistency tests if laws are assumed to be exact."""
     sensitivities, slow = space.tangent_of(fit), space.slow_residual(fit)
+    consistency = consistency_tests(
+        space.metric, fit, sensitivities, slow, space.max_pairs,
+    ) if space.problem.assumptions.exact_laws else []
     shapes = space.tests.shapes(fit, sensitivities.white)
-    consistency: list[ShapeTest] = []
-    if space.problem.assumptions.exact_laws:
-        consistency = consistency_tests(
-            space.metric, fit, sensitivities, slow, space.max_pairs)
     return Residual(slow, space.tests.fast(fit), tuple(shapes), tuple(consistency))
 
 

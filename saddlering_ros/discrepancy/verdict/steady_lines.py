@@ -317,38 +317,31 @@ def _is_steady(segments: Sequence[RestSegment], line: Line) -> bool:
     """
     if not segments:
         return False
-    strengths, spreads, whole = [], [], []
+    found, whole = [], []
     for segment in segments:
         periods = _duration(segment) * line.frequency
         pieces = max(1, min(PIECES, int(periods / PIECE_PERIODS)))
-        own = []
-        for part in np.array_split(np.arange(segment.values.shape[1]), pieces):
-            strength, spread = _strength(replace(segment, values=segment.values[:, part]), line)
-            own.append(strength)
-            spreads.append(spread)
-        strengths += own
-        whole.append(_strength(segment, line)[0] / max(float(np.mean(own)), 1e-300))
+        own = [_strength(replace(segment, values=part), line)
+               for part in np.array_split(segment.values, pieces, axis=1)]
+        found += own
+        whole.append(_strength(segment, line)[0] / max(float(np.mean(own, axis=0)[0]), 1e-300))
+    strengths, spreads = np.array(found).T
     usual = float(np.median(strengths))
-    off = np.abs(np.array(strengths) - usual) - NOISE_SPREAD * np.array(spreads)
+    off = np.abs(strengths - usual) - NOISE_SPREAD * spreads
     return bool(np.all(off <= MAX_UNSTEADY * usual) and min(whole) >= 1.0 - MAX_UNSTEADY)
 
 
 def _is_there_at_rest(rest: Sequence[RestSegment], line: Line) -> bool:
     """Whether stretches at rest of sufficient length show the line with the same strength."""
-    usual = float(np.linalg.norm(line.amplitude[line.own]))
-    whole = float(np.sinc(line.frequency * line.step))
-    strengths, spreads = [], []
-    for segment in rest:
-        periods = _duration(segment) * line.frequency
-        if periods < PIECE_PERIODS or segment.step * line.frequency > 0.4:
-            continue
-        strength, spread = _strength(segment, line)
-        strengths.append(strength * whole)
-        spreads.append(spread)
-    if not strengths:
+    found = [_strength(segment, line) for segment in rest
+             if _duration(segment) * line.frequency >= PIECE_PERIODS
+             and segment.step * line.frequency <= 0.4]
+    if not found:
         return True
-    allowed = MAX_UNSTEADY * usual + NOISE_SPREAD * float(np.median(spreads))
-    return abs(float(np.median(strengths)) - usual) <= allowed
+    strength, spread = np.median(found, axis=0)
+    usual = float(np.linalg.norm(line.amplitude[line.own]))
+    seen = strength * np.sinc(line.frequency * line.step)
+    return bool(abs(seen - usual) <= MAX_UNSTEADY * usual + NOISE_SPREAD * spread)
 
 
 def _strength(segment: RestSegment, line: Line) -> tuple[float, float]:
@@ -411,11 +404,10 @@ def find_steady_lines(
             effect.id, float(seen), search.limit, search.limit, material, effect.size.unit, seen))
         if search.line is None:
             continue
-        left = None
-        if held_out:
-            left = line_gain(
-                held_out, search.line.frequency, search.line.amplitude * search.line.own)
-        cause = _cause(problem, effect, search.line, rest, left, 'at rest, its phase free')
+        line = search.line
+        left = line_gain(
+            held_out, line.frequency, line.amplitude * line.own) if held_out else None
+        cause = _cause(problem, effect, line, rest, left, 'at rest, its phase free')
         if cause.visible >= settings.materiality:
             causes.append(cause)
         else:
@@ -471,10 +463,9 @@ def _cause(
     own = line.amplitude * line.own
     largest = max(float(np.abs(weights) @ own) / problem.view_ranges[view]
                   for view, weights in problem.system.views.items())
-    channels = np.zeros(line.amplitude.size)
-    channels[list(effect.line[variant])] = 1.0
-    amplitude = float(channels @ line.amplitude / channels.sum())
-    deviation = float(np.sqrt(channels @ line.deviation**2) / channels.sum())
+    channels = list(effect.line[variant])
+    amplitude = float(line.amplitude[channels].mean())
+    deviation = float(np.linalg.norm(line.deviation[channels])) / len(channels)
     # Linear interpolation to common instants reduces a swing by up to this share.
     lost = (2.0 * np.pi * line.frequency * line.step) ** 2 / 8.0
     deviation = float(np.hypot(deviation, lost * amplitude))
