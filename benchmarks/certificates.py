@@ -33,7 +33,14 @@ from saddlering_ros import compare
 from saddlering_ros.identification import Identification, IdentificationSettings, identify
 from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.record import Record
-from saddlering_ros.rig import ContactParameters, Instruments, PARAMETER_NAMES, Rig, TRUE_TO_SCALE
+from saddlering_ros.rig import (
+    ContactParameters,
+    Instruments,
+    PARAMETER_NAMES,
+    Rig,
+    TONNE,
+    TRUE_TO_SCALE,
+)
 from saddlering_ros.ring.roller_scatter import GAP_SCATTER, STIFFNESS_SCATTER
 from saddlering_ros.virtual_rig.effects import request
 from saddlering_ros.virtual_rig.integrator import Scatter
@@ -171,7 +178,7 @@ def gain(pairs: int, file: Path) -> None:
         before, after = (
             session(10 + 2 * number + day, [
                 request(name, {request(name).effect.parameters[0].name: size})
-                for name, size in sizes.items()], contact=contact, rollers=number)
+                for name, size in sizes.items()], contact=contact, rollers=number, step=TONNE)
             for day, sizes in enumerate((own, grown)))
         found = compare(before, after, rig=CERTIFIED).to_json()
         named = [cause['group'] for cause in found['causes']]

@@ -250,6 +250,8 @@ def test_curves_are_arrays_a_table_a_file_and_a_figure(bags, tmp_path):
     assert list(curves.columns()) == ['stamp_ns', 'time', 'load', 'delta_x', 'delta_y', 'gamma',
                                       'parity', 'validity']
     assert np.array_equal(curves.delta_x, bags[1].columns()['delta_x'])
+    doubted = replace(bags[1], run=replace(bags[1].run, notes=['a doubt']))
+    assert displacement(doubted).notes == ('a doubt',)
     curves.save(tmp_path / 'curves.csv')
     assert len((tmp_path / 'curves.csv').read_text().splitlines()) == len(curves) + 1
     assert curves.plot()._repr_png_().startswith(b'\x89PNG')

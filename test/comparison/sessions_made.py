@@ -8,7 +8,7 @@ import math
 from benchmarks.rigs import as_read
 from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.record import Record, TestMetadata
-from saddlering_ros.rig import ContactParameters, default_rig, TRUE_TO_SCALE
+from saddlering_ros.rig import ContactParameters, default_rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig.effects import EffectRequest, request
 from saddlering_ros.virtual_rig.experiment import (
     dynamic_schedule,
@@ -44,13 +44,17 @@ def with_size(effects: Sequence[EffectRequest], name: str, size: float) -> list[
 def session(
     day: int, effects: Sequence[EffectRequest], *, tests: Sequence[tuple[str, float]] = TESTS,
     contact: ContactParameters = TRUE_TO_SCALE, ring: str = 'SR-1', rollers: int = 7,
+    step: float = 2.0 * TONNE,
 ) -> list[Record]:
-    """Records of a session on a day of the ring with rollers of this number."""
+    """Records of a session on a day of the ring with rollers of this number.
+
+    step [N]: from one held load to the next.
+    """
     records = []
     for number, (test, degrees) in enumerate(tests):
         physical = PhysicalRig(RIG, contact, math.radians(degrees), tuple(effects),
                                Scatter(1e-6, 0.02), rollers)
-        schedule = (static_schedule(RIG, hold=2.5) if test == 'static'
+        schedule = (static_schedule(RIG, hold=2.5, step=step) if test == 'static'
                     else dynamic_schedule(RIG, duration=8.0))
         made = record_test(TestPlan(
             physical, schedule, 100 * day + number, Instruments(0.3e-6),

@@ -10,6 +10,7 @@ import pytest
 
 from saddlering_ros.diagnosis import next_test
 from saddlering_ros.diagnosis.next_test import on_slewed_ring, propose, with_swapped_probes
+from saddlering_ros.diagnosis.rig_dimensions import entries_of
 from saddlering_ros.diagnosis.ring_wording import lowered, size_of, title_of
 from saddlering_ros.discrepancy import Point, Separation
 from saddlering_ros.discrepancy.next_step import HeldOutEvidence
@@ -150,9 +151,16 @@ def test_a_sound_ring_is_told_which_causes_these_data_could_not_show():
 
 def test_what_nothing_explains_gets_a_test_of_its_own_channel():
     shape = SimpleNamespace(view='gamma', coordinate='load', p_value=1e-9, visible=0.01)
-    for share, words in ((0.0, 'probes 2 and 4'), (0.02, '12 Hz')):
+    for share, words in ((0.0, 'probes 2 and 4'), (0.005, 'probes 2 and 4'), (0.02, '12 Hz')):
         fast = SimpleNamespace(view='gamma', frequency=12.0, visible=share)
         assert words in next_test.for_residual(SimpleNamespace(shapes=[shape], fast=fast))
+
+
+def test_a_wrong_dimension_is_told_with_the_entry_as_it_is_and_as_it_should_be():
+    cause = SimpleNamespace(effect='rig_axial_span', group=('rig_axial_span', 'film_creep'),
+                            parameters={'change': SimpleNamespace(value=-0.05)})
+    assert entries_of(default_rig(), [cause]) == [
+        'rig.probes.axial_span (1.3 m in the file, 1.25 by these data)']
 
 
 def test_a_size_is_said_with_its_place_its_sign_and_its_unit():

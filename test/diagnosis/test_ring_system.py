@@ -150,6 +150,13 @@ def test_a_newton_more_at_the_ring_moves_it_from_the_zero_that_was_taken(run) ->
     assert moved == pytest.approx(expected, abs=0.05 * np.abs(expected).max())
 
 
+def test_blocks_of_a_hold_follow_each_other_without_a_gap(run):
+    within = np.diff(run.hold) == 0.0
+    reach = 0.5 * (run.width[1:] + run.width[:-1])
+    assert np.count_nonzero(within) > 50
+    assert np.diff(run.time)[within] == pytest.approx(reach[within], rel=0.03)
+
+
 def test_every_declared_start_lies_within_the_bounds_of_a_small_ring():
     rig = default_rig()
     small = replace(rig, full_scale_load=0.4 * rig.full_scale_load,
@@ -157,8 +164,10 @@ def test_every_declared_start_lies_within_the_bounds_of_a_small_ring():
     for effect in catalogue().values():
         for form in engine_effects(effect, small):
             for start in form.starts:
-                assert all(form.parameters[name].low <= value <= form.parameters[name].high
-                           for name, value in start.items() if name in form.parameters), start
+                seen = [form.parameters[name].low <= value <= form.parameters[name].high
+                        for name, value in start.items() if name in form.parameters]
+                assert seen, 'a start of none of the parameters'
+                assert all(seen), start
 
 
 def test_a_dimension_of_the_rig_file_is_a_cause_like_any_other(run):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -9,7 +11,12 @@ from scipy.signal import lfilter
 from saddlering_ros.discrepancy import DiscrepancyError
 from saddlering_ros.discrepancy.noise import Noise, wrong_level
 from saddlering_ros.estimation.process import ChannelNoise, EstimationError
-from saddlering_ros.estimation.record_noise import ChannelRecord, widened, with_model_error
+from saddlering_ros.estimation.record_noise import (
+    ChannelRecord,
+    continued,
+    widened,
+    with_model_error,
+)
 from saddlering_ros.estimation.whitening import build_whitener
 
 STEP = 0.01
@@ -46,6 +53,22 @@ def test_noise_from_rest_whitens_the_rest_of_the_record() -> None:
     record = ChannelRecord('a', TIME, drawn(2))
     noise = Noise.from_rest([(0.0, 20.0)]).resolve([record])['a']
     assert level(noise, 3) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_rest_of_one_run_is_read_in_that_run_alone() -> None:
+    records = [ChannelRecord('a', TIME, drawn(2)), ChannelRecord('b', TIME, 10.0 * drawn(4))]
+    noise = Noise.from_rest([('a', 0.0, 20.0)]).resolve(records)['b']
+    assert level(noise, 3) == pytest.approx(1.0, abs=0.1)
+
+
+def test_slow_noise_of_a_short_rest_goes_on_at_longer_times_and_white_noise_does_not() -> None:
+    slow = ChannelNoise(0.01, np.array([4.0]), 0.0, 100, np.array([1.0]))
+    longer = continued(slow, 1.0, 100.0)
+    assert longer.slow[longer.time_constants > 1.0].min() == 4.0
+    assert longer.time_constants.max() == pytest.approx(100.0)
+    assert continued(slow, 1.0, 1.2) is slow
+    white = replace(slow, slow=np.zeros(1))
+    assert continued(white, 1.0, 100.0) is white
 
 
 def test_noise_from_repeats_is_free_of_what_the_repeats_share() -> None:

@@ -17,7 +17,7 @@ from saddlering_ros.discrepancy.law.families import (
     relaxations,
     stop_operators,
 )
-from saddlering_ros.discrepancy.law.proposal import propose_law
+from saddlering_ros.discrepancy.law.proposal import LawProposal, propose_law
 from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.estimation.whitening import independent, SharedErrors
 
@@ -151,3 +151,9 @@ def test_a_held_out_run_that_gets_worse_is_a_doubt() -> None:
     found = law_of([run(f'run {k}', step, k) for k in range(3)], [other])
     assert 'the law makes held (held out) worse' in found.doubts
     assert found.held_out < 0.0
+
+
+def test_a_gain_is_that_of_the_rms_and_a_run_that_gets_worse_is_stated() -> None:
+    law = LawProposal((), share=0.0, p_value=0.0, reasons=()).judged_by(
+        {'a': (4.0, 1.0)}, {'b': (1.0, 2.25)})
+    assert (law.fit, law.held_out, law.worse) == (0.5, -0.5, ('b (held out)',))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 from bench import LOAD, measured, Shapes, STEP, System
 import numpy as np
 import pytest
@@ -21,13 +23,21 @@ from saddlering_ros.discrepancy import (
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.evidence import SearchLog
-from saddlering_ros.discrepancy.search.ranking import _pair_gains
+from saddlering_ros.discrepancy.search.ranking import _pair_gains, Score, shortlist
 from saddlering_ros.discrepancy.search.space import fit_each, ModelSpace
 
 
 def only_cause(system: System, run: RunBlocks, settings: Settings | None = None) -> Cause:
     (cause,) = diagnose_system(Problem(system, [run], settings or Settings())).causes
     return cause
+
+
+def test_a_second_variant_is_tried_unless_it_is_far_worse_or_fits_as_the_first() -> None:
+    scores = [Score(SimpleNamespace(id=name), variant, gain, np.zeros(1)) for name, variant, gain
+              in (('a', 0, 100.0), ('a', 1, 99.999), ('a', 2, 80.0), ('a', 3, 70.0),
+                  ('b', 0, 65.0), ('b', 1, 50.0), ('c', 0, 0.5))]
+    listed = [(one.effect.id, one.variant) for one in shortlist(scores, 1.0, 5)]
+    assert listed == [('a', 0), ('a', 2), ('b', 0)]
 
 
 # --- look-alikes ---

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from saddlering_ros.estimation.least_squares import covariance, LazyAnswer, minimise, Rule
+from saddlering_ros.estimation.least_squares import (
+    covariance,
+    LazyAnswer,
+    minimise,
+    Rule,
+    SearchSpace,
+)
+from saddlering_ros.rig import TRUE_TO_SCALE
 
 PLACES = np.linspace(0.0, 4.0, 60)
 TRUTH = np.array([1.3, 0.7])
@@ -68,3 +75,10 @@ def test_a_coordinate_without_effect_has_a_huge_variance_unless_a_prior_holds_it
 def test_the_prior_holds_all_but_periodic_coordinates_at_the_middle_of_the_box():
     rule = Rule(np.array([False, True]), prior=2.0, rounds=1, quiet_gain=0.0, quiet_share=0.0)
     assert rule.cost(np.array([3.0]), np.array([0.75, 0.0])) == pytest.approx(9.0 + 4.0 * 0.25**2)
+
+
+def test_coordinates_of_a_law_outside_of_the_box_are_those_of_its_nearest_point():
+    box = {'K1': (1e7, 1e9), 'n1': (1.0, 1.3)}
+    space = SearchSpace.of(box, box, TRUE_TO_SCALE, ['K1'])
+    law = np.array([1e10, 0.5, *TRUE_TO_SCALE.to_array()[2:]])
+    assert space.contacts(space.coordinates(law))[0, :2] == pytest.approx([1e9, 1.0])

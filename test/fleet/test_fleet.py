@@ -209,6 +209,11 @@ def test_document_and_page_name_who_needs_a_person():
     document = json.loads(json.dumps(fleet_document(fleet), allow_nan=False))
     assert document['rings'][0]['reasons'] == ['drifts: stiffness of the axial rows']
     assert document['rings'][0]['remaining_life']['K1']['median'] > 0.0
+    worn = fleet.rings[0]
+    exponent = np.mean([item.value[1] for item in worn.sessions])
+    life = remaining_life(worn.history.of['stiffness_1'],
+                          math.log(1e7 * 2e-5**(exponent - 1.0)))
+    assert vars(worn.life['K1']) == pytest.approx(vars(life))
     page = fleet_page(fleet, [('SR-9 2026-01-01', 'no unloading branch')])
     assert 'SR-worn' in page
     assert 'no unloading branch' in page

@@ -150,6 +150,14 @@ def test_branches_are_averaged_for_the_paper_only(four_runs):
     assert averaged.displacement[0, 10] == pytest.approx((up + down) / 2.0)
 
 
+def test_a_turning_point_is_read_on_the_way_up(four_runs):
+    one = replace(observe(four_runs[:1], RIG, fit_rate=50.0)[0], time=np.arange(3.0),
+                  load=np.full(3, 1e5), displacement=np.tile([1.0, 2.0, 6.0], (3, 1)),
+                  branch=np.array([0, 1, -1]), standard_error=np.ones((3, 3)))
+    averaged = average_branches(one, RIG.limits.level_step)
+    assert averaged.displacement == pytest.approx(np.full((3, 1), (1.5 + 6.0) / 2.0))
+
+
 def test_the_papers_objective_is_the_normalised_mean_square(four_runs):
     one = observe(four_runs[:1], RIG, fit_rate=50.0)[0]
     contact = TRUE_TO_SCALE.to_array()[None]

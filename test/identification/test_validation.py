@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import json
+from types import SimpleNamespace
 
 from identification_records import dynamic_run, RIG, static_run
 import numpy as np
@@ -9,9 +10,15 @@ import pytest
 
 from saddlering_ros.identification import IdentificationError, validate
 from saddlering_ros.identification.figures import rate
-from saddlering_ros.identification.validation import COLUMNS, judge, validation_text
+from saddlering_ros.identification.validation import (
+    _input_variance,
+    COLUMNS,
+    judge,
+    validation_text,
+)
 from saddlering_ros.report.reports import save_plots
 from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE
+from saddlering_ros.ring import static_response
 
 TRUTH = ParameterSet(TRUE_TO_SCALE)
 
@@ -77,6 +84,11 @@ def test_a_residual_on_unloading_shows_as_loop_and_zero_return(runs):
         gaps[2] -= np.where(time > top, 5e-6, 0.0)
         return gaps
 
+    def come_back_late(gaps, time, load):
+        gaps[0] += np.where((time > top) & (time < time[-1] - 6.0), 10e-6, 0.0)
+        return gaps
+
+    assert figures(with_gaps(runs[0], come_back_late)).zero_return == pytest.approx(0.0, abs=5e-7)
     one = figures(with_gaps(runs[0], stay_behind))
     assert one.zero_return == pytest.approx(5e-6, rel=0.1)
     assert one.loop_area == pytest.approx(5e-6 / one.range, rel=0.15)
@@ -163,6 +175,19 @@ def test_pictures_are_written_per_run(clean, runs, tmp_path):
     pictures = save_plots(clean, runs, tmp_path / 'plots')
     assert len(pictures) == 2
     assert all(picture.stat().st_size > 10_000 for picture in pictures)
+
+
+def test_the_uncertainty_of_a_prediction_counts_from_the_zero_of_the_run():
+    contact, zero_load, elevation = TRUTH.contact.to_array(), 5e3, 0.9
+    change = np.array([0.0, 0.0, 0.0, 0.02 * contact[3], 0.0, 0.0])
+    stated = replace(TRUTH, source=replace(TRUTH.source, covariance=np.outer(change, change)))
+    load = np.linspace(1e5, 2e5, 25)
+    run = SimpleNamespace(load=load, compared=np.ones(25, dtype=bool), elevation=elevation)
+    higher, lower = (static_response(RIG, contact + side, elevation, np.append(load, zero_load))
+                     for side in (change, -change))
+    moved = 0.5 * (higher - lower)
+    expected = np.mean((moved[:, :-1] - moved[:, -1:]) ** 2, axis=1)
+    assert _input_variance(RIG, stated, run, zero_load)[:3] == pytest.approx(expected, rel=0.02)
 
 
 def test_no_runs_are_refused():

@@ -24,7 +24,7 @@ import pytest
 from scipy.io import savemat
 
 from saddlering_ros.bags import read_raw
-from saddlering_ros.importing.calibration import DatedTime, ImportingError, MISSING
+from saddlering_ros.importing.calibration import DatedTime, ImportingError, MISSING, RegularTime
 from saddlering_ros.importing.convert import import_files, save_preview
 from saddlering_ros.importing.draft import draft_map
 from saddlering_ros.importing.mapping import read_map
@@ -205,3 +205,8 @@ def test_a_date_that_no_stamp_holds_is_a_cell_that_cannot_be_read(year):
     texts = np.array([f'{year}-06-01T00:00:00', '2000-01-01T00:00:00'])
     found = clock.stamps([texts], np.arange(2))
     assert found.tolist() == [MISSING, 946_684_800 * 10 ** 9]
+
+
+def test_the_first_of_regular_rows_may_lie_behind_the_start():
+    time = RegularTime(period=2e6, start=10, first=500.0)
+    assert time.stamps([], np.arange(3)).tolist() == [510, 2_000_510, 4_000_510]

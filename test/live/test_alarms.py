@@ -116,6 +116,6 @@ def test_a_state_of_the_alarm_that_comes_late_counts_for_the_test_of_its_stamp()
     earlier = TestCurves(1, 10 * 10**9, 20 * 10**9, 10**7, {}, {})
     session.hear(told(RingAlarm.WATCHING, 12.0), [earlier])
     session.follow(2, '')
-    session.hear(told(RingAlarm.ALARM, 19.0, channel='gamma', size=3e-6,
+    session.hear(told(RingAlarm.ALARM, 20.5, channel='gamma', size=3e-6,
                       raised=to_time(14 * 10**9)), [earlier])
     assert session.as_page(earlier, {})['verdict']['level'] == 'error'

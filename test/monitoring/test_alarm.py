@@ -19,6 +19,8 @@ from saddlering_ros.monitoring.detector import (
     least_wander,
     MonitoringError,
     RestLearner,
+    wander_limit,
+    WANDER_SHARE,
 )
 from saddlering_ros.monitoring.monitor import (
     ALARM,
@@ -33,6 +35,14 @@ from saddlering_ros.monitoring.monitor import (
 from saddlering_ros.rig import default_rig
 
 SETTINGS = MonitorSettings()
+
+
+def test_the_wander_of_all_channels_leaves_its_limits_as_seldom_as_promised():
+    noise, block, hours, channels = BlockNoise(1.0, 4.0, 0.98), 0.02, 100.0, 3
+    z = wander_limit(noise, block, hours, channels) / 2.0
+    density = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+    a_second = channels * 2.0 * z * density / (-block / math.log(0.98))
+    assert a_second * 3600.0 * hours == pytest.approx(WANDER_SHARE, rel=1e-6)
 
 
 def watch(one, samples):

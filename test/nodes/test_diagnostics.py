@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 
+from saddlering_interfaces.action import IdentifyRing
+from saddlering_ros.jobs.action_server import ActionNode
+from saddlering_ros.jobs.worker import FAILED, Outcome, REFUSED
+from saddlering_ros.monitoring.monitor import Lapse
 from saddlering_ros.nodes.replay_clock import ReplayClockNode
+from saddlering_ros.nodes.ring_alarm import RingAlarmNode
 from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
+from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.guard import load_limits, SampleGuard, Samples
 from saddlering_ros.rig import default_rig
-from saddlering_ros.ros.diagnostics import Events, OK, SaturationTask, StreamTask, WARN
+from saddlering_ros.ros.diagnostics import ERROR, Events, OK, SaturationTask, StreamTask, WARN
 from saddlering_ros.ros.parameters import _rig_values, rig_words
 
 START, MS = 10**18, 1_000_000
@@ -63,3 +72,34 @@ def test_what_may_be_set_while_active_takes_effect_and_the_clock_does_not_hear_i
                   for parameter in node.PARAMETERS if parameter.changeable}
     assert {'window', 'parity_noise'} <= changeable
     assert not ReplayClockNode.TELLS_PROGRESS
+
+
+def test_a_probe_that_does_not_read_is_told_with_the_channels_that_it_costs() -> None:
+    for missing, words in (([2, 0, 0, 0], 'probe 1 does not read, delta_x unknown'),
+                           ([0, 3, 0, 1], 'probe 2, 4 does not read, delta_y and gamma unknown')):
+        node: Any = SimpleNamespace(_rig=default_rig(), _stream=SimpleNamespace(
+            take_missing=lambda missing=missing: missing))
+        found = RingDisplacementNode._probes_status(node)
+        assert (found.level, found.words.partition(':')[0]) == (ERROR, words)
+
+
+def test_a_lapse_of_the_promise_is_a_warning_for_some_seconds_or_for_good() -> None:
+    def level(age: int, is_lasting: bool) -> int:
+        monitor = SimpleNamespace(stamp=START, lapses=[Lapse(START - age, 'a pause', is_lasting)])
+        node: Any = SimpleNamespace(_stream=SimpleNamespace(monitor=monitor),
+                                    settings={'false_alarm_hours': 1000.0})
+        return RingAlarmNode._promise_status(node).level
+
+    assert [level(9 * SECOND, False), level(11 * SECOND, False), level(11 * SECOND, True)] == [
+        WARN, OK, WARN]
+
+
+def test_a_goal_that_cannot_be_used_is_no_fault_of_the_server() -> None:
+    quiet = SimpleNamespace(info=lambda words: None)
+    for kind, level in ((REFUSED, OK), (FAILED, ERROR)):
+        server: Any = SimpleNamespace(get_logger=lambda: quiet)
+        goal: Any = SimpleNamespace(abort=lambda: None)
+        result = IdentifyRing.Result()
+        ActionNode._end(server, goal, Outcome(kind, None, 'why'), result)
+        assert (server._level, result.message) == (level, 'why')
+        assert result.status == getattr(result, kind.upper())

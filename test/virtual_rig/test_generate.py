@@ -1,9 +1,14 @@
 """`saddlering generate`: a bag comes out whole, and bad arguments get one line and status 2."""
 
+import math
+
 import pytest
 
 from saddlering_ros.bags import read_run
-from saddlering_ros.cli.main import main
+from saddlering_ros.cli.generate import _plan
+from saddlering_ros.cli.main import build_parser, main
+from saddlering_ros.rig import TONNE
+from saddlering_ros.virtual_rig.integrator import Scatter
 
 QUICK = ['--test', 'dynamic', '--elevation', '50', '--duration', '2.5', '--rate', '100']
 
@@ -14,6 +19,17 @@ def test_a_bag_with_an_effect_can_be_read_again(tmp_path, capsys):
                  '--effect', 'probe_gain.probe=3', '--set', 'K1=1.5e8', '--seed', '4']) == 0
     assert 'run' in capsys.readouterr().out
     assert read_run(out).test == 'dynamic'
+
+
+def test_options_are_in_the_units_that_they_name():
+    parser, _ = build_parser()
+    plan = _plan(parser.parse_args([
+        'generate', 'out', '--test', 'static', '--elevation', '50', '--gap-scatter', '3',
+        '--stiffness-scatter', '4', '--noise', '0.5', '--peak', '20', '--load-step', '2']))
+    assert plan.physical.scatter == Scatter(pytest.approx(3e-6), pytest.approx(0.04))
+    assert plan.physical.elevation == pytest.approx(math.radians(50.0))
+    assert plan.instruments.noise == pytest.approx(5e-7)
+    assert (plan.schedule.peak, plan.schedule.step) == pytest.approx((20.0 * TONNE, 2.0 * TONNE))
 
 
 def test_an_existing_bag_is_kept_unless_told_otherwise(tmp_path, capsys):
