@@ -15,7 +15,7 @@ from saddlering_ros.diagnosis.records import (
 )
 from saddlering_ros.diagnosis.rig_dimensions import certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
+from saddlering_ros.diagnosis.verdict import Verdict
 from saddlering_ros.discrepancy import probabilities_of, Settings
 from saddlering_ros.doubts.wiring import wiring_first
 from saddlering_ros.effects import catalogue, LawEffect
@@ -77,7 +77,12 @@ def diagnose_ring(
     notes += certificate_notes(rig, diagnosis.causes)
     notes += repeated_laws(laws_of_user, verdict.signature_cosines(diagnosis))
     notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
-    if diagnosis.verdict == 'unknown' and _is_rounding(figures):
+    # Of probes so coarse, the residual may be their rounding.
+    is_coarse = any(quality.is_coarse for run in figures
+                    for quality in run.record.test_run.quality.values())
+    if diagnosis.verdict == 'unknown' and is_coarse and all(
+            misfit.nrmse_before <= misfit.noise_floor
+            for run in figures for misfit in run.channels.values()):
         diagnosis = replace(diagnosis, verdict='none', causes=(), complete=True, remainder=(),
                             probabilities=probabilities_of('none'))
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '
@@ -105,13 +110,3 @@ def _with_different_names(records: Sequence[PreparedRecord]) -> list[PreparedRec
             record = replace(record, run=run)
         renamed.append(record)
     return renamed
-
-
-def _is_rounding(figures: Sequence[RunFigures]) -> bool:
-    """Whether probes are so coarse that the residual may be their rounding."""
-    is_coarse = any(
-        quality.is_coarse
-        for run in figures for quality in run.record.test_run.quality.values())
-    return is_coarse and all(
-        misfit.nrmse_before <= misfit.noise_floor
-        for run in figures for misfit in run.channels.values())

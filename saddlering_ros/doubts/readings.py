@@ -342,7 +342,6 @@ def _marks_of(
     if not any(guard.bridges or guard.doubtful.stretches() for guard in guards):
         return None
     marks: Bits = scratch.scratch_array(stamps.shape, np.uint8)
-    marks[:] = 0
     for guard in guards:
         marks |= guard.marks(stamps, to_next=to_next)
     return marks
@@ -380,7 +379,7 @@ def _spikes(
     """Mask (5, N) of the load's samples that a spike of the load or of a probe reaches."""
     if not any(one.spikes.size for one in found.values()):
         return None
-    spikes = scratch.scratch_mask(len(RIG_TOPICS), len(load))
+    spikes = scratch.scratch_array((len(RIG_TOPICS), len(load)), np.bool_)
     for name, reached in zip(RIG_TOPICS, spikes, strict=True):
         # Mark the load's samples (N,) that are aligned with a spike among a topic's readings.
         for spike in found[name].spikes.tolist():

@@ -158,7 +158,10 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
             if number > 1:
                 raise ImportingError(f'{path}, line {number}: {line!r} is not two numbers: '
                                      'correct the table') from problem
-            heading = [_unit_in(cell) for cell in cells]
+            # 'mm', 'gap [mm]', 'gap (mm)' or 'gap in mm'
+            brackets = [re.search(r'[\[(]\s*([^\])]+?)\s*[\])]', cell) for cell in cells]
+            heading = [known_unit(found[1] if found else cell.split()[-1] if cell else '')
+                       for cell, found in zip(cells, brackets, strict=True)]
     if heading[0] not in (None, reading_unit):
         raise ImportingError(f'{path}: its readings are in {heading[0].name}, the map gives the '
                              f'column in {reading_unit.name}: correct one')
@@ -172,12 +175,6 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
                              'least two lines: sort the table')
     readings, values = zip(*sorted(rows), strict=True)
     return Table(unit, readings, values, path)
-
-
-def _unit_in(cell: str) -> Unit | None:
-    """The unit in a heading: 'mm', 'gap [mm]', 'gap (mm)' or 'gap in mm'."""
-    bracket = re.search(r'[\[(]\s*([^\])]+?)\s*[\])]', cell)
-    return known_unit(bracket[1] if bracket else cell.split()[-1] if cell else '')
 
 
 Stamps = NDArray[np.int64]

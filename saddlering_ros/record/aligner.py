@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.record import batches
 from saddlering_ros.record.batches import AlignedRows, Floats, Mask, Samples, Stamps
-from saddlering_ros.record.scratch import blocks, scratch_array, scratch_mask
+from saddlering_ros.record.scratch import blocks, scratch_array
 
 NEVER = 2**63 - 1
 """A silence [ns] that no probe reaches: the rows wait for all probes."""
@@ -426,7 +426,7 @@ def aligned_record(load: Samples, probes: Sequence[Samples]) -> tuple[Floats, Ma
     aligner = Aligner(channels=len(probes), dead_after=batches.DEAD_AFTER_NS, max_wait=NEVER,
                       max_pending=NEVER, max_samples=NEVER)
     gaps: Floats = scratch_array((len(probes), len(load)), np.float64)
-    given, published = scratch_mask(len(load)), scratch_mask(len(load))
+    given, published = (scratch_array((len(load),), np.bool_) for _ in range(2))
     taken, row = [0] * len(probes), 0
     arrays = [array for one in (load, *probes) for array in (one.stamps, one.values)]
     for part in blocks(len(load), *arrays, gaps, given, published, size=STRETCH):

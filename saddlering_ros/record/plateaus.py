@@ -230,7 +230,6 @@ def _steady(time: Floats, load: Floats, window: float, tolerance: float) -> Mask
 def _running_sum(values: Floats, less: float = 0.0) -> Floats:
     """Sums (N + 1,) of the first 0 to N values, each minus a constant."""
     total = scratch_array((len(values) + 1,), np.float64)
-    total[0] = 0.0
     for part in blocks(len(values), values, total):
         added = np.cumsum(np.append(total[part.start], values[part] - less))
         total[part.start + 1:part.stop + 1] = added[1:]

@@ -14,7 +14,7 @@ from saddlering_ros.errors import BagError, plain_number, printable
 from saddlering_ros.files import Origin
 from saddlering_ros.record.batches import Bits, DOUBTFUL_LOAD, Floats, Mask, Samples, Stamps
 from saddlering_ros.record.quality import doubtful_lag, TopicQuality
-from saddlering_ros.record.scratch import BLOCK, blocks, scratch_mask, spread_changes
+from saddlering_ros.record.scratch import BLOCK, blocks, scratch_array, spread_changes
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.rig import Rig
 
@@ -180,7 +180,7 @@ class Record:
     @property
     def complete(self) -> Mask:
         """Mask (N,) of the load stamps at which all four probes have a reading."""
-        found = scratch_mask(len(self.stamps))
+        found = scratch_array(self.stamps.shape, np.bool_)
         for part in blocks(len(found), self.gaps, found):
             found[part] = np.isfinite(self.gaps[:, part]).all(axis=0)
         return found

@@ -28,21 +28,13 @@ PARTS = 16
 
 
 def scratch_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """An array to be filled, of zeros if it is long; BagError if there is no room for it."""
+    """An array of zeros, to be filled; BagError if there is no room for it."""
     if shape[-1] <= LONG:
-        return np.empty(shape, dtype)
+        return np.zeros(shape, dtype)
     try:
         return np.asarray(np.memmap(scratch_file(), dtype, 'w+', 0, shape))
     except OSError as problem:
         raise no_room(problem) from problem
-
-
-def scratch_mask(*shape: int) -> NDArray[np.bool_]:
-    """A mask that is False everywhere, in a scratch file if it is long."""
-    mask = scratch_array(shape, np.bool_)
-    if shape[-1] <= LONG:
-        mask[:] = False
-    return mask
 
 
 def scratch_copy(values: NDArray[Any]) -> NDArray[Any]:
