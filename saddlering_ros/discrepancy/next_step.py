@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 import math
 from typing import Protocol, runtime_checkable
 
@@ -34,6 +35,7 @@ from saddlering_ros.discrepancy.problem.system import (
     SystemWithTangents,
 )
 from saddlering_ros.discrepancy.search.evidence import alternative_floor, indistinguishable
+from saddlering_ros.discrepancy.search.lack_of_fit import products_with
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.quantities import WIDTH_95
@@ -376,7 +378,7 @@ def _law_about(space: ModelSpace, fit: Fit) -> LawProposal | None:
                               np.moveaxis(slope, 0, -1)))
     runs = {run.name: run for run in problem.all_runs}
     return propose_law(
-        Misfit(tuple(fitted), metric, space.max_pairs),
+        Misfit(tuple(fitted), metric.whiten, partial(products_with, metric), space.max_pairs),
         lambda seen, residual: fitting.mean_square(problem, [runs[seen.name]], [residual]),
         held, problem.settings.error_rate)
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +12,11 @@ from saddlering_ros.discrepancy.law.families import (
     direction_of,
     Misfit,
     ObservedRun,
+    Products,
     relaxations,
     stop_operators,
 )
 from saddlering_ros.discrepancy.law.proposal import LawProposal, propose_law
-from saddlering_ros.discrepancy.problem.problem import Metric
-from saddlering_ros.estimation.whitening import independent, SharedErrors
 
 NOISE = 0.02
 TIME = np.arange(300) * 0.05
@@ -53,13 +50,10 @@ def law_of(fitted: list[ObservedRun], held_out: Sequence[ObservedRun] = ()):
     def mean_square(_: ObservedRun, residual: np.ndarray) -> float:
         return float(np.mean((residual - residual.mean(axis=1, keepdims=True)) ** 2))
 
-    parts = [slice(start, start + TIME.size)
-             for start in range(0, 2 * len(fitted) * TIME.size, TIME.size)]
-    slices = [(number // 2, number % 2, part) for number, part in enumerate(parts)]
-    problem: Any = SimpleNamespace(slices=slices, size=parts[-1].stop)
-    whiteners = (independent(np.full(TIME.size, NOISE**2)),) * len(parts)
-    metric = Metric(problem, {}, whiteners, SharedErrors.none(problem.size))
-    misfit = Misfit(tuple(fitted), metric, 1000)
+    def products_with(white: np.ndarray) -> Products:
+        return lambda plain: (plain.T @ plain / NOISE**2, plain.T @ white / NOISE)
+
+    misfit = Misfit(tuple(fitted), lambda columns: columns / NOISE, products_with, 1000)
     return propose_law(misfit, mean_square, held_out)
 
 

@@ -8,7 +8,7 @@ like a cause.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.problem.system import Array
-from saddlering_ros.discrepancy.search.lack_of_fit import Block, BlockColumns
 from saddlering_ros.estimation.statistics import fisher_chance
 from saddlering_ros.memory_operators import Direction, Plays, Relaxations
 
@@ -99,15 +97,22 @@ class ObservedRun:
         return np.asarray(self.targets[target][:, :, None] * change[None, :, :])
 
 
+Products = Callable[[Array], tuple[Array, Array]]
+"""Products (k, k) of columns (n, k), whitened, with each other, and (k, B) with whitened ones."""
+
+
 @dataclass(frozen=True)
 class Misfit:
     """Residuals of the fitted runs and their metric.
 
-    degrees: degrees of freedom of the level of the noise.
+    whiten: applies the metric to stacked columns (n, B), in the order of runs, channels,
+    samples. products_with: products with whitened columns (n, B), without whitening whole
+    columns. degrees: degrees of freedom of the level of the noise.
     """
 
     runs: tuple[ObservedRun, ...]
-    metric: Metric
+    whiten: Callable[[Array], Array]
+    products_with: Callable[[Array], Products]
     degrees: int
 
     @cached_property
@@ -128,14 +133,13 @@ class Misfit:
     @cached_property
     def base(self) -> Array:
         """Orthonormal basis (n, P) of the changes by base parameters, whitened."""
-        left, values, _ = np.linalg.svd(self.metric.whiten(self.slopes), full_matrices=False)
+        left, values, _ = np.linalg.svd(self.whiten(self.slopes), full_matrices=False)
         return np.asarray(left[:, values > 1e-8 * max(float(values.max(initial=0.0)), 1e-300)])
 
     @cached_property
     def residual(self) -> Array:
         """The whitened residual (n,) minus its part by base parameters."""
-        plain = np.concatenate([run.residual.ravel() for run in self.runs])
-        white = self.metric.whiten(plain[:, None])
+        white = self.whiten(np.concatenate([run.residual.ravel() for run in self.runs])[:, None])
         return np.asarray(white - self.base @ (self.base.T @ white))[:, 0]
 
     def plain(self, target: str, shapes: Sequence[Array]) -> Array:
@@ -145,21 +149,8 @@ class Misfit:
 
     def columns(self, target: str, shapes: Sequence[Array]) -> Array:
         """The same, whitened and without the part by base parameters."""
-        white = self.metric.whiten(self.plain(target, shapes))
+        white = self.whiten(self.plain(target, shapes))
         return np.asarray(white - self.base @ (self.base.T @ white))
-
-    def products(self, plain: Array, seen: Array) -> tuple[Array, Array]:
-        """Products of `plain` (n, k), whitened likewise, with each other and with a residual.
-
-        The whitened columns are not formed. seen (n, 1 + P): `shared.apply` of the residual,
-        which has no part by base parameters, and of the base.
-        """
-        index, slices = np.arange(plain.shape[1]), self.metric.problem.slices
-        columns = BlockColumns(self.metric, [
-            Block(slot, index, plain[part]) for slot, (_, _, part) in enumerate(slices)
-            if plain[part].any()], index.size)
-        slopes, *shared = columns.noise_products(seen).T
-        return columns.gram - np.transpose(shared) @ np.array(shared), slopes
 
 
 @dataclass(frozen=True)

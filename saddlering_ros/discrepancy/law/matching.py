@@ -13,7 +13,14 @@ import numpy as np
 from scipy.optimize import minimize
 
 from saddlering_ros.discrepancy.law import families
-from saddlering_ros.discrepancy.law.families import BlockFit, DIRECTION, LOAD, Misfit, TIME
+from saddlering_ros.discrepancy.law.families import (
+    BlockFit,
+    DIRECTION,
+    LOAD,
+    Misfit,
+    Products,
+    TIME,
+)
 from saddlering_ros.discrepancy.problem.system import Array, Estimate
 
 Coordinates = Mapping[str, Array]
@@ -165,13 +172,13 @@ MAX_REFINED = 3
 class _Match:
     """One form of law in place of a fitted family, for a whitened residual `wanted` (n,).
 
-    seen: as in `Misfit.products`, of this residual.
+    products: with this residual and with the base.
     """
 
     misfit: Misfit
     fit: BlockFit
     wanted: Array
-    seen: Array
+    products: Products
     form: Form
 
     def along_runs(self, *shapes: Shape) -> list[Array]:
@@ -181,8 +188,10 @@ class _Match:
 
     def left(self, *shapes: Shape) -> list[float]:
         """Misfit with the best amplitudes of the law with each of the shapes."""
-        plain = self.misfit.plain(self.fit.target, self.along_runs(*shapes))
-        gram, slopes = self.misfit.products(plain, self.seen)
+        gram, seen = self.products(
+            self.misfit.plain(self.fit.target, self.along_runs(*shapes)))
+        slopes, base = seen[:, 0], seen[:, 1:]
+        gram = gram - base @ base.T
         own = np.split(np.arange(slopes.size), len(shapes))
         return [float(self.wanted @ self.wanted - slopes[one] @ np.linalg.pinv(
             gram[np.ix_(one, one)], hermitian=True) @ slopes[one]) for one in own]
@@ -271,8 +280,8 @@ def match_law(misfit: Misfit, fit: BlockFit, wanted: Array) -> Term:
     if along == DIRECTION:
         forms = [replace(form, coordinate=along, words=f'direction * {form.words}')
                  for form in (*CURVES, CONSTANT)]
-    seen = misfit.metric.shared.apply(np.column_stack([wanted, misfit.base]))
-    matches = [_Match(misfit, fit, wanted, seen, form) for form in forms]
+    products = misfit.products_with(np.column_stack([wanted, misfit.base]))
+    matches = [_Match(misfit, fit, wanted, products, form) for form in forms]
     begun = sorted(((*match.on_grid(), match) for match in matches), key=price)
     best = min(((*match.refined(least, start), match)
                 for least, start, match in begun[:MAX_REFINED]), key=price)

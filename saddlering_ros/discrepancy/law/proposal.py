@@ -117,8 +117,7 @@ def propose_law(
     # The change of base parameters (P,) beside the law. Bound-scaled parameters have a prior of
     # one range, so that idle ones stay.
     plain = np.concatenate([(run.residual - law.addition(run)).ravel() for run in misfit.runs])
-    whitened = misfit.metric.whiten(np.column_stack([plain, misfit.slopes]))
-    white, columns = np.split(whitened, [1], axis=1)
+    white, columns = np.split(misfit.whiten(np.column_stack([plain, misfit.slopes])), [1], axis=1)
     gram = columns.T @ columns + np.eye(columns.shape[1])
     move = np.linalg.solve(gram, columns.T @ white[:, 0])
     left = white[:, 0] - columns @ move

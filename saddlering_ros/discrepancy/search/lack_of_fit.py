@@ -16,7 +16,7 @@ little over an octave.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -89,6 +89,23 @@ class BlockColumns:
             part = self._metric.problem.slices[block.slot][2]
             total[block.index] += white.T @ columns[part]
         return total
+
+
+def products_with(metric: Metric, white: Array) -> Callable[[Array], tuple[Array, Array]]:
+    """A function of stacked columns (n, k): products, whitened, with each other and with `white`.
+
+    Only the channels of runs in which a column is not zero are whitened.
+    """
+    seen, slices = metric.shared.apply(white), metric.problem.slices
+
+    def products(plain: Array) -> tuple[Array, Array]:
+        index = np.arange(plain.shape[1])
+        columns = BlockColumns(metric, [
+            Block(slot, index, plain[part]) for slot, (_, _, part) in enumerate(slices)
+            if plain[part].any()], index.size)
+        return columns.gram, columns.noise_products(seen)
+
+    return products
 
 
 WAVES_PER_RUN = 20
