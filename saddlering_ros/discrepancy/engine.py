@@ -38,6 +38,7 @@ from saddlering_ros.discrepancy.verdict.naming import (
     uncertain_size,
     unshared,
     unsteady_sizes,
+    wrong_inputs,
 )
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, Residual, Verdict
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
@@ -252,6 +253,9 @@ def _answer_beside(
     else:
         doubts += established.like_sound_errors(
             noise_alone, strict.search.fit, fit, fit.candidate.ids)
+        doubts += wrong_inputs(noise_alone, fit)
+        if not doubts and not most_dropped:  # What is left out may be one shape.
+            doubts += established.one_shape_left(noise_alone, fit)
     doubts += uncertain_size(search.space, published.causes)
     # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
     is_sure = beside is not None or main.group == (main.effect,)

@@ -1,10 +1,8 @@
 """What follows an open verdict: the test that parts alternatives, a law that no effect has.
 
-The next test is the possible test that most often leaves only the true model. Each model in turn
-is the truth. Its prediction for the test is drawn with its parameters and the nuisance parameters
-as the data leave them, and with the noise of the record. Every model is then judged on the old and
-the new data, by the rule that keeps an alternative in a group. Models are linear about their fits,
-so that a fit to all data needs no further simulation: the misfit grows by that of the new data in
+The next test is the possible test that most often leaves only the true model, which each model is
+in turn, by the rule that keeps an alternative in a group. Models are linear about their fits, so
+that a fit to all data needs no further simulation: the misfit grows by that of the new data in
 the metric of the model's own prediction (the update of a linear model with normal errors).
 """
 

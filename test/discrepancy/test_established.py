@@ -21,6 +21,7 @@ from saddlering_ros.discrepancy import (
     Parameter,
     probabilities_of,
     Run,
+    ShapeTest,
 )
 from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
@@ -244,6 +245,43 @@ def test_what_errors_of_a_sound_machine_could_replace_is_not_established() -> No
             without=lambda *_, left=left: SimpleNamespace(misfit=left))
         doubts = established.like_sound_errors(alone, fit, fit, ['arc'])
         assert bool(doubts) is is_doubted
+
+
+def test_a_cause_that_leaves_one_shape_only_may_stand_for_another() -> None:
+    """No machine errs along one coordinate alone; a law that is not listed leaves such a rest."""
+    def recorded(number: int) -> Run:
+        run = record(number, 0.3, 0.0)
+        rest = 0.05 * np.sin(4.0 * np.asarray(run.inputs['drive']))
+        return replace(run, outputs={'seen': run.outputs['seen'] + rest})
+
+    less = replace(MODEL, effects={'friction': MODEL.effects['friction']}, base={
+        **MODEL.base, 'cubic.size': Parameter(-1, 1)})
+    problem = problem_of(less, [recorded(number) for number in range(3)], [recorded(3)])
+    rough = replace(problem.assumptions, exact_laws=False)
+    answer = diagnose_system(replace(problem, assumptions=rough))
+    assert answer.verdict == 'unknown'
+    assert any('one shape, seen along drive' in item for item in answer.warnings)
+
+
+@pytest.mark.parametrize(('excess', 'chance', 'is_doubted'), [
+    (30.0, 1e-3, True), (10.0, 1e-9, False), (30.0, 0.1, False)])
+def test_a_cause_of_a_ring_leaves_a_small_part_of_what_it_takes_along_one_coordinate(
+        excess: float, chance: float, is_doubted: bool) -> None:
+    space = SimpleNamespace(
+        base=SimpleNamespace(misfit=1500.0), settings=SimpleNamespace(error_rate=0.01),
+        problem=SimpleNamespace(assumptions=SimpleNamespace(exact_laws=False)))
+    fit = SimpleNamespace(misfit=500.0, candidate=SimpleNamespace(ids=('bracket',)))
+    shape = ShapeTest('gamma', 'load', chance, excess + 12.0, 12, 0.001)
+    doubts = naming.shapes_left(space, fit, SimpleNamespace(shapes=(shape,)))
+    assert bool(doubts) is is_doubted
+
+
+def test_an_error_of_an_input_is_established_alone_only() -> None:
+    system = SimpleNamespace(inputs=(SimpleNamespace(id='span'),))
+    space = SimpleNamespace(problem=SimpleNamespace(system=system))
+    for names, is_doubted in ((('span', 'friction'), True), (('friction',), False)):
+        fit = SimpleNamespace(candidate=SimpleNamespace(ids=names))
+        assert bool(naming.wrong_inputs(space, fit)) is is_doubted
 
 
 def named_beside_friction(

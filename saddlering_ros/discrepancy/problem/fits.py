@@ -6,10 +6,9 @@ with parallel batches stays busy. The method is Levenberg-Marquardt in bound-sca
 Columns of the base are stored and improved by Broyden's update, and columns of effects are
 differenced at every step.
 
-The metric of the gain is fixed beforehand: the root of the mean, over runs and views, of the
-squared residual over the range of the view, without constants that have no meaning. Gain = 1 -
-metric with / metric without. It is negative if the extension predicts worse. Base and extension
-are each fitted in this metric, on the fitted runs alone.
+The metric of the gain is the root of the mean, over runs and views, of the squared residual over
+the range of the view, without constants that have no meaning. Gain = 1 - metric with / metric
+without, each fitted in this metric on the fitted runs alone; negative if the extension is worse.
 """
 
 from __future__ import annotations

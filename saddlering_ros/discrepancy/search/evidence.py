@@ -1,10 +1,8 @@
 """Two fitted models compared: the criteria of a cause, and other forms of the laws found.
 
-A real law differs from the idealised law of the catalogue. A film creeps with several time
-constants, joints slip at several loads: such a law is a mixture of the same law with other values
-of its shape. The change by other laws is that of the catalogue times a smooth function of load,
-highest load so far, direction, time, run or channel. Each form has a prior spread. The forms
-compete with a second cause for the misfit that the idealised law leaves.
+A real law differs from the idealised law of the catalogue: it is a mixture of such laws with other
+shapes, or their change times a smooth function of load, highest load so far, direction, time, run
+or channel. These forms compete with a second cause for the misfit that the idealised law leaves.
 """
 
 from collections import Counter

@@ -4,9 +4,8 @@ Each family of shapes belongs to one coordinate (drive, direction of the drive, 
 one view. Its statistic is the whitened misfit that the family explains beside the sensitivities of
 the model. The noise comes from stretches at rest, so that the tested structure is not part of it.
 
-A column of these tests belongs to one channel of one run, or to the same few channels of every
-run. Full arrays of such columns would hold channels times runs times samples numbers. Only the
-blocks that are not zero are stored, and only small products are formed.
+A column of these tests belongs to one channel of one run, or to few channels of every run. Only
+the blocks that are not zero are stored, and only small products are formed.
 
 What is faster than the slow structure is tested by octaves of half waves in whitened samples. A
 narrow octave has an orthonormal basis. A wide octave is read from the cosine transform of the
@@ -17,7 +16,7 @@ little over an octave.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -133,7 +132,7 @@ NOISE_DRAWS = 8
 
 @dataclass(frozen=True)
 class ShapeTest:
-    """One family of shapes: its significance, and its size as a share of the range of the view."""
+    """One family of shapes, its size as a share of range; shape (n,): what it takes, if sure."""
 
     view: str
     coordinate: str
@@ -141,6 +140,7 @@ class ShapeTest:
     statistic: float
     dimensions: int
     visible: float
+    shape: Array | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -312,10 +312,12 @@ class LackOfFitTests:
                 slopes = columns.products(fit.whitened) - shared @ (orthogonal.T @ fit.whitened)
                 inner = root.T @ slopes
                 count, statistic = int(kept.sum()), float(inner @ inner)
-                size = self._powers(fit, columns.combined(root @ inner), view).max() ** 0.5
+                shape = columns.combined(root @ inner)
+                size = self._powers(fit, shape, view).max() ** 0.5
                 chance = fisher_chance(statistic / count, count, self._pairs) if count else 1.0
                 tests.append(ShapeTest(
-                    view, coordinate, float(chance), statistic, max(count, 1), float(size)))
+                    view, coordinate, float(chance), statistic, max(count, 1), float(size),
+                    shape if chance < MAX_CHANCE else None))
         return sorted(
             (replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests),
             key=lambda test: (test.p_value, -test.statistic / test.dimensions))

@@ -6,22 +6,15 @@ one effect that explains the part of several. `masked_pair` and `_fit_from_all_o
 that the search of one effect after another cannot find. `check_alternatives` compares every member
 with the other effects.
 
-Two effects can mask each other. A lower row that is softer and a probe that reads too much move
-the same channel in opposite directions. Each effect alone leaves almost the whole misfit. All
-pairs of signatures are therefore compared to first order, which costs no simulation, and the best
-pairs are refitted if their gain could exceed that of the model found.
+Two effects can mask each other: a softer lower row and a probe that reads too much move a channel
+in opposite directions, and each alone leaves almost the whole misfit.
 
-The base fit can conceal an effect. A threshold that it never reaches has no signature there,
-although the data may show it: a tank that the fit takes for half full does not overflow.
-Similarly, an oscillation that is fitted with one turn too many lies in a minimum of its own, in
-which its missing effect explains nothing. Such effects are tried from starts over the whole range
-of the base.
+The base fit can conceal an effect: a tank that it takes for half full does not overflow, and an
+oscillation fitted with one turn too many lies in a minimum of its own. Such effects are tried from
+starts over the whole range of the base.
 
-Model error is learnt from a residual. Whatever the best model of these runs leaves is taken to be
-a process that any of its runs could show again: cosines over the time of each run, whose spreads
-follow the smoothed spectrum of the residual. In a metric with these cosines a likelihood ratio
-counts only what such an error could not do, so that the evidence for a cause is as sure as the
-machine is reproducible (`search_beside_error`).
+What the best model leaves is model error, a process that any run could show again. Beside it the
+evidence for a cause is as sure as the machine is reproducible (`search_beside_error`).
 """
 
 from collections.abc import Mapping, Sequence

@@ -5,10 +5,9 @@ between two signatures tells two causes apart. The share beside the base paramet
 an effect can be seen. The length over the noise gives the detection limit: the smallest size of
 an effect that these data could have shown.
 
-A signature shows to first order which part of a change the base parameters imitate. A nonlinear
-example is a resonance that a spring has shifted by one percent: refitted gravity imitates the
-shift almost completely, and a limit from signatures is far too low. Where a base can have several
-minima, limits are therefore confirmed: the base is refitted beside an effect of the stated size.
+To first order a limit can be far too low: refitted gravity imitates a resonance that a spring has
+shifted by one percent. Where a base can have several minima, limits are therefore confirmed: the
+base is refitted beside an effect of the stated size.
 """
 
 from __future__ import annotations

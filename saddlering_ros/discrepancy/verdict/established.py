@@ -1,10 +1,8 @@
 """The published numbers, whether causes are established, and what they leave.
 
 The selected models are refitted without nuisance parameters. A stand-in for a law that is in no
-catalogue explains a part of the misfit too, and no likelihood ratio tells: with the noise of the
-sensors alone it is beyond doubt. What tells is how much of the misfit beyond noise a cause takes
-in a view, on fitted runs and on runs that it predicts. The model error of the machine is in the
-metric in which likelihood ratios and alternatives are judged.
+catalogue explains a part of the misfit too, which no likelihood ratio tells. What does is how much
+of the misfit beyond noise a cause takes in a view, on fitted runs and on runs that it predicts.
 """
 
 from __future__ import annotations
@@ -261,6 +259,28 @@ def own_kind_left(space: ModelSpace, fit: Fit, residual: Residual) -> list[str]:
     if max(own, default=0.0) < MAX_OWN_KIND * whole:
         return []
     return [wording.own_kind_words(fit.candidate.ids, min(max(own) / whole, 1.0))]
+
+
+def one_shape_left(alone: ModelSpace, fit: Fit) -> list[str]:
+    """A sentence if one family of shapes takes most or all of what the effects of a fit leave.
+
+    The errors of a machine lie along several coordinates. What lies along one is left by a law
+    that is not listed, and of which the effects may take the other part. alone: as above.
+    """
+    whole, rate = refit_full_jacobian(
+        alone.metric, [fit], alone.settings.rounds)[0], alone.settings.error_rate
+    white = alone.tangent_of(whole).white
+    beyond = orthonormal(white)
+    least = (1.0 - MAX_OWN_KIND) * alone.slow_residual(whole).excess
+    for test in alone.tests.shapes(whole, white):
+        if test.shape is not None and test.p_value < rate:
+            taken = alone.metric.whiten(test.shape)
+            left = whole.whitened - taken + beyond @ (beyond.T @ taken)
+            after = alone.tests.slow(replace(whole, whitened=left))
+            if after.p_value >= rate or after.excess < least:
+                return [wording.shape_words(
+                    fit.candidate.ids, f'{test.view} along {test.coordinate}')]
+    return []
 
 
 def other_laws(space: ModelSpace, fit: Fit, alternatives: Alternatives) -> list[str]:

@@ -6,12 +6,10 @@ stretches of windowed power over the level of the neighbouring frequencies. Unde
 smooth spectrum the statistic is an F ratio, with a Bonferroni correction over frequencies and
 channels.
 
-A line below a few hertz has few periods in a stretch at rest. Its strength while the load moves is
-the same, so that it is searched in the residual of the base fit. A ring can sway at such
-frequencies too, and an oscillating load makes any misfit oscillate. A line therefore counts only
-if its strength is constant along every run and at rest, and if the drive has no line there or at
-an integer fraction of its frequency. A run with gaps is searched between the gaps. If only static
-tests exist, the search uses their holds.
+A line below a few hertz is searched in the residual of the base fit. A ring can sway too, so that
+it counts only if its strength is constant along every run and at rest, and if the drive has no
+line there or at an integer fraction of its frequency, which makes any misfit oscillate. A run with
+gaps is searched between the gaps, and static tests alone in their holds.
 """
 
 from collections.abc import Sequence

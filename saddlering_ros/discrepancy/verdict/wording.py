@@ -169,6 +169,16 @@ def partial_words(ids: Sequence[str], explained: float, where: str) -> str:
             f'{where}: {" and ".join(ids)} can only be a part of the cause')
 
 
+def shape_words(ids: Sequence[str], where: str) -> str:
+    return (f'{" and ".join(ids)}: what remains is too much of one shape, {where}, for errors of '
+            'their laws or of the machine: they may stand for another cause')
+
+
+def inputs_words(names: Sequence[str]) -> str:
+    return (f'{" and ".join(names)}: errors of inputs resemble each other and other causes; one '
+            'is established alone only, and only if it leaves no more than noise')
+
+
 def crowded_words(count: int) -> str:
     return (f'{count} effects were needed for one channel: so many effects can fit any misfit, '
             'and none of them is certain')
