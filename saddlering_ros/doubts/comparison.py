@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.errors import BagError
+from saddlering_ros.record.batches import Rows
 from saddlering_ros.record.record import RawRecord, Record
 from saddlering_ros.record.scratch import blocks
 from saddlering_ros.rig import default_rig, ParameterSet, Rig, RigError, short_digest
@@ -96,9 +96,7 @@ def _equal_from(shorter: Record, longer: Record, shift: int) -> int:
     count = 0
     for part in blocks(stop - start, shorter.load, shorter.gaps, longer.load, longer.gaps):
         rows = slice(start + part.start, start + part.stop)
-        others = slice(rows.start + shift, rows.stop + shift)
-        count += _equal(shorter.load[rows], shorter.gaps[:, rows], longer.load[others],
-                        longer.gaps[:, others])
+        count += _equal(shorter, rows, longer, slice(rows.start + shift, rows.stop + shift))
     return count
 
 
@@ -117,18 +115,15 @@ def _equal_at_their_stamps(first: Record, second: Record) -> int:
         others = slice(*np.searchsorted(second.stamps, [stamps[0], stamps[-1] + 1]).tolist())
         _, left, right = np.intersect1d(stamps, second.stamps[others], assume_unique=True,
                                         return_indices=True)
-        count += _equal(first.load[rows][left], first.gaps[:, rows][:, left],
-                        second.load[others][right], second.gaps[:, others][:, right])
+        count += _equal(first, rows.start + left, second, others.start + right)
     return count
 
 
-Floats = NDArray[np.float64]
-
-
-def _equal(load: Floats, gaps: Floats, other_load: Floats, other_gaps: Floats) -> int:
-    """Number of rows with equal loads (N,) and gaps (4, N); NaN equals NaN."""
+def _equal(first: Record, rows: Rows, second: Record, others: Rows) -> int:
+    """Number of the rows at which two runs have equal loads and gaps; NaN equals NaN."""
+    gaps, other_gaps = first.gaps[:, rows], second.gaps[:, others]
     same = (gaps == other_gaps) | (np.isnan(gaps) & np.isnan(other_gaps))
-    return int(np.count_nonzero(same.all(axis=0) & (load == other_load)))
+    return int(np.count_nonzero(same.all(axis=0) & (first.load[rows] == second.load[others])))
 
 
 def refuse_repeats(runs: Sequence[Record], held_out: Sequence[Record] = ()) -> None:
