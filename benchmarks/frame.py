@@ -28,8 +28,9 @@ LOOKS = 0.05
 def arguments(doc: str | None, short: Mapping[str, Any], **options: Any) -> argparse.Namespace:
     """The command line of a benchmark whose docstring explains its options.
 
-    Each option has its default here: False makes a switch, a tuple an option of several values, a
-    type an option that may be absent. --short sets the values of `short`, a form of a minute.
+    Each option has its default here: False makes a switch, a tuple an option of several values
+    (of words, those in it are all that there are), a type an option that may be absent. --short
+    sets the values of `short`, a form of a minute.
     """
     parser = argparse.ArgumentParser(
         description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -39,7 +40,8 @@ def arguments(doc: str | None, short: Mapping[str, Any], **options: Any) -> argp
             parser.add_argument(flag, action='store_true')
         elif isinstance(default, tuple):
             kind = type(default[0]) if default else str
-            parser.add_argument(flag, nargs='*', type=kind, default=list(default))
+            parser.add_argument(flag, nargs='*', type=kind, default=list(default),
+                                choices=default if kind is str and default else None)
         elif isinstance(default, type):
             parser.add_argument(flag, type=default)
         else:
