@@ -28,6 +28,7 @@ from saddlering_ros.discrepancy.verdict.established import (
     remainder_of,
     Shares,
 )
+from saddlering_ros.discrepancy.verdict.freed_law import narrow_laws
 from saddlering_ros.discrepancy.verdict.naming import (
     exceeds_declared_error,
     explained_share_of,
@@ -247,9 +248,11 @@ def _answer_beside(
             cause.effect for cause in beside.causes if cause.effect != main.effect]))
     else:
         doubts = doubts_of(search.space, fit, published, search.alternatives)
-    doubts += established.own_kind_left(noise_alone, seen, left)
     if noise_alone.problem.assumptions.exact_laws:
         doubts += unsteady_sizes(search.space, fit, published.causes)
+        narrow = narrow_laws(noise_alone, published.plain)
+        # The law is another one, whatever this one takes.
+        doubts, taken = doubts + narrow, 0.0 if narrow else taken
     else:
         doubts += established.like_sound_errors(
             noise_alone, strict.search.fit, fit, fit.candidate.ids)

@@ -101,6 +101,10 @@ Products = Callable[[Array], tuple[Array, Array]]
 """Products (k, k) of columns (n, k), whitened, with each other, and (k, B) with whitened ones."""
 
 
+Folds = Sequence[slice | NDArray[np.int64]]
+"""Rows that are held out in turn."""
+
+
 @dataclass(frozen=True)
 class Misfit:
     """Residuals of the fitted runs and their metric.
@@ -116,7 +120,7 @@ class Misfit:
     degrees: int
 
     @cached_property
-    def folds(self) -> Sequence[slice | NDArray[np.int64]]:
+    def folds(self) -> Folds:
         """Rows that are held out in turn: runs, or parts of a single run."""
         if len(self.runs) > 1:
             ends = np.cumsum([run.residual.size for run in self.runs])
@@ -186,7 +190,7 @@ def harmonics(at: Array) -> Array:
     return np.hstack([np.cos(at[:, None] * waves), np.sin(at[:, None] * waves)])
 
 
-def _roughness(pieces: int) -> Array:
+def roughness(pieces: int) -> Array:
     """Penalty on second differences of the coefficients of a spline."""
     second = np.diff(np.eye(pieces + 3), 2, axis=0)
     return np.asarray(second.T @ second)
@@ -212,7 +216,7 @@ def blocks_of(runs: tuple[ObservedRun, ...]) -> list[ShapeFamily]:
             run.coordinates[DIRECTION][:, None]
             * spline_columns(run.coordinates[LOAD], loads, PIECES[DIRECTION]) for run in runs)
         blocks.append(
-            ShapeFamily(DIRECTION, 'curve', shapes, _roughness(PIECES[DIRECTION]), loads))
+            ShapeFamily(DIRECTION, 'curve', shapes, roughness(PIECES[DIRECTION]), loads))
     if RATE in names and span_of(runs, RATE)[0] < span_of(runs, RATE)[1]:
         step = min(float(np.median(np.diff(run.coordinates[TIME]))) for run in runs)
         longest = max(float(np.ptp(run.coordinates[TIME])) for run in runs)
@@ -235,7 +239,7 @@ def _curve(runs: tuple[ObservedRun, ...], name: str) -> ShapeFamily:
     """A smooth curve over a coordinate."""
     span, pieces = span_of(runs, name), PIECES.get(name, OTHER_PIECES)
     shapes = tuple(spline_columns(run.coordinates[name], span, pieces) for run in runs)
-    return ShapeFamily(name, 'curve', shapes, _roughness(pieces), span)
+    return ShapeFamily(name, 'curve', shapes, roughness(pieces), span)
 
 
 @dataclass(frozen=True)
@@ -262,14 +266,14 @@ class BlockFit:
 
 
 def fit_block(
-    misfit: Misfit, wanted: Array, target: str, block: ShapeFamily, white: Array
+    folds: Folds, wanted: Array, target: str, block: ShapeFamily, white: Array
 ) -> BlockFit:
     """`block` on `target`, its whitened columns (n, k) fitted to a whitened residual (n,)."""
     gram, slope = white.T @ white, white.T @ wanted
     unit = float(np.trace(gram)) / max(float(np.trace(block.penalty)), 1e-300)
     ridge = (MIN_RIDGE * float(np.trace(gram)) / len(gram) + 1e-300) * np.eye(len(gram))
     parts = [(white[rows].T @ white[rows], white[rows].T @ wanted[rows])
-             for rows in misfit.folds]
+             for rows in folds]
     best, chosen = -np.inf, float(STRENGTHS[-1])
     for strength in STRENGTHS:
         penalty = strength * unit * block.penalty + ridge

@@ -91,7 +91,8 @@ def propose_law(
     total = float(wanted @ wanted)
     # Every family on every target, the one that predicts most first.
     ranked = sorted(
-        (families.fit_block(misfit, wanted, target, block, misfit.columns(target, block.shapes))
+        (families.fit_block(misfit.folds, wanted, target, block,
+                            misfit.columns(target, block.shapes))
          for block in families.blocks_of(misfit.runs) for target in misfit.runs[0].targets),
         key=lambda fit: -fit.predicted)
     trials, first = len(ranked), ranked[0]
@@ -100,7 +101,7 @@ def propose_law(
         return None
     chosen = [first]
     left = _left(wanted, chosen)
-    second = max((families.fit_block(misfit, left, fit.target, fit.block, fit.white)
+    second = max((families.fit_block(misfit.folds, left, fit.target, fit.block, fit.white)
                   for fit in ranked), key=lambda fit: fit.predicted)
     enough = second.predicted >= MIN_SECOND_SHARE * float(left @ left)
     if enough and second.p_value(misfit.degrees, trials * trials) < error_rate:
@@ -109,7 +110,7 @@ def propose_law(
         for _ in range(BACKFITS):
             for number, fit in enumerate(chosen):
                 chosen[number] = families.fit_block(
-                    misfit, _left(wanted, chosen, number), fit.target, fit.block, fit.white)
+                    misfit.folds, _left(wanted, chosen, number), fit.target, fit.block, fit.white)
         chosen.sort(key=lambda fit: -fit.taken)
     terms = tuple(match_law(misfit, fit, _left(wanted, chosen, number))
                   for number, fit in enumerate(chosen))

@@ -58,7 +58,7 @@ MAINLY = 0.5
 power of the main cause that no cause beside it exceeds: half."""
 
 MAX_OWN_KIND = 0.7
-"""Share of the remainder that may go as the causes act, in other proportions."""
+"""Share of the remainder that one family of shapes may take."""
 
 DRAWS = 400
 """Draws of stretches for the interval of a reduction."""
@@ -246,21 +246,6 @@ def under_declared_error(space: ModelSpace, fit: Fit) -> list[str]:
                Comparison(space, space.without(fit, name), fit).added.items())]
 
 
-def own_kind_left(space: ModelSpace, fit: Fit, residual: Residual) -> list[str]:
-    """A sentence if most of what a fit leaves goes as its causes act, in other proportions.
-
-    A law that is a little unlike the true one leaves such a remainder; an error of the rest of
-    the model goes along other coordinates as well.
-    """
-    own = [item.statistic - item.dimensions for item in residual.consistency
-           if 'as the cause acts' in item.coordinate]
-    families = [max(item.statistic - item.dimensions, 0.0) for item in residual.consistency]
-    whole = max(fit.misfit - space.metric.free_count, sum(families), 1.0)
-    if max(own, default=0.0) < MAX_OWN_KIND * whole:
-        return []
-    return [wording.own_kind_words(fit.candidate.ids, min(max(own) / whole, 1.0))]
-
-
 def one_shape_left(alone: ModelSpace, fit: Fit) -> list[str]:
     """A sentence if one family of shapes takes most or all of what the effects of a fit leave.
 
@@ -373,7 +358,8 @@ class Publication:
 
     shares: what all causes together take of the misfit, None without causes; member_shares: what
     each of several takes of the misfit without it; doubts: sentences on sizes at their bounds and
-    on runs that are predicted worse; converged: whether all fits converged.
+    on runs that are predicted worse; plain: the model fitted in the metric of the gain; converged:
+    whether all fits converged.
     """
 
     causes: tuple[Cause, ...]
@@ -385,6 +371,7 @@ class Publication:
     shares: Shares | None
     member_shares: Mapping[str, Shares]
     doubts: tuple[str, ...]
+    plain: Fit
     converged: bool
 
     @property
@@ -467,7 +454,7 @@ def publish(
         shares=taken.get(base.candidate.key),
         member_shares={} if len(less) < 2 else {
             name: taken[other.candidate.key] for name, other in less.items()},
-        doubts=(*sizes_at_bounds(problem, model), *failed[:1]),
+        doubts=(*sizes_at_bounds(problem, model), *failed[:1]), plain=plain[model.candidate.key],
         converged=all(refit.converged for refit in [*refitted.values(), *plain.values()]))
 
 

@@ -245,14 +245,14 @@ def worse_prediction_words(name: str, rise: float, *, is_held_out: bool) -> str:
             f'{percent(rise)}, so that it is not named')
 
 
-def own_kind_words(ids: Sequence[str], share: float) -> str:
-    return (f'{percent(share)} of what remains goes along the coordinates of {" and ".join(ids)} '
-            'itself: the law is another one')
-
-
 def unsteady_size_words(name: str, kind: str, least: float, most: float) -> str:
     return (f'{name}: with a size for each {kind}, it is {percent(least)} to {percent(most)} of '
             'the fitted one, which its interval does not allow: the law is another one')
+
+
+def narrow_law_words(name: str, coordinate: str, share: float) -> str:
+    return (f'{name}: a law of another shape over {coordinate} predicts {percent(share)} of what '
+            'this one leaves in other runs')
 
 
 def unshared_words(share: float, needed: float) -> str:

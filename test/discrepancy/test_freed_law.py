@@ -1,0 +1,51 @@
+"""A law of the right kind that is too narrow is told from the true one by its freed shape."""
+
+import numpy as np
+import pytest
+
+from saddlering_ros.discrepancy import Channel, diagnose, Effect, Model, Parameter, Run
+
+STEP, COUNT = 0.02, 300
+TIME = STEP * np.arange(COUNT)
+
+
+def speed_of(torque: np.ndarray, viscous: float, dry: float, falling: float, tired: float = 0.0):
+    """Speed (N,) of a load of 0.1 kg m^2 whose friction falls with it, in half steps."""
+    seen, speed = np.empty(COUNT), 0.0
+    for number, given in enumerate(torque):
+        seen[number] = speed
+        for _ in range(2):
+            friction = dry + falling * np.exp(-(speed**2))
+            lost = (viscous + tired * number) * speed + friction * np.tanh(speed / 0.1)
+            speed += STEP / 2 * (given - lost) / 0.1
+    return seen
+
+
+def record(number: int, dry: float, falling: float) -> Run:
+    random = np.random.default_rng(number)
+    phases = random.uniform(0.0, 2.0 * np.pi, 3)
+    torque = np.sin(TIME[:, None] * [1.1, 2.7, 5.3] + phases).sum(axis=1)
+    speed = speed_of(torque, 0.3, dry, falling, tired=5e-5) + 0.01 * random.normal(size=COUNT)
+    return Run(f'run {number}', TIME, {'torque': torque}, {'speed': speed})
+
+
+MODEL = Model(
+    lambda values, run: {'speed': speed_of(
+        run.inputs['torque'], values['viscous'], values['coulomb.torque'], 0.0)},
+    base={'viscous': Parameter(0.1, 1.0)},
+    effects={'coulomb': Effect('Dry friction', {'torque': Parameter(0.0, 1.0)})},
+    channels={'speed': Channel()})
+
+
+@pytest.mark.parametrize(('dry', 'falling', 'verdict'), [
+    (0.2, 0.0, 'named'), (0.1, 0.25, 'unknown')])
+def test_a_law_of_the_right_kind_that_is_too_narrow_is_not_established(
+    dry: float, falling: float, verdict: str,
+) -> None:
+    answer = diagnose(MODEL, [record(number, dry, falling) for number in range(3)],
+                      hold_out=[record(3, dry, falling)])
+    assert answer.verdict == verdict
+    assert answer.causes[0].effect == 'coulomb'
+    doubts = [words for words in answer.warnings if 'of another shape over speed' in words]
+    assert bool(doubts) is (verdict == 'unknown')
+    assert (answer.probabilities['coulomb'] < 0.2) is (verdict == 'unknown')
