@@ -123,17 +123,6 @@ def say(row: dict[str, Any]) -> None:
           f'out {row["held_out"]}, {row["seconds"]:.1f} s', flush=True)
 
 
-def append_draws(
-    names: Sequence[str], kinds: Sequence[str], first: int, count: int, out: Path
-) -> None:
-    """Rows of numbered draws that are not in the file yet, the machines in turn."""
-    there = {row['seed'] for row in frame.kept_rows(out)}
-    for draw in sorted({*range(first, first + count)} - there):
-        row = row_of(drawn(names[draw % len(names)], draw, kinds))
-        say(row)
-        frame.keep(out, row)
-
-
 def is_named(row: dict[str, Any]) -> bool:
     """Whether a cause is established."""
     return row['verdict'] in ('named', 'ambiguous')
@@ -181,18 +170,20 @@ def main() -> None:
         rows = [row for path in args.table for row in frame.kept_rows(Path(path))]
         table(rows)
         report(rows, args.picture)
-    elif args.draws[1]:
-        first, count = args.draws
-        append_draws(args.machines or [*RICH, *EXACT], args.kinds, first, count, args.out)
-    else:
-        rows = []
-        for name in args.machines or RICH:
-            for trial in (trial for seed in args.seeds for trial in trials(name, seed)):
-                rows.append(row_of(trial))
-                say(rows[-1])
-                if args.out:
-                    frame.keep(args.out, rows[-1])
-        table(rows)
+        return
+    first, count = args.draws
+    names = args.machines or [*RICH, *(EXACT if count else ())]
+    there = {row['seed'] for row in (frame.kept_rows(args.out) if args.out else ())}
+    drawings = (drawn(names[draw % len(names)], draw, args.kinds)
+                for draw in range(first, first + count) if draw not in there)
+    every = (trial for name in names for seed in args.seeds for trial in trials(name, seed))
+    rows = []
+    for trial in drawings if count else every:
+        rows.append(row_of(trial))
+        say(rows[-1])
+        if args.out:
+            frame.keep(args.out, rows[-1])
+    table(rows)
 
 
 if __name__ == '__main__':
