@@ -7,6 +7,7 @@ faster in between than the recorder samples.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,10 +46,15 @@ class Validation:
         """`runs` in the form of diagnose --json, each channel with all its figures."""
         contact = self.parameters.contact
         return {
-            'runs': [run.to_json() for run in self.runs],
+            'runs': [{**run.to_json(), 'held_out': self.is_held_out(run.name)}
+                     for run in self.runs],
             'parameters': {name: float(getattr(contact, name)) for name in PARAMETER_NAMES},
             'undetermined': dict(self.parameters.source.undetermined),
             'provenance': Provenance(tuple(run.origin for run in self.runs)).as_dict()}
+
+    def is_held_out(self, path: Path | str) -> bool:
+        """Whether the parameters come without this bag, which its name tells."""
+        return Path(path).name not in {Path(bag).name for bag in self.parameters.source.bags}
 
 
 def validate(

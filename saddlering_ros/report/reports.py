@@ -118,11 +118,10 @@ def curves_of_validation(
     validation: Validation, runs: Sequence[Record], force_unit: str,
 ) -> list[RunCurves]:
     """The curves of the validated runs, in order."""
-    fitted_bags = {Path(bag).name for bag in validation.parameters.source.bags}
     return [
         figures.curves_of_run(run, found.measured, found.simulated, found.simulated,
                       {name: item.noise_floor for name, item in found.channels.items()},
-                      held_out=run.path.name not in fitted_bags, force_unit=force_unit)
+                      held_out=validation.is_held_out(run.path), force_unit=force_unit)
         for found, run in zip(validation.runs, runs, strict=True)]
 
 

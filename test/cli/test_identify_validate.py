@@ -86,6 +86,7 @@ def test_validate_prints_a_table_writes_json_and_pictures(
     assert f'saddlering validate {bags[2]}' in (tmp_path / 'page.html').read_text('utf-8')
     run = json.loads(out.read_text())['runs'][0]
     assert run['channels']['delta_x']['nrmse'] < 0.02
+    assert run['held_out'] is False  # its name is among those that were fitted
     assert len(list((tmp_path / 'plots').glob('*.png'))) == 1
 
 
