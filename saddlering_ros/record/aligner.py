@@ -268,8 +268,17 @@ class Aligner:
                 probe.take(stamps, values)
             if of_load is not None:
                 jumped, stamps, values = of_load
-                if jumped:
-                    self._restart()
+                if jumped:  # Begin anew with what the probes sent behind the jump.
+                    self.counters.load_jumps += 1
+                    self.restarts += 1
+                    self.counters.timed_out += self.pending
+                    self._loads.clear()
+                    for probe in self._probes:
+                        if not probe.jumped:
+                            probe.forget(len(probe))
+                        probe.jumped = False
+                    self._epoch = self._last_out = None
+                    self._released = 0
                 if self._epoch is None:
                     self._epoch = int(stamps[0])
                 if self._last_out is not None and stamps.min() <= self._last_out:
@@ -293,19 +302,6 @@ class Aligner:
         """All rows that still wait: the stream has ended."""
         self._released = self._loads.newest or 0
         return self._drain(finish=True)
-
-    def _restart(self) -> None:
-        """The load's stamps have jumped back: begin anew with what the probes sent behind it."""
-        self.counters.load_jumps += 1
-        self.restarts += 1
-        self.counters.timed_out += self.pending
-        self._loads.clear()
-        for probe in self._probes:
-            if not probe.jumped:
-                probe.forget(len(probe))  # Its samples are from the time before the jump.
-            probe.jumped = False
-        self._epoch = self._last_out = None
-        self._released = 0
 
     def _drain(self, *, finish: bool = False) -> list[AlignedRows]:
         """The rows up to the first that a probe may still answer (`finish`: all)."""
