@@ -177,8 +177,7 @@ class BagWriter:
                 return
             with self._or_refused():
                 information = self._information(*self._file.written())
-                self._file.finish({'rosbag2': {
-                    'serialized_metadata': _text(information).strip()}})
+                self._file.finish({'rosbag2': {'serialized_metadata': _text(information).strip()}})
                 (self._written / METADATA).write_text(_text({INFORMATION: information}), 'utf-8')
                 place = put_in_place(self._written, self.path, self._overwrite)
             self._stack.callback(shutil.rmtree, self._folder, ignore_errors=True)

@@ -132,9 +132,7 @@ def _parameter_rows(
              'covariance': list(covariance[row])} for row, name in enumerate(names)]
 
 
-def _limit_rows(
-    task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
-) -> Rows:
+def _limit_rows(task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any]) -> Rows:
     """A row an effect of the catalogue: the size that this session could have shown."""
     return [{name: item.get(name) for name in LIMITS.names[len(_SESSION):]}
             for item in document.get('detection_limits') or []]

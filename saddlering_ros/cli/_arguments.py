@@ -216,9 +216,7 @@ def check_files(args: argparse.Namespace) -> None:
             files.check_ending(output, files.PAGE_ENDINGS, FileConflict)
 
 
-def _named(
-    args: argparse.Namespace, action: argparse.Action,
-) -> Iterator[tuple[Path, str, Role]]:
+def _named(args: argparse.Namespace, action: argparse.Action) -> Iterator[tuple[Path, str, Role]]:
     """Each path of an argument, the words that name it, and its role; '-' and devices are none."""
     value = getattr(args, action.dest, None)
     given = value if isinstance(value, list) else [value]
@@ -359,9 +357,7 @@ def stdout_console() -> Console:
     return Console(width=PIPED_WIDTH, markup=False, highlight=False, soft_wrap=True)
 
 
-def show_table(
-    titles: Sequence[str], rows: Iterable[Sequence[str]], *, texts: int = 1,
-) -> None:
+def show_table(titles: Sequence[str], rows: Iterable[Sequence[str]], *, texts: int = 1) -> None:
     """Print a table; the first `texts` columns hold words, the others numbers."""
     from rich import box
     from rich.table import Table

@@ -33,8 +33,7 @@ def run(args: argparse.Namespace) -> int:
 
     arguments.take_effects(args)
     rig = load_rig(args.rig)
-    fitted, held_out = (
-        arguments.bags_of(args, bags, rig) for bags in (args.bags, args.hold_out))
+    fitted, held_out = (arguments.bags_of(args, bags, rig) for bags in (args.bags, args.hold_out))
     with Bar() as bar:
         found = diagnose(fitted, hold_out=held_out, rig=args.rig, parameters=args.params,
                          seed=args.seed, trust_rig=args.trust_rig,

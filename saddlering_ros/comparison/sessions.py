@@ -274,8 +274,7 @@ def left_between(found: Diagnosis, system: TwoSessions) -> float:
         if system.session_of(other) == system.session_of(run) or run.group != other.group:
             return False
         load = run.inputs['load']
-        along = np.interp(run.time - run.time[0], other.time - other.time[0],
-                          other.inputs['load'])
+        along = np.interp(run.time - run.time[0], other.time - other.time[0], other.inputs['load'])
         return bool(np.median(np.abs(load - along)) < SAME_COURSE * np.abs(load).max())
 
     for view, weights in problem.system.views.items():

@@ -68,8 +68,7 @@ def diagnose_ring(
         for record, prediction in zip(records, diagnosis.runs, strict=True))
     law = verdict.contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
     named = {name for cause in diagnosis.causes for name in cause.group}
-    laws_of_user = sorted(
-        name for name in named if isinstance(catalogue().get(name), LawEffect))
+    laws_of_user = sorted(name for name in named if isinstance(catalogue().get(name), LawEffect))
     notes = [*check_set(records, rig), *diagnosis.warnings]
     if law.refusal:
         notes.append('the contact parameters are those of the diagnosis, not of an '

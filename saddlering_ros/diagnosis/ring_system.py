@@ -329,9 +329,7 @@ def _beside(per_newton: Array) -> Array:
     return np.asarray(near[largest, :, np.arange(largest.size)].T)
 
 
-def engine_effects(
-    effect: catalogue_of_effects.RingEffect, rig: Rig,
-) -> tuple[Effect, ...]:
+def engine_effects(effect: catalogue_of_effects.RingEffect, rig: Rig) -> tuple[Effect, ...]:
     """A ring effect as an engine effect, and its wider forms, which free more parameters.
 
     The variants of each have the same parameters, of which the amplitude comes first.

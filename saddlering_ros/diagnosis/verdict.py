@@ -60,9 +60,7 @@ class ContactLaw:
     refusal: str = ''
 
 
-def contact_law(
-    diagnosis: Diagnosis, alone: Identification | str, elevations: int
-) -> ContactLaw:
+def contact_law(diagnosis: Diagnosis, alone: Identification | str, elevations: int) -> ContactLaw:
     """The contact law of the fitted runs, alone and after a diagnosis.
 
     alone: the identification of the runs, or the reason why they cannot be identified. With

@@ -274,8 +274,7 @@ def _answer_beside(
         doubts.append(wording.AS_LARGE)
     is_open = any(len(cause.group) > 1 for cause in published.causes)
     verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'
-    judgement = Judgement(
-        verdict, explained_share_of(strict.before, left), tuple(doubts or told))
+    judgement = Judgement(verdict, explained_share_of(strict.before, left), tuple(doubts or told))
     return Answer(search, judgement, strict.before, left, published,
                   remainder_of(noise_alone, seen, left), taken, process)
 

@@ -51,8 +51,7 @@ class FrictionEffect(RingEffect):
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """The extension with the friction element set."""
-        changed: dict[str, Any] = {
-            self.element: hysteron(values[self.parameters[0].name], values)}
+        changed: dict[str, Any] = {self.element: hysteron(values[self.parameters[0].name], values)}
         return replace(extension, **changed)
 
 

@@ -342,8 +342,7 @@ def significant_drifts(histories: Sequence[RingHistory]) -> tuple[list[Drift], l
         if len(own) >= MIN_RINGS_OF_RIG:
             slopes, p_value = _common_slopes(own)
             group = ('load_gain',) if scales_alike(slopes) else tuple(slopes)
-            candidates.append(
-                Drift(bench, 'rig', own[0].clock, slopes, p_value, group, RIG_CHECK))
+            candidates.append(Drift(bench, 'rig', own[0].clock, slopes, p_value, group, RIG_CHECK))
     rigs = _standing(candidates)
     common = {drift.owner: drift.slopes for drift in rigs}
     tested = []

@@ -123,8 +123,7 @@ def main() -> None:
         while True:
             request = pipe.recv()
             try:
-                answer = DONE, job.run(
-                    request, lambda progress: pipe.send(('progress', progress)))
+                answer = DONE, job.run(request, lambda progress: pipe.send(('progress', progress)))
             except SaddleringError as problem:
                 answer = REFUSED, ' '.join(str(problem).split())
             except Exception as problem:

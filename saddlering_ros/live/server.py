@@ -111,8 +111,7 @@ def serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
     Port 0 takes a free one; `on_ready` is called with the address.
     """
     async def run() -> None:
-        runner = web.AppRunner(
-            application(watcher, where), access_log=None, shutdown_timeout=0.5)
+        runner = web.AppRunner(application(watcher, where), access_log=None, shutdown_timeout=0.5)
         async with AsyncExitStack() as stack:
             stack.push_async_callback(runner.cleanup)
             await runner.setup()

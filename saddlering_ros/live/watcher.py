@@ -107,8 +107,7 @@ class Watcher:
     def __init__(self, domain_id: int | None = None, window: float = 600.0,
                  namespace: str = '', rig: Rig | None = None) -> None:
         self.rig = rig or default_rig()
-        self._scales = {**dict.fromkeys(RING, 1e6),
-                        'load': 1.0 / FORCE_UNITS[self.rig.force_unit]}
+        self._scales = {**dict.fromkeys(RING, 1e6), 'load': 1.0 / FORCE_UNITS[self.rig.force_unit]}
         self.context = rclpy.Context()
         rclpy.init(context=self.context, args=[], domain_id=domain_id)
         self.node: Node = rclpy.create_node(

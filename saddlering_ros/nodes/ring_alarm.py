@@ -266,8 +266,7 @@ class RingAlarmNode(StreamingNode):
         return TaskStatus(OK, f'at most one false alarm in {hours} h of testing', figures)
 
     def _events(self) -> dict[str, int]:
-        return {**self._stream.counters,
-                'malformed': sum(flow.malformed for flow in self.inputs)}
+        return {**self._stream.counters, 'malformed': sum(flow.malformed for flow in self.inputs)}
 
 
 main = streaming_node.executable(RingAlarmNode)

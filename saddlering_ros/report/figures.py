@@ -375,8 +375,7 @@ def _views(run: RunCurves, channel: str) -> list[Panel]:
         over_time.append(charts.line(run.time, values, colour, name, width=0.8))
         over_rate.append(markers(rate, values, '.', colour, size=2.2))
         frequency, density = spectrum(run.time, values)
-        over_frequency.append(
-            charts.line(frequency, np.maximum(density, 1e-9), colour, width=1.0))
+        over_frequency.append(charts.line(frequency, np.maximum(density, 1e-9), colour, width=1.0))
     views = [(f'load / {unit}', '▵ load rising, ▿ falling', over_load),
              (f'load / {unit}', '— mean, ··· half-difference', by_branch),
              ('time / s', 'over time', over_time),

@@ -146,8 +146,7 @@ class ReplayNode(BagNode):
         self._now = 0
         self._heard = time.monotonic()
         self._jumps = 0
-        self.tasks = [FunctionTask('replay', self._task_status), self._agreement,
-                      self.sources()]
+        self.tasks = [FunctionTask('replay', self._task_status), self._agreement, self.sources()]
 
     def connect(self) -> None:
         """Listen to the clock; publish the topics."""

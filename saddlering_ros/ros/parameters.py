@@ -137,8 +137,7 @@ def _declare_one(node: Node, parameter: NodeParameter) -> Any:
     overrides: dict[str, RosParameter] = node._parameter_overrides
     given, kind = overrides.get(parameter.name), type(parameter.default)
     if given is not None and kind is float and given.type_ == RosParameter.Type.INTEGER:
-        given = overrides[parameter.name] = RosParameter(
-            parameter.name, value=float(given.value))
+        given = overrides[parameter.name] = RosParameter(parameter.name, value=float(given.value))
     if given is not None and given.value is None and kind is list:  # rclpy has no empty list
         given = overrides[parameter.name] = RosParameter(parameter.name, value=[''])
     if given is not None and isinstance(given.value, kind):

@@ -175,8 +175,7 @@ class Readiness:
     name = 'ready to test'
 
     def __init__(self, needed: Sequence[str]) -> None:
-        self._heard: dict[str, dict[str, tuple[TaskStatus, float]]] = {
-            name: {} for name in needed}
+        self._heard: dict[str, dict[str, tuple[TaskStatus, float]]] = {name: {} for name in needed}
         self._events: dict[str, tuple[float, str]] = {}
 
     def hear(self, name: str, level: int, words: str, now: float) -> None:

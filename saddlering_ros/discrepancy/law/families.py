@@ -215,8 +215,7 @@ def blocks_of(runs: tuple[ObservedRun, ...]) -> list[ShapeFamily]:
         shapes = tuple(
             run.coordinates[DIRECTION][:, None]
             * spline_columns(run.coordinates[LOAD], loads, PIECES[DIRECTION]) for run in runs)
-        blocks.append(
-            ShapeFamily(DIRECTION, 'curve', shapes, roughness(PIECES[DIRECTION]), loads))
+        blocks.append(ShapeFamily(DIRECTION, 'curve', shapes, roughness(PIECES[DIRECTION]), loads))
     if RATE in names and span_of(runs, RATE)[0] < span_of(runs, RATE)[1]:
         step = min(float(np.median(np.diff(run.coordinates[TIME]))) for run in runs)
         longest = max(float(np.ptp(run.coordinates[TIME])) for run in runs)
@@ -272,8 +271,7 @@ def fit_block(
     gram, slope = white.T @ white, white.T @ wanted
     unit = float(np.trace(gram)) / max(float(np.trace(block.penalty)), 1e-300)
     ridge = (MIN_RIDGE * float(np.trace(gram)) / len(gram) + 1e-300) * np.eye(len(gram))
-    parts = [(white[rows].T @ white[rows], white[rows].T @ wanted[rows])
-             for rows in folds]
+    parts = [(white[rows].T @ white[rows], white[rows].T @ wanted[rows]) for rows in folds]
     best, chosen = -np.inf, float(STRENGTHS[-1])
     for strength in STRENGTHS:
         penalty = strength * unit * block.penalty + ridge

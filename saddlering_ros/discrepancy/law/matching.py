@@ -188,8 +188,7 @@ class _Match:
 
     def left(self, *shapes: Shape) -> list[float]:
         """Misfit with the best amplitudes of the law with each of the shapes."""
-        gram, seen = self.products(
-            self.misfit.plain(self.fit.target, self.along_runs(*shapes)))
+        gram, seen = self.products(self.misfit.plain(self.fit.target, self.along_runs(*shapes)))
         slopes, base = seen[:, 0], seen[:, 1:]
         gram = gram - base @ base.T
         own = np.split(np.arange(slopes.size), len(shapes))

@@ -357,8 +357,7 @@ def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:
     factors += [[np.array(float(number == index)) for number in range(len(runs))]
                 for index in range(len(runs))]
     factors += [[chosen[:, None]] * len(runs) for chosen in np.eye(change[0].shape[0])]
-    shapes = [[part * factor for part, factor in zip(change, own, strict=True)]
-              for own in factors]
+    shapes = [[part * factor for part, factor in zip(change, own, strict=True)] for own in factors]
     return shapes + [
         [_lagged(part, run, lag) - part for part, run in zip(change, runs, strict=True)]
         for lag in LAGS]

@@ -223,6 +223,5 @@ def _pair_gains(stack: Array, products: Array, reach: Array) -> tuple[Array, Arr
     ])
     best = gains.argmax(axis=0)[None]
     first, second = (np.stack(factors) for factors in zip(*pairs, strict=True))
-    gain, factor, other = (
-        np.take_along_axis(one, best, 0)[0] for one in (gains, first, second))
+    gain, factor, other = (np.take_along_axis(one, best, 0)[0] for one in (gains, first, second))
     return gain, factor, other

@@ -103,8 +103,7 @@ def _search(begun: ModelSpace) -> Search:
     errors = getattr(space.problem.system, 'inputs', ())
     gains = [score.gain for score in space.scores(space.base)] if errors else []
     # Where nothing is wrong to first order, no input of the simulator is accused.
-    if errors and (
-            max(gains, default=0.0) >= space.real_gain or space.leaves_misfit(space.base)):
+    if errors and (max(gains, default=0.0) >= space.real_gain or space.leaves_misfit(space.base)):
         inputs = measure_signatures(
             space.metric, space.base, space.base_tangent, space.scale, errors)
         space = replace(space, trials=space.trials + shapes_tried(inputs), inputs=inputs)
@@ -395,8 +394,7 @@ def search_beside_error(search: Search) -> tuple[Search, Array]:
         space, fit, process = space_beside_error(space, fit)
         if has_forms:
             singles = sorted(search.space.single_effect_fits(), key=search.space.penalised)
-            again = refit_full_jacobian(
-                space.metric, singles[:MAX_SINGLES], space.settings.rounds)
+            again = refit_full_jacobian(space.metric, singles[:MAX_SINGLES], space.settings.rounds)
             fit = min([space.base, fit, *map(space.keep, again)], key=space.penalised)
         else:
             fit = select(space, log)

@@ -414,8 +414,7 @@ def _confirmed(
     """The same limit, larger where the refitted base imitates more than its tangents do."""
     if not np.isfinite(stated.limit) or effect.neutral != 0.0 or not stated.configurations:
         return stated
-    configuration = min(
-        stated.configurations, key=lambda one: abs(one.limit - stated.limit))
+    configuration = min(stated.configurations, key=lambda one: abs(one.limit - stated.limit))
     reach = max(abs(effect.size.low), abs(effect.size.high))
 
     def shown(size: float, failed: float) -> tuple[float, float]:

@@ -194,9 +194,7 @@ def doubts_of(space: ModelSpace, fit: Fit, published: Publication,
     return doubts
 
 
-def doubts_on_main(
-    space: ModelSpace, fit: Fit, published: Publication, outlier: str
-) -> list[str]:
+def doubts_on_main(space: ModelSpace, fit: Fit, published: Publication, outlier: str) -> list[str]:
     """Reasons why the main one of several effects is not established beside the others.
 
     What these take is no misfit that it leaves. One that others could replace leaves half as much.

@@ -247,8 +247,7 @@ def _in_whole_runs(
     if not _is_steady(shown, line) or not _is_there_at_rest(at_rest, line):
         return None
     whole = float(np.sinc(line.frequency * line.step))
-    return replace(
-        line, amplitude=line.amplitude / whole, deviation=line.deviation / whole), shown
+    return replace(line, amplitude=line.amplitude / whole, deviation=line.deviation / whole), shown
 
 
 def _in_holds(
@@ -403,8 +402,7 @@ def find_steady_lines(
         if search.line is None:
             continue
         line = search.line
-        left = line_gain(
-            held_out, line.frequency, line.amplitude * line.own) if held_out else None
+        left = line_gain(held_out, line.frequency, line.amplitude * line.own) if held_out else None
         cause = _cause(problem, effect, line, rest, left, 'at rest, its phase free')
         if cause.visible >= settings.materiality:
             causes.append(cause)
