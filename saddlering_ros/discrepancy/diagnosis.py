@@ -37,10 +37,9 @@ def diagnose(
 ) -> Diagnosis:
     """Differences between `model` and `runs`, their causes, and the gain on `hold_out`.
 
-    A simulator with nuisance parameters and combined views of its own is given as a `System`
-    with `RunBlocks`, like the ring. start: first guesses of base parameters; proposals: tests
-    of which one is chosen if causes cannot be told apart; on_progress and is_cancelled:
-    docs/python_api.md.
+    A simulator with nuisance parameters and combined views of its own is given as a `System` with
+    `RunBlocks`, like the ring. start: first guesses of base parameters; proposals: tests of which
+    one is chosen if causes cannot be told apart; on_progress and is_cancelled: docs/python_api.md.
     """
     problem = problem_of(
         model, runs, hold_out, settings=settings, start=start, proposals=proposals,

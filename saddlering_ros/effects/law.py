@@ -28,9 +28,8 @@ TARGETS = (LOAD_TARGET, 'delta_x', 'delta_y', 'gamma', 'parity', 'eddy_current_1
 """Targets of a law: channels in metres, gamma in radians, the load in newtons."""
 
 COORDINATES = ('load', 'direction', 'rate', 'time', 'hysteresis', 'relaxation')
-"""Coordinates of a table: load [N], direction times a table over load, rate [N/s],
-time [s] since the zero; weights of plays over their reaches [N], of relaxations over their time
-constants [s].
+"""Coordinates of a table: load [N], direction times a table over load, rate [N/s], time [s] since
+the zero; weights of plays over their reaches [N], of relaxations over their time constants [s].
 """
 
 MIN_POINTS = {'hysteresis': 1, 'relaxation': 1}

@@ -76,12 +76,11 @@ def direction_of(drive: Array, band: float) -> Array:
 class ObservedRun:
     """One run: coordinates (N,) by name, and the change of its channels by an addition.
 
-    coordinates: 'load' is the drive, 'direction' and 'rate' belong to the drive, 'time' [s]
-    counts from the start of the run; 'angle' is periodic over 2 pi; any other name is used as
-    it is. targets: name to (C, N), the change of the channels per unit of the addition, sample
-    by sample. residual (C, N): measured minus predicted. slopes (C, N, P): change of the
-    prediction by each base parameter. from_start: targets to which a law adds its change since
-    the first sample.
+    coordinates: 'load' is the drive, 'direction' and 'rate' belong to the drive, 'time' [s] counts
+    from the start of the run; 'angle' is periodic over 2 pi; any other name is used as it is.
+    targets: name to (C, N), the change of the channels per unit of the addition, sample by sample.
+    residual (C, N): measured minus predicted. slopes (C, N, P): change of the prediction by each
+    base parameter. from_start: targets to which a law adds its change since the first sample.
     """
 
     name: str

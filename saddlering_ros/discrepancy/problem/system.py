@@ -218,12 +218,11 @@ class Point:
 class RunBlocks:
     """One run: `channels` (C, N) are means over `width` (N,) about `time`.
 
-    `group` names runs under one setting, which share their systematic model error. `inputs`
-    are the coordinates that a residual may depend on, the first being the drive. Optional
-    properties (N,) of the drive: `direction`, 1 while it rises and -1 while it falls; `rate`
-    [unit / s]; `hold`, the number of the level at which it is held. `payload` is for the
-    simulator alone. `present` (C, N), if given, is false where a sample is missing; the
-    channel is 0 there.
+    `group` names runs under one setting, which share their systematic model error. `inputs` are
+    the coordinates that a residual may depend on, the first being the drive. Optional properties
+    (N,) of the drive: `direction`, 1 while it rises and -1 while it falls; `rate` [unit / s];
+    `hold`, the number of the level at which it is held. `payload` is for the simulator alone.
+    `present` (C, N), if given, is false where a sample is missing; the channel is 0 there.
     """
 
     name: str
@@ -307,9 +306,8 @@ class System(Protocol):
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> Sequence[Array]:
         """Errors of any such system that are no cause: per run columns (C, N, k), with equal k.
 
-        Each column is one standard deviation of one nuisance parameter at `point` (base
-        values and found effects), shared by all runs. k = 0 for a simulator that is exact
-        but for its causes.
+        Each column is one standard deviation of one nuisance parameter at `point` (base values and
+        found effects), shared by all runs. k = 0 for a simulator that is exact but for its causes.
         """
         ...
 

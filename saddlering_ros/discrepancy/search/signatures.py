@@ -154,8 +154,7 @@ def _smaller(signatures: Sequence[Signature]) -> list[tuple[Effect, int, Array]]
     """Smaller starts of amplitude-dependent effects that are far above noise at their least size.
 
     Strong friction that never reverses does not show the shape of a tenth of it, which does
-    reverse. Between a limit that cuts much and one that cuts nothing lies one that cuts a
-    little.
+    reverse. Between a limit that cuts much and one that cuts nothing lies one that cuts a little.
     """
     sides: dict[tuple[str, int, bool], list[Signature]] = {}
     for signature in signatures:
@@ -294,12 +293,11 @@ class Configuration:
 class DetectionLimit:
     """Detection limits of one effect in these data.
 
-    limit: smallest size that is found nine times in ten at the given error rate, in nine of
-    ten of those `configurations` in which it can be found at all (inf: none); best_limit: the
-    limit in the best of them; material_limit: smallest size that changes a view by the stated
-    share of its range, likewise. Of both signs, the one with the larger limit counts. If an
-    effect does nothing at a size other than 0 (a limit of a span), all numbers are values of
-    the size, not distances.
+    limit: smallest size that is found nine times in ten at the given error rate, in nine of ten of
+    those `configurations` in which it can be found at all (inf: none); best_limit: the limit in
+    the best of them; material_limit: smallest size that changes a view by the stated share of its
+    range, likewise. Of both signs, the one with the larger limit counts. If an effect does nothing
+    at a size other than 0 (a limit of a span), all numbers are values of the size, not distances.
     """
 
     effect: str

@@ -294,10 +294,9 @@ def _split(
 def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
     """The model of `current` plus every effect that the residual could show, the best first.
 
-    Effects with the largest first-order gains are refitted first. If one of them is real, or
-    the residual exceeds the noise, every variant of every other effect is refitted too. An
-    effect at its detection limit is then found, and no cause is named before all others were
-    tried.
+    Effects with the largest first-order gains are refitted first. If one of them is real, or the
+    residual exceeds the noise, every variant of every other effect is refitted too. An effect at
+    its detection limit is then found, and no cause is named before all others were tried.
     """
     def refits() -> list[Fit]:
         scores = space.scores(current)

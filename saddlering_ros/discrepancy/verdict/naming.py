@@ -295,9 +295,8 @@ def exceeds_declared_error(space: ModelSpace, residual: Residual) -> bool:
 def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
     """A sentence for every shape of a cause that is stopped by its bound.
 
-    A shape is stopped if the misfit beyond the bound would fall by more than noise and the
-    form error of the effect explain. A shape at its neutral value or at its start is not
-    stopped.
+    A shape is stopped if the misfit beyond the bound would fall by more than noise and the form
+    error of the effect explain. A shape at its neutral value or at its start is not stopped.
     """
     problem, settings = space.problem, space.settings
     white = space.tangent_of(fit).white

@@ -79,8 +79,7 @@ class Line:
     """A steady line: frequency [Hz], amplitude (C,) in each channel, chance under noise.
 
     `own` (C,): channels in which the line alone is real; `deviation` (C,): of the amplitudes;
-    `delta_bic`: evidence with its phases counted; `step` [s] of the record in which it was
-    found.
+    `delta_bic`: evidence with its phases counted; `step` [s] of the record in which it was found.
     """
 
     frequency: float
