@@ -90,7 +90,7 @@ class RingAlarmNode(StreamingNode):
         self.tasks = [diagnostics.FunctionTask('alarm', self._alarm_status),
                       diagnostics.FunctionTask('promise', self._promise_status), *self._streams,
                       self._agreement, self.sources(),
-                      diagnostics.Events(self._events)]
+                      self.events(lambda: self._stream.counters)]
         self._tell_state()
 
     def _given(self) -> tuple[float, float, float]:
@@ -264,9 +264,6 @@ class RingAlarmNode(StreamingNode):
         if lapses:
             return TaskStatus(WARN, lapses[-1].reason, figures)
         return TaskStatus(OK, f'at most one false alarm in {hours} h of testing', figures)
-
-    def _events(self) -> dict[str, int]:
-        return {**self._stream.counters, 'malformed': sum(flow.malformed for flow in self.inputs)}
 
 
 main = streaming_node.executable(RingAlarmNode)

@@ -111,7 +111,7 @@ class RingDisplacementNode(StreamingNode):
             diagnostics.FunctionTask('probes', self._probes_status), *self._streams,
             *self._saturation, self._parity, self._agreement,
             self.sources(),
-            diagnostics.Events(self._events, harmless=('reordered',))]
+            self.events(self._stream.events, harmless=('reordered',))]
 
     def connect(self) -> None:
         """Subscribe to load and probes; publish the displacement."""
@@ -190,9 +190,6 @@ class RingDisplacementNode(StreamingNode):
         zero = self._stream.zero
         return zero_status(self._rig, zero.reading if zero else None, zero.stamp if zero else 0,
                            self._stream.newest_stamp, self._stream.load)
-
-    def _events(self) -> dict[str, int]:
-        return {**self._stream.events(), 'malformed': sum(flow.malformed for flow in self.inputs)}
 
 
 main = streaming_node.executable(RingDisplacementNode)

@@ -127,7 +127,8 @@ class RingSimulatorNode(StreamingNode):
             diagnostics.FunctionTask('parameters', self._parameters_status),
             diagnostics.FunctionTask('elevation', self._elevation_status), self._agreement,
             self.sources(),
-            diagnostics.Events(self._events, harmless=('reordered',))]
+            self.events(lambda: vars(self._stream.guard.counters) | vars(self._stream.counters),
+                        harmless=('reordered',))]
 
     def connect(self) -> None:
         """Subscribe to the load; publish the simulated displacement."""
@@ -300,10 +301,6 @@ class RingSimulatorNode(StreamingNode):
                               'give elevation_deg', figures)
         return TaskStatus(OK, f'{math.degrees(self._elevation):.3f} deg, {self._elevation_source}',
                           figures)
-
-    def _events(self) -> dict[str, int]:
-        return {**vars(self._stream.guard.counters), **vars(self._stream.counters),
-                'malformed': sum(flow.malformed for flow in self.inputs)}
 
     def _zero_status(self) -> TaskStatus:
         stream = self._stream

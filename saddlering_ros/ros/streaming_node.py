@@ -164,6 +164,11 @@ class StreamingNode(LifecycleNode):
         return FunctionTask('sources', lambda: diagnostics.sources_status(
             {flow.topic: flow.publishers() for flow in self.inputs}))
 
+    def events(self, counts: Callable[[], dict[str, int]], harmless: Sequence[str] = ()) -> Task:
+        """The task that counts mishaps, messages that could not be read among them."""
+        return diagnostics.Events(lambda: {
+            **counts(), 'malformed': sum(flow.malformed for flow in self.inputs)}, harmless)
+
     def offer(self, kind: Any, name: str, act: Callable[[Any], str]) -> None:
         """Serve `name` while the node is active; `act` gives the words, NodeError refuses."""
         def answer(request: Any, response: Any) -> Any:
