@@ -1,12 +1,9 @@
 """One large cause among many small errors: every listed effect, in a small common size.
 
-Nothing of a real ring is exact. What its catalogue lists is present in small amounts all at once,
-so that no single effect leaves noise alone. In the metric of this file, every listed effect is an
-error with a mean of zero and one common spread, a share of the range of the view that it moves
-most. The spread is learnt: it is the most likely one beside the effects of a model. A main cause
-is then an outlier of this spread, and the logarithm of the likelihood, marginalised over all the
-small errors, compares it with other main causes. The errors that remain beside a stand-in need a
-larger spread than those beside the true cause.
+What the catalogue of a ring lists is present in small amounts all at once. Every listed effect is
+an error here, with one common spread: a share of the range of the view that it moves most, learnt
+beside the effects of a model. A main cause is an outlier of this spread, and the likelihood,
+marginalised over all the small errors, compares it with others.
 """
 
 from collections import Counter, defaultdict
