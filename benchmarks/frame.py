@@ -28,9 +28,8 @@ LOOKS = 0.05
 def arguments(doc: str | None, short: Mapping[str, Any], **options: Any) -> argparse.Namespace:
     """The command line of a benchmark whose docstring explains its options.
 
-    Each option has its default here: False makes a switch, a tuple an option of several values
-    (of words, those in it are all that there are), a type an option that may be absent. --short
-    sets the values of `short`, a form of a minute.
+    Each option has its default here: False makes a switch, a type an option that may be absent, a
+    tuple one of several values (of these words). --short sets those of `short`, for a minute.
     """
     parser = argparse.ArgumentParser(
         description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -43,8 +43,7 @@ EXACT = ('predator_prey', 'pendulum', 'cart_pole', *ALSO_HIDDEN)
 """Machines of other people whose records follow the model itself."""
 
 OVER = 3.0
-"""Misfit of the base over that of the same machine with nothing hidden above which a cause is over
-the limit: it is then 89 % of the power, of which an established cause takes 85 %."""
+"""Misfit, over that with nothing hidden, of a cause over the limit: it is 89 % of the power."""
 
 SHARES = {'removed': 0.25, 'sound': 0.15, 'hidden': 0.6}
 """Shares of the kinds of trials among draws."""
@@ -151,10 +150,10 @@ def table(rows: Sequence[dict[str, Any]]) -> None:
     shown = []
     for name in (*sorted({row['machine'] for row in rows}), 'all'):
         own = [row for row in rows if name in (row['machine'], 'all')]
-        kinds = {kind: [row for row in own if row['kind'] == kind] for kind in SHARES}
+        kinds = {'all': own, **{
+            kind: [row for row in own if row['kind'] == kind] for kind in SHARES}}
         kinds['over'] = [row for row in kinds['hidden']
                          if row['misfit'] >= OVER * (row.get('own_misfit') or np.inf)]
-        kinds['all'] = own
         shown.append([name, *(
             f'{sum(map(counts, kinds[kind]))}/{len(kinds[kind])}'
             for kind, counts in COLUMNS.values()),

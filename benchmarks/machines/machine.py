@@ -65,10 +65,8 @@ class Machine:
     def truth(self, seed: int) -> dict[str, float]:
         """True base parameters of the machine that `seed` stands for."""
         random = np.random.default_rng([seed, 1])
-        drawn = {
-            name: value * (1.0 + DRAWN_SHARE * random.uniform(-1.0, 1.0))
-            for name, value in self.usual.items()
-        }
+        drawn = {name: value * (1.0 + DRAWN_SHARE * random.uniform(-1.0, 1.0))
+                 for name, value in self.usual.items()}
         return {**drawn, **{name: self.usual[name] for name in self.constant}}
 
     def record(self, number: int, seed: int, hidden: Mapping[str, float]) -> Run:

@@ -60,9 +60,8 @@ HIDDEN = {'crowding': {'size': 0.0015}, 'handling': {'time': 0.08}, 'catch': {'r
 def record(draw: Draw) -> Run:
     true, random = draw.true, draw.random
     start = np.array([random.uniform(18.0, 45.0), random.uniform(10.0, 25.0)])
-    crowding, handling, catch, arrival = (
-        draw.size(name)
-        for name in ('crowding.size', 'handling.time', 'catch.rate', 'arrival.rate'))
+    crowding, handling, catch, arrival = (draw.size(name) for name in (
+        'crowding.size', 'handling.time', 'catch.rate', 'arrival.rate'))
 
     def change(_: float, logs: Array) -> list[float]:
         """Growth of the logarithms: half saturation and capacity as ecologists write them."""

@@ -83,9 +83,8 @@ HIDDEN = {'leak_left': {'size': 0.5}, 'leak_right': {'size': 0.5}, 'valve': {'lo
 
 def record(draw: Draw) -> Run:
     time, own = STEP * np.arange(COUNT), np.random.default_rng([draw.seed, 7])
-    use = np.array(SHARES) * np.column_stack([
-        1.0 + 0.5 * swings(draw.random, time, 1.2e-5, 2e-4) for _ in TAPS])
-    use = np.maximum(use, 1e-4)
+    use = np.maximum(1e-4, np.array(SHARES) * np.column_stack([
+        1.0 + 0.5 * swings(draw.random, time, 1.2e-5, 2e-4) for _ in TAPS]))
     net = wntr.network.WaterNetworkModel()
     net.options.hydraulic.inpfile_units = 'CMH'
     net.options.hydraulic.emitter_exponent = 0.5
