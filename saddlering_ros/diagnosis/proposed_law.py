@@ -104,7 +104,7 @@ def _table(term: Term) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
     if term.form is None:
         return term.coordinate, term.at, term.values
     at = np.linspace(term.at[0], term.at[-1], TABLE_POINTS)
-    along = dict.fromkeys(('load', 'rate', 'time', 'angle', term.coordinate), at)
+    along = dict.fromkeys(('load', 'rate', 'time', term.coordinate), at)
     along['direction'] = np.ones(at.size)
     return term.coordinate, at, term.evaluate(along)
 

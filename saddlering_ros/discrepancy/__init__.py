@@ -9,8 +9,7 @@ engine may import.
 from saddlering_ros.discrepancy.diagnosis import check, diagnose
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.law.families import direction_of
-from saddlering_ros.discrepancy.law.matching import Term
-from saddlering_ros.discrepancy.law.proposal import describe, LawProposal
+from saddlering_ros.discrepancy.law.proposal import describe, LawProposal, Term
 from saddlering_ros.discrepancy.next_step import Separation
 from saddlering_ros.discrepancy.noise import Noise
 from saddlering_ros.discrepancy.problem.fits import tangent

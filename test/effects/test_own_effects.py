@@ -173,8 +173,7 @@ def test_a_residual_uses_an_effect_of_the_folder(
 
 def test_a_proposed_law_becomes_a_file_that_gives_the_same_law(tmp_path: Path) -> None:
     from saddlering_ros.diagnosis.proposed_law import write_effect_files
-    from saddlering_ros.discrepancy.law.matching import Term
-    from saddlering_ros.discrepancy.law.proposal import LawProposal
+    from saddlering_ros.discrepancy.law.proposal import LawProposal, Term
 
     at = np.linspace(0.0, 2e5, 65)
     values = 3e-6 * np.sin(at / 3e4)

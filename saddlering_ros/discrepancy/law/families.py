@@ -1,9 +1,9 @@
 """Families of shapes of an unknown cause, and their fits to a residual.
 
 A family belongs to one coordinate. It has columns for every run and a penalty on their
-coefficients: smooth curves in load, rate, time and angle, curves that change sign with the
-direction, relaxations, and play operators. Its fit is regularised by leave-one-run-out and tested
-like a cause.
+coefficients: smooth curves in load, rate and time, curves that change sign with the direction,
+relaxations, and play operators. Its fit is regularised by leave-one-run-out and tested like a
+cause.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from saddlering_ros.estimation.statistics import fisher_chance
 from saddlering_ros.memory_operators import Direction, Plays, Relaxations
 
 LOAD, DIRECTION, RATE, TIME = 'load', 'direction', 'rate', 'time'
-ANGLE, HYSTERESIS = 'angle', 'hysteresis'
+HYSTERESIS = 'hysteresis'
 
-PIECES, OTHER_PIECES, ANGLE_WAVES = {LOAD: 32, DIRECTION: 12, RATE: 10, TIME: 24}, 16, 8
-"""Pieces of the splines by coordinate and of any other one, and waves of the harmonics. A penalty
-on roughness decides how smooth a curve is; the pieces only have to be finer than any structure."""
+PIECES, OTHER_PIECES = {LOAD: 32, DIRECTION: 12, RATE: 10, TIME: 24}, 16
+"""Pieces of the splines by coordinate and of any other one. A penalty on roughness decides how
+smooth a curve is; the pieces only have to be finer than any structure."""
 
 PLAYS = 10
 """Number of plays, evenly spaced on a log scale between the REACHES. They leave at most 1.5 % of
@@ -77,7 +77,7 @@ class ObservedRun:
     """One run: coordinates (N,) by name, and the change of its channels by an addition.
 
     coordinates: 'load' is the drive, 'direction' and 'rate' belong to the drive, 'time' [s] counts
-    from the start of the run; 'angle' is periodic over 2 pi; any other name is used as it is.
+    from the start of the run; any other name is used as it is.
     targets: name to (C, N), the change of the channels per unit of the addition, sample by sample.
     residual (C, N): measured minus predicted. slopes (C, N, P): change of the prediction by each
     base parameter. from_start: targets to which a law adds its change since the first sample.
@@ -183,12 +183,6 @@ def spline_columns(at: Array, span: tuple[float, float], pieces: int) -> Array:
     return np.asarray(BSpline.design_matrix(inside, knots, 3).toarray())
 
 
-def harmonics(at: Array) -> Array:
-    """Cosines and sines (N, 2 ANGLE_WAVES) of an angle (N,)."""
-    waves = np.arange(1, ANGLE_WAVES + 1)
-    return np.hstack([np.cos(at[:, None] * waves), np.sin(at[:, None] * waves)])
-
-
 def roughness(pieces: int) -> Array:
     """Penalty on second differences of the coefficients of a spline."""
     second = np.diff(np.eye(pieces + 3), 2, axis=0)
@@ -225,11 +219,7 @@ def blocks_of(runs: tuple[ObservedRun, ...]) -> list[ShapeFamily]:
         blocks += [_curve(runs, RATE),
                    ShapeFamily(RATE, 'relaxation', shapes, np.eye(LAGS), loads, lags)]
     blocks.append(_curve(runs, TIME))
-    if ANGLE in names:
-        shapes = tuple(harmonics(run.coordinates[ANGLE]) for run in runs)
-        penalty = np.diag(np.tile(np.arange(1.0, ANGLE_WAVES + 1) ** 4, 2))
-        blocks.append(ShapeFamily(ANGLE, 'harmonics', shapes, penalty, span_of(runs, ANGLE)))
-    others = names - {LOAD, DIRECTION, RATE, TIME, ANGLE}
+    others = names - {LOAD, DIRECTION, RATE, TIME}
     return blocks + [_curve(runs, name) for name in sorted(others)]
 
 
