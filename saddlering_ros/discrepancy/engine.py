@@ -21,13 +21,7 @@ from saddlering_ros.discrepancy.search.selection import (
 from saddlering_ros.discrepancy.search.signatures import observed
 from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
-from saddlering_ros.discrepancy.verdict.established import (
-    doubts_of,
-    Publication,
-    publish,
-    remainder_of,
-    Shares,
-)
+from saddlering_ros.discrepancy.verdict.established import Publication, publish, remainder_of
 from saddlering_ros.discrepancy.verdict.freed_law import narrow_laws
 from saddlering_ros.discrepancy.verdict.naming import (
     exceeds_declared_error,
@@ -254,7 +248,7 @@ def _answer_beside(
         told.append(wording.beside_words(main.effect, taken, [
             cause.effect for cause in beside.causes if cause.effect != main.effect]))
     else:
-        doubts = doubts_of(search.space, fit, published, search.alternatives)
+        doubts = established.doubts_of(search.space, fit, published, search.alternatives)
     if noise_alone.problem.assumptions.exact_laws:
         doubts += unsteady_sizes(search.space, fit, published.causes)
         narrow = narrow_laws(noise_alone, published.plain)
@@ -279,7 +273,7 @@ def _answer_beside(
                   remainder_of(noise_alone, seen, left), taken, process)
 
 
-def _weakest(shares: Mapping[str, Shares]) -> str | None:
+def _weakest(shares: Mapping[str, established.Shares]) -> str | None:
     """The cause that takes least, if it is too little to be established."""
     weak = [name for name, own in shares.items() if own.best < results.MIN_TAKEN]
     return min(weak, key=lambda name: shares[name].best, default=None)

@@ -10,14 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from saddlering_ros.discrepancy.problem import fits as fitting
-from saddlering_ros.discrepancy.problem.fits import (
-    Candidate,
-    Fit,
-    refit,
-    run_refits,
-    Tangent,
-    tangent,
-)
+from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits, tangent
 from saddlering_ros.discrepancy.problem.problem import Metric, noise_metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search import signatures as shown_by
@@ -64,7 +57,7 @@ class ModelSpace:
 
     metric: Metric
     base: Fit
-    base_tangent: Tangent
+    base_tangent: fitting.Tangent
     signatures: Sequence[Signature]
     scale: ChangeScale
     trials: int
@@ -100,7 +93,7 @@ class ModelSpace:
             stored = self._results[kind, fit.candidate.key] = fit, compute()
         return stored[1]
 
-    def tangent_of(self, fit: Fit) -> Tangent:
+    def tangent_of(self, fit: Fit) -> fitting.Tangent:
         """All sensitivities of a fit, computed once."""
         return self.once('tangent', fit, lambda: tangent(self.metric, fit))
 
