@@ -36,7 +36,6 @@ from saddlering_ros.discrepancy.verdict.naming import (
     wrong_inputs,
 )
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, Residual, Verdict
-from saddlering_ros.discrepancy.verdict.small_errors import main_cause
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
 from saddlering_ros.progress import one_blas_thread
 
@@ -179,15 +178,12 @@ def _beside_error(strict: Answer) -> Answer:
     took becomes model error. So is the smallest of causes that are not established together, or
     of which it has alternatives, because the main one may be established without it. If it is
     not, those that are established together are named, and if none are, all are told. On a ring,
-    the main one is established by what it takes beside those that are left out, too, or if it
-    stands out among small errors of all that is listed.
+    the main one is established by what it takes beside those that are left out, too.
     """
     noise_alone = strict.search.space
     has_forms = not noise_alone.problem.assumptions.exact_laws
     if has_forms and strict.taken < HOPELESS:
         return strict
-    judged = main_cause(noise_alone, strict.search.fit) if has_forms else None
-    outlier = judged.name if judged and judged.stands_out else ''
     search, process = search_beside_error(strict.search)
     together: Answer | None = None
     unknown: Answer | None = None
@@ -199,15 +195,13 @@ def _beside_error(strict: Answer) -> Answer:
         before, after = residual_of(space, space.base), residual_of(space, fit)
         published = publish(space, fit, search.alternatives, before, after, process)
         sizes = {cause.effect: cause.visible for cause in published.causes}
-        main = outlier if outlier in sizes else published.main.effect
+        main = published.main.effect
         weak = _weakest({name: own for name, own in published.member_shares.items()
                          if name != main})
-        if has_forms and len(sizes) > 1 and not established.doubts_on_main(
-                space, fit, published, outlier):
+        if has_forms and len(sizes) > 1 and not established.doubts_on_main(space, fit, published):
             proven.setdefault(main, published)
         if weak is None:
-            answer = _answer_beside(
-                strict, search, published, process, most_dropped, proven, outlier)
+            answer = _answer_beside(strict, search, published, process, most_dropped, proven)
             if answer.judgement.verdict == 'unknown' and has_forms:
                 unknown = replace(strict, judgement=strict.judgement.doubted([
                     wording.suspect_words(fit.candidate.ids, answer.judgement.warnings)]))
@@ -219,7 +213,7 @@ def _beside_error(strict: Answer) -> Answer:
                 together = together or answer
             if len(sizes) == 1:
                 return together or unknown or strict
-            weak = min({*sizes} - {main}, key=lambda name: sizes[name])
+            weak = min(sizes, key=lambda name: sizes[name])
         most_dropped = max(most_dropped, sizes[weak])
         search, process = learnt_without(noise_alone, search, weak, dropped)
     return together or unknown or strict
@@ -227,12 +221,11 @@ def _beside_error(strict: Answer) -> Answer:
 
 def _answer_beside(
     strict: Answer, search: Search, published: Publication, process: Array, most_dropped: float,
-    proven: Mapping[str, Publication], outlier: str,
+    proven: Mapping[str, Publication],
 ) -> Answer:
     """The verdict on causes beside model error; most_dropped: visible size of what is left out.
 
-    proven: models in which a main cause is established beside others, by its id; outlier: the
-    cause that stands out among small errors, if one does.
+    proven: models in which a main cause is established beside others, by its id.
     """
     noise_alone, fit = strict.search.space, search.fit
     whitened = noise_alone.metric.whiten(
@@ -264,7 +257,7 @@ def _answer_beside(
     # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
     is_sure = beside is not None or main.group == (main.effect,)
     most = established.MAINLY if is_sure else 1.0 - results.MIN_TAKEN
-    if most_dropped**2 > most * main.visible**2 and main.effect != outlier:
+    if most_dropped**2 > most * main.visible**2:
         doubts.append(wording.AS_LARGE)
     is_open = any(len(cause.group) > 1 for cause in published.causes)
     verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'

@@ -28,11 +28,8 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.problem.problem import Metric
-from saddlering_ros.discrepancy.search.selection import search_about
-from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.discrepancy.verdict import established, naming, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
-from saddlering_ros.discrepancy.verdict.small_errors import main_cause
 
 TIME = np.linspace(0.0, 20.0, 500)
 STD = 0.004
@@ -237,32 +234,6 @@ def test_what_a_small_cause_without_a_name_takes_is_no_misfit_of_the_main_one() 
     answer = diagnose_system(replace(problem, assumptions=rough))
     assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('named', ['friction'])
     assert any('left beside cubic' in item for item in answer.warnings)
-
-
-@pytest.mark.parametrize('is_listed', [True, False])
-def test_a_true_main_cause_is_likelier_than_others_among_small_errors_of_all_that_is_listed(
-    is_listed: bool,
-) -> None:
-    """Nine waves are listed, of which eight are small; one of them is large."""
-    def simulated(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
-        waves = (parameters.get(f'wave{number}.size', 0.0) * np.sin(0.25 * number * run.time)
-                 for number in range(3, 12))
-        return {'seen': parameters['gain'] * np.asarray(run.inputs['drive']) + sum(waves)}
-
-    sizes = np.random.default_rng(3).normal(0.0, 0.01, 12)
-    sizes[5] = 0.3
-    values = {'gain': 1.2, **{f'wave{number}.size': sizes[number] for number in range(3, 12)}}
-    effects = {f'wave{number}': Effect(f'Wave {number}', {'size': Parameter(-1, 1)})
-               for number in range(3, 12) if is_listed or number != 5}
-    runs = [record(number, 0.0, 0.0) for number in range(3)]
-    noise = np.random.default_rng(4).normal(0.0, STD, (3, TIME.size))
-    runs = [replace(run, outputs={'seen': simulated(values, run)['seen'] + own})
-            for run, own in zip(runs, noise, strict=True)]
-    problem = problem_of(replace(MODEL, simulate=simulated, effects=effects), runs)
-    rough = replace(problem.assumptions, exact_laws=False)
-    search = search_about(prepare(replace(problem, assumptions=rough)))
-    judged = main_cause(search.space, search.fit)
-    assert (judged.margin > 20.0) is is_listed
 
 
 def test_what_errors_of_a_sound_machine_could_replace_is_not_established() -> None:

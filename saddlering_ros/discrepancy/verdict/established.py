@@ -194,16 +194,14 @@ def doubts_of(space: ModelSpace, fit: Fit, published: Publication,
     return doubts
 
 
-def doubts_on_main(space: ModelSpace, fit: Fit, published: Publication, outlier: str) -> list[str]:
+def doubts_on_main(space: ModelSpace, fit: Fit, published: Publication) -> list[str]:
     """Reasons why the main one of several effects is not established beside the others.
 
     What these take is no misfit that it leaves. One that others could replace leaves half as much.
-    outlier: one that stands out among small errors, which is the main one; half is enough.
     """
-    main = next((cause for cause in published.causes if cause.effect == outlier), published.main)
+    main = published.main
     own = published.member_shares[main.effect]
     required = MIN_TAKEN if main.group == (main.effect,) else MIN_TAKEN_BESIDE
-    required = MAINLY if main.effect == outlier else required
     doubts = _unlike(own)
     if own.best < required:
         doubts.append(wording.weak_words(main.effect, own.best, required))
