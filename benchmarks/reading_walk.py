@@ -44,7 +44,9 @@ class Walk:
             '.'.join([root.name, *path.relative_to(root).with_suffix('').parts]).removesuffix(
                 '.__init__'): path for path in sorted(root.rglob('*.py'))}
         self.trees = {module: ast.parse(path.read_text()) for module, path in self.paths.items()}
-        self.classes = {node.name: (module, node) for module, tree in self.trees.items()
+        # A class of the engine hides one of the same name elsewhere.
+        engine_last = sorted(self.trees.items(), key=lambda item: ENGINE in item[0])
+        self.classes = {node.name: (module, node) for module, tree in engine_last
                         for node in tree.body if isinstance(node, ast.ClassDef)}
         self.holders, before = {held}, 0
         while len(self.holders) > before:
