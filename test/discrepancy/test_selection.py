@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 from bench import LOAD, measured, Shapes, STEP, System
@@ -24,7 +25,7 @@ from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.ranking import _pair_gains, Score, shortlist
-from saddlering_ros.discrepancy.search.space import fit_each, ModelSpace
+from saddlering_ros.discrepancy.search.space import fit_each, ModelSpace, prepare
 
 
 def only_cause(system: System, run: RunBlocks, settings: Settings | None = None) -> Cause:
@@ -89,6 +90,29 @@ def test_one_effect_takes_the_place_of_two_that_fit_no_better(
     cause = only_cause(system, measured(system, 1e-3, {'both': {'size': 0.2}}, seed=3))
     assert cause.effect == 'both'
     assert cause.parameters['size'].value == pytest.approx(0.2, rel=0.1)
+
+
+class Held(Shapes):
+    """A bench whose simulator fails at large slopes unless the load's square holds it."""
+
+    def predict(self, name: str, point: Point) -> np.ndarray:
+        held = point.effects.get('square', {'size': 0.0})['size'] < -0.1
+        seen = super().predict(name, point)
+        return seen if held or point.base[0] < 1.5 else np.full_like(seen, np.nan)
+
+
+def test_a_model_that_fails_without_one_of_its_effects_is_refitted_from_the_base() -> None:
+    system = Held(square=LOAD**2, cube=LOAD**3)
+    space = prepare(Problem(system, [measured(system, 1e-3, {'cube': {'size': 0.1}})]))
+    fit = space.base
+    for name in ('square', 'cube'):
+        scores = [score for score in space.scores(space.base) if score.effect.id == name]
+        fit = fit_each(space, fit, scores)[0]
+    slope, square = system.base_parameters[0].to_unit(1.9), 0.2
+    both = replace(fit, theta_unit=np.array([slope, square, fit.theta_unit[2]]))
+    less = space.without(both, 'square')
+    assert less.converged
+    assert less.point.effects['cube']['size'] == pytest.approx(0.1, rel=0.02)
 
 
 SIZES = {'push': 0.24, 'pull': -0.196}

@@ -194,9 +194,16 @@ class ModelSpace:
             kept = [fit.theta_unit[:count], *(
                 fit.theta_unit[part] for effect, _, part in fit.candidate.slices(count)
                 if effect.id != effect_id)]
-            begun = refit(self.metric, candidate, np.concatenate(kept),
-                          self.tangent_of(self.base).white, rounds=self.settings.rounds)
-            self.keep(run_refits(self.metric, [begun])[0])
+            start = np.concatenate(kept)
+            # Where the simulator fails without the effect, the others begin from nothing.
+            nothing = np.concatenate([self.base.theta_unit, start[count:]])
+            for effect, _, part in candidate.slices(count):
+                nothing[part.start] = effect.size.to_unit(effect.neutral)
+            for theta in (start, nothing):
+                begun = refit(self.metric, candidate, theta, self.tangent_of(self.base).white,
+                              rounds=self.settings.rounds)
+                if np.isfinite(self.keep(run_refits(self.metric, [begun])[0]).misfit):
+                    break
         return self.fits[candidate.key]
 
 
