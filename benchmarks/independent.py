@@ -272,7 +272,7 @@ KINDS = {'outside': outside, 'clean': clean, 'single': single, 'removed': single
 def main() -> int:
     args = arguments(
         __doc__, {'kinds': ['clean'], 'clean': 1, 'out': Path('out/independent_short.jsonl')},
-        seed=440_000, kinds=('outside', 'clean', 'single'), clean=5, only=(),
+        seed=440_000, kinds=tuple(KINDS), clean=5, only=(),
         out=Path('out/independent.jsonl'), table=False)
     known = {(row['kind'], row['seed']) for row in kept_rows(args.out)}
     for kind, seed, name in () if args.table else plan(args.seed, args.clean):
