@@ -234,7 +234,9 @@ def _answer_beside(
     left = residual_of(noise_alone, seen)
     assert published.shares is not None
     main, taken, told = published.main, published.shares.best, [wording.REST_IS_ERROR]
-    beside = proven.get(main.effect) if len(published.causes) == 1 else None
+    # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
+    is_sure = main.group == (main.effect,)
+    beside = proven.get(main.effect) if len(published.causes) == 1 and is_sure else None
     if beside is not None:
         doubts = established.other_laws(search.space, fit, search.alternatives)
         taken = beside.member_shares[main.effect].best
@@ -254,8 +256,6 @@ def _answer_beside(
         if not doubts and not most_dropped:  # What is left out may be one shape.
             doubts += established.one_shape_left(noise_alone, fit)
     doubts += uncertain_size(search.space, published.causes)
-    # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
-    is_sure = beside is not None or main.group == (main.effect,)
     most = established.MAINLY if is_sure else 1.0 - results.MIN_TAKEN
     if most_dropped**2 > most * main.visible**2:
         doubts.append(wording.AS_LARGE)

@@ -197,14 +197,16 @@ def doubts_of(space: ModelSpace, fit: Fit, published: Publication,
 def doubts_on_main(space: ModelSpace, fit: Fit, published: Publication) -> list[str]:
     """Reasons why the main one of several effects is not established beside the others.
 
-    What these take is no misfit that it leaves. One that others could replace leaves half as much.
+    What these take is no misfit that it leaves. Of effects that could replace it, beside others
+    that could be replaced, some pair fits a cause that is in no catalogue.
     """
     main = published.main
     own = published.member_shares[main.effect]
-    required = MIN_TAKEN if main.group == (main.effect,) else MIN_TAKEN_BESIDE
     doubts = _unlike(own)
-    if own.best < required:
-        doubts.append(wording.weak_words(main.effect, own.best, required))
+    if main.group != (main.effect,):
+        doubts.append(wording.replaced_words(main.effect))
+    if own.best < MIN_TAKEN:
+        doubts.append(wording.weak_words(main.effect, own.best, MIN_TAKEN))
     if not Comparison(space, space.without(fit, main.effect), fit).is_real:
         doubts.append(wording.BY_CHANCE)
     return doubts
