@@ -57,8 +57,9 @@ MAINLY = 0.5
 """Share of the power of a view's misfit that a cause moves where it mainly acts, and share of the
 power of the main cause that no cause beside it exceeds: half."""
 
-MAX_OWN_KIND = 0.7
-"""Share of the remainder that one family of shapes may take."""
+MAX_ONE_FAMILY = 0.7
+"""Share of the remainder that one family of shapes may take: errors of a machine lie along
+several coordinates."""
 
 DRAWS = 400
 """Draws of stretches for the interval of a reduction."""
@@ -197,8 +198,8 @@ def doubts_of(space: ModelSpace, fit: Fit, published: Publication,
 def doubts_on_main(space: ModelSpace, fit: Fit, published: Publication) -> list[str]:
     """Reasons why the main one of several effects is not established beside the others.
 
-    What these take is no misfit that it leaves. Of effects that could replace it, beside others
-    that could be replaced, some pair fits a cause that is in no catalogue.
+    What the others take is no misfit of the main one. If other effects can replace it, some pair
+    of effects fits even a cause that is in no catalogue.
     """
     main = published.main
     own = published.member_shares[main.effect]
@@ -251,14 +252,14 @@ def under_declared_error(space: ModelSpace, fit: Fit) -> list[str]:
 def one_shape_left(alone: ModelSpace, fit: Fit) -> list[str]:
     """A sentence if one family of shapes takes most or all of what the effects of a fit leave.
 
-    The errors of a machine lie along several coordinates. What lies along one is left by a law
-    that is not listed, and of which the effects may take the other part. alone: as above.
+    A law that is not listed leaves a rest along one coordinate, if the effects take its other
+    part. alone: the space in which only what errors of a sound machine leave is misfit.
     """
     whole, rate = refit_full_jacobian(
         alone.metric, [fit], alone.settings.rounds)[0], alone.settings.error_rate
     white = alone.tangent_of(whole).white
     beyond = orthonormal(white)
-    least = (1.0 - MAX_OWN_KIND) * alone.slow_residual(whole).excess
+    least = (1.0 - MAX_ONE_FAMILY) * alone.slow_residual(whole).excess
     for test in alone.tests.shapes(whole, white):
         if test.shape is not None and test.p_value < rate:
             taken = alone.metric.whiten(test.shape)

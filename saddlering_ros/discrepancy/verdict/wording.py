@@ -175,8 +175,8 @@ def shape_words(ids: Sequence[str], where: str) -> str:
 
 
 def inputs_words(names: Sequence[str]) -> str:
-    return (f'{" and ".join(names)}: errors of inputs resemble each other and other causes; one '
-            'is established alone only, and only if it leaves no more than noise')
+    return (f'{" and ".join(names)}: the error of an input resembles other causes; it is '
+            'established only without another cause, and only if it leaves no more than noise')
 
 
 def crowded_words(count: int) -> str:
