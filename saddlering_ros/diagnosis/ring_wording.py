@@ -389,6 +389,7 @@ def _parameter_lines(document: VerdictDocument, is_extended: bool) -> list[str]:
         if all(name in values for name in names for values in (before, after)):
             first, last = (stiffness_per_millimetre(*(values[name] for name in names))
                            for values in (before, after))
+            best_known = 'best known ' if any(name in open_after for name in names) else ''
             shown = f'{quantity(first)} -> ' if is_extended else ''
-            lines.append(f'  K{row}: {shown}{quantity(last, "N/mm^n")}')
+            lines.append(f'  K{row}: {best_known}{shown}{quantity(last, "N/mm^n")}')
     return lines

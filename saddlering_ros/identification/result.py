@@ -133,8 +133,10 @@ def identification_text(identification: Identification) -> str:
             ('K1 (axial rows)', contact.K1, contact.n1),
             ('K2 (radial row)', contact.K2, contact.n2)):
         value = stiffness_per_millimetre(stiffness, exponent)
+        is_open = {f'K{row[1]}', f'n{row[1]}'} & identification.reasons.keys()
         lines.append(
-            f'    {row}: {quantity(value, "N/mm^n", digits=5)}, {significant(ratios[row[:2]], 2)} '
+            f'    {row}: {"best known " if is_open else ""}'
+            f'{quantity(value, "N/mm^n", digits=5)}, {significant(ratios[row[:2]], 2)} '
             'of one roller in Palmgren line contact (at 0.1 mm)')
     # How much each imperfection, which no fit can see, would change the free parameters.
     words_of = {one.name: one.words for one in IMPERFECTIONS}

@@ -1,6 +1,6 @@
 """Chapters of a report, each made from a verdict's JSON or from the curves of the runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 import math
 from typing import Any
 
@@ -354,7 +354,8 @@ def identified(found: Mapping[str, Any], words: str = '') -> str:
          span(*item['interval']) if item['interval'] else '–',
          f'{UNDETERMINED}: {item["reason"]}' if item['reason'] else
          ('at its bound' if item['at_bound'] else '')] for name, item in items.items()]
-    rows += _per_millimetre({name: item['value'] for name, item in items.items()})
+    rows += _per_millimetre({name: item['value'] for name, item in items.items()},
+                            [name for name, item in items.items() if item['reason']])
     covariance = np.array([[math.nan if value is None else value for value in row]
                            for row in found.get('covariance') or []])
     return html.section(
@@ -385,9 +386,9 @@ def before_and_after(document: VerdictDocument, covariance: Array | None = None)
             moved if is_extended else '',
             f'{abs(first[name] - last[name]) / std:.1f}' if std and is_extended else '–',
             f'{UNDETERMINED}: {reasons[name]}' if name in reasons else ''])
-    rows += [[name, before_words if is_extended else '', after_words, *[''] * 4]
-             for (name, before_words, *_), (_, after_words, *_) in zip(
-                 _per_millimetre(first), _per_millimetre(last), strict=True)]
+    rows += [[name, before_words if is_extended else '', after_words, *[''] * 3, reason]
+             for (name, before_words, *_), (_, after_words, _, reason) in zip(
+                 _per_millimetre(first, ()), _per_millimetre(last, reasons), strict=True)]
     return html.section(
         'Contact parameters',
         html.table(['parameter', *map(number, (
@@ -404,10 +405,11 @@ def interval(value: float, std: float | None) -> str:
     return span(value - WIDTH_95 * std, value + WIDTH_95 * std) if std else '–'
 
 
-def _per_millimetre(values: Mapping[str, float]) -> list[Row]:
+def _per_millimetre(values: Mapping[str, float], undetermined: Collection[str]) -> list[Row]:
     """K1 and K2 of parameters by name, each with its stiffness as catalogues give it."""
     return [[code(name), quantity(stiffness_per_millimetre(values[name], values[exponent]),
-                                  'N/mm^n'), '', '']
+                                  'N/mm^n'), '',
+             UNDETERMINED if {name, exponent} & set(undetermined) else '']
             for name, exponent in (('K1', 'n1'), ('K2', 'n2'))
             if name in values and exponent in values]
 
@@ -423,7 +425,7 @@ def of_file(parameters: ParameterSet) -> str:
         std = std if reason is None else None
         rows.append([code(name), quantity(value, PARAMETER_UNITS[name], std), interval(value, std),
                      '' if reason is None else f'{UNDETERMINED}: {reason}'])
-    rows += _per_millimetre(values_of)
+    rows += _per_millimetre(values_of, source.undetermined)
     rows += [[code(f'{effect}.{name}'), f'{compact(value, 5)} (SI)', '', '']
              for effect, values in parameters.effects.items() for name, value in values.items()]
     words = 'As given' if source.method == 'given' else f'By the method "{source.method}"'

@@ -1,6 +1,7 @@
 """A verdict prints the contact law that `identify` finds in the same bags, in the same words."""
 
 from pathlib import Path
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +11,9 @@ from saddlering_ros.bags import read_run
 from saddlering_ros.diagnosis.verdict import contact_law
 from saddlering_ros.discrepancy import Estimate
 from saddlering_ros.identification import identify
+from saddlering_ros.identification.result import identification_text
+from saddlering_ros.identification.uncertainty import UNDETERMINED
+from saddlering_ros.report.chapters import of_file
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES, read_parameters, write_parameters
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
@@ -39,6 +43,16 @@ def test_without_a_cause_values_and_reasons_are_those_of_identify(found):
         assert law.before[name].value == law.after[name].value == value
     assert law.reasons_before == law.reasons_after == found.reasons
     assert 'n1' in law.reasons_before
+
+
+def test_a_stiffness_that_is_open_is_open_in_catalogue_units_too(found):
+    assert {'n1', 'n2'} <= set(found.reasons)
+    told = [line for line in identification_text(found).splitlines()
+            if line.lstrip().startswith(('K1 (axial', 'K2 (radial'))]
+    assert len(told) == 2
+    assert all('best known' in line for line in told)
+    page = of_file(found.parameters)
+    assert re.findall(r'N/mm\^n</td><td[^>]*></td><td>([^<]*)<', page) == [UNDETERMINED] * 2
 
 
 def test_a_cause_leaves_open_what_the_contact_law_alone_left_open(found):

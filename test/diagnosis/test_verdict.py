@@ -89,6 +89,15 @@ def test_parameters_stand_before_and_after_with_deviations(document):
     assert set(document['parameters']['after']) == expected
 
 
+def test_a_stiffness_that_is_not_determined_is_shown_in_no_unit_without_that_word(
+        document, diagnosed):
+    undetermined = document['parameters']['undetermined']['after']
+    assert {'K1', 'K2'} <= set(undetermined)
+    told = [line for line in diagnosed.printed.splitlines() if line.startswith(('  K1', '  K2'))]
+    assert len(told) == 4
+    assert all('best known' in line for line in told)
+
+
 def test_friction_is_found_measured_and_worth_it_on_the_sealed_run(document):
     (cause,) = document['causes']
     assert cause['group'] == ['radial_friction']
