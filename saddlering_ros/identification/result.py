@@ -72,6 +72,7 @@ class Identification(Uncertainty):
                 key: dict(zip(PARAMETER_NAMES, shift, strict=True))
                 for key, shift in self.systematic.items()},
             'budget': self.budget,
+            'joint': self.joint,
             'notes': list(self.notes),
             'provenance': Provenance(self.parameters.source.origins).as_dict()})
         return document

@@ -7,10 +7,12 @@ effect of unequal rollers is added: the estimate is G r with G = J^+, so that re
 covariance I + S S^T (S: roller_scatter.py) give it the covariance G G^T + G S S^T G^T.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
+import math
+from typing import Any
 
 import numpy as np
 
@@ -129,7 +131,8 @@ class Uncertainty:
     name; systematic: imperfection to shift (6,) in coordinates; reasons why a parameter is open by
     name; collinearity by subset of names ('K1,n1'); reduced_chi_square: chi square per degree of
     freedom, 1 if the misfit equals the noise; budget: per free parameter the share of its variance
-    by source, of noise, unequal rollers and each instrument with a certificate.
+    by source, of noise, unequal rollers and each instrument with a certificate; joint: by 'K1,n1'
+    and 'K2,n2' the joint 95 % region, as `joint_axes` and the bounds in which it lies.
     """
 
     std: Array
@@ -142,6 +145,7 @@ class Uncertainty:
     collinearity: dict[str, float]
     reduced_chi_square: float
     budget: dict[str, dict[str, float]]
+    joint: dict[str, dict[str, Any]]
 
     @property
     def determined(self) -> dict[str, bool]:
@@ -203,7 +207,43 @@ def assess(
         reduced_chi_square=float(reduced),
         budget={name: {source: float(variance[position] / total[position])
                        for source, variance in variances.items()}
-                for position, name in enumerate(space.names)})
+                for position, name in enumerate(space.names)},
+        joint={f'K{row},n{row}': _joint_entry(row, best.contact, whole, bounds)
+               for row in (1, 2) if {f'K{row}', f'n{row}'} <= set(space.names)})
+
+
+JOINT_RADIUS = math.sqrt(-2.0 * math.log(0.05))
+"""Radius [standard deviations] of the joint 95 % region of two parameters: the root of the 95 %
+quantile of chi square with two degrees of freedom."""
+
+
+def joint_axes(covariance: Array) -> Array:
+    """Half axes (2, 2) of the joint 95 % ellipse, a row each, the longest first."""
+    variances, directions = np.linalg.eigh(covariance)
+    half_axes = JOINT_RADIUS * np.sqrt(np.maximum(variances, 0.0)) * directions
+    return np.asarray(half_axes.T[::-1])
+
+
+def _joint_entry(
+    row: int, contact: Array, whole: Array, bounds: dict[str, tuple[float, float]],
+) -> dict[str, Any]:
+    """The ellipse of a row in (ln K, n), where the uncertainty of K is symmetric."""
+    names = [f'K{row}', f'n{row}']
+    pair = [PARAMETER_NAMES.index(name) for name in names]
+    scale = np.array([1.0 / contact[pair[0]], 1.0])
+    return {'half_axes': joint_axes(whole[np.ix_(pair, pair)] * np.outer(scale, scale)).tolist(),
+            'coordinates': [f'ln {names[0]}', names[1]],
+            'bounds': {name: list(bounds[name]) for name in names}}
+
+
+def joint_outline(stiffness: float, exponent: float, entry: Mapping[str, Any]) -> Array:
+    """Outline (2, P) of a joint region in K and n about the estimate, within the bounds."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    log_change, change = np.asarray(entry['half_axes']).T @ [np.cos(angle), np.sin(angle)]
+    of_stiffness, of_exponent = entry['bounds'].values()
+    log_stiffness = np.clip(math.log(stiffness) + log_change,
+                            *np.log(np.maximum(of_stiffness, 1e-9)))
+    return np.stack([np.exp(log_stiffness), np.clip(exponent + change, *of_exponent)])
 
 
 def _reasons(

@@ -363,6 +363,10 @@ def identified(found: Mapping[str, Any], words: str = '') -> str:
         html.paragraph(f'{found["evaluations"]} simulations in {found["elapsed"]:.1f} s; '
                        f'{found["status"]}.'),
         html.table(HEAD, rows, words), html.paragraph(INTERVALS, 'note'),
+        html.picture(figures.joint_regions(found), 'joint_regions',
+                     'K and n of a row, with noise and unequal rollers. A parameter without an '
+                     'interval is not determined.')
+        if found.get('joint') else '',
         correlation(covariance if covariance.shape == (6, 6) else None),
         html.paragraph(ASSUMPTION, 'note'), html.bullets(list(found.get('notes') or [])))
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from saddlering_ros.diagnosis.records import smooth_rate
 from saddlering_ros.diagnosis.ring_wording import bag_name
 from saddlering_ros.diagnosis.verdict import Verdict
+from saddlering_ros.identification.uncertainty import joint_outline
 from saddlering_ros.pages import charts
 from saddlering_ros.pages.charts import Chart, markers, Panel, Series, ShadedBand, Ticks
 from saddlering_ros.record import plateaus, Record
@@ -445,3 +446,20 @@ def proposed_law(term: Mapping[str, Any], force_unit: str) -> Chart:
         charts.line(at, values + side * spread, charts.AFTER, dash=':') for side in (-2.0, 2.0)))
     panel = Panel(0, 0, across, f'{term["channel"]} / {shown}', series, levels=(0.0,))
     return Chart((panel,), width=7.0, height=3.2)
+
+
+def joint_regions(found: Mapping[str, Any]) -> Chart:
+    """The joint 95 % region of K and n of each row, from the JSON of an identification."""
+    panels = []
+    for column, (key, region) in enumerate(found['joint'].items()):
+        across, up = key.split(',')
+        one, other = (found['parameters'][name] for name in (across, up))
+        stiffness, exponent = one['value'], other['value']
+        outline = joint_outline(stiffness, exponent, region)
+        series = [charts.line(outline[0], outline[1], charts.AFTER, 'joint 95 % region')]
+        intervals = ((one['interval'], [exponent] * 2), ([stiffness] * 2, other['interval']))
+        series += [charts.line(x, y, charts.MEASURED, '95 % interval of one alone', '--')
+                   for x, y in intervals if x and y]
+        series.append(markers([stiffness], [exponent], 'o', charts.MEASURED, 'estimate'))
+        panels.append(Panel(0, column, f'{across} / {one["unit"]}', up, tuple(series)))
+    return Chart(tuple(panels), width=4.7 * len(panels), height=3.4, columns=len(panels))

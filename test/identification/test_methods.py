@@ -33,7 +33,13 @@ from saddlering_ros.identification.objective import (
     WeightedObjective,
 )
 from saddlering_ros.identification.result import identification_text
-from saddlering_ros.identification.uncertainty import assess, MAX_HALF_WIDTH, reason_open
+from saddlering_ros.identification.uncertainty import (
+    assess,
+    joint_axes,
+    joint_outline,
+    MAX_HALF_WIDTH,
+    reason_open,
+)
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, TONNE, TRUE_TO_SCALE
 
@@ -71,6 +77,36 @@ def test_stiffness_and_exponent_are_reported_as_one(found):
     for row, first, second in ((1, 0, 1), (2, 3, 4)):
         assert found.correlation[first, second] > 0.95
         assert found.collinearity[f'K{row},n{row}'] > 10.0
+
+
+def test_the_joint_region_of_a_known_covariance_has_its_area_and_holds_95_percent():
+    known = np.array([[0.05**2, 0.98 * 0.05 * 0.006], [0.98 * 0.05 * 0.006, 0.006**2]])
+    axes = joint_axes(known)
+    assert np.linalg.norm(axes[0]) > np.linalg.norm(axes[1])
+    assert axes[0] @ axes[1] == pytest.approx(0.0, abs=1e-12)
+    quantile = 5.991464547  # of chi square with two degrees of freedom, 95 %
+    assert abs(np.linalg.det(axes)) == pytest.approx(quantile * np.sqrt(np.linalg.det(known)))
+    drawn = np.random.default_rng(1).multivariate_normal([0.0, 0.0], known, 20_000)
+    inside = np.linalg.norm(drawn @ np.linalg.inv(axes), axis=1) <= 1.0
+    assert inside.mean() == pytest.approx(0.95, abs=0.005)  # three standard deviations
+
+
+def test_the_joint_region_ends_at_the_bounds():
+    entry = {'half_axes': [[3.0, 0.3], [0.0, 0.1]],
+             'bounds': {'K1': [1e8, 2e8], 'n1': [1.0, 1.15]}}
+    stiffness, exponent = joint_outline(1.3e8, 1.1, entry)
+    assert (stiffness.min(), stiffness.max()) == pytest.approx((1e8, 2e8))
+    assert (exponent.min(), exponent.max()) == pytest.approx((1.0, 1.15))
+
+
+def test_the_joint_regions_of_a_result_are_those_of_its_covariance(found):
+    document = found.to_json()
+    assert set(document['joint']) == {'K1,n1', 'K2,n2'}
+    for row, first in ((1, 0), (2, 3)):
+        axes = np.array(document['joint'][f'K{row},n{row}']['half_axes'])
+        values = document['parameters'][f'K{row}']['value'], 1.0
+        covariance = found.covariance[first:first + 2, first:first + 2] / np.outer(values, values)
+        assert axes.T @ axes == pytest.approx(5.991464547 * covariance)
 
 
 def test_another_seed_ends_at_the_same_bottom(four_runs, found):

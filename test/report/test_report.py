@@ -282,8 +282,22 @@ def test_a_page_on_parameters_shows_the_interval_that_was_identified_not_one_of_
     found['parameters']['n2']['value'] = 1.1
     shown = chapters.identified(found)
     assert '(1.2 to 1.5) × 10⁸' in shown
+    assert html.pictures_of(shown) == {}
     cells = re.sub(r' (class|data-is)="[^"]*"', '', shown)
     assert '<td>–</td><td>not determined by these data: why</td>' in cells
+
+
+def test_the_joint_region_is_drawn_with_the_estimate_and_the_intervals_that_are_known():
+    region = {'half_axes': [[0.2, 0.02], [0.001, -0.01]],
+              'bounds': {'K2': [1e8, 1.4e8], 'n2': [1.0, 1.5]}}
+    found = {'joint': {'K2,n2': region}, 'parameters': {
+        'K2': {'value': 1.3e8, 'unit': 'N/m^n', 'interval': [1.2e8, 1.5e8]},
+        'n2': {'value': 1.1, 'unit': '', 'interval': None}}}
+    panel, = figures.joint_regions(found).panels
+    outline, interval, estimate = panel.series
+    assert outline.x.max() == pytest.approx(1.4e8)
+    assert interval.x.tolist() == [1.2e8, 1.5e8]
+    assert (estimate.x.tolist(), estimate.y.tolist()) == ([1.3e8], [1.1])
 
 
 def test_no_interval_and_no_removed_bias_is_printed_for_what_the_data_do_not_determine():
