@@ -28,6 +28,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
     zero_of_record,
 )
+from saddlering_ros.rig.geometry import MIN_SAMPLES
 
 Floats = NDArray[np.float64]
 
@@ -77,6 +78,16 @@ OVERLOAD = Kind(
 START_OFF_PRELOAD = Kind(
     'the record starts at {start}, which is not near the preload ({preload}): displacements count '
     'from there')
+
+NO_REST = Kind(
+    'no half second of a steady load near the preload ({preload}) has {count} readings: '
+    'displacements count from the first reading alone: rest longer, or record faster')
+
+ELEVATION_UNIT = Kind(
+    'the elevation of {stated:g} deg looks like radians: give --elevation {radians:.0f}, or '
+    'correct the metadata of the bag',
+    limit=0.03)
+"""Distance [deg] from a whole number of degrees, as a number of radians with three decimals."""
 
 SPAN_UNIT = Kind(
     'probe {probe} publishes a span up to {high:.4g} m and the rig file gives {wanted:.4g} m, '
@@ -134,6 +145,7 @@ def findings_on_rig(rig: Rig, run: Record, record: RawRecord) -> list[Finding]:
     if not findings and not rig.probes.absent:
         findings = [*parity_findings(rig, run.load, run.gaps),
                     *line_findings(rig, float(run.time[-1]), run.load, run.gaps)]
+    findings += _unit_of_elevation(math.degrees(run.elevation))
     return [*findings, *exchange_findings(rig, run.time, run.load, run.gaps),
             *rig_findings(rig, run.test, run.time, run.load, spans)]
 
@@ -212,17 +224,28 @@ def _is_near(value: float, wanted: float) -> bool:
     return abs(value / wanted - 1.0) < UNIT_TOLERANCE
 
 
+def _unit_of_elevation(stated: float) -> list[Finding]:
+    """A finding if an elevation [deg] with three decimals or more is a whole angle in radians."""
+    radians = math.degrees(stated)
+    if (abs(stated) > math.pi / 2.0 + 1e-3 or abs(stated - round(stated, 2)) < 1e-6
+            or abs(radians - round(radians)) > ELEVATION_UNIT.limit):
+        return []
+    return [ELEVATION_UNIT.at(stated=stated, radians=radians)]
+
+
 def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
     zero = zero_of_record(rig, time, load)
-    start, peak = zero.load, float(extremes(load)[1])
+    start, peak, full = zero.load, float(extremes(load)[1]), rig.full_scale_load
     looks = [name for name, factor in FORCE_UNITS.items()
              if rig.preload > 0.0 and _is_near(start * factor, rig.preload)
-             and PEAK_SHARE < peak * factor / rig.full_scale_load < OVERLOAD.limit]
+             and PEAK_SHARE < peak * factor / full < OVERLOAD.limit]
     if looks:
         return [LOAD_UNIT.at(start=start, peak=peak, units=' or '.join(looks),
                              preload=rig.preload, factor=FORCE_UNITS[looks[0]])]
-    if peak > OVERLOAD.limit * rig.full_scale_load:
-        return [OVERLOAD.at(peak=rig.force_words(peak), full=rig.force_words(rig.full_scale_load))]
+    if peak > OVERLOAD.limit * full:
+        return [OVERLOAD.at(peak=rig.force_words(peak), full=rig.force_words(full))]
+    if not zero.near_preload and abs(start - rig.preload) <= OTHER_PRELOAD.limit * full:
+        return [NO_REST.at(preload=rig.force_words(rig.preload), count=MIN_SAMPLES)]
     if not zero.near_preload:
         return [START_OFF_PRELOAD.at(start=rig.force_words(start),
                                      preload=rig.force_words(rig.preload))]

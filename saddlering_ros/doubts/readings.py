@@ -83,6 +83,11 @@ FILTERED = Kind(
 DRIFT = Kind(
     'load and probes are stamped at rates that differ by {percent:.3g} %: if both should have one '
     'rate, a clock drifts by {drift:.3g} ms over the record, which shifts D1 and D2')
+OTHER_CLOCK = Kind(
+    'the probes begin and end {seconds:.3g} s {side} than the load: if all were recorded '
+    'together, the clocks differ by this time: correct the stamps, or D1 and D2 are wrong',
+    limit=0.05)
+"""Time [s] that recordings which begin and end together do not lie apart."""
 
 MAX_REFUSED_SHARE = 0.05
 """Largest share of refused samples. With more of them the unit, the sensor or the rig file is
@@ -244,6 +249,15 @@ def clock_findings(
     return findings
 
 
+def _other_clock(load: RawTopic, probes: Sequence[RawTopic]) -> list[Finding]:
+    """A finding if all probes begin and end by the same time apart from the load."""
+    ends = np.array([raw.stamps[[0, -1]] - load.stamps[[0, -1]] for raw in probes]) * 1e-9
+    apart, period = float(np.median(ends)), float(np.median(np.diff(load.stamps))) * 1e-9
+    if abs(apart) < OTHER_CLOCK.limit + 3.0 * period or float(np.ptp(ends)) > 3.0 * period:
+        return []
+    return [OTHER_CLOCK.at(seconds=abs(apart), side='later' if apart > 0.0 else 'earlier')]
+
+
 def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None) -> Record:
     """Check the readings and put the probes on the load's stamps."""
     where = str(record.path)
@@ -283,6 +297,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     stamps = possible[LOAD_TOPIC].stamps
     findings += clock_findings(found[LOAD_TOPIC], [found[name] for name in PROBE_TOPICS],
                                float(stamps[-1] - stamps[0]) * 1e-9)
+    findings += _other_clock(load, probes)
     if int(np.count_nonzero(used)) < MIN_SAMPLES:
         raise BagError(
             f'{where}: fewer than {MIN_SAMPLES} load stamps have readings of all four probes: '

@@ -48,8 +48,8 @@ DEAD = Kind(
 """Share of the largest motion below which a probe does not follow the load."""
 
 SWAPPED = Kind(
-    'channels of probes {first} and {second} look swapped: their sum is {percent:.1f} % of their '
-    'difference, and that of probes 1 and 3, which should be opposite, is {opposite:.0f} %',
+    'channels of probes {swapped}: {first} and {second} mirror each other (their sum is '
+    '{percent:.1f} % of their difference), and 1 and 3, which should, do not ({opposite:.0f} %)',
     limit=0.06)
 """Sum of two probes, as a share of their difference (rms), up to which they mirror each other."""
 
@@ -130,7 +130,11 @@ def _mirrored(increments: Floats) -> list[Finding]:
     (first, second), least = min(unlikeness.items(), key=lambda item: item[1])
     if least > SWAPPED.limit or least > opposite / 3.0:
         return []
-    return [SWAPPED.at(first=first + 1, second=second + 1, percent=100 * least,
+    # One radial probe has its own channel: the other is read where its partner should be.
+    cables = sorted({0, 2} ^ {first, second})
+    swapped = (f'{cables[0] + 1} and {cables[1] + 1} look swapped' if len(cables) == 2 else
+               '1 and 3 look swapped with those of 2 and 4')
+    return [SWAPPED.at(swapped=swapped, first=first + 1, second=second + 1, percent=100 * least,
                        opposite=100 * opposite)]
 
 

@@ -232,7 +232,7 @@ def warnings_of(run: Record, rig: Rig) -> list[str]:
             warnings.append(
                 f'{name}: probe {probe} is at a limit of its span in {100.0 * share:.1f} % of '
                 'the record, which is left out')
-    noted = any('not near the preload' in note for note in run.notes)
+    noted = any('near the preload' in note for note in run.notes)
     if not noted and not zero_of_run(rig, run).reading.near_preload:
         warnings.append(f'{name}: the record does not start near the preload; its zero is at a '
                         'higher load')

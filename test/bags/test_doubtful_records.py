@@ -12,7 +12,7 @@ import pytest
 from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.doubts.on_rig import line_findings, parity_findings, rig_findings
-from saddlering_ros.doubts.wiring import exchange_findings
+from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, Record
 from saddlering_ros.rig import default_rig, TONNE
@@ -55,6 +55,54 @@ def test_readings_outside_of_their_span_look_like_a_unit(recording, tmp_path, me
 def test_a_load_beyond_the_full_scale_or_from_far_above_the_preload_is_noted(load, words):
     (note,) = map(str, rig_findings(RIG, 'dynamic', TIME, load, SPANS))
     assert note.startswith(words)
+
+
+def test_a_logger_too_slow_for_the_zero_is_noted():
+    (note,) = map(str, rig_findings(RIG, 'dynamic', TIME[::20], RAMP[::20], SPANS))
+    assert note.startswith('no half second of a steady load near the preload (0.5 t) has 5 read')
+
+
+@pytest.mark.parametrize(('stated', 'is_doubtful'), [
+    (0.8727, True), (0.436332, True), (-0.0873, True), (0.0, False), (0.5, False), (1.0, False),
+    (50.0, False)])
+def test_an_elevation_in_radians_looks_like_it(tmp_path, recording, stated, is_doubtful):
+    bag = replace(recording, facts=recording.facts | {'elevation_deg': str(stated)}).write(
+        tmp_path / 'bag')
+    notes = ' '.join(bag_info(bag).notes)
+    assert ('looks like radians' in notes) == is_doubtful
+    if is_doubtful:
+        assert f'give --elevation {round(math.degrees(stated))}' in notes
+
+
+@pytest.mark.parametrize(('seconds', 'is_doubtful'), [(0.2, True), (-1.0, True), (0.01, False)])
+def test_probes_stamped_by_another_clock_are_noted(tmp_path, recording, seconds, is_doubtful):
+    for topic in PROBE_TOPICS:
+        stamps = recording.stamps[topic] + int(1e9 * seconds)
+        recording = recording.changed(topic, stamps=stamps)
+    notes = ' '.join(bag_info(recording.write(tmp_path / 'bag')).notes)
+    side = 'later' if seconds > 0.0 else 'earlier'
+    words = f'the probes begin and end {abs(seconds):.3g} s {side} than the load'
+    assert (words in notes) == is_doubtful
+
+
+def test_probes_that_begin_later_and_end_with_the_load_are_not_noted(tmp_path, recording):
+    for topic in PROBE_TOPICS:
+        recording = recording.changed(topic, stamps=recording.stamps[topic][200:],
+                                      values=recording.values[topic][200:])
+    assert 'begin and end' not in ' '.join(bag_info(recording.write(tmp_path / 'bag')).notes)
+
+
+@pytest.mark.parametrize(('cables', 'words'), [
+    ((0, 1, 3, 2), 'channels of probes 3 and 4 look swapped: 1 and 4 mirror each other'),
+    ((1, 0, 2, 3), 'channels of probes 1 and 2 look swapped: 2 and 3 mirror each other'),
+    ((1, 0, 3, 2), 'channels of probes 1 and 3 look swapped with those of 2 and 4'),
+    ((0, 1, 2, 3), '')])
+def test_swapped_channels_are_named_by_the_cables_to_exchange(cables, words):
+    load = np.linspace(0.0, 24.0 * TONNE, 400)
+    slopes = np.array([4.0, 3.0, -4.0, -1.5])[list(cables)] * 1e-10
+    notes = [*map(str, wiring_findings(RIG, math.radians(60.0), load,
+                                       1e-3 + slopes[:, None] * load))]
+    assert [note[:len(words)] for note in notes] == ([words] if words else [])
 
 
 def test_steps_that_are_held_look_like_a_static_test():
