@@ -70,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
 def play(args: argparse.Namespace) -> dict[str, Any]:
     """Replay a bag to nodes of its own; what was replayed and recorded, as plain data."""
     from saddlering_ros.bags import read_raw
+    from saddlering_ros.bags.reader import usable_facts
     from saddlering_ros.doubts.comparison import refuse_other_hash
     from saddlering_ros.doubts.readings import absent_topic
     from saddlering_ros.record.topics import LOAD_TOPIC
@@ -81,6 +82,8 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
     record = read_raw(bag, rig=rig)
     if not args.trust_rig:
         refuse_other_hash(record, rig)
+    if args.elevation is None:  # else the simulator asks for no metadata of the bag
+        usable_facts(record.path, record.facts, None, None)
     for note in (*record.notes, *(note for name in record for note in record[name].notes)):
         print(f'note: {note}', file=sys.stderr)
     trusted = {'trust_rig': args.trust_rig}

@@ -1,5 +1,6 @@
 """A replay that waits for a node says for which, and gives up in time."""
 
+import re
 import shutil
 from types import SimpleNamespace
 
@@ -44,3 +45,19 @@ def test_a_bag_that_is_cut_off_is_told_before_it_is_replayed(tmp_path, monkeypat
     note, refused = capsys.readouterr().err.splitlines()
     assert note.startswith(f'note: {file}: the file is cut off at byte')
     assert 'no node is started' in refused
+
+
+def test_a_bag_with_two_elevations_is_refused_before_any_node_starts(
+        tmp_path, monkeypatch, capsys):
+    bag = shutil.copytree(share_directory() / 'bags' / 'dynamic_50', tmp_path / 'two')
+    metadata = bag / 'metadata.yaml'
+    metadata.write_text(re.sub(r'(elevation_deg: ).*', r"\1'70'", metadata.read_text()))
+
+    def refuse(*_, **__):
+        raise NodeError('no node is started')
+
+    monkeypatch.setattr('saddlering_ros.ros.launcher.start_nodes', refuse)
+    assert main(['replay', str(bag)]) == 2
+    assert "elevation_deg is '70' in metadata.yaml and '50'" in capsys.readouterr().err
+    assert main(['replay', str(bag), '--elevation', '50']) == 2
+    assert 'no node is started' in capsys.readouterr().err
