@@ -34,7 +34,7 @@ TOPICS = {
     '/ring/residual': 'measured minus simulated motion, at the same stamps',
     '/ring/parameters': 'contact parameters in force (applied_by names the node) or offered; '
                         'kept for late joiners',
-    '/ring/zero': 'the stamp from which a new zero counts',
+    '/ring/zero_request': 'a node takes a new zero, from this stamp on',
     '/ring/alarm': 'state of the alarm, and the latched alarm; kept for late joiners',
     '/ring/within_limits': 'true while no alarm is latched, about ten times a second, for an '
                            'interlock',
@@ -45,14 +45,10 @@ TOPICS = {
 
 UNRECORDED = {
     '/rig/inclinometer': ('saddlering_interfaces/msg/Elevation',
-                          'elevation of the load from an inclinometer, in place of '
-                          '`/rig/elevation`'),
+                          'elevation of the load from an inclinometer, with its standard '
+                          'uncertainty; nodes take it as `/rig/elevation`'),
     '/ring/expected': ('saddlering_interfaces/msg/RingExpected',
                        'motion that the model expects for the load now, for feed-forward'),
-    '/ring/zero_request': ('saddlering_interfaces/msg/ZeroRequest',
-                           'a node takes a new zero, in place of `/ring/zero`'),
-    '/ring/rig': ('diagnostic_msgs/msg/DiagnosticStatus',
-                  'hash of the rig of a node, the former way; kept for late joiners'),
     '/ring/rig_identity': ('saddlering_interfaces/msg/RigIdentity',
                            'the rig that a node works with; kept for late joiners'),
     '/replay/progress': ('saddlering_interfaces/msg/ReplayProgress',

@@ -12,7 +12,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
 from rclpy.signals import SignalHandlerOptions
-from std_msgs.msg import Bool, Header
+from std_msgs.msg import Bool
 
 from saddlering_interfaces import msg
 from saddlering_ros.bags.wire import decode_time
@@ -31,7 +31,8 @@ KEPT: dict[str, Any] = {
     f'/{names.RING_ALARM}': msg.RingAlarm, f'/{names.WITHIN_LIMITS}': Bool}
 """Topics whose last message is there for late joiners."""
 
-OTHERS: dict[str, Any] = {names.DIAGNOSTICS: DiagnosticArray, f'/{names.ZERO}': Header}
+OTHERS: dict[str, Any] = {
+    names.DIAGNOSTICS: DiagnosticArray, f'/{names.ZERO_REQUEST}': msg.ZeroRequest}
 
 
 class Recorder(StreamingNode):

@@ -19,7 +19,7 @@ from saddlering_ros.rig.geometry import displaced_frame
 from saddlering_ros.ros import diagnostics, streaming_node
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus
 from saddlering_ros.ros.messages import to_time
-from saddlering_ros.ros.names import DISPLACEMENT, NodeError, ZERO, ZERO_REQUEST
+from saddlering_ros.ros.names import DISPLACEMENT, NodeError, ZERO_REQUEST
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription, ZERO_QOS
 from saddlering_ros.ros.rig_state import ElevationWatch, RigAgreement, zero_status
@@ -89,7 +89,6 @@ class RingDisplacementNode(StreamingNode):
         self._arrived = 0.0
         self._awaited = 0
         self.offer(Trigger, '~/zero', self._on_zero)
-        self._zero = self.create_publisher(Header, ZERO, ZERO_QOS)
         self._zero_request = self.create_publisher(ZeroRequest, ZERO_REQUEST, ZERO_QOS)
         name = self.settings['displaced_frame_id']
         self._frame = DisplacedFrame(self, self.settings['frame_id'], name) if name else None
@@ -165,10 +164,9 @@ class RingDisplacementNode(StreamingNode):
         if not stamp:
             raise NodeError('no aligned samples yet: nothing to zero')
         self._stream.zero_after(stamp)
-        header = Header(stamp=to_time(stamp), frame_id=self.settings['frame_id'])
-        self._zero.publish(header)
-        self._zero_request.publish(
-            ZeroRequest(header=header, node=self.get_fully_qualified_name()))
+        self._zero_request.publish(ZeroRequest(
+            header=Header(stamp=to_time(stamp), frame_id=self.settings['frame_id']),
+            node=self.get_fully_qualified_name()))
         return (f'zero is taken from the first steady stretch after {stamp / 1e9:.3f} s, at '
                 f'{self._rig.force_words(self._stream.load, 2)}; the simulator follows')
 

@@ -5,7 +5,6 @@ import time
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
-from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement, RingExpected, RingParameters, ZeroRequest
@@ -76,16 +75,12 @@ class RingSimulatorNode(StreamingNode):
         self.offer(Trigger, '~/restart', self._on_restart)
         self.offer(Trigger, '~/zero', self._on_zero)
         if self.settings['follow_zero']:
-            self.create_subscription(Header, names.ZERO, self._on_zero_message,
-                                     raw_topics.ZERO_QOS)
-            self.create_subscription(ZeroRequest, names.ZERO_REQUEST,
-                                     lambda message: self._on_zero_message(message.header),
+            self.create_subscription(ZeroRequest, names.ZERO_REQUEST, self._on_zero_request,
                                      raw_topics.ZERO_QOS)
         self._in_force: ParameterSet | None = None
         self._offered: RingParameters | None = None
         self._teller = self.create_publisher(RingParameters, PARAMETERS_IN_FORCE, LATCHED)
         self._in_force_message = RingParameters()
-        self._zero_asked = 0
         self._expected: ExpectedMotion | None = None
         self._expectation = self.create_publisher(RingExpected, names.EXPECTED, PROMISED_QOS)
         if self.settings['follow_parameters']:
@@ -182,7 +177,7 @@ class RingSimulatorNode(StreamingNode):
         """Publish the parameters in use on /ring/parameters, latched for late joiners."""
         assert self._in_force is not None
         message = messages.parameters_to_message(self._in_force, self.get_clock().now().to_msg())
-        message.in_force_in = message.applied_by = self.get_fully_qualified_name()
+        message.applied_by = self.get_fully_qualified_name()
         message.elevation, message.rig_hash = self._elevation, self._agreement.digest
         self._teller.publish(message)
         self._in_force_message, self._expected = message, None
@@ -240,14 +235,12 @@ class RingSimulatorNode(StreamingNode):
         return ('restarts, zeroed at the first steady stretch from '
                 f'{self._rig.force_words(self._stream.load, 2)}')
 
-    def _on_zero_message(self, message: Header) -> None:
-        stamp = messages.to_stamp(message.stamp)
-        if self.active and stamp != self._zero_asked:  # each request comes on two topics
-            self._zero_asked = stamp
-            self._stream.zero_after(stamp)
+    def _on_zero_request(self, message: ZeroRequest) -> None:
+        if self.active:
+            self._stream.zero_after(messages.to_stamp(message.header.stamp))
 
     def _on_parameters(self, message: RingParameters) -> None:
-        if message.in_force_in or message.applied_by:
+        if message.applied_by:
             return
         stamp = messages.to_stamp(message.header.stamp) or time.time_ns()
         if stamp > time.time_ns() + FUTURE_NS:

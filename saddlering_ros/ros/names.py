@@ -71,7 +71,6 @@ SIMULATED = 'ring/simulated_displacement'
 RESIDUAL = 'ring/residual'
 DISPLACEMENTS = (DISPLACEMENT, SIMULATED, RESIDUAL)
 PARAMETERS_IN_FORCE = 'ring/parameters'
-ZERO = 'ring/zero'
 ZERO_REQUEST = 'ring/zero_request'
 EXPECTED = 'ring/expected'
 INCLINOMETER = 'rig/inclinometer'
@@ -81,8 +80,8 @@ CLOCK = 'clock'
 DIAGNOSTICS = '/diagnostics'
 """Absolute, as every tool expects it; statuses there carry the full name of their node."""
 
-RIG, RIG_IDENTITY = 'ring/rig', 'ring/rig_identity'
-"""Kept for late joiners: the hash of each node's rig; the former as a DiagnosticStatus."""
+RIG_IDENTITY = 'ring/rig_identity'
+"""The hash of each node's rig, kept for late joiners."""
 
 RING_ALARM = 'ring/alarm'
 WITHIN_LIMITS = 'ring/within_limits'

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import math
 import time
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Vector3Stamped
 from rclpy.node import Node
 
@@ -24,7 +23,7 @@ from saddlering_ros.rig.description import short_digest
 from saddlering_ros.rig.geometry import NEAR_PRELOAD_SHARE, WINDOW_SECONDS, ZeroReading
 from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, OK, STATE_TASK, TaskStatus, WARN
 from saddlering_ros.ros.messages import to_stamp
-from saddlering_ros.ros.names import INCLINOMETER, RIG, RIG_IDENTITY, STATE
+from saddlering_ros.ros.names import INCLINOMETER, RIG_IDENTITY, STATE
 from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, OF_ANY_SENSOR
 
 SAME_BAG = math.radians(0.01)
@@ -108,13 +107,10 @@ class RigAgreement:
         self._node = node
         self.digest = rig.digest
         self._others: dict[str, str] = {}
-        self._publisher = node.create_publisher(DiagnosticStatus, RIG, LATCHED)
-        self._identity = node.create_publisher(RigIdentity, RIG_IDENTITY, LATCHED)
-        node.create_subscription(DiagnosticStatus, RIG, lambda message: self._others.update(
-            {message.name: message.message}), LATCHED_BY_SEVERAL)
-        self._publisher.publish(DiagnosticStatus(
-            name=node.get_fully_qualified_name(), message=self.digest))
-        self._identity.publish(RigIdentity(
+        self._publisher = node.create_publisher(RigIdentity, RIG_IDENTITY, LATCHED)
+        node.create_subscription(RigIdentity, RIG_IDENTITY, lambda message: self._others.update(
+            {message.node: message.rig_hash}), LATCHED_BY_SEVERAL)
+        self._publisher.publish(RigIdentity(
             node=node.get_fully_qualified_name(), rig_hash=self.digest))
         node.get_logger().info(f'rig {short_digest(self.digest)}')
 
@@ -122,7 +118,7 @@ class RigAgreement:
         """Who of the nodes that are there has another rig."""
         there = {f'{info.node_namespace.rstrip("/")}/{info.node_name}'
                  for info in self._node.get_publishers_info_by_topic(
-                     self._node.resolve_topic_name(RIG))}
+                     self._publisher.topic_name)}
         figures = {'rig hash': self.digest}
         others = {name: digest for name, digest in sorted(self._others.items())
                   if digest != self.digest and name in there}

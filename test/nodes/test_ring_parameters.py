@@ -38,7 +38,7 @@ def test_the_simulator_tells_every_late_joiner_what_it_simulates_with(
             said = listen(joiner)
             wait_until(lambda said=said: bool(said), what='the parameters in force')
             assert said[0].k1 == TRUE_TO_SCALE.K1
-            assert said[0].in_force_in == '/ring_simulator'
+            assert said[0].applied_by == '/ring_simulator'
             assert 'true to scale' in said[0].source
 
 
@@ -69,7 +69,7 @@ def test_a_following_simulator_takes_what_is_offered_and_not_what_another_one_ha
     wait_until(lambda: bool(in_force(said)) and in_force(said)[-1].k1 == 2.0e10, 80.0,
                'it follows what was offered before it started')
     with heard.lock:
-        offer.publish(message(2, k1=3.0e10, in_force_in='/another_simulator'))
+        offer.publish(message(2, k1=3.0e10, applied_by='/another_simulator'))
     with heard.lock:
         offer.publish(message(3, k1=-1.0))
     wait_until(lambda: 'refused' in group.processes['ring_simulator'].said(), what='it refuses')
@@ -109,7 +109,7 @@ def test_the_parameters_it_has_already_do_not_restart_a_simulation(
     wait_until(lambda: len(heard.raw[SIMULATED]) == 1000, what='the first half')
     with heard.lock:
         offer.publish(message(1, k1=TRUE_TO_SCALE.K1))
-    wait_until(lambda: 'test' in said[-1].source and bool(said[-1].in_force_in), what='it heard')
+    wait_until(lambda: 'test' in said[-1].source and bool(said[-1].applied_by), what='it heard')
     driver.send_load(record.stamps[1000:], record.load[1000:])
     wait_until(lambda: len(heard.raw[SIMULATED]) == 2000, what='the second half, under load')
     zeros = heard.heard(SIMULATED).zero_stamps
@@ -117,13 +117,13 @@ def test_the_parameters_it_has_already_do_not_restart_a_simulation(
 
 
 def in_force(said: list[RingParameters]) -> list[RingParameters]:
-    return [one for one in said if one.in_force_in == '/ring_simulator']
+    return [one for one in said if one.applied_by == '/ring_simulator']
 
 
-def message(second: int, *, k1: float, in_force_in: str = '', rig_hash: str = '',
+def message(second: int, *, k1: float, applied_by: str = '', rig_hash: str = '',
             ) -> RingParameters:
     found = TRUE_TO_SCALE
     result = RingParameters(k1=k1, n1=found.n1, d1=found.D1, k2=found.K2, n2=found.n2,
-                            d2=found.D2, source='test', in_force_in=in_force_in, rig_hash=rig_hash)
+                            d2=found.D2, source='test', applied_by=applied_by, rig_hash=rig_hash)
     result.header.stamp = Time(sec=second)
     return result
