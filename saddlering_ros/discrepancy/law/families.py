@@ -8,7 +8,7 @@ cause.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -152,8 +152,28 @@ class Misfit:
 
     def columns(self, target: str, shapes: Sequence[Array]) -> Array:
         """The same, whitened and without the part by base parameters."""
-        white = self.whiten(self.plain(target, shapes))
+        return self._beside_base(self.plain(target, shapes))
+
+    def _beside_base(self, plain: Array) -> Array:
+        """Stacked columns (n, k), whitened, minus their part by base parameters."""
+        white = self.whiten(plain)
         return np.asarray(white - self.base @ (self.base.T @ white))
+
+    def columns_of(self, block: ShapeFamily) -> Iterator[tuple[str, Array]]:
+        """Each target with its columns (n, k) of a family.
+
+        Those of a target that moves the channels in fixed proportions are a sum over channels.
+        """
+        alone = np.array([self._beside_base(np.concatenate([
+            np.multiply.outer(one, shape).reshape(-1, shape.shape[1]) for shape in block.shapes]))
+            for one in np.eye(len(self.runs[0].residual))])
+        for target, first in self.runs[0].targets.items():
+            shares = first[:, 0]
+            if any(target in run.from_start or (run.targets[target] != shares[:, None]).any()
+                   for run in self.runs):
+                yield target, self.columns(target, block.shapes)
+            else:
+                yield target, np.tensordot(shares, alone, axes=1)
 
 
 @dataclass(frozen=True)
@@ -260,17 +280,14 @@ def fit_block(
     gram, slope = white.T @ white, white.T @ wanted
     unit = float(np.trace(gram)) / max(float(np.trace(block.penalty)), 1e-300)
     ridge = (MIN_RIDGE * float(np.trace(gram)) / len(gram) + 1e-300) * np.eye(len(gram))
-    parts = [(white[rows].T @ white[rows], white[rows].T @ wanted[rows]) for rows in folds]
-    best, chosen = -np.inf, float(STRENGTHS[-1])
-    for strength in STRENGTHS:
-        penalty = strength * unit * block.penalty + ridge
-        predicted = 0.0
-        for own_gram, own_slope in parts:
-            solution = _solve(block, gram - own_gram + penalty, slope - own_slope)
-            predicted += float(2.0 * solution @ own_slope - solution @ own_gram @ solution)
-        if predicted > best:
-            best, chosen = predicted, float(strength)
-    penalised = gram + (chosen * unit * block.penalty + ridge)
+    penalties = (STRENGTHS * unit)[:, None, None] * block.penalty + ridge
+    predicted = np.zeros(STRENGTHS.size)
+    for rows in folds:
+        own_gram, own_slope = white[rows].T @ white[rows], white[rows].T @ wanted[rows]
+        solved = _solve(block, gram - own_gram + penalties, slope - own_slope)
+        predicted += 2.0 * solved @ own_slope - ((solved @ own_gram) * solved).sum(axis=1)
+    best = int(np.argmax(predicted))
+    penalised = gram + penalties[best]
     coefficients = _solve(block, penalised, slope)
     left = wanted - white @ coefficients
     inverse = np.linalg.pinv(penalised, hermitian=True)
@@ -279,14 +296,20 @@ def fit_block(
         freedom = min(freedom, 1.0 + float(np.count_nonzero(coefficients)))
     return BlockFit(
         target=target, block=block, white=white, coefficients=coefficients, covariance=inverse,
-        taken=float(wanted @ wanted - left @ left), predicted=best, freedom=max(freedom, 1.0))
+        taken=float(wanted @ wanted - left @ left), predicted=float(predicted[best]),
+        freedom=max(freedom, 1.0))
 
 
-def _solve(block: ShapeFamily, matrix: Array, slope: Array) -> Array:
-    """Penalised least squares, with coefficients of one sign if the family requires it."""
+def _solve(block: ShapeFamily, matrices: Array, slope: Array) -> Array:
+    """Penalised least squares (..., k) with matrices (..., k, k).
+
+    The coefficients have one sign if the family requires it.
+    """
     if not block.non_negative:
-        return np.asarray(np.linalg.solve(matrix, slope))
-    values, vectors = np.linalg.eigh(matrix)
+        return np.asarray(np.linalg.solve(matrices, slope[:, None])[..., 0])
+    if matrices.ndim > 2:
+        return np.array([_solve(block, matrix, slope) for matrix in matrices])
+    values, vectors = np.linalg.eigh(matrices)
     kept = values > 1e-12 * values[-1]
     root = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
     target = (vectors[:, kept].T @ slope) / np.sqrt(values[kept])

@@ -392,9 +392,9 @@ def propose_law(
     total = float(wanted @ wanted)
     # Every family on every target, the one that predicts most first.
     ranked = sorted(
-        (families.fit_block(misfit.folds, wanted, target, block,
-                            misfit.columns(target, block.shapes))
-         for block in families.blocks_of(misfit.runs) for target in misfit.runs[0].targets),
+        (families.fit_block(misfit.folds, wanted, target, block, white)
+         for block in families.blocks_of(misfit.runs)
+         for target, white in misfit.columns_of(block)),
         key=lambda fit: -fit.predicted)
     trials, first = len(ranked), ranked[0]
     p_value = first.p_value(misfit.degrees, trials)
