@@ -223,6 +223,7 @@ class LackOfFitTests:
                 stacked = np.vstack([rows for _, rows in there])
                 own.append(float(np.sum(stacked * (spread @ stacked))) / self._ranges[view] ** 2)
         self._bands = list(_fast_bands(metric))
+        self._grams: dict[tuple[str, str], Array] = {}
 
     def fast(self, fit: Fit) -> FastResidual:
         """Structure too fast for `slow`: the largest real band, with its view and run.
@@ -291,9 +292,8 @@ class LackOfFitTests:
 
     def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
         """Every family in every view, the most significant first; p-values count their number."""
-        problem = self._metric.problem
-        orthogonal = orthonormal(white_columns)
-        tests = []
+        problem, orthogonal, tests = self._metric.problem, orthonormal(white_columns), []
+        both = self._metric.shared.apply(np.column_stack([orthogonal, fit.whitened]))
         for coordinate, family in _families(problem.runs, problem.assumptions).items():
             for view, weights in problem.system.views.items():
                 # The smallest change of channels with 1 in the view.
@@ -303,14 +303,15 @@ class LackOfFitTests:
                     for slot, (number, channel, _) in enumerate(problem.slices)
                     if weights[channel]], 1 + max(int(index.max()) for index, _ in family))
                 # Beside the sensitivities of the model.
-                shared = columns.products(orthogonal)
-                gram = columns.gram - shared @ shared.T
-                values, vectors = np.linalg.eigh(gram)
-                rounding = 1e-13 * float(np.trace(columns.gram))
+                shared, along = np.split(columns.noise_products(both), [-1], axis=1)
+                if (view, coordinate) not in self._grams:
+                    self._grams[view, coordinate] = columns.gram
+                gram = self._grams[view, coordinate]
+                values, vectors = np.linalg.eigh(gram - shared @ shared.T)
+                rounding = 1e-13 * float(np.trace(gram))
                 kept = values > max(1e-8 * float(values[-1]), rounding, 1e-300)
                 root = vectors[:, kept] / np.sqrt(values[kept])
-                slopes = columns.products(fit.whitened) - shared @ (orthogonal.T @ fit.whitened)
-                inner = root.T @ slopes
+                inner = root.T @ (along[:, 0] - shared @ (orthogonal.T @ fit.whitened))
                 count, statistic = int(kept.sum()), float(inner @ inner)
                 shape = columns.combined(root @ inner)
                 size = self._powers(fit, shape, view).max() ** 0.5
