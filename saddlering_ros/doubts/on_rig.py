@@ -32,7 +32,8 @@ from saddlering_ros.rig.geometry import MIN_SAMPLES
 
 Floats = NDArray[np.float64]
 
-FORCE_UNITS = {'kgf': 9.80665, 'daN': 10.0, 'lbf': 4.4482216, 'kips': 4448.2216}
+FORCE_UNITS = {
+    'kgf': 9.80665, 'daN': 10.0, 'lbf': 4.4482216, 'kips': 4448.2216, 'kN': 1e3, 't': 9806.65}
 
 UNIT_TOLERANCE = 0.03
 """Largest deviation of a ratio from that of a unit for the note: 25 bags start within 1.4 % of
@@ -233,12 +234,17 @@ def _unit_of_elevation(stated: float) -> list[Finding]:
     return [ELEVATION_UNIT.at(stated=stated, radians=radians)]
 
 
+def units_of_preload(rig: Rig, load: float) -> list[str]:
+    """Other units in which `load` would be the preload of the rig."""
+    return [name for name, factor in FORCE_UNITS.items()
+            if rig.preload > 0.0 and _is_near(load * factor, rig.preload)]
+
+
 def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
     zero = zero_of_record(rig, time, load)
     start, peak, full = zero.load, float(extremes(load)[1]), rig.full_scale_load
-    looks = [name for name, factor in FORCE_UNITS.items()
-             if rig.preload > 0.0 and _is_near(start * factor, rig.preload)
-             and PEAK_SHARE < peak * factor / full < OVERLOAD.limit]
+    looks = [name for name in units_of_preload(rig, start)
+             if PEAK_SHARE < peak * FORCE_UNITS[name] / full < OVERLOAD.limit]
     if looks:
         return [LOAD_UNIT.at(start=start, peak=peak, units=' or '.join(looks),
                              preload=rig.preload, factor=FORCE_UNITS[looks[0]])]

@@ -15,6 +15,7 @@ from rclpy.node import Node
 
 from saddlering_interfaces.msg import Elevation as ElevationMessage
 from saddlering_interfaces.msg import ReplayState, RigIdentity
+from saddlering_ros.doubts.on_rig import units_of_preload
 from saddlering_ros.record.batches import ANY_TIME
 from saddlering_ros.record.record import HIGHEST_ELEVATION, LOWEST_ELEVATION
 from saddlering_ros.record.topics import ELEVATION
@@ -138,7 +139,10 @@ def zero_status(
     Stamps are in ns; `newest_stamp` is 0 before the first sample.
     """
     if zero is not None:
-        return TaskStatus(OK, f'zero at {rig.force_words(zero.load, 3)}',
+        units = units_of_preload(rig, zero.load)
+        return TaskStatus(WARN if units else OK, f'zero at {zero.load:.4g} N, which looks like '
+                          f'{" or ".join(units)}: publish newtons' if units else
+                          f'zero at {rig.force_words(zero.load, 3)}',
                           {'zero stamp': str(zero_stamp), 'zero load [N]': f'{zero.load:.1f}'})
     if not newest_stamp:
         return TaskStatus(OK, 'waiting for samples')

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
+
+from saddlering_ros.rig import default_rig
+from saddlering_ros.rig.geometry import ZeroReading
 from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, OK, STALE, WARN
-from saddlering_ros.ros.rig_state import EVENTS_COUNT, Readiness, SILENT
+from saddlering_ros.ros.rig_state import EVENTS_COUNT, Readiness, SILENT, zero_status
 
 NODES = ('/rig1/ring_displacement', '/rig1/ring_simulator')
 
@@ -54,3 +58,13 @@ def test_nodes_of_another_namespace_do_not_count() -> None:
     readiness.hear('/rig2/ring_displacement: zero', ERROR, 'of another rig', 100.0)
     readiness.hear('ring_displacement: zero', ERROR, 'of another rig', 100.0)
     assert readiness.reasons(100.5) == []
+
+
+@pytest.mark.parametrize(('factor', 'unit'), [
+    (1.0, ''), (0.7, ''), (1e-3, 'kN'), (1.0 / 9806.65, 't'), (1.0 / 9.80665, 'kgf or daN')])
+def test_a_zero_at_the_preload_in_another_unit_is_a_warning(factor: float, unit: str) -> None:
+    shipped = default_rig()
+    zero = ZeroReading(shipped.preload * factor, (), 0, 10, True)
+    status = zero_status(shipped, zero, 1, 2, zero.load)
+    assert status.level == (WARN if unit else OK)
+    assert f'looks like {unit}: publish newtons' in status.words or not unit
