@@ -174,7 +174,7 @@ def headline(document: VerdictDocument) -> str:
     causes, rest = causes_of(document), ''
     if document.get('remainder'):
         most = document['remainder'][0]
-        rest = wording.rest_words(most['share_of_range'], most['channel'])
+        rest = f' A {wording.rest_words(most["share_of_range"], most["channel"])}.'
     if verdict == 'ambiguous':
         words = []
         for cause in causes:

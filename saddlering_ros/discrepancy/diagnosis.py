@@ -15,7 +15,12 @@ from saddlering_ros.discrepancy.problem.problem import Assumptions, Metric, nois
 from saddlering_ros.discrepancy.problem.system import DiscrepancyError, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.signatures import MIN_SHARE, orthonormal
 from saddlering_ros.discrepancy.verdict import wording
-from saddlering_ros.discrepancy.verdict.results import Diagnosis, Remainder, RunPrediction
+from saddlering_ros.discrepancy.verdict.results import (
+    Diagnosis,
+    probabilities_of,
+    Remainder,
+    RunPrediction,
+)
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.quantities import percent
 
@@ -92,7 +97,7 @@ def problem_of(
 
 def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
     """The same in the units of the channels, with warnings for the reader."""
-    diagnosis = _with_noise_doubts(diagnosis)
+    diagnosis = _with_noise_doubts(diagnosis, system)
     errors = {name: channel.model_error for name, channel in system.model.channels.items()}
     largest: dict[str, Remainder] = {}
     for rest in diagnosis.remainder:
@@ -111,11 +116,12 @@ def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
     return replace(diagnosis, warnings=warnings, runs=tuple(predictions))
 
 
-def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
+def _with_noise_doubts(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
     """The same with a warning, and without a name, if the misfit does not agree with the noise.
 
     Where a model error is declared, a residual far below it is what the declaration says, and one
-    below it is nothing.
+    below it is nothing. Noise that is learnt holds a part of the misfit of a cause, so that it is
+    far above what a right cause leaves.
     """
     metric, fit = diagnosis.fits.metric.with_offsets(), diagnosis.fits.after
     problem = metric.problem
@@ -133,8 +139,9 @@ def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
         noise = metric.noise[run.name, channel]
         # Noise that is only the rounding in every metric is not declared too large.
         has_noise = float(noise.variances(run.width).max()) > rounding
+        is_learnt = system.model.channels[name].noise.learns_from_residuals
         side, where = wrong_level(statistic, free, noise.pairs), f'{name} in {run.name}'
-        if side == 'over' and has_noise and not allowed[channel]:
+        if side == 'over' and has_noise and not is_learnt and not allowed[channel]:
             over.append(noise_sentence(side, statistic, free, where))
         beyond = float(np.mean(left**2)) * (1.0 - free / max(statistic, free))
         least = max(MODEL_SETTINGS.materiality, allowed[channel])
@@ -144,10 +151,13 @@ def _with_noise_doubts(diagnosis: Diagnosis) -> Diagnosis:
         under = []  # The warning on a remaining misfit is given already.
     if not under and not over:
         return diagnosis
+    warnings = (*over, *under, *diagnosis.warnings)
+    if diagnosis.verdict == 'unknown' or not (diagnosis.causes or under):
+        return replace(diagnosis, warnings=warnings)
     causes = tuple(replace(cause, partial=True) for cause in diagnosis.causes)
     return replace(
-        diagnosis, verdict='unknown' if causes or under else diagnosis.verdict, causes=causes,
-        warnings=(*over, *under, *diagnosis.warnings))
+        diagnosis, verdict='unknown', causes=causes, warnings=warnings, complete=False,
+        probabilities=probabilities_of('unknown', causes))
 
 
 SOUND_SHARE, OPEN_FACTOR = 0.4, 2.0

@@ -121,6 +121,20 @@ def test_noise_declared_far_too_large_gives_no_name_and_a_warning() -> None:
     assert 'noise overestimated' in ' '.join(found.warnings)
 
 
+@pytest.mark.parametrize(('noise', 'verdict'), [
+    (Noise.white(STD), 'unknown'), (Noise.unknown(), 'named')])
+def test_noise_that_is_learnt_takes_no_name_and_probabilities_follow_the_verdict(
+    noise: Noise, verdict: str, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('saddlering_ros.discrepancy.diagnosis.wrong_level', lambda *_: 'over')
+    model = replace(MODEL, channels={'seen': Channel(offset='free', noise=noise)})
+    found = diagnose(model, [record('a')])
+    assert found.verdict == verdict
+    assert any('overestimated' in item for item in found.warnings) == (verdict == 'unknown')
+    assert found.complete == (verdict == 'named')
+    assert (found.probabilities['unknown'] > 0.5) == (verdict == 'unknown')
+
+
 def test_a_constant_is_a_misfit_unless_it_is_free_or_usual() -> None:
     straight = replace(MODEL, effects={})
 
@@ -240,6 +254,7 @@ def seen_with(noise: Noise, std: float) -> Diagnosis:
 def test_noise_declared_far_too_small_is_reported_and_leaves_no_clean_verdict() -> None:
     found = seen_with(Noise.white(0.1 * STD), std=0.5 * STD)
     assert found.verdict == 'unknown'
+    assert found.probabilities['none'] == 0.0
     assert any(item.startswith('noise underestimated') for item in found.warnings)
     assert seen_with(Noise.white(STD), std=STD).warnings == ()
 

@@ -226,7 +226,7 @@ class Diagnosis:
 
     @property
     def headline(self) -> str:
-        """The verdict in one or two sentences."""
+        """The verdict in a sentence, behind a name with one on what is left."""
         from saddlering_ros.discrepancy.verdict.wording import headline_of
 
         return headline_of(self)

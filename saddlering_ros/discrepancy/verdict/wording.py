@@ -69,13 +69,15 @@ def headline_of(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == 'unknown':
         partial = ' and '.join(cause.definition.title for cause in diagnosis.causes)
         part = f'; {partial} explains a part only' if partial else ''
-        return f'Something is wrong, and no cause is established{part}.{rest}'
+        left = f'; a {rest}' if rest else ''
+        return f'Something is wrong, and no cause is established{part}{left}.'
     names = ' and '.join(
         ' or '.join(cause.group) if len(cause.group) > 1 else cause.definition.title
         for cause in diagnosis.causes)
     mainly = '' if diagnosis.complete else 'mainly '
     share = share_words(diagnosis.gain.fit, diagnosis.gain.held_out)
-    return f'The simulation lacks {mainly}{names}: {share}.{rest}'
+    left = f' A {rest}.' if rest else ''
+    return f'The simulation lacks {mainly}{names}: {share}.{left}'
 
 
 def share_words(fitted: float, held_out: float | None) -> str:
@@ -85,8 +87,8 @@ def share_words(fitted: float, held_out: float | None) -> str:
 
 
 def rest_words(share_of_range: float, channel: str) -> str:
-    """' A rest of 0.4 % of range in delta_y fits no cause.'."""
-    return f' A rest of {percent(share_of_range)} of range in {channel} fits no cause.'
+    """'rest of 0.4 % of range in delta_y fits no cause'."""
+    return f'rest of {percent(share_of_range)} of range in {channel} fits no cause'
 
 
 def free_test_words(evidence: Sequence[HeldOutEvidence]) -> str:
