@@ -33,7 +33,7 @@ from saddlering_ros.discrepancy.problem.system import (
     SystemWithTangents,
 )
 from saddlering_ros.discrepancy.search.evidence import alternative_floor, indistinguishable
-from saddlering_ros.discrepancy.search.lack_of_fit import products_with
+from saddlering_ros.discrepancy.search.lack_of_fit import Block, BlockColumns
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.quantities import WIDTH_95
@@ -376,9 +376,26 @@ def _law_about(space: ModelSpace, fit: Fit) -> LawProposal | None:
                               np.moveaxis(slope, 0, -1)))
     runs = {run.name: run for run in problem.all_runs}
     return propose_law(
-        Misfit(tuple(fitted), metric.whiten, partial(products_with, metric), space.max_pairs),
+        Misfit(tuple(fitted), metric.whiten, partial(_products_with, metric), space.max_pairs),
         lambda seen, residual: fitting.mean_square(problem, [runs[seen.name]], [residual]),
         held, problem.settings.error_rate)
+
+
+def _products_with(metric: Metric, white: Array) -> Callable[[Array], tuple[Array, Array]]:
+    """A function of stacked columns (n, k): products, whitened, with each other and with `white`.
+
+    Only the channels of runs in which a column is not zero are whitened.
+    """
+    seen, slices = metric.shared.apply(white), metric.problem.slices
+
+    def products(plain: Array) -> tuple[Array, Array]:
+        index = np.arange(plain.shape[1])
+        columns = BlockColumns(metric, [
+            Block(slot, index, plain[part]) for slot, (_, _, part) in enumerate(slices)
+            if plain[part].any()], index.size)
+        return columns.gram, columns.noise_products(seen)
+
+    return products
 
 
 def _beside(problem: Problem, law: LawProposal, fit: Fit) -> Fit:

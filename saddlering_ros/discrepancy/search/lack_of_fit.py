@@ -7,28 +7,30 @@ the model. The noise comes from stretches at rest, so that the tested structure 
 A column of these tests belongs to one channel of one run, or to few channels of every run. Only
 the blocks that are not zero are stored, and only small products are formed.
 
-What is faster than the slow structure is tested by octaves of half waves in whitened samples. A
-narrow octave has an orthonormal basis. A wide octave is read from the cosine transform of the
-whitened samples in N log N operations. Whitened waves are almost waves, because the noise changes
-little over an octave.
+What is faster than the slow structure is tested by octaves of half waves in whitened samples.
+
+Consistency asks whether the same parameters and laws fit in every run, channel and state. A wrong
+cause can explain almost the whole misfit, so that the remainder is too small for a test of all
+slow shapes. The remainder then resembles the change of the cause, or of the base parameters, in
+proportions that differ from run to run, from channel to channel, or over state and time. Each
+family of such shapes is small, so that a small remainder is significant.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct, idct
 
-from saddlering_ros.discrepancy.problem.fits import Fit
-from saddlering_ros.discrepancy.problem.problem import Assumptions, Metric
+from saddlering_ros.discrepancy.problem.fits import Fit, Tangent
+from saddlering_ros.discrepancy.problem.problem import Assumptions, Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.signatures import orthonormal
+from saddlering_ros.estimation.octaves import BasisBand, octaves_of, TransformBand
 from saddlering_ros.estimation.statistics import fisher_chance
-from saddlering_ros.estimation.whitening import Whitener
 
 Index = NDArray[np.intp]
 
@@ -90,23 +92,6 @@ class BlockColumns:
         return total
 
 
-def products_with(metric: Metric, white: Array) -> Callable[[Array], tuple[Array, Array]]:
-    """A function of stacked columns (n, k): products, whitened, with each other and with `white`.
-
-    Only the channels of runs in which a column is not zero are whitened.
-    """
-    seen, slices = metric.shared.apply(white), metric.problem.slices
-
-    def products(plain: Array) -> tuple[Array, Array]:
-        index = np.arange(plain.shape[1])
-        columns = BlockColumns(metric, [
-            Block(slot, index, plain[part]) for slot, (_, _, part) in enumerate(slices)
-            if plain[part].any()], index.size)
-        return columns.gram, columns.noise_products(seen)
-
-    return products
-
-
 WAVES_PER_RUN = 20
 """Half waves per run of the slow structure: a ramp with a kink, or a loop."""
 
@@ -118,16 +103,6 @@ MAX_CHANCE = 0.01
 
 WAVE_SAMPLES = 4
 """Samples per half wave at the fastest structure: fewer look like scatter."""
-
-MAX_BASIS = 512
-"""Half waves in a basis at most; the cost of wider ones would grow with the square."""
-
-MAX_BASIS_NUMBERS = 2_000_000
-"""Largest number of values in a basis, which limits its memory to 16 MB."""
-
-NOISE_DRAWS = 8
-"""Number of draws that give the mean square of the noise of a wide octave, to 1.3 % (twelve seeds,
-600 half waves); half as many give it to 1.6 %."""
 
 
 @dataclass(frozen=True)
@@ -234,7 +209,7 @@ class LackOfFitTests:
         left = metric.without_nuisances(fit.prediction - metric.problem.measured)
         white = metric.whiten_noise(left)
         excess, strongest_band = 0.0, FastResidual(0.0, 1.0, 0.0, '', '', 0.0)
-        for band in self._bands:
+        for run, band in self._bands:
             parts = band.coefficients(white)
             free = sum(part.size for part in parts)
             statistic = float(sum(part @ part for part in parts))
@@ -242,14 +217,14 @@ class LackOfFitTests:
             excess += max(statistic - free, 0.0)
             seen = band.seen(parts)
             for view, weights in metric.problem.system.views.items():
-                power = float(np.average((weights @ seen) ** 2, weights=band.run.width))
+                power = float(np.average((weights @ seen) ** 2, weights=run.width))
                 power -= float(weights**2 @ band.noise)
                 size = max(power, 0.0) ** 0.5 / self._ranges[view]
                 if p_value < MAX_CHANCE and size > strongest_band.visible:
                     strongest = int(np.argmax(np.sum([part**2 for part in parts], axis=0)))
                     frequency = 0.5 * (band.first + strongest) / band.duration
                     strongest_band = FastResidual(
-                        0.0, p_value, size, view, band.run.name, frequency)
+                        0.0, p_value, size, view, run.name, frequency)
         return replace(strongest_band, excess=excess)
 
     def slow(self, fit: Fit) -> SlowResidual:
@@ -367,86 +342,122 @@ def _family(shapes: Sequence[Array], places: Sequence[int]) -> Family:
             for place, part in zip(places, shapes, strict=True)]
 
 
-@dataclass(frozen=True)
-class _Octave:
-    """Half waves `first` to `stop` of one run, with the samples and whitener of each channel."""
-
-    run: RunBlocks
-    first: int
-    stop: int
-    parts: list[slice]
-    whiteners: list[Whitener]
-
-    @property
-    def duration(self) -> float:
-        """Duration [s] of the run."""
-        return max(float(np.ptp(self.run.time)), 1e-300)
-
-
-class BasisBand(_Octave):
-    """A narrow octave, by bases (N, k) of each channel, whitened and plain."""
-
-    @cached_property
-    def _bases(self) -> list[tuple[Array, Array]]:
-        share = (self.run.time - self.run.time[0]) / self.duration
-        waves = np.cos(np.pi * share[:, None] * np.arange(self.first, self.stop)[None, :])
-        bases = [np.linalg.qr(whitener.whiten(waves))[0] for whitener in self.whiteners]
-        return [(basis, whitener.colour(basis))
-                for basis, whitener in zip(bases, self.whiteners, strict=True)]
-
-    @cached_property
-    def noise(self) -> Array:
-        """Mean square (C,) of the noise alone in each channel of this octave."""
-        return np.array([float(np.average((plain**2).sum(axis=1), weights=self.run.width))
-                         for _, plain in self._bases])
-
-    def coefficients(self, white: Array) -> list[Array]:
-        """Part of stacked whitened samples (n,) in this octave, by channel, with unit variance."""
-        return [basis.T @ white[part]
-                for part, (basis, _) in zip(self.parts, self._bases, strict=True)]
-
-    def seen(self, coefficients: Sequence[Array]) -> Array:
-        """The same part in units of the channels (C, N)."""
-        return np.array([plain @ coefficient for (_, plain), coefficient
-                         in zip(self._bases, coefficients, strict=True)])
-
-
-class TransformBand(_Octave):
-    """A wide octave, by the cosine transform; its methods are those of `BasisBand`."""
-
-    @cached_property
-    def noise(self) -> Array:
-        drawn = np.random.default_rng(0).normal(size=(self.stop - self.first, NOISE_DRAWS))
-        return np.array([
-            float(np.average((self._measured(whitener, drawn) ** 2).mean(axis=1),
-                             weights=self.run.width)) for whitener in self.whiteners])
-
-    def coefficients(self, white: Array) -> list[Array]:
-        return [dct(white[part], norm='ortho')[self.first : self.stop] for part in self.parts]
-
-    def seen(self, coefficients: Sequence[Array]) -> Array:
-        return np.array([
-            self._measured(whitener, coefficient[:, None])[:, 0]
-            for whitener, coefficient in zip(self.whiteners, coefficients, strict=True)])
-
-    def _measured(self, whitener: Whitener, coefficients: Array) -> Array:
-        spectrum = np.zeros((self.run.time.size, coefficients.shape[1]))
-        spectrum[self.first : self.stop] = coefficients
-        return whitener.colour(np.asarray(idct(spectrum, axis=0, norm='ortho')))
-
-
-def _fast_bands(metric: Metric) -> Iterator[BasisBand | TransformBand]:
+def _fast_bands(metric: Metric) -> Iterator[tuple[RunBlocks, BasisBand | TransformBand]]:
     """Octaves from the end of the slow structure up to the limit of the samples of a run."""
     slices = metric.problem.slices
     for index, run in enumerate(metric.problem.runs):
         slots = [slot for slot, (number, _, _) in enumerate(slices) if number == index]
         parts = [slices[slot][2] for slot in slots]
         whiteners = [metric.whiteners[slot] for slot in slots]
-        begin, last = WAVES_PER_RUN + 1, run.time.size // WAVE_SAMPLES
-        while begin <= last:
-            stop = min(2 * begin - 1, last + 1)
-            count = stop - begin
-            is_narrow = count <= MAX_BASIS and count * run.time.size <= MAX_BASIS_NUMBERS
-            kind = BasisBand if is_narrow else TransformBand
-            yield kind(run, begin, stop, parts, whiteners)
-            begin = stop
+        last = run.time.size // WAVE_SAMPLES
+        for band in octaves_of(run.time, run.width, parts, whiteners, WAVES_PER_RUN + 1, last):
+            yield run, band
+
+
+CAUSE_WAVES, PARAMETER_WAVES, STATE_WAVES = 2, 1, 3
+"""Half waves over a state: for the change of a cause, the sensitivities, a channel. Families stay
+small, so that a small remainder is significant: no sound record of seven machines (seeds 201 to
+203) had a family under 1 %."""
+
+CAUSE_TIMES, PARAMETER_TIMES = 3, 2
+"""Half waves over the time of a run, for the change of a cause and the sensitivities."""
+
+MIN_LEFT = 1e-4
+"""Smallest share of the square of a shape beside the parameters for the shape to count, the
+square of 1 %: with less, rounding and curvature would be tested."""
+
+MIN_LEVEL = 0.2
+"""Smallest share of the learnt noise that is assumed, so that a residual far under the noise does
+not make every shape significant."""
+
+
+def consistency_tests(
+    metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResidual, pairs: int
+) -> list[ShapeTest]:
+    """Every family of these runs; the number of families is counted in the p-values.
+
+    Noise that is learnt from fast parts of a residual can be too large at slow times. The slow
+    structure of the residual bounds its level from above.
+    """
+    problem, tests = metric.problem, []
+    inverse = np.linalg.pinv(tangent.white.T @ tangent.white, rcond=1e-10, hermitian=True)
+    for name, blocks in _consistent_families(problem, fit, tangent):
+        columns = BlockColumns(metric, blocks, 1 + max(int(one.index[-1]) for one in blocks))
+        tangents, lengths = columns.products(tangent.white), np.sqrt(
+            np.maximum(np.diag(columns.gram), 1e-300))
+        imitated = inverse @ tangents.T
+        values, vectors = np.linalg.eigh(
+            (columns.gram - tangents @ imitated) / np.outer(lengths, lengths))
+        kept = values > MIN_LEFT
+        count = int(kept.sum())
+        if not count:
+            continue  # The sensitivities of the model imitate every shape.
+        root = vectors[:, kept] / np.sqrt(values[kept])
+        inner = root.T @ (columns.products(fit.whitened) / lengths)
+        statistic = float(inner @ inner)
+        left = (slow.excess + slow.dimensions - statistic) / max(slow.dimensions - count, 1)
+        level = min(1.0, max(left, MIN_LEVEL)) if slow.dimensions > count else 1.0
+        weights = (root @ inner) / lengths
+        shape = columns.combined(weights) - tangent.plain @ (imitated @ weights)
+        sizes = {view: float(problem.view_sizes(shape, view).max())
+                 for view in problem.system.views}
+        view = max(sizes, key=lambda name: sizes[name])
+        beyond = max(statistic - count * level, 0.0) / max(statistic, 1e-300)
+        tests.append(ShapeTest(
+            view, name, float(fisher_chance(statistic / count / level, count, pairs)), statistic,
+            count, sizes[view] * beyond**0.5))
+    return [replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests]
+
+
+def _consistent_families(
+    problem: Problem, fit: Fit, tangent: Tangent
+) -> Iterator[tuple[str, list[Block]]]:
+    """Families of shapes about a fit by their kind, one at a time because they are large."""
+    runs, slices, plain = problem.runs, problem.slices, tangent.plain
+    channels = len(problem.system.channel_names)
+    predicted = problem.by_run(fit.prediction)
+    seen = [_places([run[row] for run in predicted]) for row in range(channels)]
+    shared = [name for name in runs[0].inputs if all(name in run.inputs for run in runs)]
+    states = [*seen, *(_places([run.inputs[name] for run in runs]) for name in shared)]
+    times = [[np.pi * (run.time - run.time[0]) / np.ptp(run.time) for run in runs]]
+
+    def along(shapes: Array, states: Sequence[Sequence[Array]], waves: int) -> list[Block]:
+        """Shapes (n, k) times cosines over each state, which has an array (N,) for each run."""
+        return [
+            Block(slot, np.arange(shapes.shape[1] * len(states) * waves), np.hstack([
+                shapes[part] * np.cos(wave * places[run])[:, None]
+                for places in states for wave in range(1, waves + 1)]))
+            for slot, (run, _, part) in enumerate(slices)]
+
+    def in_one(owners: Sequence[int], shapes: Sequence[Array]) -> list[Block]:
+        """Shapes (N, k) of each slice, in the columns of its owner, a run or a channel."""
+        return [
+            Block(slot, owner * shape.shape[1] + np.arange(shape.shape[1]), shape)
+            for slot, (owner, shape) in enumerate(zip(owners, shapes, strict=True))]
+
+    sensitivities = plain[:, : len(problem.system.base_parameters)]
+    yield 'state, as the parameters act', along(sensitivities, states, PARAMETER_WAVES)
+    yield 'time, as the parameters act', along(sensitivities, times, PARAMETER_TIMES)
+    owners = np.array([(run, channel) for run, channel, _ in slices]).T
+    waves = np.arange(1, STATE_WAVES + 1)
+    yield 'the predicted state', in_one(owners[1], [
+        np.hstack([np.cos(places[run][:, None] * waves) for places in seen])
+        for run, _, _ in slices])
+    # The last run, or channel, is given by the others and the sensitivities themselves.
+    for kind, words, count in ((0, 'runs', len(runs)), (1, 'channels', channels)):
+        if count > 1:
+            yield f'the {words}, as the parameters act', [
+                block for block, owner in zip(
+                    in_one(owners[kind], [plain[part] for _, _, part in slices]), owners[kind],
+                    strict=True) if owner < count - 1]
+    if fit.candidate.effects:
+        changes = problem.changes_of_effects(fit.point, fit.prediction)
+        yield 'state, as the cause acts', along(changes, states, CAUSE_WAVES)
+        yield 'time, as the cause acts', along(changes, times, CAUSE_TIMES)
+
+
+def _places(values: Sequence[Array]) -> list[Array]:
+    """A state (N,) of each run, scaled to the interval from 0 to pi."""
+    low = min(float(state.min()) for state in values)
+    high = max(float(state.max()) for state in values)
+    return [np.pi * (state - low) / max(high - low, 1e-300) for state in values]

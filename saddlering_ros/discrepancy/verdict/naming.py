@@ -1,38 +1,26 @@
 """The verdict on the selected model, tests of its consistency, and how sure the verdict is.
 
-Consistency asks whether the same parameters and laws fit in every run, channel and state. A wrong
-cause can explain almost the whole misfit, so that the remainder is too small for a test of all
-slow shapes. The remainder then resembles the change of the cause, or of the base parameters, in
-proportions that differ from run to run, from channel to channel, or over state and time. Each
-family of such shapes is small, so that a small remainder is significant.
-
 How far a verdict hangs on runs, model error and chance is seen by refits to first order. They need
 no simulation, because fits keep their residuals and sensitivities.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR, Tangent
-from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
+from saddlering_ros.discrepancy.problem.problem import Metric
 from saddlering_ros.discrepancy.problem.system import Array, FREE_STRENGTH
 from saddlering_ros.discrepancy.search.evidence import (
     alternative_floor,
     Comparison,
     crowded,
     MAX_WITH_ALTERNATIVES,
-    with_forms,
 )
-from saddlering_ros.discrepancy.search.lack_of_fit import (
-    Block,
-    BlockColumns,
-    ShapeTest,
-    SlowResidual,
-)
+from saddlering_ros.discrepancy.search.lack_of_fit import consistency_tests
 from saddlering_ros.discrepancy.search.selection import Alternatives
-from saddlering_ros.discrepancy.search.space import AT_BOUND, FREE_SPREAD, ModelSpace
+from saddlering_ros.discrepancy.search.space import AT_BOUND, FREE_SPREAD, ModelSpace, with_forms
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
@@ -45,26 +33,11 @@ from saddlering_ros.discrepancy.verdict.results import (
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.estimation.statistics import fisher_chance
 
-CAUSE_WAVES, PARAMETER_WAVES, STATE_WAVES = 2, 1, 3
-"""Half waves over a state: for the change of a cause, the sensitivities, a channel. Families stay
-small, so that a small remainder is significant: no sound record of seven machines (seeds 201 to
-203) had a family under 1 %."""
-
-CAUSE_TIMES, PARAMETER_TIMES = 3, 2
-"""Half waves over the time of a run, for the change of a cause and the sensitivities."""
-
 MAX_ONE_SHAPE = 0.02
 """Share of what the causes of a ring take that may remain along one coordinate of a view. Right
 names on 24 independent rings left up to 1.2 %, a bent load cell of another law; stand-ins for laws
 that were not in the catalogue left 3.6 to 10 %."""
 
-MIN_LEFT = 1e-4
-"""Smallest share of the square of a shape beside the parameters for the shape to count, the
-square of 1 %: with less, rounding and curvature would be tested."""
-
-MIN_LEVEL = 0.2
-"""Smallest share of the learnt noise that is assumed, so that a residual far under the noise does
-not make every shape significant."""
 
 STRETCHES = 4
 """Stretches of a run whose part of the evidence is told, and which are drawn again."""
@@ -90,96 +63,6 @@ SAME_SIZE = 0.02
 """Share by which the sizes of one law may differ from run to run and from channel to channel: no
 machine keeps its size better. Without it, a true law of 94 to 103 % was refused. Up to 0.03 all
 stand-ins of development, which differ by 40 to 60 %, are refused; with 0.05 one of four is not."""
-
-
-def consistency_tests(
-    metric: Metric, fit: Fit, tangent: Tangent, slow: SlowResidual, pairs: int
-) -> list[ShapeTest]:
-    """Every family of these runs; the number of families is counted in the p-values.
-
-    Noise that is learnt from fast parts of a residual can be too large at slow times. The slow
-    structure of the residual bounds its level from above.
-    """
-    problem, tests = metric.problem, []
-    inverse = np.linalg.pinv(tangent.white.T @ tangent.white, rcond=1e-10, hermitian=True)
-    for name, blocks in _families(problem, fit, tangent):
-        columns = BlockColumns(metric, blocks, 1 + max(int(one.index[-1]) for one in blocks))
-        tangents, lengths = columns.products(tangent.white), np.sqrt(
-            np.maximum(np.diag(columns.gram), 1e-300))
-        imitated = inverse @ tangents.T
-        values, vectors = np.linalg.eigh(
-            (columns.gram - tangents @ imitated) / np.outer(lengths, lengths))
-        kept = values > MIN_LEFT
-        count = int(kept.sum())
-        if not count:
-            continue  # The sensitivities of the model imitate every shape.
-        root = vectors[:, kept] / np.sqrt(values[kept])
-        inner = root.T @ (columns.products(fit.whitened) / lengths)
-        statistic = float(inner @ inner)
-        left = (slow.excess + slow.dimensions - statistic) / max(slow.dimensions - count, 1)
-        level = min(1.0, max(left, MIN_LEVEL)) if slow.dimensions > count else 1.0
-        weights = (root @ inner) / lengths
-        shape = columns.combined(weights) - tangent.plain @ (imitated @ weights)
-        sizes = {view: float(problem.view_sizes(shape, view).max())
-                 for view in problem.system.views}
-        view = max(sizes, key=lambda name: sizes[name])
-        beyond = max(statistic - count * level, 0.0) / max(statistic, 1e-300)
-        tests.append(ShapeTest(
-            view, name, float(fisher_chance(statistic / count / level, count, pairs)), statistic,
-            count, sizes[view] * beyond**0.5))
-    return [replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests]
-
-
-def _families(problem: Problem, fit: Fit, tangent: Tangent) -> Iterator[tuple[str, list[Block]]]:
-    """Families of shapes about a fit by their kind, one at a time because they are large."""
-    runs, slices, plain = problem.runs, problem.slices, tangent.plain
-    channels = len(problem.system.channel_names)
-    predicted = problem.by_run(fit.prediction)
-    seen = [_places([run[row] for run in predicted]) for row in range(channels)]
-    shared = [name for name in runs[0].inputs if all(name in run.inputs for run in runs)]
-    states = [*seen, *(_places([run.inputs[name] for run in runs]) for name in shared)]
-    times = [[np.pi * (run.time - run.time[0]) / np.ptp(run.time) for run in runs]]
-
-    def along(shapes: Array, states: Sequence[Sequence[Array]], waves: int) -> list[Block]:
-        """Shapes (n, k) times cosines over each state, which has an array (N,) for each run."""
-        return [
-            Block(slot, np.arange(shapes.shape[1] * len(states) * waves), np.hstack([
-                shapes[part] * np.cos(wave * places[run])[:, None]
-                for places in states for wave in range(1, waves + 1)]))
-            for slot, (run, _, part) in enumerate(slices)]
-
-    def in_one(owners: Sequence[int], shapes: Sequence[Array]) -> list[Block]:
-        """Shapes (N, k) of each slice, in the columns of its owner, a run or a channel."""
-        return [
-            Block(slot, owner * shape.shape[1] + np.arange(shape.shape[1]), shape)
-            for slot, (owner, shape) in enumerate(zip(owners, shapes, strict=True))]
-
-    sensitivities = plain[:, : len(problem.system.base_parameters)]
-    yield 'state, as the parameters act', along(sensitivities, states, PARAMETER_WAVES)
-    yield 'time, as the parameters act', along(sensitivities, times, PARAMETER_TIMES)
-    owners = np.array([(run, channel) for run, channel, _ in slices]).T
-    waves = np.arange(1, STATE_WAVES + 1)
-    yield 'the predicted state', in_one(owners[1], [
-        np.hstack([np.cos(places[run][:, None] * waves) for places in seen])
-        for run, _, _ in slices])
-    # The last run, or channel, is given by the others and the sensitivities themselves.
-    for kind, words, count in ((0, 'runs', len(runs)), (1, 'channels', channels)):
-        if count > 1:
-            yield f'the {words}, as the parameters act', [
-                block for block, owner in zip(
-                    in_one(owners[kind], [plain[part] for _, _, part in slices]), owners[kind],
-                    strict=True) if owner < count - 1]
-    if fit.candidate.effects:
-        changes = problem.changes_of_effects(fit.point, fit.prediction)
-        yield 'state, as the cause acts', along(changes, states, CAUSE_WAVES)
-        yield 'time, as the cause acts', along(changes, times, CAUSE_TIMES)
-
-
-def _places(values: Sequence[Array]) -> list[Array]:
-    """A state (N,) of each run, scaled to the interval from 0 to pi."""
-    low = min(float(state.min()) for state in values)
-    high = max(float(state.max()) for state in values)
-    return [np.pi * (state - low) / max(high - low, 1e-300) for state in values]
 
 
 @dataclass(frozen=True)
