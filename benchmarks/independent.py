@@ -46,7 +46,6 @@ from saddlering_ros import diagnose
 from saddlering_ros.bags import write_bag
 from saddlering_ros.diagnosis import Verdict
 from saddlering_ros.diagnosis.proposed_law import write_effect_files
-from saddlering_ros.discrepancy.problem.fits import mean_square
 from saddlering_ros.effects import FOLDER_VARIABLE, use_folder
 from saddlering_ros.record import TestMetadata
 
@@ -134,8 +133,8 @@ def true_reduction(faulty: Verdict, sound: Verdict) -> float:
     """Reduction on the held-out run if the model knew the fault: what the sound twin leaves."""
     run = faulty.runs[-1].record.run
     after, before = (
-        mean_square(faulty.diagnosis.fits.metric.problem, [run],
-                    [one.runs[-1].record.run.channels - one.diagnosis.runs[-1].before])
+        faulty.diagnosis.fits.metric.problem.squared_misfit(
+            [run], [one.runs[-1].record.run.channels - one.diagnosis.runs[-1].before])
         for one in (sound, faulty))
     return float(1.0 - np.sqrt(after / before))
 

@@ -10,7 +10,6 @@ from saddlering_ros.discrepancy.diagnosis import check, diagnose
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.law.families import direction_of
 from saddlering_ros.discrepancy.law.proposal import describe, LawProposal, Term
-from saddlering_ros.discrepancy.next_step import Separation
 from saddlering_ros.discrepancy.noise import Noise
 from saddlering_ros.discrepancy.problem.fits import tangent
 from saddlering_ros.discrepancy.problem.model import Channel, Model, Run
@@ -49,6 +48,7 @@ from saddlering_ros.discrepancy.verdict.results import (
     probabilities_of,
     ReductionEntry,
     Residual,
+    Separation,
     SizeEntry,
 )
 from saddlering_ros.estimation.rest import RestSegment

@@ -4,13 +4,17 @@ For any simulator that follows `System` it finds where measurement and simulatio
 cause explains it, which causes cannot be told apart, and what no cause of the catalogue explains.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import time as clock
 
+import numpy as np
+
 from saddlering_ros.discrepancy.next_step import law_for, next_test_of
+from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.problem.system import Array
+from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
+from saddlering_ros.discrepancy.search.lack_of_fit import consistency_tests
 from saddlering_ros.discrepancy.search.selection import (
     check_alternatives,
     learnt_without,
@@ -19,23 +23,10 @@ from saddlering_ros.discrepancy.search.selection import (
     search_beside_error,
 )
 from saddlering_ros.discrepancy.search.signatures import observed
-from saddlering_ros.discrepancy.search.space import prepare
+from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
-from saddlering_ros.discrepancy.verdict.established import Publication, publish, remainder_of
-from saddlering_ros.discrepancy.verdict.freed_law import narrow_laws
-from saddlering_ros.discrepancy.verdict.naming import (
-    exceeds_declared_error,
-    explained_share_of,
-    judge,
-    Judgement,
-    residual_of,
-    stability_of,
-    uncertain_size,
-    unshared,
-    unsteady_sizes,
-    wrong_inputs,
-)
-from saddlering_ros.discrepancy.verdict.results import Diagnosis, Residual, Verdict
+from saddlering_ros.discrepancy.verdict.published import Publication, publish, stability_of
+from saddlering_ros.discrepancy.verdict.results import Diagnosis, Remainder, Residual, Verdict
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
 from saddlering_ros.progress import one_blas_thread
 
@@ -54,52 +45,52 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     observability = observed(search.begun)
     watch.progress('misfit reduction', 0.8)
     answer = _answer(search)
-    is_open = answer.judgement.verdict == 'unknown' and bool(problem.system.effects)
+    is_open = answer.verdict == 'unknown' and bool(problem.system.effects)
     if is_open and not problem.assumptions.is_persistent:
         watch.progress('causes beside model error', 0.83)
         answer = _beside_error(answer)
-    space, fit, alternatives = answer.search.space, answer.search.fit, answer.search.alternatives
-    judgement, published, log = answer.judgement, answer.published, search.log
+    space, fit, log = answer.search.space, answer.search.fit, search.log
     lines, immaterial, limits = find_steady_lines(space.problem, space.trials)
     log.immaterial += immaterial
 
     refits, near_limit, influence = stability_of(
-        space, fit, alternatives, None if answer.process is None else answer.taken)
-    doubts = unshared(refits) if judgement.verdict in ('named', 'ambiguous') else []
-    judgement = judgement.doubted(doubts)
-    is_ambiguous = judgement.verdict == 'ambiguous'
+        answer.search, None if answer.process is None else answer.taken)
+    is_established = answer.verdict in ('named', 'ambiguous')
+    unshared = established.unshared(refits) if is_established else []
+    answer = answer.doubted(unshared)
+    is_ambiguous = answer.verdict == 'ambiguous'
     if is_ambiguous:
         watch.progress('next test', 0.85)
-    separations, by_held_out = next_test_of(space, fit, alternatives if is_ambiguous else {})
-    law = None
-    if judgement.verdict == 'unknown' and problem.assumptions.proposes_law:
+    separations, by_held_out = next_test_of(
+        space, fit, answer.search.alternatives if is_ambiguous else {})
+    published, law = answer.published, None
+    if answer.verdict == 'unknown' and problem.assumptions.proposes_law:
         watch.progress('search for a law', 0.9)
         # Beside partial causes that explain much, else for all of the misfit. The published fits
         # hold no nuisance parameters, which would take a share of the misfit from the law.
-        is_partial = judgement.explained >= PARTIAL_SUBJECT
+        is_partial = answer.explained >= PARTIAL_SUBJECT
         subject = published.fits.after if is_partial else published.fits.before
         law = law_for(search.space, subject)
     steady = (*lines, *slow_lines)
-    verdict: Verdict = 'named' if steady and judgement.verdict == 'none' else judgement.verdict
+    verdict: Verdict = 'named' if steady and answer.verdict == 'none' else answer.verdict
     causes = sorted(
         (replace(cause, partial=verdict == 'unknown') for cause in (*published.causes, *steady)),
         key=lambda cause: -cause.visible)
     # A steady line that is found takes itself whole.
     taken = answer.taken if published.causes else float(bool(steady))
-    is_other = verdict == 'unknown' and bool(
-        doubts or established.other_laws(space, fit, alternatives))
+    is_other = verdict == 'unknown' and bool(unshared or established.other_laws(answer.search))
     return Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
         base=published.base,
         base_alone=published.base_alone,
         gain=published.gain,
-        explained=judgement.explained,
+        explained=answer.explained,
         next_test=' '.join(filter(None, (
             wording.free_test_words(by_held_out),
             separations[0].proposal.sentence if separations else ''))) or None,
         separations=separations,
-        warnings=judgement.warnings,
+        warnings=answer.warnings,
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.runs,
         fits=published.fits,
@@ -128,47 +119,62 @@ before."""
 
 @dataclass(frozen=True)
 class Answer:
-    """A search, its verdict and its published numbers.
+    """A search, its verdict with warnings for the reader, and its published numbers.
 
     before, after: residuals in the metric without learnt model error; process: that error, if it
-    was learnt; taken: share of the misfit's power that the causes take in their best view.
+    was learnt; explained: share of the misfit that the causes explain; taken: share of the
+    misfit's power that they take in their best view.
     """
 
     search: Search
-    judgement: Judgement
+    verdict: Verdict
+    warnings: tuple[str, ...]
     before: Residual
     after: Residual
     published: Publication
-    remainder: tuple[results.Remainder, ...]
+    remainder: tuple[Remainder, ...]
+    explained: float
     taken: float
     process: Array | None = None
+
+    def doubted(self, doubts: Sequence[str]) -> 'Answer':
+        """The same with reasons, if there are any, why no cause is established."""
+        if not doubts:
+            return self
+        return replace(self, verdict='unknown', warnings=(*self.warnings, *doubts))
 
 
 def _answer(search: Search) -> Answer:
     """The verdict in the metric of noise, nuisance parameters and declared model error."""
     space, fit = search.space, search.fit
-    before = residual_of(space, space.base)
+    before = _residual_of(space, space.base)
     is_declared = any(space.problem.assumptions.allowed_error or ())
-    if is_declared and not exceeds_declared_error(space, before):
+    if is_declared and not _exceeds_declared_error(space, before):
         search, fit = replace(search, fit=space.base, alternatives={}), space.base
-    after = residual_of(space, fit) if fit.candidate.effects else before
-    published = publish(space, fit, search.alternatives, before, after)
+    after = _residual_of(space, fit) if fit.candidate.effects else before
+    published = publish(search, before, after)
     weak = _weakest(published.member_shares) or next(
         iter(established.under_declared_error(space, fit)), None)
     if is_declared and weak is not None and len(fit.candidate.effects) > 1:
         less, alternatives = check_alternatives(space, space.without(fit, weak), search.log)
         return _answer(replace(search, fit=less, alternatives=alternatives))
-    judgement = judge(space, fit, search.alternatives, before, after)
     taken = 0.0 if published.shares is None else published.shares.best
-    doubts = list(published.doubts)
-    if is_declared and published.shares is not None and taken < results.MIN_TAKEN:
-        doubts.append(wording.weak_words(
-            ' and '.join(fit.candidate.ids), taken, results.MIN_TAKEN))
-    if is_declared:
-        doubts += established.shared_directions(space, fit, search.alternatives)
-    doubts += uncertain_size(space, published.causes)
-    return Answer(search, judgement.doubted(doubts), before, after, published,
-                  remainder_of(space, fit, after), taken)
+    warnings, is_established = established.judge_alone(
+        search, before, after, _left_in(space, after), published)
+    return Answer(
+        search, _verdict(is_established, published), tuple(warnings), before, after, published,
+        _remainder_of(space, fit, after),
+        before.explained_by(after) if published.causes else 0.0, taken)
+
+
+def _verdict(is_established: bool, published: Publication) -> Verdict:
+    """The verdict on causes, or on a model without any."""
+    if not is_established:
+        return 'unknown'
+    if not published.causes:
+        return 'none'
+    is_open = any(len(cause.group) > 1 for cause in published.causes)
+    return 'ambiguous' if is_open else 'named'
 
 
 def _beside_error(strict: Answer) -> Answer:
@@ -192,22 +198,22 @@ def _beside_error(strict: Answer) -> Answer:
     proven: dict[str, Publication] = {}
     while search.fit.candidate.effects:
         space, fit = search.space, search.fit
-        before, after = residual_of(space, space.base), residual_of(space, fit)
-        published = publish(space, fit, search.alternatives, before, after, process)
+        before, after = _residual_of(space, space.base), _residual_of(space, fit)
+        published = publish(search, before, after, process)
         sizes = {cause.effect: cause.visible for cause in published.causes}
         main = published.main.effect
-        weak = _weakest({name: own for name, own in published.member_shares.items()
+        weak = _weakest({name: shares for name, shares in published.member_shares.items()
                          if name != main})
-        if has_forms and len(sizes) > 1 and not established.doubts_on_main(space, fit, published):
+        if has_forms and len(sizes) > 1 and established.is_main_established(search, published):
             proven.setdefault(main, published)
         if weak is None:
             answer = _answer_beside(strict, search, published, process, most_dropped, proven)
-            if answer.judgement.verdict == 'unknown' and has_forms:
-                unknown = replace(strict, judgement=strict.judgement.doubted([
-                    wording.suspect_words(fit.candidate.ids, answer.judgement.warnings)]))
-            elif answer.judgement.verdict == 'unknown':
+            if answer.verdict == 'unknown' and has_forms:
+                unknown = strict.doubted([
+                    wording.suspect_words(fit.candidate.ids, answer.warnings)])
+            elif answer.verdict == 'unknown':
                 unknown = unknown or answer
-            elif answer.judgement.verdict == 'named' or len(sizes) == 1:
+            elif answer.verdict == 'named' or len(sizes) == 1:
                 return answer
             else:
                 together = together or answer
@@ -227,46 +233,104 @@ def _answer_beside(
 
     proven: models in which a main cause is established beside others, by its id.
     """
-    noise_alone, fit = strict.search.space, search.fit
+    noise_alone, main = strict.search.space, published.main
     whitened = noise_alone.metric.whiten(
         published.fits.after.prediction - noise_alone.problem.measured)
     seen = replace(published.fits.after, whitened=whitened, misfit=float(whitened @ whitened))
-    left = residual_of(noise_alone, seen)
-    assert published.shares is not None
-    main, taken, told = published.main, published.shares.best, [wording.REST_IS_ERROR]
-    # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
-    is_sure = main.group == (main.effect,)
-    beside = proven.get(main.effect) if len(published.causes) == 1 and is_sure else None
+    left = _residual_of(noise_alone, seen)
+    is_alone = len(published.causes) == 1 and main.group == (main.effect,)
+    beside = proven.get(main.effect) if is_alone else None
+    doubts, taken = established.doubts_beside_error(
+        strict.search, search, published, beside, most_dropped)
+    told = [wording.REST_IS_ERROR]
     if beside is not None:
-        doubts = established.other_laws(search.space, fit, search.alternatives)
-        taken = beside.member_shares[main.effect].best
         told.append(wording.beside_words(main.effect, taken, [
             cause.effect for cause in beside.causes if cause.effect != main.effect]))
-    else:
-        doubts = established.doubts_of(search.space, fit, published, search.alternatives)
-    if noise_alone.problem.assumptions.exact_laws:
-        doubts += unsteady_sizes(search.space, fit, published.causes)
-        narrow = narrow_laws(noise_alone, published.plain)
-        # The law is another one, whatever this one takes.
-        doubts, taken = doubts + narrow, 0.0 if narrow else taken
-    else:
-        doubts += established.like_sound_errors(
-            noise_alone, strict.search.fit, fit, fit.candidate.ids)
-        doubts += wrong_inputs(noise_alone, fit)
-        if not doubts and not most_dropped:  # What is left out may be one shape.
-            doubts += established.one_shape_left(noise_alone, fit)
-    doubts += uncertain_size(search.space, published.causes)
-    most = established.MAINLY if is_sure else 1.0 - results.MIN_TAKEN
-    if most_dropped**2 > most * main.visible**2:
-        doubts.append(wording.AS_LARGE)
-    is_open = any(len(cause.group) > 1 for cause in published.causes)
-    verdict: Verdict = 'unknown' if doubts else 'ambiguous' if is_open else 'named'
-    judgement = Judgement(verdict, explained_share_of(strict.before, left), tuple(doubts or told))
-    return Answer(search, judgement, strict.before, left, published,
-                  remainder_of(noise_alone, seen, left), taken, process)
+    return Answer(
+        search, _verdict(not doubts, published), tuple(doubts or told), strict.before, left,
+        published, _remainder_of(noise_alone, seen, left), strict.before.explained_by(left), taken,
+        process)
 
 
-def _weakest(shares: Mapping[str, established.Shares]) -> str | None:
+def _residual_of(space: ModelSpace, fit: Fit) -> Residual:
+    """The residual of a fit; with consistency tests if laws are assumed to be exact."""
+    sensitivities, slow = space.tangent_of(fit), space.slow_residual(fit)
+    consistency = consistency_tests(
+        space.metric, fit, sensitivities, slow, space.max_pairs,
+    ) if space.problem.assumptions.exact_laws else []
+    shapes = space.tests.shapes(fit, sensitivities.white)
+    return Residual(slow, space.tests.fast(fit), tuple(shapes), tuple(consistency))
+
+
+def _remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Remainder, ...]:
+    """What a fit leaves beyond noise and declared model error, by run and view, largest first."""
+    problem, settings = space.problem, space.settings
+    slow, allowed, names = residual.slow, problem.allowed_sizes, problem.system.channel_names
+    left: list[tuple[RunBlocks, str, float, str]] = []
+    everywhere = slow.is_real_and_material(settings)
+    for view, weights in problem.system.views.items():
+        along = min(((item.p_value, item.coordinate) for item in residual.shapes
+                     if item.view == view), default=(1.0, 'time'))[1]
+        for number, run in enumerate(problem.runs):
+            size = float(slow.sizes[view][number])
+            chance = min(slow.chances.get((names[channel], run.name), 1.0)
+                         for channel in np.flatnonzero(weights))
+            is_real = everywhere or chance < settings.error_rate
+            if size >= max(settings.materiality, allowed[view]) and is_real:
+                left.append((run, view, size, along))
+    fast = residual.fast
+    if fast.is_real_and_material(settings) and fast.visible >= allowed.get(fast.view, np.inf):
+        run = next(run for run in problem.runs if run.name == fast.run)
+        left.append((run, fast.view, fast.visible, 'time'))
+    told = {view for _, view, _, _ in left}
+    for test in (*residual.consistency, *residual.shapes):
+        # A declared error may have any smooth shape: only its size counts, which is judged above.
+        is_free = problem.assumptions.exact_laws and allowed[test.view] == 0.0
+        is_real = test.p_value < settings.error_rate and test.visible >= settings.materiality
+        if is_free and is_real and test.view not in told:
+            run = problem.runs[int(np.argmax(slow.sizes[test.view]))]
+            left.append((run, test.view, test.visible, test.coordinate))
+            told.add(test.view)
+    remainder = []
+    for run, view, size, along in sorted(left, key=lambda item: -item[2]):
+        noise = space.metric.noise_power(run, view) ** 0.5
+        times = size * problem.view_ranges[view] / max(noise, 1e-300)
+        remainder.append(Remainder(run.name, view, size, float(np.hypot(1.0, times)), along))
+    return tuple(remainder)
+
+
+def _left_in(space: ModelSpace, after: Residual) -> str:
+    """Where a real and material residual remains, in all or in one channel of one run; or ''."""
+    settings, problem, slow = space.settings, space.problem, after.slow
+    allowed, names = problem.allowed_sizes, [run.name for run in problem.runs]
+    least = {view: max(settings.materiality, size) for view, size in allowed.items()}
+    places = []
+    # The laws of a ring are judged in each view, against the form error of the effects.
+    if problem.assumptions.exact_laws:
+        places = [
+            f'{channel} in {run}' for (channel, run), chance in slow.chances.items()
+            if chance < settings.error_rate
+            and slow.sizes[channel][names.index(run)] >= least[channel]]
+        places += [
+            f'{test.view} along {test.coordinate}' for test in (*after.consistency, *after.shapes)
+            if test.p_value < settings.error_rate and test.visible >= least[test.view]]
+    is_left = _exceeds_declared_error(space, after) if any(allowed.values()) else (
+        places or slow.is_real_and_material(settings) or after.fast.is_real_and_material(settings))
+    return (', '.join(places) or slow.where or after.fast.view) if is_left else ''
+
+
+def _exceeds_declared_error(space: ModelSpace, residual: Residual) -> bool:
+    """Whether a real residual is larger than the declared model error somewhere."""
+    settings, slow, fast = space.settings, residual.slow, residual.fast
+    allowed = space.problem.allowed_sizes
+    least = {view: max(settings.materiality, size) for view, size in allowed.items()}
+    is_real = min([slow.p_value, *slow.chances.values()]) < settings.error_rate
+    if is_real and any(np.max(size) >= least[view] for view, size in slow.sizes.items()):
+        return True
+    return fast.is_real_and_material(settings) and fast.visible >= least[fast.view]
+
+
+def _weakest(shares: Mapping[str, results.Shares]) -> str | None:
     """The cause that takes least, if it is too little to be established."""
-    weak = [name for name, own in shares.items() if own.best < results.MIN_TAKEN]
+    weak = [name for name, taken in shares.items() if taken.best < results.MIN_TAKEN]
     return min(weak, key=lambda name: shares[name].best, default=None)

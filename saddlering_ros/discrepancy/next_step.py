@@ -36,7 +36,8 @@ from saddlering_ros.discrepancy.search.evidence import alternative_floor, indist
 from saddlering_ros.discrepancy.search.lack_of_fit import Block, BlockColumns
 from saddlering_ros.discrepancy.search.selection import Alternatives
 from saddlering_ros.discrepancy.search.space import ModelSpace
-from saddlering_ros.quantities import WIDTH_95
+from saddlering_ros.discrepancy.verdict.published import plain_fits
+from saddlering_ros.discrepancy.verdict.results import HeldOutEvidence, Separation
 
 DRAWS = 100
 """Number of draws with each model as the truth: a share is known to 10 % at worst (95 %)."""
@@ -44,51 +45,6 @@ DRAWS = 100
 DIRECTION_BAND = 0.01
 """Smallest return of the drive that changes its direction, as a share of its range. Chosen
 between the ripple of a load and the smallest reversal of a test."""
-
-
-@dataclass(frozen=True)
-class HeldOutEvidence:
-    """An open alternative judged by held-out runs.
-
-    distance: misfit of fitted and held-out runs beyond that of the best; share: of the
-    probability of all alternatives; remains: whether the rule of groups keeps it.
-    """
-
-    effect: str
-    title: str
-    runs: tuple[str, ...]
-    distance: float
-    share: float
-    remains: bool
-
-
-@dataclass(frozen=True)
-class Separation:
-    """Result of a proposed test in simulated draws.
-
-    draws: over all truths; alone: draws that leave only the true model; kept: draws that leave
-    it at all; by_truth: share of the draws that leave only the true model, for each truth.
-    """
-
-    proposal: Proposal
-    draws: int
-    alone: int
-    kept: int
-    by_truth: Mapping[tuple[str, ...], float]
-
-    @property
-    def share(self) -> float:
-        """Share of the draws that leave only the true model."""
-        return self.alone / self.draws
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """95 % interval of the share (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209)."""
-        z, count = WIDTH_95, self.draws
-        middle = (self.share + z * z / (2 * count)) / (1 + z * z / count)
-        half = math.sqrt(self.share * (1 - self.share) / count + z * z / (4 * count**2))
-        half *= z / (1 + z * z / count)
-        return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def next_test_of(
@@ -353,9 +309,8 @@ def law_for(space: ModelSpace, subject: Fit) -> LawProposal | None:
         both = problem.system.predict_many(run, [subject.point, beside.point])
         outcomes = held if run.held_out else fitted
         outcomes[run.name] = (
-            fitting.mean_square(problem, [run], [run.channels - both[0]]),
-            fitting.mean_square(
-                problem, [run], [run.channels - both[1] - again.addition(seen)]))
+            problem.squared_misfit([run], [run.channels - both[0]]),
+            problem.squared_misfit([run], [run.channels - both[1] - again.addition(seen)]))
     # The gains of both models' own predictions.
     return max(first, again.judged_by(fitted, held), key=lambda law: law.fit)
 
@@ -377,7 +332,7 @@ def _law_about(space: ModelSpace, fit: Fit) -> LawProposal | None:
     runs = {run.name: run for run in problem.all_runs}
     return propose_law(
         Misfit(tuple(fitted), metric.whiten, partial(_products_with, metric), space.max_pairs),
-        lambda seen, residual: fitting.mean_square(problem, [runs[seen.name]], [residual]),
+        lambda seen, residual: problem.squared_misfit([runs[seen.name]], [residual]),
         held, problem.settings.error_rate)
 
 
@@ -402,7 +357,7 @@ def _beside(problem: Problem, law: LawProposal, fit: Fit) -> Fit:
     """The model of `fit`, fitted to the runs minus the part of the law."""
     runs = [replace(run, channels=run.channels - law.addition(_plain(problem, run, fit)))
             for run in problem.runs]
-    return fitting.plain_fits(problem.with_runs(runs), [fit])[0]
+    return plain_fits(problem.with_runs(runs), [fit])[0]
 
 
 def _plain(problem: Problem, run: RunBlocks, fit: Fit) -> ObservedRun:

@@ -19,7 +19,7 @@ from saddlering_ros.discrepancy import (
     Parameter,
     Run,
 )
-from saddlering_ros.discrepancy.problem.fits import ratio
+from saddlering_ros.discrepancy.verdict.published import ratio
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import Chart
 

@@ -28,7 +28,7 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.problem.problem import Metric
-from saddlering_ros.discrepancy.verdict import established, naming, wording
+from saddlering_ros.discrepancy.verdict import established, published, results, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 
 TIME = np.linspace(0.0, 20.0, 500)
@@ -242,10 +242,10 @@ def test_what_errors_of_a_sound_machine_could_replace_is_not_established() -> No
     """Beside such errors, the arc of a dirty ring took 23 % of what was left."""
     fit = SimpleNamespace(misfit=800.0, candidate=SimpleNamespace(ids=('arc',)))
     for left, is_doubted in ((900.0, True), (1200.0, False)):
-        alone = SimpleNamespace(
+        space = SimpleNamespace(
             metric=SimpleNamespace(free_count=500.0),
             without=lambda *_, left=left: SimpleNamespace(misfit=left))
-        doubts = established.like_sound_errors(alone, fit, fit, ['arc'])
+        doubts = established.like_sound_errors(SimpleNamespace(space=space, fit=fit), fit)
         assert bool(doubts) is is_doubted
 
 
@@ -274,7 +274,7 @@ def test_a_cause_of_a_ring_leaves_a_small_part_of_what_it_takes_along_one_coordi
         problem=SimpleNamespace(assumptions=SimpleNamespace(exact_laws=False)))
     fit = SimpleNamespace(misfit=500.0, candidate=SimpleNamespace(ids=('bracket',)))
     shape = ShapeTest('gamma', 'load', chance, excess + 12.0, 12, 0.001)
-    doubts = naming.shapes_left(space, fit, SimpleNamespace(shapes=(shape,)))
+    doubts = established.shapes_left(space, fit, SimpleNamespace(shapes=(shape,)))
     assert bool(doubts) is is_doubted
 
 
@@ -283,7 +283,7 @@ def test_an_error_of_an_input_is_established_alone_only() -> None:
     space = SimpleNamespace(problem=SimpleNamespace(system=system))
     for names, is_doubted in ((('span', 'friction'), True), (('friction',), False)):
         fit = SimpleNamespace(candidate=SimpleNamespace(ids=names))
-        assert bool(naming.wrong_inputs(space, fit)) is is_doubted
+        assert bool(established.wrong_inputs(space, fit)) is is_doubted
 
 
 def named_beside_friction(
@@ -425,7 +425,7 @@ def test_no_run_holds_more_than_all_of_the_evidence() -> None:
 
 def test_a_stand_in_that_most_refits_replace_is_not_established(monkeypatch) -> None:
     """The true law acts as the spring with the other sign, which the catalogue does not allow."""
-    monkeypatch.setattr('saddlering_ros.discrepancy.engine.narrow_laws', lambda *_: [])
+    monkeypatch.setattr(established, 'narrow_laws', lambda *_: [])
     def law(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         drive = np.asarray(run.inputs['drive'])
         wavy = drive**3 + 0.15 * np.sin(6.0 * drive)
@@ -451,7 +451,7 @@ def test_a_refit_that_ends_in_a_law_which_contains_the_cause_has_the_same_first_
     monkeypatch: pytest.MonkeyPatch, contains: tuple[str, ...], stability: float,
 ) -> None:
     wider = replace(MODEL.effects['cubic'], contains=contains)
-    monkeypatch.setattr(naming._Sums, 'penalised', lambda sums, *_: (
+    monkeypatch.setattr(published._Sums, 'penalised', lambda sums, *_: (
         -float(sums.fit.candidate.ids == ('cubic',))))
     answer = found(0.3, 0.02, replace(MODEL, effects={**MODEL.effects, 'cubic': wider}))
     assert answer.stability == stability
@@ -528,6 +528,7 @@ def test_a_fitted_run_that_gets_worse_is_a_doubt(monkeypatch: pytest.MonkeyPatch
     space, fit = SimpleNamespace(problem=None, settings=None), SimpleNamespace(
         candidate=SimpleNamespace(ids=(), effects=()))
     for worst, doubts in ((0.1, []), (-0.1, [wording.WORSE_RUN])):
-        shares = established.Shares({'seen': 1.0}, {'seen': 1.0}, worst, ('seen', 0.9), (0.8, 0.9))
-        published = SimpleNamespace(shares=shares, member_shares={})
-        assert established.doubts_of(space, fit, published, {}) == doubts
+        shares = results.Shares({'seen': 1.0}, {'seen': 1.0}, worst, ('seen', 0.9), (0.8, 0.9))
+        search = SimpleNamespace(space=space, fit=fit, alternatives={})
+        numbers = SimpleNamespace(shares=shares, member_shares={})
+        assert established.doubts_of(search, numbers) == doubts

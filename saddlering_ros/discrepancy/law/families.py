@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -315,3 +316,45 @@ def _solve(block: ShapeFamily, matrices: Array, slope: Array) -> Array:
     target = (vectors[:, kept].T @ slope) / np.sqrt(values[kept])
     (up, left_up), (down, left_down) = (nnls(root, sign * target) for sign in (1.0, -1.0))
     return np.asarray(up if left_up <= left_down else -down)
+
+
+def forced(
+    changes: Sequence[Array], states: Mapping[str, Sequence[Array]]
+) -> tuple[float, str, Array, Array, list[Array]]:
+    """The coordinate over which one curve, added at every sample, repeats changes (C, N) by run.
+
+    The share of their power that it repeats, the coordinate, its splines (n, K) in all runs, the
+    curve (K,), and responses (C, N, K) to each spline by run. The next sample is linear in the
+    last two of every channel, because two samples of a place hold its speed, and in the curve at
+    this sample or at the next one.
+    """
+    count, none = 2 * len(changes[0]), np.zeros((0, 0))
+    best: tuple[float, str, Array, Array, list[Array]] = -np.inf, '', none, none, []
+    for (name, values), late in product(states.items(), (0, 1)):
+        span = min(map(np.min, values)), max(map(np.max, values))
+        if span[0] == span[1]:
+            continue
+        splines = [spline_columns(
+            np.append(at[late:], at[at.size - late:]), span, OTHER_PIECES) for at in values]
+        before = np.vstack([np.hstack([change.T[1:-1], change.T[:-2], spline[1:-1]])
+                            for change, spline in zip(changes, splines, strict=True)])
+        after = np.vstack([change.T[2:] for change in changes])
+        lengths = np.maximum(np.linalg.norm(before, axis=0), 1e-300)
+        solved = np.linalg.lstsq(before / lengths, after, rcond=1e-7)[0].T / lengths
+        channels, sizes, curves = np.linalg.svd(solved[:, count:], full_matrices=False)
+        step = np.vstack([solved[:, :count], np.eye(count // 2, count)])
+        force = np.append(channels[:, 0], np.zeros(count // 2))[:, None]
+        responses = []
+        with np.errstate(over='ignore', invalid='ignore'):
+            for spline in splines:
+                state = np.zeros((len(spline), count, spline.shape[1]))
+                for number in range(1, len(spline)):
+                    state[number] = step @ state[number - 1] + force * spline[number - 1]
+                responses.append(state[:, : count // 2].transpose(1, 0, 2))
+            missed, whole = np.sum([
+                (np.sum((response @ curves[0] * sizes[0] - change) ** 2), np.sum(change**2))
+                for response, change in zip(responses, changes, strict=True)], axis=0)
+        repeated = 1.0 - float(missed / max(whole, 1e-300))
+        if repeated > best[0]:
+            best = repeated, name, np.vstack(splines), sizes[0] * curves[0], responses
+    return best

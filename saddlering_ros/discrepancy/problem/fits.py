@@ -1,26 +1,23 @@
-"""Candidate models and their fits, in the metric of the misfit and in that of the gain.
+"""Candidate models and their fits in a metric.
 
 Bounded least squares runs for many candidates at once, with all simulations in one batch. Each
 refit is a generator that yields points and receives their whitened residuals, so that a simulator
 with parallel batches stays busy. The method is Levenberg-Marquardt in bound-scaled coordinates.
 Columns of the base are stored and improved by Broyden's update, and columns of effects are
 differenced at every step.
-
-The metric of the gain is the root of the mean, over runs and views, of the squared residual over
-the range of the view, without constants that have no meaning. Gain = 1 - metric with / metric
-without, each fitted in this metric on the fitted runs alone; negative if the extension is worse.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
 from saddlering_ros.discrepancy.problem import system
-from saddlering_ros.discrepancy.problem.problem import Metric, Problem
-from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, Point, RunBlocks
+from saddlering_ros.discrepancy.problem.problem import Problem
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, Point
 from saddlering_ros.estimation.least_squares import descend, Descent, Rule
 
 Key = tuple[tuple[str, int], ...]
@@ -108,6 +105,17 @@ fit ended in a wrong minimum, in which an effect of no size had p = 1e-173."""
 
 WHITENED_AT_ONCE = 8_000_000
 """Numbers whitened together (64 MB): one product is faster than one per refit."""
+
+
+class Whitening(Protocol):
+    """A metric for refits: its problem, and `whiten`, which divides by the usual size."""
+
+    @property
+    def problem(self) -> Problem: ...
+
+    def whiten(self, columns: Array) -> Array:
+        """Stacked columns (n, B) or (n,) in units of the usual size."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -299,103 +307,3 @@ class Gain:
     held_out: float | None
     how: str
     interval: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class GainMetric:
-    """The metric of the gain for refits: weighted residuals in every view, scaled to `unit`."""
-
-    problem: Problem
-    unit: float
-
-    @classmethod
-    def about(cls, problem: Problem, fit: Fit) -> GainMetric:
-        """The metric in which the residual of a fit has a mean square of one."""
-        seen = problem.in_views(fit.prediction - problem.measured)
-        return cls(problem, max(float(np.sqrt(seen @ seen / seen.size)), 1e-12))
-
-    def whiten(self, columns: Array) -> Array:
-        """Stacked columns (n, B) or (n,) in their views, weighted by time, over the range."""
-        return self.problem.in_views(columns) / self.unit
-
-
-Whitening = Metric | GainMetric
-"""A metric for refits: its problem, and `whiten`, which divides by the usual size."""
-
-
-def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
-    """The same models, each fitted in the metric of the gain.
-
-    A base without effects is also fitted from its declared start, because whitened and plain
-    least squares can have different minima.
-    """
-    base, rounds = problem.system.base_parameters, problem.settings.max_rounds
-    answers = []
-    for fit in fits:
-        metric = GainMetric.about(problem, fit)
-        starts = [fit.theta_unit, *([] if fit.candidate.effects else [declared_start(base)])]
-        wanted = [refit(metric, fit.candidate, start, rounds=rounds) for start in starts]
-        answers.append(min(run_refits(metric, wanted), key=lambda refitted: refitted.misfit))
-    return answers
-
-
-def mean_square(problem: Problem, runs: Sequence[RunBlocks], residuals: Sequence[Array]) -> float:
-    """Mean over runs and views of squared residuals (C, N), relative to range."""
-    parts = []
-    for run, residual in zip(runs, residuals, strict=True):
-        for view, weights in problem.system.views.items():
-            seen = problem.freed(weights @ residual, run, view)
-            parts.append(problem.mean_square(seen, run, view) / problem.view_ranges[view] ** 2)
-    return float(np.mean(parts))
-
-
-def ratio(before: float, after: float) -> float:
-    """Gain from two mean squares; negative if the second is larger."""
-    if before <= 0.0:
-        return 0.0 if after <= 0.0 else -np.inf
-    return 1.0 - float(np.sqrt(after / before))
-
-
-def gain_of(problem: Problem, less: Fit, more: Fit, left: Sequence[Sequence[Array]]) -> Gain:
-    """Gain of `more` over `less` on the fitted runs, and on the predicted residuals of both."""
-    if not more.candidate.effects:
-        return Gain(0.0, 0.0, 'none')
-    fitted = ratio(*(
-        mean_square(problem, problem.runs, problem.by_run(fit.prediction - problem.measured))
-        for fit in (less, more)))
-    if not left[0]:
-        return Gain(fitted, None, 'one run only')
-    value = ratio(*(mean_square(problem, problem.held_out or problem.runs, residuals)
-                    for residuals in left))
-    if problem.held_out and not np.isfinite(value):
-        return Gain(fitted, None, 'the simulator failed on a held-out run')
-    return Gain(fitted, value, 'held out' if problem.held_out else 'held out in turn')
-
-
-def predicted_residuals(problem: Problem, fit: Fit) -> list[Array]:
-    """Residuals (C, N) of the held-out runs; without any, of each run but for a single one.
-
-    Such a run is predicted from the others by one Gauss-Newton step.
-    """
-    if problem.held_out:
-        return [problem.system.predict_many(run, [fit.point])[0] - run.channels
-                for run in problem.held_out]
-    if len(problem.runs) < 2:
-        return []
-    metric = GainMetric.about(problem, fit)
-    residual = metric.whiten(fit.prediction - problem.measured)
-    sensitivities = tangent(metric, fit)
-    sizes = [run.time.size for run in problem.runs]
-    owners = np.tile(np.repeat(np.arange(len(sizes)), sizes), len(problem.system.views))
-    residuals, first = [], 0
-    for number, run in enumerate(problem.runs):
-        others = owners != number
-        white = sensitivities.white[others]
-        gram = white.T @ white + PRIOR**2 * np.eye(white.shape[1])
-        slope = white.T @ residual[others] + PRIOR**2 * (fit.theta_unit - 0.5)
-        theta_unit = np.clip(fit.theta_unit - np.linalg.solve(gram, slope), 0.0, 1.0)
-        part = slice(first, first + run.channels.size)
-        first = part.stop
-        moved = fit.prediction[part] + sensitivities.plain[part] @ (theta_unit - fit.theta_unit)
-        residuals.append(moved.reshape(run.channels.shape) - run.channels)
-    return residuals

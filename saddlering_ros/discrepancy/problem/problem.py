@@ -199,6 +199,15 @@ class Problem:
             scaled[name] = alike if empty else max(ranges[name], MIN_VIEW_SHARE * alike)
         return scaled
 
+    @cached_property
+    def allowed_sizes(self) -> dict[str, float]:
+        """Size by view, as a share of range, under which a residual is declared to be nothing."""
+        declared = self.assumptions.allowed_error
+        if declared is None:
+            return dict.fromkeys(self.system.views, 0.0)
+        return {view: max(declared[channel] for channel in np.flatnonzero(weights))
+                for view, weights in self.system.views.items()}
+
     def predict(self, points: Sequence[Point]) -> Array:
         """Stacked channels (n, B) at `points`."""
         parts: list[Array] = []
@@ -295,6 +304,15 @@ class Problem:
         """Mean square over time of the values (N,) of a view, without missing samples."""
         return float(np.average(seen**2, weights=self.sample_weights(run, view)))
 
+    def squared_misfit(self, runs: Sequence[RunBlocks], residuals: Sequence[Array]) -> float:
+        """Mean over runs and views of squared residuals (C, N), relative to range."""
+        squares = [
+            self.mean_square(self.freed(weights @ residual, run, view), run, view)
+            / self.view_ranges[view] ** 2
+            for run, residual in zip(runs, residuals, strict=True)
+            for view, weights in self.system.views.items()]
+        return float(np.mean(squares))
+
 
 @dataclass(frozen=True)
 class Metric:
@@ -341,6 +359,13 @@ class Metric:
         for whitener, (_, _, part) in zip(self.whiteners, self.problem.slices, strict=True):
             white[part] = whitener.colour(white[part])
         return white
+
+    def noise_power(self, run: RunBlocks, view: str) -> float:
+        """Mean square of the noise of a view in a run."""
+        return sum(
+            float(weight) ** 2
+            * float(np.mean(self.noise[run.name, channel].variances(run.width)))
+            for channel, weight in enumerate(self.problem.system.views[view]) if weight)
 
     @property
     def free_count(self) -> float:

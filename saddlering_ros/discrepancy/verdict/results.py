@@ -2,19 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+import math
 from pathlib import Path
 from typing import Literal, TypedDict
 
 import numpy as np
 
 from saddlering_ros.discrepancy.law.proposal import LawProposal
-from saddlering_ros.discrepancy.next_step import HeldOutEvidence, Separation
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain
 from saddlering_ros.discrepancy.problem.problem import Metric
-from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, RunBlocks
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, Proposal, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual, ShapeTest, SlowResidual
 from saddlering_ros.discrepancy.search.signatures import Observability
+from saddlering_ros.quantities import WIDTH_95
 
 Verdict = Literal['none', 'named', 'ambiguous', 'unknown']
 
@@ -121,6 +122,15 @@ class Residual:
     shapes: tuple[ShapeTest, ...]
     consistency: tuple[ShapeTest, ...] = ()
 
+    def explained_by(self, after: 'Residual') -> float:
+        """Share of this misfit beyond noise that a model with the residual `after` explains.
+
+        A small cause can be certain although all structures together are no more than noise.
+        """
+        remaining = max(after.slow.excess, 0.0) + after.fast.excess
+        misfit = max(self.slow.excess, 0.0) + self.fast.excess
+        return 1.0 - min(1.0, remaining / max(misfit, 1e-9))
+
     def inflation(self, error_rate: float) -> float:
         """Factor of the variances for a remaining misfit, even one too small to matter.
 
@@ -175,6 +185,77 @@ class PublishedFits:
     before: Fit
     after: Fit
     base_covariance: Array
+
+
+@dataclass(frozen=True)
+class HeldOutEvidence:
+    """An open alternative judged by held-out runs.
+
+    distance: misfit of fitted and held-out runs beyond that of the best; share: of the
+    probability of all alternatives; remains: whether the rule of groups keeps it.
+    """
+
+    effect: str
+    title: str
+    runs: tuple[str, ...]
+    distance: float
+    share: float
+    remains: bool
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Result of a proposed test in simulated draws.
+
+    draws: over all truths; alone: draws that leave only the true model; kept: draws that leave
+    it at all; by_truth: share of the draws that leave only the true model, for each truth.
+    """
+
+    proposal: Proposal
+    draws: int
+    alone: int
+    kept: int
+    by_truth: Mapping[tuple[str, ...], float]
+
+    @property
+    def share(self) -> float:
+        """Share of the draws that leave only the true model."""
+        return self.alone / self.draws
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the share (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209)."""
+        z, count = WIDTH_95, self.draws
+        middle = (self.share + z * z / (2 * count)) / (1 + z * z / count)
+        half = math.sqrt(self.share * (1 - self.share) / count + z * z / (4 * count**2))
+        half *= z / (1 + z * z / count)
+        return max(0.0, middle - half), min(1.0, middle + half)
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Shares of the misfit's power beyond noise that a model takes beside another, by view.
+
+    fitted: of views with no small misfit beside that of the worst; worst_run: share of all
+    misfit in the run with the least; worst_view: view and share of the least where the model
+    moves more than half of the misfit; interval: 95 % of the reduction on predicted runs.
+    """
+
+    fitted: Mapping[str, float]
+    predicted: Mapping[str, float]
+    worst_run: float
+    worst_view: tuple[str, float]
+    interval: tuple[float, float] | None
+
+    @property
+    def best(self) -> float:
+        """Share in the view in which the model takes most, where it is fitted and predicts.
+
+        A view without misfit on the predicted runs shows nothing, if others have some.
+        """
+        return max(
+            (min(share, self.predicted.get(view, 0.0)) if self.predicted else share
+             for view, share in self.fitted.items()), default=0.0)
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,10 @@
 from collections.abc import Mapping, Sequence
 
 from saddlering_ros import quantities
-from saddlering_ros.discrepancy.next_step import HeldOutEvidence
 from saddlering_ros.discrepancy.problem.system import Estimate, Parameter
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual
 from saddlering_ros.discrepancy.verdict import results
-from saddlering_ros.discrepancy.verdict.results import Diagnosis, Refit, Remainder
+from saddlering_ros.discrepancy.verdict.results import Diagnosis, HeldOutEvidence, Refit, Remainder
 from saddlering_ros.quantities import percent, quantity
 
 PARTIAL = ' (explains part of the misfit only)'

@@ -1,0 +1,471 @@
+"""The published numbers: values and intervals, misfit reduction, remainder, stability.
+
+The selected models are refitted without nuisance parameters. A stand-in for a law that is in no
+catalogue explains a part of the misfit too, which no likelihood ratio tells. What does is how much
+of the misfit beyond noise a cause takes in a view, on fitted runs and on runs that it predicts.
+
+The metric of the gain is the root of the mean, over runs and views, of the squared residual over
+the range of the view, without constants that have no meaning. Gain = 1 - metric with / metric
+without, each fitted in this metric on the fitted runs alone; negative if the extension is worse.
+
+How far a verdict hangs on runs, model error and chance is seen by refits to first order. They need
+no simulation, because fits keep their residuals and sensitivities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import compress
+
+import numpy as np
+
+from saddlering_ros.discrepancy.problem.fits import (
+    declared_start,
+    Fit,
+    Gain,
+    PRIOR,
+    refit,
+    run_refits,
+    tangent,
+)
+from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.system import (
+    Array,
+    Estimate,
+    FREE_STRENGTH,
+    Parameter,
+    RunBlocks,
+)
+from saddlering_ros.discrepancy.search.evidence import Comparison
+from saddlering_ros.discrepancy.search.selection import Search, stopped_sizes
+from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
+from saddlering_ros.discrepancy.verdict import wording
+from saddlering_ros.discrepancy.verdict.results import (
+    Cause,
+    Influence,
+    MIN_TAKEN,
+    PublishedFits,
+    Refit,
+    Residual,
+    RunPrediction,
+    Shares,
+)
+from saddlering_ros.estimation.least_squares import covariance
+
+MAINLY = 0.5
+"""Share of the power of a view's misfit that a cause moves where it mainly acts, and share of the
+power of the main cause that no cause beside it exceeds: half."""
+
+DRAWS = 400
+"""Draws of stretches for the interval of a reduction."""
+
+STRETCHES = 4
+"""Stretches of a run whose part of the evidence is told, and which are drawn again."""
+
+SEEDS = 6
+"""Number of draws of stretches: with the runs left out, about ten refits of usual data."""
+
+MIN_STABLE = 0.8
+"""Share of refits with the same first cause below which a verdict is near its limit."""
+
+WITHOUT = 'without '
+"""Begin of the change of a refit that leaves out a run."""
+
+NEAR = 2.0
+"""Factor of the gain at which an effect is real within which a verdict is near its limit."""
+
+
+@dataclass(frozen=True)
+class GainMetric:
+    """The metric of the gain for refits: weighted residuals in every view, scaled to `unit`."""
+
+    problem: Problem
+    unit: float
+
+    @classmethod
+    def about(cls, problem: Problem, fit: Fit) -> GainMetric:
+        """The metric in which the residual of a fit has a mean square of one."""
+        seen = problem.in_views(fit.prediction - problem.measured)
+        return cls(problem, max(float(np.sqrt(seen @ seen / seen.size)), 1e-12))
+
+    def whiten(self, columns: Array) -> Array:
+        """Stacked columns (n, B) or (n,) in their views, weighted by time, over the range."""
+        return self.problem.in_views(columns) / self.unit
+
+
+@dataclass(frozen=True)
+class Publication:
+    """Numbers for the reader, of the selected model and of the base alone.
+
+    shares: what all causes together take of the misfit, None without causes; member_shares: what
+    each of several takes of the misfit without it; doubts: sentences on sizes at their bounds and
+    on runs that are predicted worse; plain: the model fitted in the metric of the gain; converged:
+    whether all fits converged.
+    """
+
+    causes: tuple[Cause, ...]
+    base: Mapping[str, Estimate]
+    base_alone: Mapping[str, Estimate]
+    gain: Gain
+    runs: tuple[RunPrediction, ...]
+    fits: PublishedFits
+    shares: Shares | None
+    member_shares: Mapping[str, Shares]
+    doubts: tuple[str, ...]
+    plain: Fit
+    converged: bool
+
+    @property
+    def main(self) -> Cause:
+        """The cause that moves most."""
+        return max(self.causes, key=lambda cause: cause.visible)
+
+
+def publish(
+    search: Search, before: Residual, after: Residual, process: Array | None = None
+) -> Publication:
+    """Refit the selected model and its base with no other freedom than the offsets of the runs.
+
+    During naming, parameters and nuisance parameters share a misfit, but a parameter file
+    holds parameters only. This fit therefore gives the published values, predictions and
+    gains. The part that nuisance parameters would have explained adds to the uncertainty of
+    the published values. before, after: residuals of the base and of the model; process: model
+    error in the metric of the fits, if it was learnt.
+    """
+    space, fit, problem = search.space, search.fit, search.space.problem
+    parameters = problem.system.base_parameters
+    is_persistent = problem.assumptions.is_persistent
+    metric = space.metric if is_persistent else space.metric.with_offsets(process)
+    less = {name: space.without(fit, name) for name in fit.candidate.ids}
+    base, model, *others = refit_full_jacobian(
+        metric, [space.base, fit, *less.values()], space.settings.max_rounds)
+    covariance = _covariance(space, fit, model, after)
+    refitted = {refit.candidate.key: refit for refit in (base, model, *others)}
+    plain = dict(zip(refitted, plain_fits(problem, list(refitted.values())), strict=True))
+    whole_key = model.candidate.key
+    left = {key: predicted_residuals(problem, one) if fit.candidate.effects else []
+            for key, one in plain.items()}
+    taken = {key: shares_of(space.metric, other, plain[whole_key], (left[key], left[whole_key]))
+             for key, other in plain.items() if key != whole_key}
+
+    def gain_over(other: Fit) -> Gain:
+        key = other.candidate.key
+        gain = gain_of(problem, plain[key], plain[whole_key], (left[key], left[whole_key]))
+        has_interval = gain.held_out is not None and key in taken
+        return replace(gain, interval=taken[key].interval) if has_interval else gain
+
+    causes = []
+    for effect, variant, part in model.candidate.slices(len(parameters)):
+        evidence = Comparison(space, less[effect.id], fit).evidence()
+        others_named = {other for alternative in search.alternatives.get(effect.id, ())
+                        for other in alternative.candidate.ids} - {*model.candidate.ids}
+        sizes = _estimates(effect.ordered, model.theta_unit[part], covariance[part, part])
+        size = sizes[effect.size.name]
+        sizes[effect.size.name] = replace(
+            size, std=float(np.hypot(size.std, effect.form * (size.value - effect.neutral))))
+        sizes.update({key: Estimate(float(value), 0.0, '')
+                      for key, value in effect.variants[variant].items()})
+        causes.append(Cause(
+            effect=effect.id, definition=effect, variant=variant,
+            group=(effect.id, *sorted(others_named)),
+            parameters=sizes, p_value=evidence.p_value, delta_bic=evidence.delta_bic,
+            visible=evidence.visible, gain=gain_over(less[effect.id])))
+    # The causes predict other runs worse than the base, or one of them surely does.
+    whole = gain_over(base)
+    gains = {' and '.join(cause.effect for cause in causes): whole}
+    gains.update({cause.effect: cause.gain for cause in causes
+                  if cause.gain.interval is not None and cause.gain.interval[1] < 0.0})
+    failed = [
+        wording.worse_prediction_words(name, -gain.held_out, is_held_out=gain.how == 'held out')
+        for name, gain in gains.items() if gain.held_out is not None and gain.held_out < 0.0]
+    count = len(parameters)
+    slopes = [parameter.slope(float(u)) for parameter, u in
+              zip(parameters, model.theta_unit[:count], strict=True)]
+    return Publication(
+        causes=tuple(causes),
+        base=_estimates(parameters, model.theta_unit, covariance),
+        base_alone=_estimates(
+            parameters, base.theta_unit, _covariance(space, space.base, base, before)),
+        gain=whole,
+        runs=tuple(
+            RunPrediction(run, *problem.system.predict_many(run, [base.point, model.point]))
+            for run in problem.all_runs),
+        fits=PublishedFits(
+            metric, base, model, covariance[:count, :count] * np.outer(slopes, slopes)),
+        shares=taken.get(base.candidate.key),
+        member_shares={} if len(less) < 2 else {
+            name: taken[other.candidate.key] for name, other in less.items()},
+        doubts=(*sizes_at_bounds(problem, model), *failed[:1]), plain=plain[model.candidate.key],
+        converged=all(refit.converged for refit in [*refitted.values(), *plain.values()]))
+
+
+def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
+    """A sentence for every effect whose size is at its bound, which is no name."""
+    return [wording.size_at_bound_words(effect.id, effect.size, value)
+            for effect, value in stopped_sizes(problem, fit)]
+
+
+def _covariance(space: ModelSpace, fit: Fit, published: Fit, residual: Residual) -> Array:
+    """Covariance in bound-scaled coordinates, widened by misfit and nuisance parameters."""
+    fitted = covariance(space.tangent_of(fit).white, PRIOR)
+    widened = fitted * residual.inflation(space.settings.error_rate)
+    return np.asarray(widened + np.diag((published.theta_unit - fit.theta_unit) ** 2))
+
+
+def _estimates(
+    parameters: Sequence[Parameter], theta_unit: Array, covariance: Array
+) -> dict[str, Estimate]:
+    """The first parameters of a fit in their units."""
+    return {
+        parameter.name: Estimate(
+            parameter.from_unit(float(u)), float(std) * parameter.slope(float(u)), parameter.unit)
+        for parameter, u, std in zip(
+            parameters, theta_unit, np.sqrt(np.diag(covariance)), strict=False)}
+
+
+def shares_of(
+    metric: Metric, less: Fit, more: Fit, left: Sequence[Sequence[Array]]
+) -> Shares:
+    """What a plain fit `more` takes of the misfit of `less`; left: predicted residuals of both."""
+    problem = metric.problem
+    floor = np.array([
+        np.mean([metric.noise_power(run, view) for run in problem.runs])
+        / problem.view_ranges[view] ** 2 for view in problem.system.views])
+    fitted = _Powers.of(problem, floor, problem.runs, [
+        problem.by_run(fit.prediction - problem.measured) for fit in (less, more)])
+    touched, interval, taken = fitted.touched(), None, {}
+    if left[0] and all(np.isfinite(run).all() for residuals in left for run in residuals):
+        predicted = _Powers.of(problem, floor, problem.held_out or problem.runs, left)
+        touched += predicted.touched()
+        interval, taken = predicted.interval(), predicted.taken()
+    by_run = fitted.more.sum(axis=(1, 2)) / np.maximum(fitted.less.sum(axis=(1, 2)), 1e-300)
+    return Shares(
+        # What a cause may leave of the worst view is a small misfit in another one.
+        fitted.taken(1.0 - MIN_TAKEN), taken, 1.0 - float(by_run.max()),
+        min(touched, key=lambda item: item[1], default=('', 1.0)), interval)
+
+
+@dataclass(frozen=True)
+class _Powers:
+    """Mean squares (R, V, S) of the residuals of two models and of their difference.
+
+    By run, view and stretch, as shares of the squared range. floor: that of noise (V,).
+    """
+
+    views: Sequence[str]
+    floor: Array
+    less: Array
+    more: Array
+    change: Array
+
+    @classmethod
+    def of(cls, problem: Problem, floor: Array, runs: Sequence[RunBlocks],
+           left: Sequence[Sequence[Array]]) -> _Powers:
+        """Of residuals (C, N) by run of both models."""
+        squares = np.zeros((3, len(runs), floor.size, STRETCHES))
+        models = [*left, [one - other for one, other in zip(*left, strict=True)]]
+        for model, residuals in zip(squares, models, strict=True):
+            for row, run, residual in zip(model, runs, residuals, strict=True):
+                for place, (view, weights) in enumerate(problem.system.views.items()):
+                    seen = problem.freed(weights @ residual, run, view) / problem.view_ranges[view]
+                    there = np.flatnonzero(problem.sample_weights(run, view) > 0.0)
+                    row[place] = [float(np.mean(seen[part] ** 2)) if part.size else 0.0
+                                  for part in np.array_split(there, STRETCHES)]
+        return cls(tuple(problem.system.views), floor, *squares)
+
+    def taken(self, least: float = 0.0) -> dict[str, float]:
+        """Share of the power beyond noise in `less` that `more` has not, by view.
+
+        least: smallest share of the power of the worst view for a view to count.
+        """
+        before = self.less.mean(axis=(0, 2)) - self.floor
+        after = np.maximum(self.more.mean(axis=(0, 2)) - self.floor, 0.0)
+        return {view: 1.0 - float(left / whole)
+                for view, whole, left in zip(self.views, before, after, strict=True)
+                if whole > max(least * before.max(), 0.0)}
+
+    def touched(self) -> list[tuple[str, float]]:
+        """Shares in the views in which the change is more than half of the misfit."""
+        moved = self.change.mean(axis=(0, 2)) > MAINLY * self.less.mean(axis=(0, 2))
+        shares = self.taken()
+        return [(view, shares[view]) for view in compress(self.views, moved) if view in shares]
+
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the reduction of the rms, from draws of stretches."""
+        before, after = (item.mean(axis=1).ravel() for item in (self.less, self.more))
+        draw = np.random.default_rng(0).integers(0, before.size, (DRAWS, before.size))
+        ratios = after[draw].mean(axis=1) / np.maximum(before[draw].mean(axis=1), 1e-300)
+        low, high = np.quantile(1.0 - np.sqrt(ratios), [0.025, 0.975])
+        return float(low), float(high)
+
+
+def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
+    """The same models, each fitted in the metric of the gain.
+
+    A base without effects is also fitted from its declared start, because whitened and plain
+    least squares can have different minima.
+    """
+    base, rounds = problem.system.base_parameters, problem.settings.max_rounds
+    answers = []
+    for fit in fits:
+        metric = GainMetric.about(problem, fit)
+        starts = [fit.theta_unit, *([] if fit.candidate.effects else [declared_start(base)])]
+        wanted = [refit(metric, fit.candidate, start, rounds=rounds) for start in starts]
+        answers.append(min(run_refits(metric, wanted), key=lambda refitted: refitted.misfit))
+    return answers
+
+
+def ratio(before: float, after: float) -> float:
+    """Gain from two mean squares; negative if the second is larger."""
+    if before <= 0.0:
+        return 0.0 if after <= 0.0 else -np.inf
+    return 1.0 - float(np.sqrt(after / before))
+
+
+def gain_of(problem: Problem, less: Fit, more: Fit, left: Sequence[Sequence[Array]]) -> Gain:
+    """Gain of `more` over `less` on the fitted runs, and on the predicted residuals of both."""
+    if not more.candidate.effects:
+        return Gain(0.0, 0.0, 'none')
+    fitted = ratio(*(
+        problem.squared_misfit(problem.runs, problem.by_run(fit.prediction - problem.measured))
+        for fit in (less, more)))
+    if not left[0]:
+        return Gain(fitted, None, 'one run only')
+    value = ratio(*(problem.squared_misfit(problem.held_out or problem.runs, residuals)
+                    for residuals in left))
+    if problem.held_out and not np.isfinite(value):
+        return Gain(fitted, None, 'the simulator failed on a held-out run')
+    return Gain(fitted, value, 'held out' if problem.held_out else 'held out in turn')
+
+
+def predicted_residuals(problem: Problem, fit: Fit) -> list[Array]:
+    """Residuals (C, N) of the held-out runs; without any, of each run but for a single one.
+
+    Such a run is predicted from the others by one Gauss-Newton step.
+    """
+    if problem.held_out:
+        return [problem.system.predict_many(run, [fit.point])[0] - run.channels
+                for run in problem.held_out]
+    if len(problem.runs) < 2:
+        return []
+    metric = GainMetric.about(problem, fit)
+    residual = metric.whiten(fit.prediction - problem.measured)
+    sensitivities = tangent(metric, fit)
+    sizes = [run.time.size for run in problem.runs]
+    owners = np.tile(np.repeat(np.arange(len(sizes)), sizes), len(problem.system.views))
+    residuals, first = [], 0
+    for number, run in enumerate(problem.runs):
+        others = owners != number
+        white = sensitivities.white[others]
+        gram = white.T @ white + PRIOR**2 * np.eye(white.shape[1])
+        slope = white.T @ residual[others] + PRIOR**2 * (fit.theta_unit - 0.5)
+        theta_unit = np.clip(fit.theta_unit - np.linalg.solve(gram, slope), 0.0, 1.0)
+        part = slice(first, first + run.channels.size)
+        first = part.stop
+        moved = fit.prediction[part] + sensitivities.plain[part] @ (theta_unit - fit.theta_unit)
+        residuals.append(moved.reshape(run.channels.shape) - run.channels)
+    return residuals
+
+
+def stability_of(
+    search: Search, taken: float | None
+) -> tuple[tuple[Refit, ...], tuple[str, ...], tuple[Influence, ...]]:
+    """How far the verdict on a model hangs on runs, on model error and on chance.
+
+    Refits of all models, why the verdict is near its limit, and what each stretch adds. taken:
+    share of the misfit that causes beside model error take.
+    """
+    space, fit, refits = search.space, search.fit, _refits(search)
+    others = [refit for refit in refits if not refit.is_same]
+    near = [wording.one_run_words(refit) for refit in others if refit.change.startswith(WITHOUT)]
+    if len(others) > (1.0 - MIN_STABLE) * len(refits):
+        near.append(wording.unstable_words(others, len(refits)))
+    if not fit.candidate.effects:
+        gain, name = max(((space.base.misfit - single.misfit, single.candidate.ids[0])
+                          for single in space.single_effect_fits()), default=(0.0, ''))
+        if gain > space.real_gain / NEAR:
+            near.append(wording.almost_a_cause_words(name, gain / space.real_gain))
+    for name in fit.candidate.ids:
+        gain = space.without(fit, name).misfit - fit.misfit
+        if gain < NEAR * space.real_gain:
+            near.append(wording.barely_real_words(name, gain / space.real_gain))
+    if taken is not None and MIN_TAKEN <= taken < 0.5 * (1.0 + MIN_TAKEN):
+        near.append(wording.barely_taken_words(taken, MIN_TAKEN))
+    falls = space.base.whitened**2 - fit.whitened**2
+    influence = tuple(
+        Influence(run.name, float(run.time[part[0]]), float(run.time[part[-1]]),
+                  float(fall[:, part].sum()))
+        for run, fall in zip(space.problem.runs, space.problem.by_run(falls), strict=True)
+        for part in np.array_split(np.arange(run.time.size), STRETCHES) if part.size)
+    return refits, tuple(near), influence
+
+
+def _refits(search: Search) -> tuple[Refit, ...]:
+    """Refits of all models to first order, each with the first cause that it ends in.
+
+    A refit ends in the same first cause if its best model shares an effect with the model found
+    or with an alternative to it, or has a law that contains such an effect or is contained in it.
+    Bounds do not stop a step: where an effect of the other sign fits as well, so may another law.
+    """
+    space = search.space
+    group = [search.fit, *(other for fits in search.alternatives.values() for other in fits)]
+    models = {fit.candidate.key: fit for fit in (
+        space.base, *space.single_effect_fits(), *group)}
+    answers = []
+    wanted = {name for fit in group for name in fit.candidate.ids}
+    narrower = {name for fit in group for effect, _ in fit.candidate.effects
+                for name in effect.contains}
+    # What changes, the factor of the model error, and weights (R, S) of the stretches.
+    runs = space.problem.runs
+    plain = np.ones((len(runs), STRETCHES))
+    cases = [(WITHOUT + run.name, 1.0, plain - row[:, None])
+             for run, row in zip(runs, np.eye(len(runs)), strict=True) if len(runs) > 1]
+    random = np.random.default_rng(space.settings.seed)
+    for number in range(SEEDS):
+        drawn = random.integers(0, plain.size, plain.size)
+        cases.append((f'stretches drawn again, {number + 1}', 1.0,
+                      np.bincount(drawn, minlength=plain.size).astype(float)))
+    cases += [('half the model error', 0.5, plain), ('twice the model error', 2.0, plain)]
+    for factor in (1.0, 0.5, 2.0):
+        sums = [_Sums(space.metric, factor, model) for model in models.values()]
+        for change, needed, weights in cases:
+            if needed == factor:
+                best = min(sums, key=lambda model: model.penalised(space, weights.ravel()))
+                effects = [effect for effect, _ in best.fit.candidate.effects]
+                is_same = any(effect.id in wanted | narrower or wanted & set(effect.contains)
+                              for effect in effects) if effects else not wanted
+                answers.append(Refit(change, effects[0].id if effects else None, is_same))
+    return tuple(answers)
+
+
+class _Sums:
+    """Products of residual and sensitivities of a fit by stretch, for any weights of stretches.
+
+    factor: of the model error and other nuisance parameters with a spread.
+    """
+
+    def __init__(self, metric: Metric, factor: float, fit: Fit) -> None:
+        self.fit = fit
+        shared = metric.shared
+        strength = shared.strength
+        other = np.where(strength < FREE_STRENGTH, factor * strength, strength)
+        ratio = np.sqrt((1.0 + strength**2) / (1.0 + other**2)) - 1.0
+        columns = np.column_stack([fit.jacobian, fit.whitened])
+        columns = columns + shared.directions @ (ratio[:, None] * (shared.directions.T @ columns))
+        parts = [
+            block[:, part].reshape(-1, columns.shape[1])
+            for block in metric.problem.by_run(columns)
+            for part in np.array_split(np.arange(block.shape[1]), STRETCHES)]
+        self._products = np.array([part.T @ part for part in parts])
+
+    def penalised(self, space: ModelSpace, weights: Array) -> float:
+        """Misfit after one step, plus the price of its parameters and of its first effect."""
+        products = np.tensordot(weights, self._products, axes=1)
+        gram, slope = products[:-1, :-1], products[:-1, -1]
+        misfit = products[-1, -1] - slope @ np.linalg.solve(
+            gram + PRIOR**2 * np.eye(slope.size), slope)
+        price = space.log_size * self.fit.theta_unit.size
+        if self.fit.candidate.effects:
+            price += max(space.real_gain - space.log_size, 0.0)
+        return float(misfit) + price
