@@ -47,6 +47,9 @@ DEAD = Kind(
     limit=0.02)
 """Share of the largest motion below which a probe does not follow the load."""
 
+COPIED = Kind('probes {first} and {second} have the same readings throughout: one channel is '
+              'recorded twice: correct the driver or the map of the import')
+
 SWAPPED = Kind(
     'channels of probes {swapped}: {first} and {second} mirror each other (their sum is '
     '{percent:.1f} % of their difference), and 1 and 3, which should, do not ({opposite:.0f} %)',
@@ -89,8 +92,11 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
         if not is_stuck and clear[probe] and motion[probe] < DEAD.limit * largest:
             dead.append(DEAD.at(probe=probe + 1, motion=quantity(motion[probe], 'm'),
                                 span=rig.force_words(span), largest=quantity(largest, 'm')))
-    if stuck or dead:
-        return [*stuck, *dead]
+    copied = [COPIED.at(first=first + 1, second=second + 1)
+              for first, second in combinations(range(4), 2)
+              if np.array_equal(gaps[first], gaps[second])]
+    if stuck or dead or copied:
+        return [*stuck, *dead, *copied]
     return _mirrored(increments) or _sides(rig, slope, expected, clear)
 
 

@@ -15,16 +15,13 @@ from saddlering_ros.bags.write import BagWriter, messages_of
 from saddlering_ros.errors import BagError, did_you_mean, plain_number
 from saddlering_ros.files import sha256_of_file, whole_file
 from saddlering_ros.importing.calibration import ImportingError, words_of
-from saddlering_ros.importing.feed import Feed, feeds_of, Part, Samples
+from saddlering_ros.importing.feed import Feed, feeds_of, Part, Samples, UNDATED
 from saddlering_ros.importing.mapping import ImportMap, instruments_text
 from saddlering_ros.importing.source import open_sources
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import RANGE_TYPE
 from saddlering_ros.rig import FORCE_UNITS, Rig
-
-UNDATED = 10 * 365 * 86400 * SECOND
-"""A stamp before 1980 [ns] comes of a time without a date: no rig was recorded then."""
 
 PREVIEW_ENDINGS = ('.png', '.svg', '.pdf')
 
@@ -151,7 +148,7 @@ def import_files(
     if not runs:
         raise ImportingError(f'{files[0]}: has no sample with a readable time: correct the map')
     if min(run.start for run in runs) < UNDATED:
-        sources[0].warn('stamps count from 1970-01-01, because the time has no date: give start: '
+        sources[0].warn('stamps count from 1970-01-02, because the time has no date: give start: '
                         'in time:')
     warnings = [line for source in sources for line in source.warnings]
     return ImportResult(tuple(runs), tuple(warnings))

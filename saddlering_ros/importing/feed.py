@@ -18,6 +18,10 @@ from saddlering_ros.record.batches import SECOND
 MAX_LEFT_OUT = 0.01
 """Largest share of a file's rows that may be left out because their time does not rise."""
 
+UNDATED, DAY = 10 * 365 * 86400 * SECOND, 86400 * SECOND
+"""A stamp before 1980 [ns] comes of a time without a date: no rig was recorded then. It counts
+from 1970-01-02, because a ROS header holds no time before 1970, and 0 for no time at all."""
+
 LARGEST = float(np.finfo(np.float32).max)
 """Messages of probes hold 32-bit numbers."""
 
@@ -56,7 +60,9 @@ class Piece:
                                          'format: file in place of its unit')
                 if cells[0].dtype.kind == 'O':
                     cells = [self.source.number_texts(column, cells[0], first)]
-            yield block, self.time.stamps(cells, np.arange(first, first + count)), first
+            stamps = self.time.stamps(cells, np.arange(first, first + count))
+            stamps[(stamps < UNDATED) & (stamps != calibration.MISSING)] += DAY
+            yield block, stamps, first
             first += count
 
     def first_stamp(self) -> int:
@@ -111,7 +117,7 @@ def _clock(
                              'time: {column: ..} or {rate: .., start: ..}')
     start = time.start if time.start is not None else timing.start
     if start is None:
-        source.warn('has no date: stamps count from 1970-01-01; give time: {from: file, '
+        source.warn('has no date: stamps count from 1970-01-02; give time: {from: file, '
                     'start: ..}')
         start = 0
     if timing.column:

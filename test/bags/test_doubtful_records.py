@@ -96,8 +96,9 @@ def test_probes_that_begin_later_and_end_with_the_load_are_not_noted(tmp_path, r
     ((0, 1, 3, 2), 'channels of probes 3 and 4 look swapped: 1 and 4 mirror each other'),
     ((1, 0, 2, 3), 'channels of probes 1 and 2 look swapped: 2 and 3 mirror each other'),
     ((1, 0, 3, 2), 'channels of probes 1 and 3 look swapped with those of 2 and 4'),
+    ((0, 1, 2, 1), 'probes 2 and 4 have the same readings throughout'),
     ((0, 1, 2, 3), '')])
-def test_swapped_channels_are_named_by_the_cables_to_exchange(cables, words):
+def test_swapped_or_copied_channels_are_named_with_what_to_correct(cables, words):
     load = np.linspace(0.0, 24.0 * TONNE, 400)
     slopes = np.array([4.0, 3.0, -4.0, -1.5])[list(cables)] * 1e-10
     notes = [*map(str, wiring_findings(RIG, math.radians(60.0), load,

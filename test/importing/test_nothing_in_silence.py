@@ -50,6 +50,15 @@ def test_a_number_with_another_mark_is_refused_and_not_left_out(
         tmp_path, document(), plain_table(**{**COMMA, 't': times}, F=['1,5'] * ROWS))
 
 
+@pytest.mark.parametrize('first', [0.0, -0.25])
+def test_a_time_without_a_date_from_zero_or_before_it_loses_no_sample(
+        tmp_path: Path, first: float) -> None:
+    times = [f'{first + 0.01 * i:.2f}' for i in range(ROWS)]
+    convert(tmp_path, plain_table(t=times), document(time={'column': 't', 'unit': 's'}))
+    assert stamps(tmp_path).min() > 0
+    assert (stamps(tmp_path) - stamps(tmp_path)[0] == 10_000_000 * np.arange(ROWS)).all()
+
+
 @pytest.mark.parametrize(('column', 'cell', 'words'), [
     *(('t', cell, f'{cell!r} is no number') for cell in ('1_0', '١٢', '１', '0x10')),
     ('F', 'ERR', "cells of column 'F' that are not numbers are left out: 1, first 'ERR'"),
