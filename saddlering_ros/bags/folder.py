@@ -37,20 +37,15 @@ MESSAGES_ALLOWED = 1 << 24
 
 @dataclass(frozen=True)
 class BagDirectory:
-    """The files of a bag, in order of recording, and the content of metadata.yaml.
-
-    custom_data: text to text; message_count: of all files, None if not stated; compression of
-    each message ('' or 'zstd'), as in the compression mode "message" of rosbag2; unlisted: names
-    of MCAP files in the folder that metadata.yaml does not list, which are not read.
-    """
+    """The files of a bag, in order of recording, and the content of metadata.yaml."""
 
     path: Path
     files: tuple[Path, ...]
     custom_data: dict[str, str] = field(default_factory=dict)
-    message_count: int | None = None
-    message_compression: str = ''
+    message_count: int | None = None  # of all files; None: not stated
+    message_compression: str = ''  # of each message: '' or 'zstd' (mode "message" of rosbag2)
     has_metadata: bool = False
-    unlisted: tuple[str, ...] = ()
+    unlisted: tuple[str, ...] = ()  # MCAP files beside them that metadata.yaml does not list
 
     @property
     def name(self) -> str:

@@ -27,57 +27,45 @@ from saddlering_ros.rig import load_rig, Rig
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """One topic of a bag.
-
-    type and count are of any topic; all other fields are of the rig's topics alone. rate [Hz]: by
-    the median period; start, duration [s]: relative to the earliest stamp; gaps, longest_gap [s]:
-    of the stamps; lowest, highest: readings [SI]; repeated: share of readings equal to the
-    reading before; update_rate [Hz]: of new readings; resolution: greatest common step [SI];
-    noise: white noise [SI]; bandwidth: of that noise [Hz], NaN if unknown; spikes: their number.
-    """
+    """One topic of a bag; fields after `count` are of the rig's topics alone."""
 
     topic: str
     type: str
     count: int
-    rate: float = math.nan
-    start: float = math.nan
-    duration: float = math.nan
-    gaps: int = 0
-    longest_gap: float = 0.0
-    lowest: float = math.nan
-    highest: float = math.nan
+    rate: float = math.nan  # [Hz] by the median period
+    start: float = math.nan  # [s] after the earliest stamp
+    duration: float = math.nan  # [s]
+    gaps: int = 0  # of the stamps
+    longest_gap: float = 0.0  # [s]
+    lowest: float = math.nan  # reading [SI]
+    highest: float = math.nan  # reading [SI]
     frame_id: str = ''
-    repeated: float = math.nan
-    update_rate: float = math.nan
-    resolution: float = math.nan
-    noise: float = math.nan
-    bandwidth: float = math.nan
-    spikes: int = 0
+    repeated: float = math.nan  # share of readings equal to the one before
+    update_rate: float = math.nan  # [Hz] of new readings
+    resolution: float = math.nan  # greatest common step [SI]
+    noise: float = math.nan  # white noise [SI]
+    bandwidth: float = math.nan  # of that noise [Hz], NaN if unknown
+    spikes: int = 0  # their number
 
 
 @dataclass(frozen=True)
 class BagInfo:
-    """Content of a bag; problems prevent its use, notes do not.
-
-    size [bytes]; compressions and schema encodings of the files; duration [s] and start [ns]
-    by header stamps of the rig's topics (NaN and None if there are none); load_range [N];
-    plateaus: their number (None if not a static test); facts as found; sha256 of its files.
-    """
+    """Content of a bag; problems prevent its use, notes do not."""
 
     path: Path
     name: str
     files: int
-    size: int
+    size: int  # [bytes]
     message_count: int
-    compressions: tuple[str, ...]
-    schema_encodings: tuple[str, ...]
-    facts: TestMetadata
+    compressions: tuple[str, ...]  # of the chunks
+    schema_encodings: tuple[str, ...]  # of the rig's topics
+    facts: TestMetadata  # as stated
     topics: tuple[TopicInfo, ...]
-    start: int | None
-    duration: float
-    load_range: tuple[float, float]
-    plateaus: int | None
-    sha256: str = ''
+    start: int | None  # [ns], earliest header of the rig's topics; None: there is none
+    duration: float  # [s] by the same headers, NaN if there are none
+    load_range: tuple[float, float]  # [N]
+    plateaus: int | None  # their number; None: not a static test
+    sha256: str = ''  # of its files
     problems: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 

@@ -74,10 +74,7 @@ class McapBlock:
 
 @dataclass
 class McapFile:
-    """One MCAP file, called `name` in messages; `blocks` completes the other fields.
-
-    share: of the file's bytes that `blocks` has passed, 0 to 1.
-    """
+    """One MCAP file, called `name` in messages; `blocks` completes the other fields."""
 
     path: Path
     name: str
@@ -85,7 +82,7 @@ class McapFile:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     compressions: set[str] = field(default_factory=set)
     message_count: int = 0
-    share: float = 0.0
+    share: float = 0.0  # of the file's bytes that `blocks` has passed, 0 to 1
     _schemas: dict[int, records.Schema] = field(default_factory=dict)
 
     def blocks(self) -> Iterator[McapBlock]:

@@ -36,20 +36,14 @@ def displacement_columns(run: Record, batch: Displacements) -> Columns:
 
 @dataclass
 class SamplesSummary:
-    """Summary of a stream of samples.
+    """Summary of a stream of samples; values of each column by its name."""
 
-    count: number of samples; lowest, highest, last, at_peak: of each column by name, the last
-    two at the last sample and at the highest load, NaN where unknown; validity: number of
-    samples that are sound, lack a channel, were interpolated across a refused reading, or
-    depend on a doubtful load.
-    """
-
-    count: int = 0
+    count: int = 0  # of samples
     lowest: dict[str, float] = field(default_factory=dict)
     highest: dict[str, float] = field(default_factory=dict)
-    last: dict[str, float] = field(default_factory=dict)
-    at_peak: dict[str, float] = field(default_factory=dict)
-    validity: dict[str, int] = field(default_factory=dict)
+    last: dict[str, float] = field(default_factory=dict)  # at the last sample, NaN where unknown
+    at_peak: dict[str, float] = field(default_factory=dict)  # at the highest load
+    validity: dict[str, int] = field(default_factory=dict)  # numbers of samples
 
     def watch(self, parts: Iterable[Columns]) -> Iterator[Columns]:
         """Pass stretches of the table on and count them."""

@@ -29,21 +29,17 @@ OnShare = Callable[[float], None]
 
 @dataclass
 class ScannedTopic:
-    """All messages of one topic in file order (rig topics), or their number only (others).
-
-    stamps (N,) [ns], values (N,), log_times (N,) [ns]; spans: the ends of the sensor's range [m]
-    as they change, (K, 2) each; fault: why the messages cannot be read, if so.
-    """
+    """All messages of one topic in file order (rig topics), or their number only (others)."""
 
     topic: str
     types: set[str] = field(default_factory=set)
     count: int = 0
-    fault: str = ''
+    fault: str = ''  # why the messages cannot be read
     frame_id: str = ''
-    stamps: GrowingArray = field(default_factory=lambda: GrowingArray(np.int64))
+    stamps: GrowingArray = field(default_factory=lambda: GrowingArray(np.int64))  # [ns]
     values: GrowingArray = field(default_factory=lambda: GrowingArray(np.float64))
-    log_times: GrowingArray = field(default_factory=lambda: GrowingArray(np.int64))
-    spans: list[NDArray[np.float64]] = field(default_factory=list)
+    log_times: GrowingArray = field(default_factory=lambda: GrowingArray(np.int64))  # [ns]
+    spans: list[NDArray[np.float64]] = field(default_factory=list)  # ends of range (K, 2) [m]
 
     def add(self, records: wire.Records, log_times: NDArray[np.int64]) -> None:
         """Add the content of a block."""
@@ -63,16 +59,13 @@ class ScannedTopic:
 
 @dataclass
 class Scan:
-    """Result of one pass over a bag.
-
-    damage: fault that ended the pass early, if any; cuts: files that end too early.
-    """
+    """Result of one pass over a bag."""
 
     directory: BagDirectory
     topics: dict[str, ScannedTopic] = field(default_factory=dict)
     facts: TestMetadata = field(default_factory=TestMetadata)
-    damage: BagError | None = None
-    cuts: list[CutOffError] = field(default_factory=list)
+    damage: BagError | None = None  # fault that ended the pass early
+    cuts: list[CutOffError] = field(default_factory=list)  # files that end too early
     unpacked: int = 0
     compressions: set[str] = field(default_factory=set)
     schema_encodings: set[str] = field(default_factory=set)

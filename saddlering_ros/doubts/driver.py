@@ -43,21 +43,16 @@ MOVED = 50.0
 
 @dataclass(frozen=True)
 class HeardTopic:
-    """Messages received on one topic of the rig.
+    """Messages received on one topic of the rig, in order of arrival."""
 
-    stamps (N,) [ns] of the headers and arrivals (N,) [ns] by the clock of this machine, in order
-    of arrival; values (N,) in SI units; low, high: the range last published (NaN: none);
-    publishers: how many there were; types: message types under which the topic was found.
-    """
-
-    stamps: Stamps
-    arrivals: Stamps
-    values: Floats
-    low: float = math.nan
+    stamps: Stamps  # (N,) [ns] of the headers
+    arrivals: Stamps  # (N,) [ns] by the clock of this machine
+    values: Floats  # (N,) in SI units
+    low: float = math.nan  # of the range last published; NaN: none
     high: float = math.nan
     frame_id: str = ''
-    publishers: int = 1
-    types: tuple[str, ...] = ()
+    publishers: int = 1  # how many there were
+    types: tuple[str, ...] = ()  # under which the topic was found
 
     def __len__(self) -> int:
         return len(self.stamps)

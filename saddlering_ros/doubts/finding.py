@@ -20,13 +20,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of finding: the one place of its words, with figures in braces, and of its limit.
+    """A kind of finding: the one place of its words and of its limit."""
 
-    limit: that the record exceeds, in the unit that is stated beside it.
-    """
-
-    words: str
-    limit: float = 0.0
+    words: str  # with figures in braces
+    limit: float = 0.0  # that the record exceeds, in the unit stated beside it
 
     def at(self, where: str = '', /, **figures: object) -> Finding:
         """The finding of this kind with its figures."""

@@ -56,22 +56,16 @@ Answers = TypeVar('Answers', bound=Answer)
 
 @dataclass(frozen=True)
 class Rule:
-    """Settings of a descent.
+    """Settings of a descent."""
 
-    periodic (F,): coordinates that are angles; prior: number of standard deviations in the
-    whole box, which keeps idle coordinates still. A descent ends after `quiet_rounds` gains in
-    a row below `quiet_gain` of the misfit or below `quiet_share` of it, or before a step with
-    an expected gain of at most `negligible`. damping: that of the first step.
-    """
-
-    periodic: NDArray[np.bool_]
-    prior: float
-    rounds: int
-    quiet_gain: float
-    quiet_share: float
-    quiet_rounds: int = 2
-    negligible: float = 0.0
-    damping: float = USUAL_DAMPING
+    periodic: NDArray[np.bool_]  # (F,): coordinates that are angles
+    prior: float  # standard deviations in the whole box, which keeps idle coordinates still
+    rounds: int  # of steps, at most
+    quiet_gain: float  # a gain below it is quiet
+    quiet_share: float  # so is one below this share of the misfit
+    quiet_rounds: int = 2  # so many quiet gains in a row end the descent
+    negligible: float = 0.0  # an expected gain of at most this ends it too
+    damping: float = USUAL_DAMPING  # that of the first step
 
     def cost(self, residual: Array, point: Array) -> float:
         """Misfit and prior; infinite for a residual that is not finite."""
@@ -86,15 +80,12 @@ class Rule:
 
 @dataclass(frozen=True)
 class Descent(Generic[Answers]):
-    """End of a descent: point (F,), sensitivities (n, F), the answer there, costs on the way.
+    """End of a descent."""
 
-    cost: misfit and prior, infinite if the start failed.
-    """
-
-    point: Array
-    columns: Array
-    answer: Answers
-    costs: tuple[float, ...]
+    point: Array  # (F,)
+    columns: Array  # sensitivities (n, F)
+    answer: Answers  # at this point
+    costs: tuple[float, ...]  # misfit and prior on the way, infinite if the start failed
     converged: bool
 
     @property
@@ -261,17 +252,13 @@ def covariance(jacobian: Array, prior: float = 0.0) -> Array:
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """Box of the free parameters; the others stay at `held`.
+    """Box of the free parameters; the others stay at `held`."""
 
-    free (F,) indices into the six; logarithmic (6,) marks those searched as ln(value);
-    low, high (F,) in coordinates; held (6,) values.
-    """
-
-    free: NDArray[np.intp]
-    logarithmic: NDArray[np.bool_]
-    low: Array
-    high: Array
-    held: Array
+    free: NDArray[np.intp]  # (F,) indices into the six
+    logarithmic: NDArray[np.bool_]  # (6,): searched as ln(value)
+    low: Array  # (F,) in coordinates
+    high: Array  # (F,) in coordinates
+    held: Array  # (6,) values
 
     @classmethod
     def of(

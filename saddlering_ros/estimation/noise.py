@@ -84,14 +84,11 @@ TOO_SHORT = 'noise: the stretches at rest are too short to learn from'
 
 @dataclass(frozen=True)
 class Statistics:
-    """What a source shows of a channel: variances `observed` (S,) and their `weights` (S,).
+    """What a source shows of a channel."""
 
-    columns (S, 1 + T): the variances that unit white density and each unit relaxation would have.
-    """
-
-    observed: Array
-    columns: Array
-    weights: Array
+    observed: Array  # (S,) variances
+    columns: Array  # (S, 1 + T) of unit white density and each unit relaxation
+    weights: Array  # (S,)
 
     def mixture(self) -> Array:
         """Non-negative parts (1 + T,) that fit the observed variances best, in relative terms."""
@@ -111,29 +108,24 @@ class Statistics:
 
 @dataclass(frozen=True)
 class HeldSeries:
-    """Residual means (C, H) of consecutive holds at `time` (H,), each over `width` (H,) seconds.
+    """Residual means of H consecutive holds.
 
     Second differences almost remove a simulator's smooth error and keep noise between holds.
     """
 
-    means: Array
-    time: Array
-    width: Array
+    means: Array  # (C, H)
+    time: Array  # (H,) [s]
+    width: Array  # (H,) [s]: what each is a mean over
 
 
 @dataclass(frozen=True)
 class RestSource:
-    """Sources of the noise of runs with equal sampling.
+    """Sources of the noise of runs with equal sampling."""
 
-    segments: stretches at rest; series: means over consecutive holds. parities: whole records
-    (1, n) that are noise alone, read by instruments of the same kind, which give the shape of the
-    noise; ratios (C,): variance of the noise of each channel over theirs.
-    """
-
-    segments: Sequence[RestSegment]
-    series: Sequence[HeldSeries] = ()
-    parities: Sequence[RestSegment] = ()
-    ratios: Array | None = None
+    segments: Sequence[RestSegment]  # stretches at rest
+    series: Sequence[HeldSeries] = ()  # means over consecutive holds
+    parities: Sequence[RestSegment] = ()  # (1, n): records that are noise alone: its shape
+    ratios: Array | None = None  # (C,): variance of the noise of each channel over theirs
 
     @classmethod
     def beside(

@@ -25,21 +25,14 @@ class EstimationError(SaddleringError):
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """Noise of one channel: white density, and variances of the slow parts.
+    """Noise of one channel: white density, and variances of the slow parts."""
 
-    `white` [unit^2 s]: variance of a mean over one second of white noise; `slow` (T,)
-    [unit^2]: variances of the parts with `time_constants` (T,) [s]; `held` [unit^2]: part that
-    a coarse converter keeps at rest; `pairs`: number of independent differences behind the
-    level, which are the degrees of freedom of tests against this noise; `floor` [unit^2]:
-    variance of every mean of its own, for any width.
-    """
-
-    white: float
-    slow: Array
-    held: float
-    pairs: int
-    time_constants: Array = field(default_factory=lambda: TIME_CONSTANTS)
-    floor: float = 0.0
+    white: float  # [unit^2 s]: variance of a mean over one second of white noise
+    slow: Array  # (T,) [unit^2]: variances of the relaxations
+    held: float  # [unit^2]: part that a coarse converter keeps at rest
+    pairs: int  # independent differences behind the level: degrees of freedom of tests
+    time_constants: Array = field(default_factory=lambda: TIME_CONSTANTS)  # (T,) [s]
+    floor: float = 0.0  # [unit^2]: variance of every mean of its own, for any width
 
     def covariance(self, time: Array, width: Array, hold: Array | None = None) -> Array:
         """Covariance (N, N) of means over `width` about `time`; `hold` (N,) numbers levels.

@@ -56,14 +56,11 @@ COMMON_TIMES = np.array([1.0, 2.0, 4.0, 8.0])
 
 @dataclass(frozen=True)
 class ChannelRecord:
-    """One channel of one run: `values` (N,) at `time` (N,) [s], NaN where a sample is missing.
-
-    The values are readings, or residuals once there is a prediction.
-    """
+    """One channel of one run: readings, or residuals once there is a prediction."""
 
     run: str
-    time: Array
-    values: Array
+    time: Array  # (N,) [s]
+    values: Array  # (N,), NaN where a sample is missing
 
     @property
     def step(self) -> float:

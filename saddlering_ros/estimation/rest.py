@@ -40,28 +40,26 @@ MIN_SAMPLES = 8
 class RestSegment:
     """A stretch of a record with the system at rest, at its original rate: a source of noise.
 
-    `values` (C, n) of all channels, `step` seconds between samples. Segments of one `label`
-    share a systematic course (for instance creep after a step), whose mean is subtracted
-    before noise is measured.
+    Segments of one label share a systematic course (for instance creep after a step), whose mean
+    is subtracted before noise is measured.
     """
 
-    values: Array
-    step: float
+    values: Array  # (C, n) of all channels
+    step: float  # [s] between samples
     label: str = ''
 
 
 @dataclass
 class Rest:
-    """A rest as it grows by blocks of samples: how many there are, and their mean load [N].
+    """A rest as it grows by blocks of samples.
 
     Streams and records use this one rule. Only the blocks differ: those of a record have equal
     numbers of samples, those of a stream end by their stamps, because its interval is not known.
-    band [N]: see `takes`.
     """
 
-    band: float
-    samples: int = 0
-    level: float = 0.0
+    band: float  # [N]
+    samples: int = 0  # how many there are
+    level: float = 0.0  # their mean load [N]
 
     def takes(self, mean: float, count: int) -> bool:
         """Add a block of `count` samples, if its mean load is within the band of the rest's."""

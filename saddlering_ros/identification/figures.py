@@ -44,60 +44,46 @@ LAG = 3
 class ChannelFigures:
     """Figures of one channel of one run; simulated against measured, in the channel's unit.
 
-    range: highest less lowest reading measured (plateau means, or smoothed samples).
-    zero_error: the part of the residual that is put down to the zero, a short reading with a noise
-    of its own: the mean residual, at most three times the standard error of the zero.
-    rmse: root mean square residual over the compared samples, less zero_error; nrmse and
-    noise_floor: rmse and rms noise over the range. maximum: largest residual; bias: mean of
-    measured - simulated, zero_error included, as in all that follow;
-    slope_ratio: slope of measured over simulated; loop_area: measured minus simulated area of the
-    loop over load, as a share of load range times channel range; zero_return: residual left at
-    the end; time_shift [s]: how much later the measurement is (None for a static run);
-    iso18571: overall rating 0..1; comparison_error E and validation uncertainty u_val after ASME
-    V&V 20 (noise and zero of the readings, covariance of the parameters, small errors of a sound
-    ring), and E over u_val. sound: those errors alone, over the range.
     None means that a figure has no meaning, for instance for the parity, which is not simulated.
+    E and u_val: ASME V&V 20 (noise and zero of the readings, covariance of the parameters, small
+    errors of a sound ring).
     """
 
     unit: str
-    range: float
-    zero_error: float
-    rmse: float
-    nrmse: float | None
-    noise_floor: float | None
-    sound: float | None
-    maximum: float
-    bias: float
-    slope_ratio: float | None
-    loop_area: float | None
+    range: float  # highest less lowest reading measured (plateau means, or smoothed samples)
+    zero_error: float  # mean residual, within three standard errors of the zero
+    rmse: float  # over the compared samples, less zero_error
+    nrmse: float | None  # rmse over the range
+    noise_floor: float | None  # rms noise over the range
+    sound: float | None  # small errors of a sound ring over the range
+    maximum: float  # largest residual
+    bias: float  # mean of measured - simulated, zero_error included
+    slope_ratio: float | None  # slope of measured over simulated
+    loop_area: float | None  # measured minus simulated area over load, as a share of both ranges
     loop_area_measured: float | None
     loop_area_simulated: float | None
-    zero_return: float
-    time_shift: float | None
-    iso18571: float | None
+    zero_return: float  # residual left at the end
+    time_shift: float | None  # [s]: how much later the measurement is; None: a static run
+    iso18571: float | None  # overall rating, 0 to 1
     iso18571_parts: dict[str, float] | None
-    comparison_error: float
-    validation_uncertainty: float
+    comparison_error: float  # E
+    validation_uncertainty: float  # u_val
     e_over_uval: float | None
 
 
 @dataclass(frozen=True)
 class RunValidation:
-    """One run: its figures by channel, and their curves.
-
-    time [s], load [N] (N,); measured and simulated (4, N) in the order of CHANNELS; compared:
-    mask of the samples that count.
-    """
+    """One run: its figures by channel, and their curves."""
 
     name: str
     test: str
-    elevation: float
+    elevation: float  # [rad]
     channels: dict[str, ChannelFigures]
-    time: Array = field(repr=False)
-    load: Array = field(repr=False)
-    measured: Array = field(repr=False)
-    simulated: Array = field(repr=False)
-    compared: NDArray[np.bool_] = field(repr=False)
+    time: Array = field(repr=False)  # (N,) [s]
+    load: Array = field(repr=False)  # (N,) [N]
+    measured: Array = field(repr=False)  # (4, N) in the order of CHANNELS
+    simulated: Array = field(repr=False)  # (4, N)
+    compared: NDArray[np.bool_] = field(repr=False)  # samples that count
     notes: tuple[str, ...] = ()
     origin: Origin = field(default_factory=lambda: Origin(''))
 

@@ -235,16 +235,13 @@ def identify(
 
 @dataclass(frozen=True)
 class _Outcome:
-    """End of a method: the contact, its objective, the searched names, the observations.
-
-    bottom: the descent that ended there, with its objective, if there was one.
-    """
+    """End of a method."""
 
     contact: ContactParameters
     objective: float
-    searched: tuple[str, ...]
+    searched: tuple[str, ...]  # names
     observations: Sequence[Observation]
-    bottom: tuple[WeightedObjective, Refinement] | None = None
+    bottom: tuple[WeightedObjective, Refinement] | None = None  # the last descent
 
 
 def _start(bounds: Bounds) -> ContactParameters:

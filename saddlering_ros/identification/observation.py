@@ -35,54 +35,41 @@ from saddlering_ros.ring.sensitivity import load_sensitivity
 
 
 class LoadErrors(NamedTuple):
-    """M independent errors of a run's load of unit variance, in its readings and simulation.
+    """M independent errors of a run's load of unit variance, in its readings and simulation."""
 
-    answers (M, 3, N): change of simulated increments by each error; loads (M, N) [N]: each
-    error at the times of the readings; at_zero (M,) [N]: at the zero.
-    """
-
-    answers: Array
-    loads: Array
-    at_zero: Array
+    answers: Array  # (M, 3, N): change of simulated increments by each error
+    loads: Array  # (M, N) [N]: each error at the times of the readings
+    at_zero: Array  # (M,) [N]: at the zero
 
 
 @dataclass(frozen=True)
 class Observation:
     """One run, ready to be fitted.
 
-    time [s] and load [N] (N,); zero_load [N]; displacement (3, N) increments since zero [m, m,
-    rad]; branch (N,) +1 loading, -1 unloading, 0 neither; whitening turns each channel's noise
-    into uncorrelated noise of unit variance, 0 where a reading is missing; correlation (3, 3) of
-    these across channels; zero_error (3,): standard deviation of the zero, an error that all
-    readings share; standard_error (3, N) of each reading, that of the zero included. A dynamic run
-    is simulated on its finer grid, fine_time and fine_load (N * per_block,), and averaged over
-    blocks of per_block; a static one likewise, averaged over spans (N, 2), start and stop of each
-    plateau in the grid, since rings of much damping have not come to rest there. Without spans its
-    readings are equilibria. load_errors: effect of the load cell's noise on it. doubtful_lag [s]:
-    largest delay between load and probes that the readings leave open. longest_step [s] of the
-    simulation; None leaves it to the fit. _unmixings: matrices (C, C) that make whitened channels
-    uncorrelated, by the channels.
+    A dynamic run is simulated on its finer grid and averaged over blocks of per_block. A static
+    run is averaged over spans, because a ring with much damping has not come to rest there.
+    Without spans its readings are equilibria.
     """
 
     name: str
     dynamic: bool
     elevation: float
-    time: Array
-    load: Array
-    zero_load: float
-    displacement: Array
-    branch: Array
-    whitening: tuple[Whitener, ...]
-    correlation: Array
-    zero_error: Array
-    standard_error: Array
-    fine_time: Array
-    fine_load: Array
+    time: Array  # (N,) [s]
+    load: Array  # (N,) [N]
+    zero_load: float  # [N]
+    displacement: Array  # (3, N) increments since zero [m, m, rad]
+    branch: Array  # (N,) +1 loading, -1 unloading, 0 neither
+    whitening: tuple[Whitener, ...]  # of each channel; 0 where a reading is missing
+    correlation: Array  # (3, 3) of the whitened channels
+    zero_error: Array  # (3,): standard deviation of the zero, which all readings share
+    standard_error: Array  # (3, N) of each reading, that of the zero included
+    fine_time: Array  # (N * per_block,)
+    fine_load: Array  # (N * per_block,)
     per_block: int = 1
-    spans: NDArray[np.intp] | None = None
-    load_errors: LoadErrors | None = None
-    doubtful_lag: float = 0.0
-    longest_step: float | None = None
+    spans: NDArray[np.intp] | None = None  # (N, 2), start and stop of plateaus in the fine grid
+    load_errors: LoadErrors | None = None  # effect of the load cell's noise
+    doubtful_lag: float = 0.0  # [s]: largest delay between load and probes that is left open
+    longest_step: float | None = None  # [s] of the simulation; None leaves it to the fit
     _unmixings: dict[tuple[int, ...], Array] = field(default_factory=dict, init=False, repr=False)
 
     def coarse(self, longest_step: float | None = None) -> Observation:

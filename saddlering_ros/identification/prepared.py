@@ -60,23 +60,18 @@ SLOW_SECONDS = 0.25
 
 @dataclass(frozen=True)
 class PreparedRun:
-    """A run with its displacement and where it is at rest (start, stop index pairs).
-
-    load (N,) that the model is driven with; explained (3, N): what it explains of the displacement
-    at rest; branch (M,): of the plateaus of a static run, None for a dynamic one; parity (N,): as
-    `parity_at_rest` has it; rounding (3, N): errors of coarse converters that rest hides, if any.
-    """
+    """A run with its displacement and where it is at rest (start, stop index pairs)."""
 
     run: Record
     measured: MeasuredRun
     displacement: Array
-    load: Array
-    explained: Array
+    load: Array  # (N,) that the model is driven with
+    explained: Array  # (3, N): what the load explains of the displacement at rest
     rests: list[tuple[int, int]]
-    branch: Array | None
-    interval: float
-    parity: Array
-    rounding: Array | None = None
+    branch: Array | None  # (M,): of the plateaus of a static run
+    interval: float  # [s]
+    parity: Array  # (N,): as `parity_at_rest` has it
+    rounding: Array | None = None  # (3, N): errors of coarse converters that rest hides
 
     def explained_by(self, rig: Rig, contact: ContactParameters) -> PreparedRun:
         """The same, explained by a simulation with a contact law; NaN before its zero."""

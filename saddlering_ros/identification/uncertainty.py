@@ -124,28 +124,19 @@ def _probe_error(rig: Rig, number: int, power: int, size: float, seen: Array) ->
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Uncertainty of one result; arrays over the six parameters, NaN if held.
+    """Uncertainty of one result; arrays over the six parameters, NaN if held."""
 
-    std, covariance (6, 6) in the parameters' units; correlation (6, 6). noise_covariance (6, 6)
-    counts noise alone: the change of the estimate by another test of the same ring. intervals by
-    name; systematic: imperfection to shift (6,) in coordinates; reasons why a parameter is open by
-    name; collinearity by subset of names ('K1,n1'); reduced_chi_square: chi square per degree of
-    freedom, 1 if the misfit equals the noise; budget: per free parameter the share of its variance
-    by source, of noise, unequal rollers and each instrument with a certificate; joint: by 'K1,n1'
-    and 'K2,n2' the joint 95 % region, as `joint_axes` and the bounds in which it lies.
-    """
-
-    std: Array
-    covariance: Array
-    noise_covariance: Array
-    correlation: Array
+    std: Array  # in the parameters' units
+    covariance: Array  # (6, 6)
+    noise_covariance: Array  # (6, 6), by noise alone: changes by another test of the same ring
+    correlation: Array  # (6, 6)
     intervals: dict[str, tuple[float, float] | None]
-    systematic: dict[str, Array]
-    reasons: dict[str, str]
-    collinearity: dict[str, float]
-    reduced_chi_square: float
-    budget: dict[str, dict[str, float]]
-    joint: dict[str, dict[str, Any]]
+    systematic: dict[str, Array]  # shift (6,) in coordinates by imperfection
+    reasons: dict[str, str]  # why a parameter is open, by name
+    collinearity: dict[str, float]  # by subset of names ('K1,n1')
+    reduced_chi_square: float  # per degree of freedom, 1 if the misfit equals the noise
+    budget: dict[str, dict[str, float]]  # per free parameter the share of its variance by source
+    joint: dict[str, dict[str, Any]]  # 95 % region of 'K1,n1' and 'K2,n2' as `joint_axes`, in bounds
 
     @property
     def determined(self) -> dict[str, bool]:

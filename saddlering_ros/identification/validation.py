@@ -88,15 +88,12 @@ def validate(
 
 @dataclass(frozen=True)
 class _Comparison:
-    """A run beside its simulation, without figures; rests: its stretches at rest.
-
-    channels: those that are measured, all but the parity if a radial probe is absent.
-    """
+    """A run beside its simulation, without figures."""
 
     run: RunValidation
     measured: MeasuredRun
-    rests: Spans
-    channels: tuple[str, ...]
+    rests: Spans  # its stretches at rest
+    channels: tuple[str, ...]  # measured: no parity if a radial probe is absent
 
     @property
     def interval(self) -> float:
@@ -207,19 +204,15 @@ def _input_variance(
 
 @dataclass(frozen=True)
 class Criterion:
-    """A judged criterion: its demand, whether it is met, and its worst run and channel.
-
-    value and limit in `unit`; bag and channel: where value over limit (or limit over value, if
-    more is better) is largest.
-    """
+    """A judged criterion: its demand, whether it is met, and its worst run and channel."""
 
     id: str
     words: str
     is_met: bool
-    value: float
-    limit: float
+    value: float  # in `unit`
+    limit: float  # in `unit`
     unit: str
-    bag: str
+    bag: str  # where value over limit (or limit over value, if more is better) is largest
     channel: str
 
     @property

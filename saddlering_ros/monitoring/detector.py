@@ -194,14 +194,11 @@ def wander_limit(
 
 @dataclass(frozen=True)
 class BlockNoise:
-    """Noise of the means of one channel over blocks: white and wandering variance, memory.
+    """Noise of the means of one channel over blocks."""
 
-    memory: correlation of the wandering part from one block to the next.
-    """
-
-    white: float
-    wander: float
-    memory: float
+    white: float  # variance
+    wander: float  # variance of the wandering part
+    memory: float  # correlation of the wandering part from one block to the next
 
 
 def block_noise(noise: ChannelNoise, step: float) -> BlockNoise:
@@ -266,17 +263,13 @@ class MonitoringError(SaddleringError):
 
 @dataclass(frozen=True)
 class RestNoise:
-    """Result of a rest: noise of block means per channel, the blocks, the rest itself.
+    """Result of a rest."""
 
-    samples: readings in a block; interval [s]: between readings; seconds: length of the rest;
-    first: whether nothing had moved before.
-    """
-
-    noise: tuple[BlockNoise, ...]
-    samples: int
-    interval: float
-    seconds: float
-    first: bool
+    noise: tuple[BlockNoise, ...]  # of block means, by channel
+    samples: int  # readings in a block
+    interval: float  # [s] between readings
+    seconds: float  # length of the rest
+    first: bool  # whether nothing had moved before
 
     @property
     def block(self) -> float:

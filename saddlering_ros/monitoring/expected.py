@@ -31,15 +31,12 @@ NO_ZERO, OUTSIDE, NO_COVARIANCE, WITHOUT_EFFECTS, NO_EQUILIBRIUM = 1, 2, 4, 8, 1
 
 @dataclass(frozen=True)
 class Expected:
-    """Motion from the zero (3,) [m, m, rad], its derivative by the load (3,) [1/N of these].
+    """The expected motion at a load."""
 
-    covariance (3, 3): by the parameters, 0 where not known; validity: sum of bits, 0 if all hold.
-    """
-
-    motion: Array
-    by_load: Array
-    covariance: Array
-    validity: int
+    motion: Array  # (3,) [m, m, rad] from the zero
+    by_load: Array  # (3,), its derivative [1/N of these]
+    covariance: Array  # (3, 3) by the parameters, 0 where not known
+    validity: int  # sum of bits, 0 if all hold
 
 
 class ExpectedMotion:

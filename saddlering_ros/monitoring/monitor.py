@@ -58,32 +58,25 @@ class MonitorSettings:
 
 @dataclass(frozen=True)
 class Sample:
-    """A residual [m, m, rad], NaN where not known, with its load [N] and what it belongs to.
+    """A residual with its load and what it belongs to."""
 
-    stamp [ns]; zero [ns]: stamp of the zero it counts from; elevation [rad].
-    """
-
-    stamp: int
-    residual: tuple[float, float, float]
-    load: float
-    zero: int = 0
-    elevation: float = math.nan
+    stamp: int  # [ns]
+    residual: tuple[float, float, float]  # [m, m, rad], NaN where not known
+    load: float  # [N]
+    zero: int = 0  # [ns]: stamp of the zero it counts from
+    elevation: float = math.nan  # [rad]
 
 
 @dataclass(frozen=True)
 class Raised:
-    """A latched alarm in the units of its channel.
-
-    stamp, since [ns]: of the alarm and of the likely onset; size [m or rad]: mean residual since
-    then; evidence: its logarithm; follows: a key of FOLLOWS, '' if too short to tell.
-    """
+    """A latched alarm in the units of its channel."""
 
     channel: str
-    stamp: int
-    since: int
-    size: float
-    evidence: float
-    follows: str
+    stamp: int  # [ns] of the alarm
+    since: int  # [ns] of the likely onset
+    size: float  # [m or rad]: mean residual since then
+    evidence: float  # its logarithm
+    follows: str  # a key of FOLLOWS, '' if too short to tell
 
     @property
     def first_guess(self) -> str:
@@ -93,14 +86,11 @@ class Raised:
 
 @dataclass(frozen=True)
 class Lapse:
-    """When [ns] and why the promise of the false alarms did not hold, or the evidence ended.
+    """The promise of the false alarms did not hold, or the evidence ended."""
 
-    is_lasting: whether it holds for the rest of the record.
-    """
-
-    stamp: int
+    stamp: int  # [ns]
     reason: str
-    is_lasting: bool = False
+    is_lasting: bool = False  # for the rest of the record
 
 
 class Monitor:

@@ -41,32 +41,19 @@ SERVED, ABSENT, SILENT, WAITS, IN_GAP, BEFORE = range(6)
 
 @dataclass
 class AlignmentCounters:
-    """Counts of unused samples since the start, by reason; all zero on a healthy stream.
+    """Counts of unused samples since the start, by reason; all zero on a healthy stream."""
 
-    before_probes: load stamps older than a probe's first sample
-    in_gap:        load stamps inside a gap of a probe
-    timed_out:     load stamps given up since a probe fell silent (or more waited than allowed)
-    late_loads:    load samples that came after a row with a later stamp had gone out
-    duplicates:    samples with a stamp already taken, load and probes together
-    reordered:     samples that came late, and still in time to be put in order
-    degraded:      rows that went out without the reading of a probe that does not read
-    not_finite:    NaN or infinite samples
-    overflow:      probe samples thrown away since no load came for them
-    load_jumps:    times the load's stamps jumped back (each one restarts the aligner)
-    probe_jumps:   times a probe's stamps jumped back
-    """
-
-    before_probes: int = 0
-    in_gap: int = 0
-    timed_out: int = 0
-    late_loads: int = 0
-    duplicates: int = 0
-    reordered: int = 0
-    degraded: int = 0
-    not_finite: int = 0
-    overflow: int = 0
-    load_jumps: int = 0
-    probe_jumps: int = 0
+    before_probes: int = 0  # load stamps older than a probe's first sample
+    in_gap: int = 0  # load stamps inside a gap of a probe
+    timed_out: int = 0  # load stamps given up: a probe fell silent, or more waited than allowed
+    late_loads: int = 0  # load samples that came after a row with a later stamp had gone out
+    duplicates: int = 0  # samples with a stamp already taken, load and probes together
+    reordered: int = 0  # samples that came late, and still in time to be put in order
+    degraded: int = 0  # rows that went out without the reading of a probe that does not read
+    not_finite: int = 0  # NaN or infinite samples
+    overflow: int = 0  # probe samples thrown away since no load came for them
+    load_jumps: int = 0  # times the load's stamps jumped back (each one restarts the aligner)
+    probe_jumps: int = 0  # times a probe's stamps jumped back
 
     @property
     def dropped(self) -> int:

@@ -99,22 +99,15 @@ def no_samples() -> Samples:
 
 @dataclass(frozen=True)
 class AlignedRows:
-    """Load samples in order of their stamps, with the readings of the C probes there.
+    """Load samples in order of their stamps, with the readings of the C probes there."""
 
-    stamps (N,) [ns]; time (N,) [s] since the first load stamp (after the last restart); loads
-    (N,) [N]; gaps (C, N) [m], NaN where a probe has no reading; given (N,): where every probe
-    reads or does not work, so that the row serves for a zero; published (N,): also those during
-    a shorter silence of a probe, which are published once there is a zero; restart: how often
-    the load's stamps had jumped back before these rows.
-    """
-
-    stamps: Stamps
-    time: Floats
-    loads: Floats
-    gaps: Floats
-    given: NDArray[np.bool_]
-    published: NDArray[np.bool_]
-    restart: int
+    stamps: Stamps  # (N,) [ns]
+    time: Floats  # (N,) [s] since the first load stamp (after the last restart)
+    loads: Floats  # (N,) [N]
+    gaps: Floats  # (C, N) [m], NaN where a probe has no reading
+    given: NDArray[np.bool_]  # (N,): each probe reads, or does not work: the row serves a zero
+    published: NDArray[np.bool_]  # (N,): also while a probe is silent, once there is a zero
+    restart: int  # how often the load's stamps had jumped back before these rows
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -133,21 +126,18 @@ class AlignedRows:
 
 @dataclass(frozen=True)
 class Displacements:
-    """A batch of ring displacements.
+    """A batch of N ring displacements.
 
-    stamps (N,) [ns]; channels (4, N): delta_x, delta_y [m], gamma [rad], parity [m], NaN where not
-    known; zero_stamps (N,) [ns] and zero_loads (N,) [N]: the zero they count from; elevations (N,)
-    [rad], NaN where not known (also if not given); validity (N,): 0, or a sum of the constants of
-    RingDisplacement.msg; zero_durations (N,) [s]: how long the zero's samples took.
+    validity: 0 where all is sound, else a sum of the constants of RingDisplacement.msg.
     """
 
-    stamps: Stamps
-    channels: Floats
-    zero_stamps: Stamps
-    zero_loads: Floats
-    elevations: Floats = field(default_factory=lambda: np.empty(0))
+    stamps: Stamps  # (N,) [ns]
+    channels: Floats  # (4, N): delta_x, delta_y [m], gamma [rad], parity [m]; NaN: not known
+    zero_stamps: Stamps  # (N,) [ns] of the zero that they count from
+    zero_loads: Floats  # (N,) [N] of the same zero
+    elevations: Floats = field(default_factory=lambda: np.empty(0))  # (N,) [rad], NaN: not known
     validity: Bits = field(default_factory=lambda: np.empty(0, np.uint8))
-    zero_durations: Floats = field(default_factory=lambda: np.empty(0))
+    zero_durations: Floats = field(default_factory=lambda: np.empty(0))  # [s] of its samples
 
     def __post_init__(self) -> None:
         count = len(self.stamps)

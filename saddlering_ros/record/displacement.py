@@ -42,16 +42,12 @@ LONGEST_LOOK = 0.05
 
 @dataclass(frozen=True)
 class Zero:
-    """What displacements count from: readings, and their first and last stamp [ns].
-
-    closed [ns]: the stamp that closed the window. Rows before it are not published during a short
-    silence of a probe.
-    """
+    """What displacements count from."""
 
     reading: ZeroReading
-    stamp: int
-    last_stamp: int
-    closed: int
+    stamp: int  # the first of its samples [ns]
+    last_stamp: int  # the last of them [ns]
+    closed: int  # [ns] closed its window: earlier rows are not published in a short silence
 
 
 def a_pair_reads(gaps: Floats) -> Mask:
@@ -84,20 +80,14 @@ def displacements(
 
 @dataclass(frozen=True)
 class MeasuredRun:
-    """Displacement by the probes of a run, at each of its N load stamps.
+    """Displacement by the probes of a run, at each of its N load stamps."""
 
-    time (N,) [s], load (N,) [N]: the run's own; d (4, N) [m]: increments of the probes since zero;
-    displacement: of (N,) arrays, NaN where not known; zero: the reading taken as zero, its start
-    and end counted in load samples; complete (N,): where all four probes have a reading and a
-    zero.
-    """
-
-    time: Floats
-    load: Floats
-    d: Floats
-    displacement: Displacement
-    zero: ZeroReading
-    complete: Mask
+    time: Floats  # (N,) [s], the run's own
+    load: Floats  # (N,) [N], the run's own
+    d: Floats  # (4, N) [m]: increments of the probes since zero
+    displacement: Displacement  # arrays (N,), NaN where not known
+    zero: ZeroReading  # its start and end count load samples
+    complete: Mask  # (N,): all four probes have a reading and a zero
 
 
 def displacement_of_run(rig: Rig, run: Record) -> MeasuredRun:

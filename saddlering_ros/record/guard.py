@@ -48,17 +48,13 @@ SHORT = 32
 
 @dataclass(frozen=True)
 class ReadingLimits:
-    """Range of a possible reading: low to high.
-
-    rate [1/s], noise: a change by more than noise + rate * dt is a leap. step: one that stays, and
-    is larger than step + rate * dt, makes the readings behind it doubtful.
-    """
+    """Range of a possible reading: low to high."""
 
     low: float
     high: float
-    rate: float = math.inf
-    noise: float = math.inf
-    step: float = math.inf
+    rate: float = math.inf  # [1/s]
+    noise: float = math.inf  # a change by more than noise + rate * dt is a leap
+    step: float = math.inf  # a lasting change by more than step + rate * dt is doubtful
 
 
 def load_limits(rig: Rig) -> ReadingLimits:
@@ -81,19 +77,14 @@ def probe_limits(rig: Rig) -> ReadingLimits:
 
 @dataclass
 class GuardCounters:
-    """Numbers of refused samples by reason, and of doubtful ones.
+    """Numbers of refused samples by reason, and of doubtful ones."""
 
-    without_stamp: the stamp is 0 or less; not_finite; impossible: beyond the limits;
-    leaps_of_stamp, leaps_of_reading: one sample differs from those before and after;
-    doubtful_load: after a step that the hydraulics cannot make.
-    """
-
-    without_stamp: int = 0
+    without_stamp: int = 0  # the stamp is 0 or less
     not_finite: int = 0
-    impossible: int = 0
-    leaps_of_stamp: int = 0
-    leaps_of_reading: int = 0
-    doubtful_load: int = 0
+    impossible: int = 0  # beyond the limits
+    leaps_of_stamp: int = 0  # one sample differs from those before and after
+    leaps_of_reading: int = 0  # one sample differs from those before and after
+    doubtful_load: int = 0  # after a step that the hydraulics cannot make
 
     @property
     def refused(self) -> dict[str, int]:
@@ -104,17 +95,12 @@ class GuardCounters:
 
 @dataclass
 class Steps:
-    """Stretches after steps of the load that the hydraulics cannot make.
+    """Stretches after steps of the load that the hydraulics cannot make."""
 
-    offset [N]: sum of these steps until they return to zero; since, first [ns]: the last stamp
-    before the first of them, and the next stamp; over: pairs of `since` and of the first stamp
-    after the return.
-    """
-
-    offset: float = 0.0
-    since: int | None = None
-    first: int = 0
-    over: list[tuple[int, int]] = field(default_factory=list)
+    offset: float = 0.0  # [N]: sum of these steps until they return to zero
+    since: int | None = None  # [ns]: the last stamp before the first of them
+    first: int = 0  # [ns]: the next stamp
+    over: list[tuple[int, int]] = field(default_factory=list)  # `since`, first stamp after return
 
     def add(self, stamp: int, change: float, tolerance: float, changed: int) -> None:
         """Take a further step to `stamp`; the reading has not changed since the stamp `changed`.

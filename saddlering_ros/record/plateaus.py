@@ -60,16 +60,14 @@ SAME_LEVEL_SHARE = 0.35
 class Plateaus:
     """The M plateaus of a static run in order of time; indices count the run's load samples.
 
-    load (M,) [N]; gaps (4, M) [m], NaN for a probe that was not reading; time (M,) [s], mean over
-    the part averaged; start, stop (M,): the part averaged is [start, stop); hold_start, hold_stop
-    (M,): the whole hold; branch (M,): +1 reached from below and left upwards (or the end), -1 the
-    other way, 0 at the first plateau and at turning points (the top; the bottom between two
-    cycles); level (M,): number of the load level, 0 the lowest, equal on both branches.
+    The part averaged is [start, stop). level: equal on both branches, 0 the lowest. branch: +1
+    reached from below and left upwards (or the end), -1 the other way, 0 at the first plateau and
+    at turning points (the top; the bottom between two cycles).
     """
 
-    load: Floats
-    gaps: Floats
-    time: Floats
+    load: Floats  # (M,) [N]
+    gaps: Floats  # (4, M) [m], NaN for a probe that was not reading
+    time: Floats  # (M,) [s], mean over the part averaged
     start: NDArray[np.int64]
     stop: NDArray[np.int64]
     hold_start: NDArray[np.int64]

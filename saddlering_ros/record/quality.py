@@ -93,27 +93,18 @@ share of the slower period (stamps jitter by a few percent of it), gets a note."
 
 @dataclass(frozen=True)
 class TopicQuality:
-    """Properties of one topic by its readings; the defaults are those of no numbers.
+    """Properties of one topic by its readings; the defaults are those of no numbers."""
 
-    rate [Hz] by the median period; mean_rate [Hz] over the record (NaN if stamps have gaps);
-    repeated: share of readings equal to the one before; update_rate [Hz]: of readings
-    that are new, under `rate` if held; resolution: greatest common step (0 if none shows); noise:
-    rms white noise of a reading; bandwidth [Hz] of the noise (NaN if unknown); spikes:
-    indices of single readings out of line; stall (start, count): the longest run of equal readings
-    that chance or rest do not explain (count 0: none); limit (value, count): the largest or
-    smallest reading, where it is repeated as only a limit does.
-    """
-
-    rate: float = math.nan
-    mean_rate: float = math.nan
-    repeated: float = math.nan
-    update_rate: float = math.nan
-    resolution: float = math.nan
-    noise: float = math.nan
-    bandwidth: float = math.nan
+    rate: float = math.nan  # [Hz] by the median period
+    mean_rate: float = math.nan  # [Hz] over the record, NaN if stamps have gaps
+    repeated: float = math.nan  # share of readings equal to the one before
+    update_rate: float = math.nan  # [Hz] of readings that are new, below `rate` if held
+    resolution: float = math.nan  # greatest common step, 0 if none shows
+    noise: float = math.nan  # rms white noise of a reading
+    bandwidth: float = math.nan  # [Hz] of the noise, NaN if unknown
     spikes: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    stall: tuple[int, int] = (0, 0)
-    limit: tuple[float, int] = (math.nan, 0)
+    stall: tuple[int, int] = (0, 0)  # start, count of equal readings, not by chance or rest
+    limit: tuple[float, int] = (math.nan, 0)  # value, count, where a limit repeats an extreme
 
     @property
     def is_held(self) -> bool:

@@ -21,20 +21,15 @@ from saddlering_ros.rig import Rig
 
 @dataclass(frozen=True)
 class RawTopic:
-    """One rig topic as recorded, in stamp order, each stamp once.
-
-    stamps (N,) int64 [ns] of the headers, strictly increasing; values (N,): force.x [N] of the
-    load, range [m] of a probe; min_range, max_range [m] as a probe publishes them (NaN for the
-    load).
-    """
+    """One rig topic as recorded, in stamp order, each stamp once."""
 
     topic: str
     type: str
     frame_id: str
-    stamps: Stamps
-    values: Floats
-    min_range: float = math.nan
-    max_range: float = math.nan
+    stamps: Stamps  # (N,) [ns] of the headers, strictly increasing
+    values: Floats  # (N,): force.x [N] of the load, range [m] of a probe
+    min_range: float = math.nan  # [m] as a probe publishes it; NaN for the load
+    max_range: float = math.nan  # [m], likewise
     notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
@@ -87,45 +82,31 @@ class RawRecord:
 
 @dataclass(frozen=True)
 class Record:
-    """A test, aligned on the load's stamps.
-
-    test: 'static' or 'dynamic'; elevation [rad]; rig, run: free text; stamps (N,) int64 [ns]
-    of the load's headers; time (N,) [s] since the first of them; load (N,) [N]; gaps (4, N)
-    [m] of the probes on the load's stamps, NaN outside of a probe's own span and inside its
-    gaps; notes: faults of the bag that do not prevent its use; sha256: of the bag's files (''
-    for a run without a bag); others: readings (N,) of the optional topics of the rig in the
-    bag, by name, aligned alike; details: further test metadata by key, such as rig_hash;
-    spikes (5, N): spikes of the load and the four probes (None: nowhere); quality: properties
-    of the logger, by topic; used (N,): rows from which a zero is taken (None: all complete ones);
-    published (N,): rows that live nodes publish behind the zero (None: the same); probe_marks,
-    load_marks (N,): bits of validity that refused or doubtful readings of the probes and of the
-    load leave (None: none); absent: number of the radial probe that the rig
-    does not have (0: it has all), whose gaps mirror those of the other.
-    """
+    """A test, aligned on the load's stamps."""
 
     __test__ = False
 
     name: str
     path: Path
-    test: str
-    elevation: float
-    rig: str
-    run: str
-    stamps: Stamps
-    time: Floats
-    load: Floats
-    gaps: Floats
-    notes: list[str] = field(default_factory=list)
-    sha256: str = ''
-    spikes: Mask | None = None
-    quality: dict[str, TopicQuality] = field(default_factory=dict)
-    others: dict[str, Floats] = field(default_factory=dict)
-    details: Mapping[str, str] = field(default_factory=dict)
-    used: Mask | None = None
-    published: Mask | None = None
-    probe_marks: Bits | None = None
-    load_marks: Bits | None = None
-    absent: int = 0
+    test: str  # 'static' or 'dynamic'
+    elevation: float  # [rad]
+    rig: str  # free text
+    run: str  # free text
+    stamps: Stamps  # (N,) [ns] of the load's headers
+    time: Floats  # (N,) [s] since the first of them
+    load: Floats  # (N,) [N]
+    gaps: Floats  # (4, N) [m] at the load's stamps, NaN outside a probe's span and inside its gaps
+    notes: list[str] = field(default_factory=list)  # faults of the bag that do not prevent its use
+    sha256: str = ''  # of the bag's files; '' for a run without a bag
+    spikes: Mask | None = None  # (5, N), of the load and the four probes; None: nowhere
+    quality: dict[str, TopicQuality] = field(default_factory=dict)  # of the logger, by topic
+    others: dict[str, Floats] = field(default_factory=dict)  # (N,) of optional topics, by name
+    details: Mapping[str, str] = field(default_factory=dict)  # further metadata, such as rig_hash
+    used: Mask | None = None  # (N,): rows from which a zero is taken; None: all complete ones
+    published: Mask | None = None  # (N,): rows that live nodes publish after it; None: the same
+    probe_marks: Bits | None = None  # (N,): validity by refused readings of probes; None: none
+    load_marks: Bits | None = None  # (N,): the same by refused or doubtful loads
+    absent: int = 0  # radial probe that the rig lacks; its gaps mirror the other; 0: it has all
 
     def without_spikes(self) -> Record:
         """The same with sound readings only: NaN in the gaps, a straight line in the load.
@@ -270,22 +251,17 @@ LOWEST_ELEVATION, HIGHEST_ELEVATION = -10.0, 90.0
 
 @dataclass(frozen=True)
 class TestMetadata:
-    """Kind of a test, elevation [degrees], rig and run as free text.
-
-    test and elevation_deg are None where a bag does not state them, or states them in two ways
-    (`conflicts`) or in a form that cannot be read (`faults`); details: further texts by their
-    key in DETAILS.
-    """
+    """Kind of a test, elevation [degrees], rig and run as free text."""
 
     __test__ = False
 
-    test: str | None = None
-    elevation_deg: float | None = None
+    test: str | None = None  # None: not stated, or not clearly
+    elevation_deg: float | None = None  # None: the same
     rig: str = ''
     run: str = ''
-    details: Mapping[str, str] = field(default_factory=dict)
-    conflicts: tuple[str, ...] = ()
-    faults: tuple[str, ...] = ()
+    details: Mapping[str, str] = field(default_factory=dict)  # texts by their key in DETAILS
+    conflicts: tuple[str, ...] = ()  # what is stated in two ways
+    faults: tuple[str, ...] = ()  # what cannot be read
 
     def __post_init__(self) -> None:
         for name in ('rig', 'run'):

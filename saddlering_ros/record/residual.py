@@ -31,18 +31,13 @@ ELEVATION_TOLERANCE = np.radians(0.5)
 
 @dataclass
 class JoinCounters:
-    """Counts of samples that were not subtracted, by reason.
+    """Counts of samples that were not subtracted, by reason."""
 
-    measured_alone, simulated_alone: samples without a partner of their stamp; zero_differs:
-    pairs that count from different zeros; elevation_differs: pairs at different elevations;
-    jumps: stamps that jumped back.
-    """
-
-    measured_alone: int = 0
-    simulated_alone: int = 0
-    zero_differs: int = 0
-    elevation_differs: int = 0
-    jumps: int = 0
+    measured_alone: int = 0  # without a partner of their stamp
+    simulated_alone: int = 0  # the same
+    zero_differs: int = 0  # pairs that count from different zeros
+    elevation_differs: int = 0  # pairs at different elevations
+    jumps: int = 0  # stamps that jumped back
 
 
 class _Side:
@@ -234,18 +229,13 @@ def residual_stretches(
 
 @dataclass
 class SimulationCounters:
-    """Counts of samples that were not simulated, by reason; all zero on a healthy stream.
+    """Counts of samples that were not simulated, by reason; all zero on a healthy stream."""
 
-    late: samples stamped before one already simulated; duplicates: stamps seen twice; reordered:
-    samples put in order in time; jumps: restarts after stamps that jumped;
-    not_converged: states that the solver did not find, which are not given out.
-    """
-
-    late: int = 0
-    duplicates: int = 0
-    reordered: int = 0
-    jumps: int = 0
-    not_converged: int = 0
+    late: int = 0  # stamped before one already simulated
+    duplicates: int = 0  # stamps seen twice
+    reordered: int = 0  # put in order in time
+    jumps: int = 0  # restarts after stamps that jumped
+    not_converged: int = 0  # states that the solver did not find, which are not given out
 
 
 class SimulationStream:

@@ -13,23 +13,18 @@ VECTOR_TYPE = 'geometry_msgs/msg/Vector3Stamped'
 
 @dataclass(frozen=True)
 class RigTopic:
-    """One topic of the rig.
+    """One topic of the rig."""
 
-    name: the absolute name, as a bag holds it; type: of its messages; field: of the reading in
-    the message, in `unit`; low, high: fields of the ends of the sensor's range ('' for none);
-    replayed_by: the node that replays it; required: whether a bag must hold it.
-    """
-
-    name: str
-    type: str
-    field: str
-    unit: str
+    name: str  # absolute, as a bag holds it
+    type: str  # of its messages
+    field: str  # of the reading in the message
+    unit: str  # of the reading
     frame_id: str
     words: str
-    replayed_by: str
-    low: str = ''
-    high: str = ''
-    required: bool = True
+    replayed_by: str  # the node that replays it
+    low: str = ''  # field of the lower end of the sensor's range; '' for none
+    high: str = ''  # of the upper end
+    required: bool = True  # whether a bag must hold it
 
     @property
     def relative(self) -> str:

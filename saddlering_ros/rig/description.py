@@ -26,16 +26,12 @@ from saddlering_ros.rig.units import FORCE_UNITS, LoadLimits
 
 @dataclass(frozen=True)
 class RollerRow:
-    """One row of equal rollers; the two axial rows share one description.
+    """One row of equal rollers; the two axial rows share one description."""
 
-    rollers: count; pitch_radius [m]; clearance: ring clearance, half at each side [m];
-    height: of the row over the reference point C [m] (radial row only).
-    """
-
-    rollers: int
-    pitch_radius: float
-    clearance: float
-    height: float = 0.0
+    rollers: int  # count
+    pitch_radius: float  # [m]
+    clearance: float  # [m], half of it at each side
+    height: float = 0.0  # [m] of the row over the reference point C (radial row only)
 
 
 @dataclass(frozen=True)
@@ -62,17 +58,14 @@ OPPOSITE = {1: 3, 3: 1}
 
 @dataclass(frozen=True)
 class Probes:
-    """Four eddy-current probes: span of the axial, height of the radial pair, gap range [m].
+    """Four eddy-current probes."""
 
-    absent: number of the radial probe that the rig does not have, 1 or 3; 0 if it has all four.
-    """
-
-    axial_span: float
-    radial_height: float
+    axial_span: float  # [m] of the axial pair
+    radial_height: float  # [m] of the radial pair
     polarity: tuple[float, float, float, float]
-    min_range: float
-    max_range: float
-    absent: int = 0
+    min_range: float  # [m], of the gap
+    max_range: float  # [m]
+    absent: int = 0  # number of the radial probe that the rig lacks, 1 or 3; 0: none
 
     @property
     def present(self) -> tuple[int, ...]:

@@ -28,27 +28,21 @@ FOUR_PROBES = 'probe_gain'
 
 @dataclass(frozen=True)
 class Instruments:
-    """Standard uncertainties; None where no certificate states one.
+    """Standard uncertainties; None where no certificate states one."""
 
-    load_gain, load_nonlinearity (share, of the load and of full scale), load_offset [N]; elevation
-    [rad]; probe_gain (share, of each probe), probe_nonlinearity [1/m], probe_lag [s]; clock [s],
-    between load and probes; clearance [m] of each row; weight (share); trunnion, axial_span,
-    radial_height [m].
-    """
-
-    load_gain: float | None = None
-    load_offset: float | None = None
-    load_nonlinearity: float | None = None
-    elevation: float | None = None
-    probe_gain: tuple[float, float, float, float] | None = None
-    probe_nonlinearity: float | None = None
-    probe_lag: float | None = None
-    clock: float | None = None
-    clearance: float | None = None
-    weight: float | None = None
-    trunnion: float | None = None
-    axial_span: float | None = None
-    radial_height: float | None = None
+    load_gain: float | None = None  # share
+    load_offset: float | None = None  # [N]
+    load_nonlinearity: float | None = None  # share of full scale
+    elevation: float | None = None  # [rad]
+    probe_gain: tuple[float, float, float, float] | None = None  # share, of each probe
+    probe_nonlinearity: float | None = None  # [1/m]
+    probe_lag: float | None = None  # [s]
+    clock: float | None = None  # [s], between load and probes
+    clearance: float | None = None  # [m] of each row
+    weight: float | None = None  # share
+    trunnion: float | None = None  # [m]
+    axial_span: float | None = None  # [m]
+    radial_height: float | None = None  # [m]
 
     @property
     def not_stated(self) -> tuple[str, ...]:

@@ -179,23 +179,17 @@ Effects = dict[str, dict[str, float]]
 
 @dataclass(frozen=True)
 class ParameterSource:
-    """Where parameters came from: method, bags, objective reached, covariance (6, 6), a note.
-
-    sha256: of each bag, '' where not known, or () (files.py says how they are made);
-    versions: of the programs that computed them, in words; undetermined: why the data of
-    these bags do not determine a parameter, by name; rig_hash: digest of the rig that the
-    parameters belong to, '' where not known.
-    """
+    """Where parameters came from."""
 
     method: str = 'given'
-    bags: tuple[str, ...] = ()
-    objective: float | None = None
-    covariance: NDArray[np.float64] | None = None
+    bags: tuple[str, ...] = ()  # their paths
+    objective: float | None = None  # reached
+    covariance: NDArray[np.float64] | None = None  # (6, 6)
     note: str = ''
-    sha256: tuple[str, ...] = ()
-    versions: str = ''
-    undetermined: Mapping[str, str] = field(default_factory=dict)
-    rig_hash: str = ''
+    sha256: tuple[str, ...] = ()  # of each bag, '' where not known, or () (see files.py)
+    versions: str = ''  # of the programs that computed them, in words
+    undetermined: Mapping[str, str] = field(default_factory=dict)  # reason by parameter
+    rig_hash: str = ''  # digest of their rig, '' where not known
 
     @property
     def origins(self) -> tuple[Origin, ...]:

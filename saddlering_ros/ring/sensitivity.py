@@ -76,18 +76,14 @@ LOADS = columns('cosine', 'sine', *(part[0] for part, stage, _ in EXTENSION_FIEL
 
 @dataclass(frozen=True)
 class MotionPath:
-    """Steps of a simulation: time and load (M,), motion (M, 3), indices of the samples, readings.
+    """Steps of a simulation; the first step is the rest at the zero."""
 
-    The first step is the rest at the zero. Readings (N, 4). records (M, width): sums over the
-    rollers at each step, from which its tangents follow (kernels/courses.py).
-    """
-
-    time: Floats
-    load: Floats
-    motion: Floats
-    samples: NDArray[np.intp]
-    readings: Floats
-    records: Floats
+    time: Floats  # (M,) [s]
+    load: Floats  # (M,) [N]
+    motion: Floats  # (M, 3)
+    samples: NDArray[np.intp]  # (N,): their steps
+    readings: Floats  # (N, 4)
+    records: Floats  # (M, width): sums over the rollers, for tangents (kernels/courses.py)
 
     def read_by(self, model: Model, zero_load: float, time: Floats, load: Floats) -> MotionPath:
         """The same motion as read by a model with other additions; NaN if steps failed."""

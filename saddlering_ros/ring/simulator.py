@@ -49,17 +49,15 @@ class SimulationError(SaddleringError):
 class SimulatedRun:
     """A simulated record from its zero window on: M samples, mostly the last M of N.
 
-    time (M,) [s]; displacement of (M,) arrays; probes (4, M) [m]; first: index in the record of
-    the first simulated sample; zero: its reading; failed_steps: number of steps that did not
-    converge. Their samples are NaN; all samples are NaN without an equilibrium at the zero.
+    All samples are NaN without an equilibrium at the zero.
     """
 
-    time: Floats
-    displacement: Displacement
-    probes: Floats
-    first: int
-    zero: ZeroReading
-    failed_steps: int
+    time: Floats  # (M,) [s]
+    displacement: Displacement  # of (M,) arrays
+    probes: Floats  # (4, M) [m]
+    first: int  # index in the record of the first simulated sample
+    zero: ZeroReading  # its reading
+    failed_steps: int  # that did not converge: their samples are NaN
 
 
 class RingSimulator:

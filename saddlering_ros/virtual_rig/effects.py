@@ -19,20 +19,16 @@ Act = Callable[[Any, Mapping[str, float], str], None]
 
 @dataclass(frozen=True)
 class TrueSize:
-    """One number of an effect, in SI units; plausible sizes run from low to high.
-
-    Declarations state the sizes on the nominal rig (`default_rig`). signed: drawn with either
-    sign; choices: the only values allowed; positive: below or at zero makes no sense.
-    """
+    """One number of an effect, in SI units, of the nominal rig (`default_rig`)."""
 
     name: str
     unit: str
-    low: float
-    high: float
+    low: float  # of plausible sizes
+    high: float  # of plausible sizes
     typical: float
-    signed: bool = False
-    choices: tuple[float, ...] = ()
-    positive: bool = False
+    signed: bool = False  # drawn with either sign
+    choices: tuple[float, ...] = ()  # the only values allowed
+    positive: bool = False  # below or at zero makes no sense
 
     def sized_for(self, rig: Rig) -> TrueSize:
         """The same with the sizes of another rig."""
@@ -43,19 +39,15 @@ class TrueSize:
 
 @dataclass(frozen=True)
 class RigEffect:
-    """An effect: id, where it acts, channels it shows in, parameters (main one first), forms.
-
-    act(target, values, form) changes the target of its stage in place; the first form is default.
-    dynamic_only: it does not show in a static test.
-    """
+    """An effect; act(target, values, form) changes the target of its stage in place."""
 
     id: str
-    stage: str
-    channels: tuple[str, ...]
-    parameters: tuple[TrueSize, ...]
+    stage: str  # where it acts
+    channels: tuple[str, ...]  # in which it shows
+    parameters: tuple[TrueSize, ...]  # main one first
     act: Act
-    forms: tuple[str, ...] = ('default',)
-    dynamic_only: bool = False
+    forms: tuple[str, ...] = ('default',)  # default first
+    dynamic_only: bool = False  # it does not show in a static test
 
     def parameters_on(self, rig: Rig) -> tuple[TrueSize, ...]:
         """The parameters with their sizes on a rig, the main one first."""

@@ -18,14 +18,11 @@ ANY_PROBE = TrueSize('probe', '1', 0.0, 4.0, 0.0, choices=(0.0, 1.0, 2.0, 3.0, 4
 
 @dataclass
 class ProbeMotion:
-    """Displacements at the probes: increments (4, N) [m] since the start, on the grid of `motion`.
-
-    seed: for effects that happen by chance.
-    """
+    """Displacements at the probes."""
 
     motion: Motion
-    increments: Floats
-    seed: int
+    increments: Floats  # (4, N) [m] since the start, on the grid of `motion`
+    seed: int  # for effects that happen by chance
 
     def rows(self, values: Mapping[str, float]) -> list[int]:
         """Rows of the probes chosen."""
@@ -35,16 +32,13 @@ class ProbeMotion:
 
 @dataclass
 class Recording:
-    """How the record is taken: clock of the probes, lines picked up, levels that cut readings off.
+    """How the record is taken."""
 
-    pickups, cut_offs: the parameters of each mains_pickup and probe_saturation asked for.
-    """
-
-    clock_offset: float = 0.0
+    clock_offset: float = 0.0  # of the probes' clock [s]
     clock_skew: float = 0.0
-    load_limit: float = np.inf
-    pickups: list[dict[str, float]] = field(default_factory=list)
-    cut_offs: list[dict[str, float]] = field(default_factory=list)
+    load_limit: float = np.inf  # at which the cell clips [N]
+    pickups: list[dict[str, float]] = field(default_factory=list)  # parameters of mains_pickup
+    cut_offs: list[dict[str, float]] = field(default_factory=list)  # those of probe_saturation
 
     def disturb(self, probe: int, time: Floats, increment: Floats) -> Floats:
         """Output of the amplifier of probe 1 to 4 for an increment (N,) [m] at `time` (N,) [s]."""

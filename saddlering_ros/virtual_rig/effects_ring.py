@@ -21,17 +21,14 @@ X_AND_T = ('delta_x', 'delta_y', 'gamma')
 
 @dataclass
 class LoadPath:
-    """The load on its way, (N,) each: time [s], of an exact cell [N], at the ring [N].
-
-    elevation [rad] and trunnion_y [m] as they really are, (N,); effects change the last three.
-    """
+    """The load on its way, (N,) each; effects change the last three."""
 
     rig: Rig
-    time: Floats
-    measured: Floats
-    arriving: Floats
-    elevation: Floats
-    trunnion_y: Floats
+    time: Floats  # [s]
+    measured: Floats  # of an exact cell [N]
+    arriving: Floats  # at the ring [N]
+    elevation: Floats  # [rad], as it really is
+    trunnion_y: Floats  # [m], as it really is
 
 
 @effect('load_gain', 'load', X_AND_T, [TrueSize('gain', '1', 0.01, 0.08, 0.03, signed=True)])
@@ -140,21 +137,17 @@ class FrictionElements:
 
 @dataclass
 class Motion:
-    """Motion on the grid of the integrator, (N,) each, and the forces that the joints pass on.
-
-    x, y [m], tilt [rad]: of the point that the probes see; force_x, force_y [N], moment [N m]:
-    force in the joints of the ring, dead weight included; load [N]: at the ring.
-    """
+    """Motion on the grid of the integrator, (N,) each, and the forces that the joints pass on."""
 
     rig: Rig
-    time: Floats
-    x: Floats
-    y: Floats
-    tilt: Floats
-    force_x: Floats
-    force_y: Floats
-    moment: Floats
-    load: Floats
+    time: Floats  # [s]
+    x: Floats  # [m] of the point that the probes see
+    y: Floats  # [m]
+    tilt: Floats  # [rad]
+    force_x: Floats  # [N] in the joints of the ring, dead weight included
+    force_y: Floats  # [N]
+    moment: Floats  # [N m]
+    load: Floats  # [N] at the ring
 
     @property
     def step(self) -> float:

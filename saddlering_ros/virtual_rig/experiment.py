@@ -33,12 +33,11 @@ LEAK_SHARE, LEAK_TIME = 4e-4, 4.0
 
 @dataclass(frozen=True)
 class Schedule:
-    """A test: kind, peak, lowest load and step [N], hold, ramp and rest times [s], cycles.
+    """A test: kind, loads [N] and times [s].
 
     static: hold at `lowest`, then one hold per step up to `peak` and back, reached by ramps of
     `ramp` seconds. dynamic: rest, ramp up, ramp down, rest; `ramp` is one way, `hold` the stay at
-    the peak. rest: before the first and after the last move. step_error: rms by which held
-    loads miss their target [N].
+    the peak.
     """
 
     test: str
@@ -47,9 +46,9 @@ class Schedule:
     step: float
     hold: float
     ramp: float
-    rest: float
+    rest: float  # before the first and after the last move
     cycles: int
-    step_error: float
+    step_error: float  # rms by which held loads miss their target
 
     def __post_init__(self) -> None:
         if self.test not in CONTROLLER_LAG:
@@ -171,15 +170,12 @@ class PhysicalRig:
 
 @dataclass(frozen=True)
 class PhysicalRun:
-    """The motion before any instrument: time (N,) [s], load at an exact cell (N,) [N].
+    """The motion before any instrument."""
 
-    motion: of C, absolute; increments (4, N) [m]: at the probes since the start.
-    """
-
-    time: Floats
-    load: Floats
-    motion: Motion
-    increments: Floats
+    time: Floats  # (N,) [s]
+    load: Floats  # (N,) [N] at an exact cell
+    motion: Motion  # of C, absolute
+    increments: Floats  # (4, N) [m]: at the probes since the start
 
 
 def run_test(physical: PhysicalRig, load: Floats, step: float, seed: int = 0) -> PhysicalRun:
@@ -251,30 +247,21 @@ STEPS = {'static': 0.01, 'dynamic': 0.001}
 
 @dataclass(frozen=True)
 class Instruments:
-    """How good the instruments are.
+    """How good the instruments are."""
 
-    noise: rms of a probe's total noise [m], of which `slow_share` (rms) wanders within
-    `slow_time` [s]; load_noise: rms of the cell's white noise [N], its slow part is a third of it;
-    jitter: rms of stamps as a share of the sampling period; gap: at zero [m]; gap_scatter: rms
-    difference of the probes' gaps [m].
-    """
-
-    noise: float = 0.3e-6
-    slow_share: float = 0.3
-    slow_time: float = 4.0
-    load_noise: float = 50.0
-    jitter: float = 0.02
-    gap: float = 1e-3
-    gap_scatter: float = 30e-6
+    noise: float = 0.3e-6  # rms of a probe's total noise [m]
+    slow_share: float = 0.3  # share of it that wanders (rms)
+    slow_time: float = 4.0  # [s] of the wander
+    load_noise: float = 50.0  # rms of the cell's white noise [N]; slow: a third of it
+    jitter: float = 0.02  # rms of stamps as a share of the sampling period
+    gap: float = 1e-3  # at zero [m]
+    gap_scatter: float = 30e-6  # rms difference of the probes' gaps [m]
     quantised: bool = True
 
 
 @dataclass(frozen=True)
 class TestPlan:
-    """A test to be generated: the rig, its schedule, its recording, the seed of chance.
-
-    begin: when it starts [whole s since 1970]; None leaves it to chance.
-    """
+    """A test to be generated: the rig, its schedule, its recording, the seed of chance."""
 
     __test__ = False
 
@@ -287,7 +274,7 @@ class TestPlan:
     step: float | None = None
     rig_name: str = 'virtual rig'
     run_name: str = ''
-    begin: int | None = None
+    begin: int | None = None  # when it starts [whole s since 1970]; None leaves it to chance
 
     def __post_init__(self) -> None:
         for name in ('rate', 'probe_rate'):

@@ -430,15 +430,11 @@ class Scatter:
 
 @dataclass
 class Rollers:
-    """Rollers of all three rows: table (N, ROLLER_COLUMNS).
+    """Rollers of all three rows."""
 
-    spans: rows of the table that belong to 'upper', 'lower' and 'middle'; random: for effects that
-    deal rollers out, the same for all runs of one rig.
-    """
-
-    table: Floats
-    spans: dict[str, slice]
-    random: np.random.Generator
+    table: Floats  # (N, ROLLER_COLUMNS)
+    spans: dict[str, slice]  # rows of the table of 'upper', 'lower' and 'middle'
+    random: np.random.Generator  # for effects that deal rollers out, the same for a rig
 
     def of(self, row: str) -> Floats:
         """The part of the table that holds this row (a view)."""
