@@ -12,7 +12,7 @@ from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
 from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_findings
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.batches import align, gap_mask, Samples
-from saddlering_ros.record.guard import load_limits, probe_limits, SampleGuard
+from saddlering_ros.record.guard import limits_of, load_limits, SampleGuard
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES, RigTopic
 from saddlering_ros.rig import mirrored_gap, Rig
@@ -172,7 +172,7 @@ def _values(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> Non
     if (values == values[0]).all():
         found.fault(f'the reading never changes ({values[0]:.6g} {topic.unit}): '
                     'a sensor has noise; check that it is connected')
-    guard = SampleGuard(load_limits(rig) if topic is LOAD else probe_limits(rig))
+    guard = SampleGuard(limits_of(topic.name, rig))
     guard.push(Samples(one.stamps, one.values))
     counts = guard.counters
     impossible = counts.impossible + counts.leaps_of_reading + counts.doubtful_load

@@ -18,13 +18,7 @@ from saddlering_ros.record import scratch
 from saddlering_ros.record.aligner import aligned_record
 from saddlering_ros.record.batches import align, Bits, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.record.displacement import a_pair_reads
-from saddlering_ros.record.guard import (
-    load_limits,
-    probe_limits,
-    ReadingLimits,
-    SampleGuard,
-    sound_samples,
-)
+from saddlering_ros.record.guard import limits_of, SampleGuard, sound_samples
 from saddlering_ros.record.quality import (
     filter_lag,
     median_of_known,
@@ -324,7 +318,7 @@ def _guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, Sa
 
     BagError for readings of another unit, and if too many cannot be those of this rig.
     """
-    raw, limits = record[name], _limits_of(name, rig)
+    raw, limits = record[name], limits_of(name, rig)
     where = f'{record.path}: {raw.topic}'
     check_values(where, raw.stamps, raw.values)
     sound, guard = sound_samples(limits, raw.samples)
@@ -346,10 +340,6 @@ def _guarded_topic(record: RawRecord, name: str, rig: Rig) -> tuple[RawTopic, Sa
     return replace(raw, stamps=sound.stamps, values=sound.values), guard
 
 
-def _limits_of(name: str, rig: Rig) -> ReadingLimits:
-    return load_limits(rig) if name == LOAD_TOPIC else probe_limits(rig)
-
-
 def _marks_of(
     guards: Sequence[SampleGuard], stamps: NDArray[np.int64], *, to_next: bool = False,
 ) -> Bits | None:
@@ -366,7 +356,7 @@ def _possible_record(record: RawRecord, rig: Rig) -> RawRecord:
     """The same record without readings beyond the limits; single leaps stay, as spikes."""
     topics = dict(record.topics)
     for name in RIG_TOPICS:
-        limits, raw = _limits_of(name, rig), topics[name]
+        limits, raw = limits_of(name, rig), topics[name]
         lowest, highest = extremes(raw.values)
         if not limits.low <= lowest <= highest <= limits.high:
             is_possible = (raw.values >= limits.low) & (raw.values <= limits.high)

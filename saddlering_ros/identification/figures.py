@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from saddlering_ros.compiled import Compiler
 from saddlering_ros.estimation.process import Array, ChannelNoise
+from saddlering_ros.estimation.rest import Stretches
 from saddlering_ros.files import Origin
 from saddlering_ros.quantities import finite_json
 from saddlering_ros.rig import CHANNELS
-
-Spans = list[tuple[int, int]]
 
 LONGEST, SLOPE_POINTS = 400, 9
 """Points of a rated signal, because the cost of time warping grows with their square; and points
@@ -99,7 +98,7 @@ class RunValidation:
 
 
 def channel_figures(
-    run: RunValidation, position: int, rests: Spans, noise: ChannelNoise, step: float,
+    run: RunValidation, position: int, rests: Stretches, noise: ChannelNoise, step: float,
     zero_lasting: float, input_variance: float, sound: float,
 ) -> ChannelFigures:
     """All figures of the channel in row `position` of a run.
@@ -166,7 +165,7 @@ def _ratio(value: float, over: float) -> float | None:
     return value / over if over > 0.0 else None
 
 
-def _noise_of_sample(residual: Array, rests: Spans, noise: ChannelNoise, step: float) -> float:
+def _noise_of_sample(residual: Array, rests: Stretches, noise: ChannelNoise, step: float) -> float:
     """Rms noise of a sample: half the mean square step over a short lag, plus the residual there.
 
     Interpolation between stamps smooths readings below the fitted noise; a step over more than
@@ -182,7 +181,7 @@ def _noise_of_sample(residual: Array, rests: Spans, noise: ChannelNoise, step: f
     return math.sqrt(0.5 * float(np.mean(steps**2)) + kept)
 
 
-def _zero_return(run: RunValidation, residual: Array, rests: Spans) -> float:
+def _zero_return(run: RunValidation, residual: Array, rests: Stretches) -> float:
     """Residual at the end of the record: over its last stretch at rest, or its last hundredth."""
     count = max(1, len(residual) // 100)
     start = max(rests[-1][0], len(residual) - 50 * count) if rests else len(residual) - count

@@ -11,7 +11,7 @@ from saddlering_ros.errors import Cancelled
 from saddlering_ros.estimation.least_squares import NEAR, SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
-from saddlering_ros.identification import observation
+from saddlering_ros.identification import IdentificationError, IdentificationSettings, observation
 from saddlering_ros.identification.objective import (
     average_branches,
     PaperObjective,
@@ -25,24 +25,12 @@ from saddlering_ros.identification.objective import (
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.prepared import prepare, PreparedRun, warnings_of
 from saddlering_ros.identification.result import Identification
-from saddlering_ros.identification.settings import (
-    Bounds,
-    IdentificationError,
-    IdentificationSettings,
-    StopReason,
-    SwarmSettings,
-)
+from saddlering_ros.identification.settings import Bounds, StopReason, SwarmSettings
 from saddlering_ros.identification.uncertainty import assess, UNDETERMINED
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Progress, SearchStep
 from saddlering_ros.record import Record
-from saddlering_ros.rig import (
-    ContactParameters,
-    PARAMETER_NAMES,
-    ParameterSet,
-    ParameterSource,
-    Rig,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, ParameterSource, Rig
+from saddlering_ros.rig.parameter_file import ContactParameters, TRUE_TO_SCALE
 
 STATIC_NAMES = ('K1', 'n1', 'K2', 'n2')
 DAMPING_NAMES = ('D1', 'D2')

@@ -20,15 +20,8 @@ from saddlering_ros.estimation.process import Array, ChannelNoise
 from saddlering_ros.estimation.record_noise import common_noise, COMMON_TIMES
 from saddlering_ros.estimation.statistics import block_means, filled
 from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Whitener
-from saddlering_ros.identification.prepared import (
-    block_sizes,
-    MAX_SAMPLES,
-    MAX_SIMULATED,
-    noise_of,
-    NoiseModel,
-    PreparedRun,
-    run_name,
-)
+from saddlering_ros.identification import prepared
+from saddlering_ros.identification.prepared import NoiseModel, PreparedRun
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring import static_response
 from saddlering_ros.ring.sensitivity import load_sensitivity
@@ -126,22 +119,22 @@ SETTLING_STEP = 0.1
 """Step [s] of the simulation of a static run with settling."""
 
 
-def observe_prepared(prepared: Sequence[PreparedRun], fit_rate: float | None) -> list[Observation]:
+def observe_prepared(runs: Sequence[PreparedRun], fit_rate: float | None) -> list[Observation]:
     """Observations without the noise of the load cell: a damped ring follows it at once.
 
     The noise is estimated from all runs of one sampling rate together.
     """
     return [
-        _observe_static(one, own) if one.branch is not None
-        else _observe_dynamic(one, own, fit_rate)
-        for one, own in zip(prepared, noise_of(prepared), strict=True)]
+        _observe_static(one, noise) if one.branch is not None
+        else _observe_dynamic(one, noise, fit_rate)
+        for one, noise in zip(runs, prepared.noise_of(runs), strict=True)]
 
 
 def observe_with_cell(
-    prepared: Sequence[PreparedRun], rig: Rig, fit_rate: float | None, contact: ContactParameters
+    runs: Sequence[PreparedRun], rig: Rig, fit_rate: float | None, contact: ContactParameters
 ) -> list[Observation]:
     """Observations with the noise of the load cell, evaluated at a first result."""
-    explained = [one.explained_by(rig, contact) for one in prepared]
+    explained = [one.explained_by(rig, contact) for one in runs]
     observed = observe_prepared(explained, fit_rate)
     slow = slow_cell_noise(rig, contact, explained)
     answers = []
@@ -161,7 +154,7 @@ def _observe_static(one: PreparedRun, noise: NoiseModel) -> Observation:
     plateaus = [slice(start, stop) for start, stop in one.rests]
     lasting = one.interval * np.array([stop - start for start, stop in one.rests], dtype=float)
     step = max(1, int(round(SETTLING_STEP / one.interval)),
-               -(-len(measured.load) // MAX_SIMULATED))
+               -(-len(measured.load) // prepared.MAX_SIMULATED))
     # Start and stop (N, 2) of each plateau among blocks of `step` samples, at least one each.
     edges = np.array(one.rests, dtype=np.intp)
     starts = np.minimum(-(-edges[:, 0] // step), len(measured.load) // step - 1)
@@ -179,7 +172,7 @@ def _observe_dynamic(one: PreparedRun, noise: NoiseModel, fit_rate: float | None
     good = np.all(np.isfinite(one.displacement), axis=0)
     first, last = int(np.argmax(good)), len(good) - int(np.argmax(good[::-1]))
     span = slice(first, last)
-    size, per_block = block_sizes(one.interval, last - first, fit_rate)
+    size, per_block = prepared.block_sizes(one.interval, last - first, fit_rate)
     time, load = measured.time[span], block_means(measured.load[span], size)
     means = block_means(one.displacement[:, span], size)
     fine = load.size * per_block
@@ -203,8 +196,8 @@ def _observation(
     zero_error = np.array([channel.deviation(window) for channel in noise.channels])
     error = np.sqrt([channel.variances(lasting) for channel in noise.channels])
     return Observation(
-        name=run_name(one.run), dynamic=False, elevation=float(one.run.elevation), time=time,
-        load=load, zero_load=zero.load, displacement=displacement, branch=branch,
+        name=prepared.run_name(one.run), dynamic=False, elevation=float(one.run.elevation),
+        time=time, load=load, zero_load=zero.load, displacement=displacement, branch=branch,
         whitening=tuple(
             build_whitener(channel, time, lasting, present=np.isfinite(row))
             for channel, row in zip(noise.channels, displacement, strict=True)),
@@ -254,7 +247,7 @@ def load_errors_of(
     """
     zero, readings = one.measured.zero, len(seen.time)
     at_zero = static_slopes(rig, contact, seen.elevation, np.array([seen.zero_load]))[:, 0]
-    if readings > 2 * MAX_SAMPLES or not noise.deviation(one.interval) > 0.0:
+    if readings > 2 * prepared.MAX_SAMPLES or not noise.deviation(one.interval) > 0.0:
         return None
     # Change (3, N, M) of the readings by an error at each of M times, of which the first N are
     # theirs; in_zero (M,): its share in the load of the zero.

@@ -10,21 +10,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from saddlering_ros.errors import BagError
-from saddlering_ros.estimation.noise import (
-    channel_correlation,
-    LEVEL_REACH,
-    MIN_NOISE,
-    noise_by_class,
-    RestSource,
-    sampling_class,
-)
+from saddlering_ros.estimation import noise, rest
 from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError
-from saddlering_ros.estimation.rest import (
-    probe_rounding,
-    quiet_stretches,
-    RestSegment,
-    stretches_at_rest,
-)
+from saddlering_ros.estimation.rest import RestSegment
 from saddlering_ros.estimation.statistics import filled
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.record import displacement_of_run, MeasuredRun, Plateaus, plateaus, Record
@@ -107,19 +95,19 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     good = np.all(np.isfinite(displacement), axis=0)
     centred = load[good] - load[good].mean()
     explained = np.asarray(displacement[:, good] @ centred / (centred @ centred))[:, None] * load
-    errors, rounding = probe_rounding(run), None
+    errors, rounding = rest.probe_rounding(run), None
     if errors is not None:
         rounding = probes_to_displacement(rig.probes, errors).channels[:CHANNEL_COUNT]
     branch = None
     if levels is None:
         is_read = bool(np.mean(np.isfinite(displacement[0])) >= MIN_SHARE_READ)
-        rests = quiet_stretches(stretches_at_rest(
+        rests = rest.quiet_stretches(rest.stretches_at_rest(
             measured.time, measured.load, rig.limits.rest_band))
         rests = rests or [(measured.zero.start, measured.zero.end)]
     else:
         rests = list(zip(levels.start.tolist(), levels.stop.tolist(), strict=True))
         seen = [bool(np.mean(np.isfinite(displacement[0, a:b])) > 0.5) for a, b in rests]
-        rests = [rest for rest, enough in zip(rests, seen, strict=True) if enough]
+        rests = [span for span, enough in zip(rests, seen, strict=True) if enough]
         branch, is_read = levels.branch[seen].astype(np.float64), len(rests) >= MIN_READINGS
     if not is_read:
         raise IdentificationError(
@@ -155,14 +143,14 @@ def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
     """
     alike: dict[int, list[PreparedRun]] = {}
     for one in runs:
-        alike.setdefault(sampling_class(one.interval), []).append(one)
-    classes = {key: RestSource.beside(
+        alike.setdefault(noise.sampling_class(one.interval), []).append(one)
+    classes = {key: noise.RestSource.beside(
         [segment for one in members for segment in rest_segments(one)],
         [RestSegment(one.parity[None, :], one.interval) for one in members],
         [one.parity[start:stop] for one in members for start, stop in one.rests])
         for key, members in alike.items()}
     try:
-        learnt = noise_by_class(classes, CHANNEL_COUNT, LEVEL_REACH)
+        learnt = noise.noise_by_class(classes, CHANNEL_COUNT, noise.LEVEL_REACH)
     except EstimationError as problem:
         least = min(runs, key=lambda one: sum(stop - start for start, stop in one.rests))
         raise IdentificationError(
@@ -172,9 +160,9 @@ def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
     for key in alike:
         source = key if key in learnt else first
         interval = alike[source][0].interval
-        channels = tuple(noise.at_least(MIN_NOISE, interval) for noise in learnt[source])
-        models[key] = NoiseModel(channels, channel_correlation(classes[source].segments))
-    return [models[sampling_class(one.interval)] for one in runs]
+        channels = tuple(one.at_least(noise.MIN_NOISE, interval) for one in learnt[source])
+        models[key] = NoiseModel(channels, noise.channel_correlation(classes[source].segments))
+    return [models[noise.sampling_class(one.interval)] for one in runs]
 
 
 def rest_segments(one: PreparedRun) -> list[RestSegment]:

@@ -9,24 +9,14 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.files import Provenance
-from saddlering_ros.identification.uncertainty import (
-    IMPERFECTIONS,
-    Uncertainty,
-    undetermined_words,
-)
+from saddlering_ros.identification import uncertainty
 from saddlering_ros.quantities import finite_json, percent, quantity, significant, span
-from saddlering_ros.rig import (
-    ContactParameters,
-    line_contact_stiffness,
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    ParameterSet,
-    stiffness_per_millimetre,
-)
+from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, PARAMETER_UNITS, ParameterSet
+from saddlering_ros.rig.units import line_contact_stiffness, stiffness_per_millimetre
 
 
 @dataclass(frozen=True)
-class Identification(Uncertainty):
+class Identification(uncertainty.Uncertainty):
     """Identified contact parameters and their uncertainty.
 
     objective: the paper's J (method 'paper') or chi square (method 'default'). If the data do not
@@ -140,7 +130,7 @@ def identification_text(identification: Identification) -> str:
             f'{quantity(value, "N/mm^n", digits=5)}, {significant(ratios[row[:2]], 2)} '
             'of one roller in Palmgren line contact (at 0.1 mm)')
     # How much each imperfection, which no fit can see, would change the free parameters.
-    words_of = {one.name: one.words for one in IMPERFECTIONS}
+    words_of = {one.name: one.words for one in uncertainty.IMPERFECTIONS}
     lines.append('[[Effect of small imperfections of the rig]]')
     for name, shift in identification.systematic.items():
         words = [
@@ -167,7 +157,8 @@ def parameter_words(name: str, entry: Mapping[str, Any]) -> str:
     value, unit, std = entry['value'], entry['unit'], entry['std']
     if not entry['pinned']:
         bound = ' (at boundary)' if entry['at_bound'] else ''
-        return undetermined_words(name, f'{quantity(value, unit)}{bound}', entry['reason'])
+        best = f'{quantity(value, unit)}{bound}'
+        return uncertainty.undetermined_words(name, best, entry['reason'])
     low, high = entry['interval'] or (np.nan, np.nan)
     return (f'{name}: {quantity(value, unit, std)} ({percent(std / abs(value))}), '
             f'95 % interval {span(low, high)}')

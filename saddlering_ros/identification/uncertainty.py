@@ -20,14 +20,8 @@ from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.identification.objective import predict, Refinement, WeightedObjective
 from saddlering_ros.quantities import compact, WIDTH_95
-from saddlering_ros.rig import (
-    Displacement,
-    displacement_to_probes,
-    PARAMETER_NAMES,
-    probes_to_displacement,
-    Rig,
-    with_absent,
-)
+from saddlering_ros.rig import Displacement, PARAMETER_NAMES, Rig
+from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement, with_absent
 from saddlering_ros.ring.roller_scatter import scatter_columns
 
 
@@ -136,7 +130,7 @@ class Uncertainty:
     collinearity: dict[str, float]  # by subset of names ('K1,n1')
     reduced_chi_square: float  # per degree of freedom, 1 if the misfit equals the noise
     budget: dict[str, dict[str, float]]  # per free parameter the share of its variance by source
-    joint: dict[str, dict[str, Any]]  # 95 % region of 'K1,n1' and 'K2,n2' as `joint_axes`, in bounds
+    joint: dict[str, dict[str, Any]]  # by 'K1,n1', 'K2,n2': `joint_axes`, bounds
 
     @property
     def determined(self) -> dict[str, bool]:

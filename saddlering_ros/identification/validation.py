@@ -16,14 +16,9 @@ from saddlering_ros import quantities
 from saddlering_ros.errors import BagError
 from saddlering_ros.estimation.noise import LEVEL_REACH, noise_alone, noise_by_class, RestSource
 from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, TIME_CONSTANTS
-from saddlering_ros.estimation.rest import RestSegment, stretches_at_rest
+from saddlering_ros.estimation.rest import RestSegment, Stretches, stretches_at_rest
 from saddlering_ros.files import Provenance
-from saddlering_ros.identification.figures import (
-    channel_figures,
-    ChannelFigures,
-    RunValidation,
-    Spans,
-)
+from saddlering_ros.identification.figures import channel_figures, ChannelFigures, RunValidation
 from saddlering_ros.identification.prepared import MIN_REST, parity_at_rest, run_name
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.identification.uncertainty import undetermined_words
@@ -92,7 +87,7 @@ class _Comparison:
 
     run: RunValidation
     measured: MeasuredRun
-    rests: Spans  # its stretches at rest
+    rests: Stretches  # its stretches at rest
     channels: tuple[str, ...]  # measured: no parity if a radial probe is absent
 
     @property

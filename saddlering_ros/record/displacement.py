@@ -18,18 +18,7 @@ from saddlering_ros.record.batches import AlignedRows, Bits, Displacements, Floa
 from saddlering_ros.record.guard import GuardCounters, load_limits, probe_limits, SampleGuard
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import blocks
-from saddlering_ros.rig import (
-    Displacement,
-    gap_increment,
-    measured_displacement,
-    mirrored_gap,
-    Rig,
-    ZeroReading,
-    ZeroWindow,
-)
-from saddlering_ros.rig.geometry import BLOCK as ZERO_BLOCK
-from saddlering_ros.rig.geometry import Samples as ZeroSamples
-from saddlering_ros.rig.geometry import zero_of_blocks
+from saddlering_ros.rig import geometry, Rig, ZeroReading, ZeroWindow
 
 UNHEARD_AFTER = 0.15
 """Time [s] for which a node must have received nothing of a probe before the stamps of the others
@@ -64,8 +53,8 @@ def displacements(
 
     marks (N,): bits of validity beside those of channels that are not known.
     """
-    increments = gap_increment(rig.probes, gaps, np.array(zero.reading.gaps))
-    channels = measured_displacement(rig.probes, increments).channels
+    increments = geometry.gap_increment(rig.probes, gaps, np.array(zero.reading.gaps))
+    channels = geometry.measured_displacement(rig.probes, increments).channels
     validity = batches.unknown(channels)
     if marks is not None:
         validity |= marks
@@ -85,7 +74,7 @@ class MeasuredRun:
     time: Floats  # (N,) [s], the run's own
     load: Floats  # (N,) [N], the run's own
     d: Floats  # (4, N) [m]: increments of the probes since zero
-    displacement: Displacement  # arrays (N,), NaN where not known
+    displacement: geometry.Displacement  # arrays (N,), NaN where not known
     zero: ZeroReading  # its start and end count load samples
     complete: Mask  # (N,): all four probes have a reading and a zero
 
@@ -95,10 +84,10 @@ def displacement_of_run(rig: Rig, run: Record) -> MeasuredRun:
     zero = zero_of_run(rig, run).reading
     rows = np.flatnonzero(run.given)
     zero = replace(zero, start=int(rows[zero.start]), end=int(rows[zero.end - 1]) + 1)
-    increments = gap_increment(rig.probes, run.gaps, np.array(zero.gaps))
+    increments = geometry.gap_increment(rig.probes, run.gaps, np.array(zero.gaps))
     return MeasuredRun(
         time=run.time, load=run.load, d=increments, zero=zero,
-        displacement=measured_displacement(rig.probes, increments),
+        displacement=geometry.measured_displacement(rig.probes, increments),
         complete=np.asarray(np.isfinite(increments).all(axis=0)))
 
 
@@ -108,12 +97,12 @@ def zero_of_run(rig: Rig, run: Record) -> Zero:
     if not given.any():
         raise BagError(f'{run.path}: the four probes never read together: record them together')
 
-    def given_blocks() -> Iterator[ZeroSamples]:
-        for part in blocks(len(given), run.time, run.load, run.gaps, size=ZERO_BLOCK):
+    def given_blocks() -> Iterator[geometry.Samples]:
+        for part in blocks(len(given), run.time, run.load, run.gaps, size=geometry.BLOCK):
             rows = given[part]
             yield run.time[part][rows], run.load[part][rows], run.gaps[:, part][:, rows]
 
-    reading = zero_of_blocks(rig, given_blocks)
+    reading = geometry.zero_of_blocks(rig, given_blocks)
     return Zero(reading, *(int(run.stamps[_given_row(given, number)])
                            for number in (reading.start, reading.end - 1, reading.end)))
 
@@ -220,7 +209,7 @@ class DisplacementStream:
         probes = self._rig.probes
         if probes.absent:  # It mirrors the one that faces it.
             other = gaps[probes.partner_row]
-            mirrored = replace(other, values=mirrored_gap(probes, other.values))
+            mirrored = replace(other, values=geometry.mirrored_gap(probes, other.values))
             gaps = [*gaps[:probes.absent - 1], mirrored, *gaps[probes.absent - 1:]]
         if now is not None:
             waited = self._unheard + min(now - self._heard, LONGEST_LOOK)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from saddlering_ros.record import batches
 from saddlering_ros.record.batches import Bits, DOUBTFUL_LOAD, GAP_HISTORY, Samples
 from saddlering_ros.record.scratch import blocks, GrowingArray
+from saddlering_ros.record.topics import LOAD_TOPIC
 from saddlering_ros.rig import Rig
 
 MAX_OVERLOAD = 1.5
@@ -73,6 +74,11 @@ def probe_limits(rig: Rig) -> ReadingLimits:
     low, span = rig.probes.min_range, rig.probes.max_range - rig.probes.min_range
     return ReadingLimits(
         low - span, low + 2.0 * span, span / rig.full_scale_time, NOISE_SHARE * span)
+
+
+def limits_of(topic: str, rig: Rig) -> ReadingLimits:
+    """Limits of the readings of a topic of the rig."""
+    return load_limits(rig) if topic == LOAD_TOPIC else probe_limits(rig)
 
 
 @dataclass

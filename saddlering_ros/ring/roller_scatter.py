@@ -10,13 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from saddlering_ros.rig import (
-    Displacement,
-    displacement_to_probes,
-    probes_to_displacement,
-    Rig,
-    RollerRow,
-)
+from saddlering_ros.rig import Displacement, Rig, RollerRow
+from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
 from saddlering_ros.ring.model import Floats
 from saddlering_ros.ring.simulator import static_response
 

@@ -14,28 +14,12 @@ from saddlering_ros.effects import extension_of, laws_of
 from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law, LawHistory, LOAD_TARGET
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.rig import (
-    Displacement,
-    ParameterSet,
-    probes_to_displacement,
-    Rig,
-    zero_of_record,
-    ZeroReading,
-    ZeroWindow,
-)
+from saddlering_ros.rig import Displacement, ParameterSet, probes_to_displacement, Rig
+from saddlering_ros.rig.geometry import zero_of_record, ZeroReading, ZeroWindow
+from saddlering_ros.ring import model
 from saddlering_ros.ring.kernels import courses, equilibrium, integration
 from saddlering_ros.ring.kernels import layout as at
-from saddlering_ros.ring.model import (
-    at_elevation,
-    Floats,
-    Model,
-    model_of,
-    models_of,
-    Rows,
-    rows_of,
-    same_motions,
-    stack_rows,
-)
+from saddlering_ros.ring.model import Floats, Model, Rows
 
 Part = TypeVar('Part')
 Result = TypeVar('Result')
@@ -75,8 +59,8 @@ class RingSimulator:
         extension = extension_of(parameters.effects, rig)
         self._laws = laws_of(parameters.effects)
         self._additions: Additions | None = None
-        rows = rows_of(rig, extension)
-        self._m = model_of(rig, elevation, parameters.contact.to_array(), extension)
+        rows = model.rows_of(rig, extension)
+        self._m = model.model_of(rig, elevation, parameters.contact.to_array(), extension)
         self._rows, self._uniform = rows.flat, rows.uniform
         self._max_step = max_step
         self._offset, self._skew = extension.clock_offset, extension.clock_skew
@@ -95,7 +79,7 @@ class RingSimulator:
 
     def turn(self, elevation: float) -> None:
         """Go on from the present state at another elevation [rad]; the zero stays."""
-        self._m = at_elevation(self._m, elevation)
+        self._m = model.at_elevation(self._m, elevation)
 
     @property
     def failed_steps(self) -> int:
@@ -274,7 +258,7 @@ def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLi
     SimulationError if elevation or a load is not finite.
     """
     m, every = _models(rig, contacts, elevation, extensions)
-    rows, uniform = stack_rows(every)
+    rows, uniform = model.stack_rows(every)
     force = np.ascontiguousarray(loads, dtype=np.float64)
     if not np.all(np.isfinite(force)):
         first = int(np.argmin(np.isfinite(force)))
@@ -325,7 +309,7 @@ def probe_batch(
     m, rows = _models(rig, contacts, elevation, extensions)
     seconds, force = check_simulation(time, load, elevation, max_step)
     zero = float(force[0]) if zero_load is None else zero_load
-    first = same_motions(m, rows)
+    first = model.same_motions(m, rows)
     own = np.unique(first)
     motion, increments = np.empty((len(m), seconds.size, 3)), np.empty((len(m), seconds.size, 4))
     motion[own], increments[own] = _run_batch(m[own], [rows[index] for index in own.tolist()],
@@ -365,7 +349,7 @@ def _models(rig: Rig, contacts: ArrayLike, elevation: float,
     if not np.isfinite(elevation):
         raise SimulationError(f'elevation is {elevation}: give a finite angle [rad]')
     every = [NO_EXTENSION] * len(laws) if extensions is None else extensions
-    return models_of(rig, elevation, laws, every), [rows_of(rig, one) for one in every]
+    return model.models_of(rig, elevation, laws, every), [model.rows_of(rig, one) for one in every]
 
 
 def _run_batch(m: Model, rows: Sequence[Rows], seconds: Floats, force: Floats, zero_load: float,
@@ -373,7 +357,7 @@ def _run_batch(m: Model, rows: Sequence[Rows], seconds: Floats, force: Floats, z
     """Motion (B, N, 3) and probe increments (B, N, 4) of each model over a record."""
     if not np.isfinite(zero_load):
         raise SimulationError(f'zero load is {zero_load}: give a finite load [N]')
-    flat, uniform = stack_rows(rows)
+    flat, uniform = model.stack_rows(rows)
     motion = np.empty((m.shape[0], seconds.size, 3))
     increments = np.empty((m.shape[0], seconds.size, 4))
 
