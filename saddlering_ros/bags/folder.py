@@ -122,13 +122,13 @@ def plain_file(path: Path) -> Iterator[Path]:
 
 def _of_directory(path: Path) -> BagDirectory:
     # A number counts as one, so that run_10 comes behind run_9.
-    found = sorted(
+    files_there = sorted(
         (file for file in path.iterdir() if file.name.endswith(SUFFIXES) and file.is_file()),
-        key=lambda file: [(int(part or 0), '') if part.isdecimal() else (0, part)
-                          for part in re.split(r'(\d+)', file.name)])
+        key=lambda file: [(int(text or 0), '') if text.isdecimal() else (0, text)
+                          for text in re.split(r'(\d+)', file.name)])
     if not (path / METADATA).is_file():
-        if found:
-            return BagDirectory(path, tuple(found))
+        if files_there:
+            return BagDirectory(path, tuple(files_there))
         below = sum(1 for _ in path.glob(f'*/{METADATA}'))
         raise BagError(
             f'{path}: is not a bag, but a folder of {below}: give one of them, or all as {path}/*'
@@ -140,11 +140,11 @@ def _of_directory(path: Path) -> BagDirectory:
             f'{path}: is recorded with storage {storage}: convert it with "ros2 bag convert" to '
             'storage mcap')
     files = tuple(dict.fromkeys(_locate(path, name) for name in _names(information)))
-    of_bag = _with_information(path, files or tuple(found), information)
+    of_bag = _with_information(path, files or tuple(files_there), information)
     # A player of rosbag2 leaves the plain file beside the compressed one.
-    known = {file.name.removesuffix('.zstd') for file in of_bag.files}
+    listed = {file.name.removesuffix('.zstd') for file in of_bag.files}
     return replace(of_bag, unlisted=tuple(
-        file.name for file in found if file.name.removesuffix('.zstd') not in known))
+        file.name for file in files_there if file.name.removesuffix('.zstd') not in listed))
 
 
 def _with_information(

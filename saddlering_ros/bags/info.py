@@ -71,7 +71,6 @@ class BagInfo:
 
     @property
     def usable(self) -> bool:
-        """Whether the bag can be read as a test."""
         return not self.problems
 
     def as_dict(self) -> dict[str, Any]:
@@ -90,24 +89,24 @@ def bag_info(
     `test`, `elevation` [rad], `rig` (default: as of `load_rig`) and `on_progress` as in
     `read_run`.
     """
-    found = scan(open_directory(path), TOPICS, on_progress)
-    facts = found.facts.overruled(test, None if elevation is None else math.degrees(elevation))
-    problems = [] if found.damage is None else [str(found.fault)]
+    scanned = scan(open_directory(path), TOPICS, on_progress)
+    facts = scanned.facts.overruled(test, None if elevation is None else math.degrees(elevation))
+    problems = [] if scanned.damage is None else [str(scanned.fault)]
     notes: list[str] = []
     rig = rig or load_rig()
     absent = absent_topic(rig)
     raw = {}
     for name in [name for name in RIG_TOPICS if name != absent]:
         try:
-            raw[name] = raw_topic(found, name)
+            raw[name] = raw_topic(scanned, name)
         except BagError as fault:
             problems.append(str(fault))
-    problems += [f'{found.path}: {problem}' for problem in facts.problems]
-    problems += _faults_of_readings(found.path, raw, rig)
+    problems += [f'{scanned.path}: {problem}' for problem in facts.problems]
+    problems += _faults_of_readings(scanned.path, raw, rig)
     run, count = None, None
     if not problems:
         read = {**raw, absent: mirrored_topic(rig, raw)} if absent else raw
-        record = RawRecord(found.path, read, facts, found.notes)
+        record = RawRecord(scanned.path, read, facts, scanned.notes)
         try:
             run = run_of_record(record, facts, rig)
             notes = [*run.notes, *map(str, findings_on_rig(rig, run, record))]
@@ -121,13 +120,13 @@ def bag_info(
     load = raw[LOAD_TOPIC].values if LOAD_TOPIC in raw else np.array([math.nan])
     lowest, highest = map(float, extremes(load))
     return BagInfo(
-        path=found.path, name=found.directory.name, files=len(found.directory.files),
-        size=found.size, message_count=found.message_count,
-        compressions=tuple(sorted(found.compressions)),
-        schema_encodings=tuple(sorted(found.schema_encodings)), facts=facts,
-        topics=tuple(_topics(found, raw, start, {} if run is None else run.quality)), start=start,
-        duration=math.nan if start is None or stop is None else (stop - start) / 1e9,
-        load_range=(lowest, highest), plateaus=count, sha256=found.directory.sha256(),
+        path=scanned.path, name=scanned.directory.name, files=len(scanned.directory.files),
+        size=scanned.size, message_count=scanned.message_count,
+        compressions=tuple(sorted(scanned.compressions)),
+        schema_encodings=tuple(sorted(scanned.schema_encodings)), facts=facts,
+        topics=tuple(_topics(scanned, raw, start, {} if run is None else run.quality)),
+        start=start, duration=math.nan if start is None or stop is None else (stop - start) / 1e9,
+        load_range=(lowest, highest), plateaus=count, sha256=scanned.directory.sha256(),
         problems=tuple(dict.fromkeys(problems)), notes=tuple(notes))
 
 
@@ -147,13 +146,13 @@ def _faults_of_readings(path: Path, raw: dict[str, RawTopic], rig: Rig) -> Itera
 
 
 def _topics(
-    found: Scan, raw: dict[str, RawTopic], start: int | None, quality: dict[str, TopicQuality],
+    of_bag: Scan, raw: dict[str, RawTopic], start: int | None, quality: dict[str, TopicQuality],
 ) -> Iterator[TopicInfo]:
     """The rig's topics first, then all others by name."""
-    for name in (*RIG_TOPICS, *sorted(set(found.topics) - set(RIG_TOPICS))):
-        if name not in found.topics:
+    for name in (*RIG_TOPICS, *sorted(set(of_bag.topics) - set(RIG_TOPICS))):
+        if name not in of_bag.topics:
             continue
-        scanned, topic = found.topics[name], raw.get(name)
+        scanned, topic = of_bag.topics[name], raw.get(name)
         info = TopicInfo(name, ', '.join(sorted(scanned.types)), scanned.count)
         if topic is None or start is None:
             yield info

@@ -167,8 +167,8 @@ class McapFile:
                 fields.read_prefixed_string(), schema.name, fields.read_prefixed_string(),
                 schema.encoding, schema.data)
         elif opcode == METADATA:
-            found = records.Metadata.read(_Fields(buffer, start, stop))
-            self.metadata[found.name] = found.metadata
+            stated = records.Metadata.read(_Fields(buffer, start, stop))
+            self.metadata[stated.name] = stated.metadata
 
     def _check_end(self, buffer: mmap.mmap, position: int, start: int, stop: int) -> None:
         """Check the data against the statements at the end of the file."""
@@ -221,12 +221,12 @@ class McapFile:
         if len(data) != size or (crc and crc != zlib.crc32(data)):
             raise damage
         with suppress(struct.error, IndexError, UnicodeDecodeError):
-            found = self._indexed(data, _message_index(buffer, stop))
-            if found is None:
+            block = self._indexed(data, _message_index(buffer, stop))
+            if block is None:
                 messages = _Collector()
                 self._walk(data, 0, size, messages)
-                found = messages.block(data)
-            return found
+                block = messages.block(data)
+            return block
         raise damage
 
     def _walk(self, data: bytes, position: int, stop: int, messages: _Collector | None = None,
@@ -258,7 +258,7 @@ class McapFile:
         order = np.argsort(offsets)
         offsets = offsets[order]
         sizes = take(array, offsets + 1, '<u8').astype(np.int64)
-        channels = np.repeat(list(index), [len(own) for own in index.values()])[order]
+        channels = np.repeat(list(index), [len(entry) for entry in index.values()])[order]
         edges = np.concatenate([[0], offsets + RECORD_HEAD + sizes])
         following = np.append(offsets, len(data))
         if not (
@@ -327,8 +327,8 @@ class _Collector:
         self.count += 1
 
     def block(self, data: bytes | mmap.mmap) -> McapBlock:
-        messages = {channel: Messages(*np.array(found, dtype=np.uint64).astype(np.int64).T)
-                    for channel, found in self._found.items()}
+        messages = {channel: Messages(*np.array(entries, dtype=np.uint64).astype(np.int64).T)
+                    for channel, entries in self._found.items()}
         return McapBlock(np.frombuffer(data, dtype=np.uint8), messages)
 
 

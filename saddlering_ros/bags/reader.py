@@ -43,23 +43,23 @@ def read_raw(
     return _raw_record(scan(open_directory(path), wanted, on_progress), wanted, rig)
 
 
-def _raw_record(found: Scan, wanted: Sequence[str], rig: Rig | None) -> RawRecord:
-    if found.damage is not None:
-        assert found.fault is not None
-        raise found.fault
+def _raw_record(scanned: Scan, wanted: Sequence[str], rig: Rig | None) -> RawRecord:
+    if scanned.damage is not None:
+        assert scanned.fault is not None
+        raise scanned.fault
     absent = absent_topic(rig)
-    read = {name: raw_topic(found, name)
+    read = {name: raw_topic(scanned, name)
             for name in wanted if TOPICS[name].required and name != absent}
     if rig is not None and absent in wanted:
         read[absent] = mirrored_topic(rig, read)
-    notes = list(found.notes)
+    notes = list(scanned.notes)
     for name in wanted:
-        if name in found.topics and not TOPICS[name].required:
+        if name in scanned.topics and not TOPICS[name].required:
             try:
-                read[name] = raw_topic(found, name)
+                read[name] = raw_topic(scanned, name)
             except BagError as fault:
                 notes.append(f'left out: {fault}')
-    return RawRecord(found.path, read, found.facts, tuple(notes))
+    return RawRecord(scanned.path, read, scanned.facts, tuple(notes))
 
 
 def read_run(
@@ -91,29 +91,30 @@ def read_run(
 
 
 def usable_facts(
-    path: Path, found: TestMetadata, test: str | None, elevation: float | None,
+    path: Path, stated: TestMetadata, test: str | None, elevation: float | None,
 ) -> TestMetadata:
     """Metadata of the bag and of the options together; BagError if they are not enough."""
-    facts = found.overruled(test, None if elevation is None else math.degrees(elevation))
+    facts = stated.overruled(test, None if elevation is None else math.degrees(elevation))
     if facts.problems:
         raise BagError(f'{path}: {facts.problems[0]}')
     return facts
 
 
-def raw_topic(found: Scan, name: str) -> RawTopic:
+def raw_topic(scanned: Scan, name: str) -> RawTopic:
     """One rig topic of a scanned bag in stamp order; BagError if it cannot be used."""
-    where = f'{found.path}: {name}'
-    topic = found.topics.get(name)
+    where = f'{scanned.path}: {name}'
+    topic = scanned.topics.get(name)
     fewest = MIN_SAMPLES if TOPICS[name].required else 1
-    if found.fault is not None and (topic is None or topic.count < fewest):
-        raise found.fault
-    if not found.message_count:
-        raise BagError(f'{found.path}: holds no messages: check that the rig ran and record again')
+    if scanned.fault is not None and (topic is None or topic.count < fewest):
+        raise scanned.fault
+    if not scanned.message_count:
+        raise BagError(
+            f'{scanned.path}: holds no messages: check that the rig ran and record again')
     if topic is None:
-        have = ', '.join(sorted(found.topics)) or 'none'
+        have = ', '.join(sorted(scanned.topics)) or 'none'
         radial = (f', or state rig.probes.absent: {name[-1]} in the rig file if the rig does not '
                   'have this probe') if name in [PROBE_TOPICS[one - 1] for one in OPPOSITE] else ''
-        raise BagError(f'{found.path}: has no topic {name} (it has: {have}): record this topic '
+        raise BagError(f'{scanned.path}: has no topic {name} (it has: {have}): record this topic '
                        f'too{radial}')
     if topic.fault:
         raise BagError(f'{where}: {topic.fault}')
@@ -141,7 +142,7 @@ def raw_topic(found: Scan, name: str) -> RawTopic:
     if (spans != spans[:1]).any() and np.isfinite(spans).all():
         notes.append(f'{name}: min_range or max_range changes during the record')
     low, high = spans[0].tolist() if len(spans) else (math.nan, math.nan)
-    if not found.cuts and found.damage is None:  # These numbers count the readable part.
+    if not scanned.cuts and scanned.damage is None:  # These numbers count the readable part.
         for array in (topic.stamps, topic.values, topic.log_times):
             array.clear()
     return RawTopic(
@@ -188,7 +189,7 @@ def put_in_order(
     """
     if len(stamps) > 1 and extremes(stamps) == (0, 0):
         raise BagError(f'{where}: all stamps are zero: let the driver fill header.stamp')
-    if len(stamps) and not count_where(lambda part: part[1:] <= part[:-1], stamps, ahead=1):
+    if len(stamps) and not count_where(lambda block: block[1:] <= block[:-1], stamps, ahead=1):
         _check_leaps(where, stamps)
         return slice(None), 0, 0
     lateness = _lateness(stamps)
@@ -253,7 +254,7 @@ def _going_back(where: str, stamps: NDArray[np.int64], index: int, furthest: int
 
 
 def _check_leaps(where: str, ordered: NDArray[np.int64]) -> None:
-    if count_where(lambda part: np.diff(part) > LONGEST_LEAP_NS, ordered, ahead=1):
+    if count_where(lambda block: np.diff(block) > LONGEST_LEAP_NS, ordered, ahead=1):
         leaps = np.diff(ordered)
         index = int(np.argmax(leaps))
         raise BagError(

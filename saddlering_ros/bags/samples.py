@@ -63,10 +63,10 @@ class SamplesSummary:
             self.last[name] = float(column[-1])
         self.count += len(columns['load'])
         marks = columns['validity']
-        found = {'sound': marks == 0,
+        masks = {'sound': marks == 0,
                  **{f'without {name}': marks & bit > 0 for name, bit in NOT_KNOWN.items()},
                  'bridged': marks & BRIDGED > 0, 'by a doubtful load': marks & DOUBTFUL_LOAD > 0}
-        for words, mask in found.items():
+        for words, mask in masks.items():
             self.validity[words] = self.validity.get(words, 0) + int(np.count_nonzero(mask))
 
 

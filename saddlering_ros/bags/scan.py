@@ -42,7 +42,6 @@ class ScannedTopic:
     spans: list[NDArray[np.float64]] = field(default_factory=list)  # ends of range (K, 2) [m]
 
     def add(self, records: wire.Records, log_times: NDArray[np.int64]) -> None:
-        """Add the content of a block."""
         topic = TOPICS[self.topic]
         self.frame_id = self.frame_id or records.frame_id
         if topic.low:
@@ -147,14 +146,14 @@ def _scan_file(
     result: Scan, path: Path, topics: Collection[str], records: dict[str, str],
     recorder: dict[str, str], on_bytes: Callable[[float], None],
 ) -> None:
-    before, own = result.size, path.stat().st_size
-    result.size += own
+    before, size = result.size, path.stat().st_size
+    result.size += size
     with folder.plain_file(path) as plain:
         file = McapFile(plain, str(path))
         try:
             for block in file.blocks():
                 _take_block(result, file, block, topics)
-                on_bytes(before + own * file.share)
+                on_bytes(before + size * file.share)
                 most = max(folder.MESSAGES_ALLOWED, folder.MAX_EXPANSION * result.size)
                 if result.unpacked > most:
                     raise BagError(
@@ -189,15 +188,15 @@ def _take_block(result: Scan, file: McapFile, block: McapBlock, topics: Collecti
         if channel.topic not in topics:
             continue
         result.unpacked += int(messages.sizes.sum())
-        known, data = TOPICS[channel.topic], block.data
-        topic.fault = topic.fault or fault_of(channel, known)
+        rig_topic, data = TOPICS[channel.topic], block.data
+        topic.fault = topic.fault or fault_of(channel, rig_topic)
         if topic.fault:
             continue
         try:
             if result.directory.message_compression:
                 data, messages = _decompressed(data, messages)
-            topic.add(wire.decode_records(data, messages.starts, messages.sizes, known.type,
-                                          known.fields), messages.log_times)
+            topic.add(wire.decode_records(data, messages.starts, messages.sizes, rig_topic.type,
+                                          rig_topic.fields), messages.log_times)
         except CdrError as problem:
             topic.fault = f'{problem}: record or copy the bag again'
 
@@ -234,9 +233,9 @@ def fault_of(channel: McapChannel, topic: RigTopic) -> str:
             expected.append(line)
         if path == topic.field:
             break
-    own = channel.definition.decode('utf-8', 'replace').partition('=====')[0]
-    fields = [' '.join((found[1].rpartition('/')[2], found[2]))
-              for line in own.splitlines() if (found := _FIELD.match(line))]
+    definition = channel.definition.decode('utf-8', 'replace').partition('=====')[0]
+    fields = [' '.join((match[1].rpartition('/')[2], match[2]))
+              for line in definition.splitlines() if (match := _FIELD.match(line))]
     if not fields or fields[:len(expected)] == expected:
         return ''
     pairs = zip(expected, [*fields, *['nothing'] * len(expected)], strict=False)

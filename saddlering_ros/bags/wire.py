@@ -26,7 +26,7 @@ from saddlering_ros.rig import CHANNELS
 DISPLACEMENT_TYPE = 'saddlering_interfaces/msg/RingDisplacement'
 
 LAYOUTS: dict[str, tuple[tuple[str, str], ...]] = {
-    WRENCH_TYPE: tuple((f'wrench.{part}.{axis}', 'f8') for part in ('force', 'torque')
+    WRENCH_TYPE: tuple((f'wrench.{vector}.{axis}', 'f8') for vector in ('force', 'torque')
                        for axis in 'xyz'),
     VECTOR_TYPE: tuple((f'vector.{axis}', 'f8') for axis in 'xyz'),
     RANGE_TYPE: (
@@ -213,19 +213,19 @@ def _layout(message_type: str, kind: int, length: int, names: tuple[str, ...]) -
     if length > 1 << 24:
         raise CdrError('the frame id is longer than any message')
     order, alignment = _BYTE_ORDER_AND_ALIGNMENT[kind]
-    found = {'kind': (0, '>u2'), 'sec': (ENCAPSULATION, f'{order}i4'),
-             'nanosec': (ENCAPSULATION + 4, f'{order}u4'),
-             'length': (ENCAPSULATION + 8, f'{order}u4')}
+    fields = {'kind': (0, '>u2'), 'sec': (ENCAPSULATION, f'{order}i4'),
+              'nanosec': (ENCAPSULATION + 4, f'{order}u4'),
+              'length': (ENCAPSULATION + 8, f'{order}u4')}
     place, size = _TEXT + length, _HEAD + length
     for name, number in LAYOUTS[message_type]:
         width = int(number[1])
         place += -place % min(width, alignment)
         if name in names:
-            found[name] = (ENCAPSULATION + place, f'{order}{number}')
+            fields[name] = (ENCAPSULATION + place, f'{order}{number}')
             size = ENCAPSULATION + place + width
         place += width
-    return np.dtype({'names': list(found), 'formats': [kind for _, kind in found.values()],
-                     'offsets': [offset for offset, _ in found.values()], 'itemsize': size})
+    return np.dtype({'names': list(fields), 'formats': [kind for _, kind in fields.values()],
+                     'offsets': [offset for offset, _ in fields.values()], 'itemsize': size})
 
 
 @functools.lru_cache(maxsize=256)
@@ -236,9 +236,9 @@ def _row(message_type: str, kind: int, length: int, names: tuple[str, ...]) -> s
     words = [f'{_BYTE_ORDER_AND_ALIGNMENT[kind][0]}2s2xiII{length}s']
     place = _HEAD + length
     for name in [name for name, _ in LAYOUTS[message_type] if name in names]:
-        found, offset = layout.fields[name][:2]
-        words.append(f'{offset - place}x{found.char}')
-        place = offset + found.itemsize
+        dtype, offset = layout.fields[name][:2]
+        words.append(f'{offset - place}x{dtype.char}')
+        place = offset + dtype.itemsize
     return struct.Struct(''.join(words))
 
 
@@ -291,12 +291,12 @@ def decode_samples(messages: Sequence[bytes], topic: RigTopic) -> Samples:
     """Readings of a topic of the rig, with the range that the last message states."""
     if not messages:
         return batches.no_samples()
-    found = decode_list(messages, topic.type, topic.fields)
-    values = found.fields[topic.field].astype(np.float64)
+    records = decode_list(messages, topic.type, topic.fields)
+    values = records.fields[topic.field].astype(np.float64)
     if not topic.low:
-        return Samples(found.stamps, values)
-    low, high = (float(found.fields[name][-1]) for name in (topic.low, topic.high))
-    return Samples(found.stamps, values, low, high)
+        return Samples(records.stamps, values)
+    low, high = (float(records.fields[name][-1]) for name in (topic.low, topic.high))
+    return Samples(records.stamps, values, low, high)
 
 
 def encode_samples(samples: Samples, topic: RigTopic, frame_id: str | None = None) -> list[bytes]:
@@ -312,13 +312,13 @@ def decode_displacements(messages: Sequence[bytes]) -> Displacements:
     """A batch from saddlering_interfaces/RingDisplacement messages."""
     if not messages:
         return batches.no_displacements()
-    found = decode_list(messages, DISPLACEMENT_TYPE, (
+    records = decode_list(messages, DISPLACEMENT_TYPE, (
         *CHANNELS, 'zero_stamp.sec', 'zero_stamp.nanosec', 'zero_load', 'elevation', 'validity',
         'zero_duration'))
-    fields = found.fields
+    fields = records.fields
     zero = fields['zero_stamp.sec'].astype(np.int64) * SECOND + fields['zero_stamp.nanosec']
     return Displacements(
-        found.stamps, np.array([fields[name] for name in CHANNELS], np.float64),
+        records.stamps, np.array([fields[name] for name in CHANNELS], np.float64),
         zero, fields['zero_load'].astype(np.float64), fields['elevation'].astype(np.float64),
         fields['validity'].astype(np.uint8), fields['zero_duration'].astype(np.float64))
 

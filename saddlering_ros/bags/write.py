@@ -240,18 +240,10 @@ def messages_of(
 
 
 def write_bag(
-    path: Path | str,
-    metadata: TestMetadata,
-    load_stamps: ArrayLike,
-    load: ArrayLike,
-    probe_stamps: Sequence[ArrayLike],
-    gaps: Sequence[ArrayLike],
-    probes: Probes,
-    *,
-    others: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None,
-    log_delay: int = 0,
-    chunk_size: int = CHUNK_SIZE,
-    overwrite: bool = False,
+    path: Path | str, metadata: TestMetadata, load_stamps: ArrayLike, load: ArrayLike,
+    probe_stamps: Sequence[ArrayLike], gaps: Sequence[ArrayLike], probes: Probes, *,
+    others: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None, log_delay: int = 0,
+    chunk_size: int = CHUNK_SIZE, overwrite: bool = False,
 ) -> Path:
     """Write a rosbag2 directory at `path`, complete or not at all; return the path.
 
@@ -329,7 +321,6 @@ class McapWriter:
         self._write(self._channels[topic])
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
-        """Write a metadata record."""
         offset = self._file.tell()
         length = self._write(records.Metadata(name=name, metadata=dict(data)))
         self._metadata.append(records.MetadataIndex(offset=offset, length=length, name=name))

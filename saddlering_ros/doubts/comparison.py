@@ -80,8 +80,8 @@ def is_same_recording(first: Record, second: Record) -> bool:
         head = shorter.load[anchor:anchor + ANCHOR_ROWS]
         if len(head) < ANCHOR_ROWS or head.min() == head.max():
             continue
-        for part in blocks(len(longer.load) - len(head) + 1, longer.load):
-            places = part.start + np.flatnonzero(longer.load[part] == head[0])
+        for block in blocks(len(longer.load) - len(head) + 1, longer.load):
+            places = block.start + np.flatnonzero(longer.load[block] == head[0])
             if any(_equal_from(shorter, longer, place - anchor) > wanted
                    for place in places.tolist()
                    if np.array_equal(longer.load[place:place + len(head)], head)):
@@ -94,8 +94,8 @@ def _equal_from(shorter: Record, longer: Record, shift: int) -> int:
     start = max(0, -shift)
     stop = min(len(shorter.load), len(longer.load) - shift)
     count = 0
-    for part in blocks(stop - start, shorter.load, shorter.gaps, longer.load, longer.gaps):
-        rows = slice(start + part.start, start + part.stop)
+    for block in blocks(stop - start, shorter.load, shorter.gaps, longer.load, longer.gaps):
+        rows = slice(start + block.start, start + block.stop)
         count += _equal(shorter, rows, longer, slice(rows.start + shift, rows.stop + shift))
     return count
 
@@ -109,8 +109,8 @@ def _equal_at_their_stamps(first: Record, second: Record) -> int:
         return 0
     arrays = (first.stamps, first.load, first.gaps, second.stamps, second.load, second.gaps)
     count = 0
-    for part in blocks(stop - start, *arrays):
-        rows = slice(start + part.start, start + part.stop)
+    for block in blocks(stop - start, *arrays):
+        rows = slice(start + block.start, start + block.stop)
         stamps = first.stamps[rows]
         others = slice(*np.searchsorted(second.stamps, [stamps[0], stamps[-1] + 1]).tolist())
         _, left, right = np.intersect1d(stamps, second.stamps[others], assume_unique=True,

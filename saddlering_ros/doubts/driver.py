@@ -97,109 +97,110 @@ def check_driver(
     elevation [rad] decides to which side a load must move each probe; rate [Hz]: wanted of every
     topic, if given.
     """
-    found, usable = _Findings(), True
+    findings, usable = _Findings(), True
     probes = [PROBES[number - 1] for number in rig.probes.present]
     for topic in (LOAD, *probes):
-        found.where = topic.name
+        findings.where = topic.name
         one = heard.get(topic.name)
         if one is not None and len(one) >= MIN_SAMPLES:
-            _stamps(found, topic, one, rate)
-            _values(found, rig, topic, one)
+            _stamps(findings, topic, one, rate)
+            _values(findings, rig, topic, one)
             continue
         usable = False
         wrong = [] if one is None else [kind for kind in one.types if kind != topic.type]
         if wrong:
-            found.fault(f'is published as {wrong[0]}: publish {topic.type}')
+            findings.fault(f'is published as {wrong[0]}: publish {topic.type}')
         elif one is None or not one.publishers:
-            found.fault('it has no publisher: start the driver, or remap its topic')
+            findings.fault('it has no publisher: start the driver, or remap its topic')
         else:
-            found.fault(f'{len(one)} samples came from {one.publishers} '
-                        'publisher(s): check that the driver reads its device, or listen longer')
+            findings.fault(
+                f'{len(one)} samples came from {one.publishers} publisher(s): check that the '
+                'driver reads its device, or listen longer')
     if usable:
-        _skew(found, heard, [topic.name for topic in probes])
-        _load(found, rig, heard[LOAD_TOPIC])
-        _directions(found, rig, heard, elevation)
-    return sorted(found, key=lambda one: one.severity != FAULT)
+        _skew(findings, heard, [topic.name for topic in probes])
+        _load(findings, rig, heard[LOAD_TOPIC])
+        _directions(findings, rig, heard, elevation)
+    return sorted(findings, key=lambda one: one.severity != FAULT)
 
 
-def _stamps(found: _Findings, topic: RigTopic, one: HeardTopic, rate: float | None) -> None:
+def _stamps(findings: _Findings, topic: RigTopic, one: HeardTopic, rate: float | None) -> None:
     """Faults of the source of a topic and of its stamps."""
     if one.publishers > 1:
-        found.fault(f'{one.publishers} publishers, whose samples are mixed: end all but one')
+        findings.fault(f'{one.publishers} publishers, whose samples are mixed: end all but one')
     if one.frame_id != topic.frame_id:
-        found.note(f'frame_id is {one.frame_id!r}: set it to {topic.frame_id!r}')
+        findings.note(f'frame_id is {one.frame_id!r}: set it to {topic.frame_id!r}')
     unset = int((one.stamps <= 0).sum())
     if unset:
-        found.fault(f'{unset} of {len(one)} stamps are not set: stamp each sample '
-                    'with the time of its measurement')
+        findings.fault(f'{unset} of {len(one)} stamps are not set: stamp each sample '
+                       'with the time of its measurement')
         return
     steps = np.diff(one.stamps)
     shared, back = int((steps == 0).sum()), int((steps < 0).sum())
     if shared > SHARED_STAMPS * len(steps):
-        found.fault(f'{shared} of {len(one)} samples have the stamp of the one '
-                    'before: stamp each sample of a block with its own time')
+        findings.fault(f'{shared} of {len(one)} samples have the stamp of the one '
+                       'before: stamp each sample of a block with its own time')
         return
     if shared:
-        found.fault(f'{shared} samples have the stamp of the one before')
+        findings.fault(f'{shared} samples have the stamp of the one before')
     if back:
-        found.fault(f'{back} stamps go back: publish samples in the order of their measurement')
+        findings.fault(f'{back} stamps go back: publish samples in the order of their measurement')
         return
     gaps = gap_mask(one.stamps)
     if gaps.any():
-        found.fault(f'{int(gaps.sum())} gaps in the stamps, longest '
-                    f'{float(steps[gaps].max()) / 1e9:.3g} s: samples are lost in the driver or '
-                    'on the way (best effort on a busy network)')
+        longest = float(steps[gaps].max()) / 1e9
+        findings.fault(f'{int(gaps.sum())} gaps in the stamps, longest {longest:.3g} s: samples '
+                       'are lost in the driver or on the way (best effort on a busy network)')
     if rate is not None and abs(one.rate / rate - 1.0) > RATE_TOLERANCE:
-        found.fault(f'comes at {one.rate:.4g} Hz, and {rate:g} Hz is required')
+        findings.fault(f'comes at {one.rate:.4g} Hz, and {rate:g} Hz is required')
     arrived = float(one.arrivals[-1] - one.arrivals[0])
     stamped = float(one.stamps[-1] - one.stamps[0])
     if not gaps.any() and arrived > 1e9 and abs(stamped / arrived - 1.0) > RATE_TOLERANCE:
-        found.fault(f'stamps advance by {stamped / 1e9:.3g} s in '
-                    f'{arrived / 1e9:.3g} s: the stamps are not times, or the driver falls behind')
+        findings.fault(f'stamps advance by {stamped / 1e9:.3g} s in {arrived / 1e9:.3g} s: the '
+                       'stamps are not times, or the driver falls behind')
     if abs(one.delay) > CLOCK_LIMIT:
-        found.fault(f'stamps are {abs(one.delay):.3g} s '
-                    f'{"behind" if one.delay > 0.0 else "ahead of"} the clock of this machine: '
-                    'synchronise the clocks (chrony, PTP), or stamp in UTC')
+        findings.fault(f'stamps are {abs(one.delay):.3g} s '
+                       f'{"behind" if one.delay > 0.0 else "ahead of"} the clock of this machine: '
+                       'synchronise the clocks (chrony, PTP), or stamp in UTC')
 
 
-def _values(found: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> None:
+def _values(findings: _Findings, rig: Rig, topic: RigTopic, one: HeardTopic) -> None:
     values = one.values[np.isfinite(one.values)]
     if len(values) < len(one):
-        found.fault(f'{len(one) - len(values)} of {len(one)} readings are not '
-                    'numbers: leave out what was not measured')
+        findings.fault(f'{len(one) - len(values)} of {len(one)} readings are not '
+                       'numbers: leave out what was not measured')
     if not len(values):
         return
     if (values == values[0]).all():
-        found.fault(f'the reading never changes ({values[0]:.6g} {topic.unit}): '
-                    'a sensor has noise; check that it is connected')
+        findings.fault(f'the reading never changes ({values[0]:.6g} {topic.unit}): '
+                       'a sensor has noise; check that it is connected')
     guard = SampleGuard(limits_of(topic.name, rig))
     guard.push(Samples(one.stamps, one.values))
     counts = guard.counters
     impossible = counts.impossible + counts.leaps_of_reading + counts.doubtful_load
-    if impossible and not _in_other_unit(found, rig, topic, values):
-        found.fault(f'{impossible} readings that this rig cannot have (from '
-                    f'{values.min():.4g} to {values.max():.4g} {topic.unit}): the nodes refuse '
-                    'them; look for spikes, the unit and the rig file')
+    if impossible and not _in_other_unit(findings, rig, topic, values):
+        findings.fault(f'{impossible} readings that this rig cannot have (from '
+                       f'{values.min():.4g} to {values.max():.4g} {topic.unit}): the nodes refuse '
+                       'them; look for spikes, the unit and the rig file')
     if topic is LOAD:
         return
     low, high = rig.probes.min_range, rig.probes.max_range
     span = high - low
     if not one.high > one.low:
-        found.note(f'states no range: fill in min_range {low:g} and max_range {high:g}')
+        findings.note(f'states no range: fill in min_range {low:g} and max_range {high:g}')
     elif max(abs(one.low - low), abs(one.high - high)) > SPAN_TOLERANCE * span:
-        found.fault(f'its range is {one.low:.4g} to {one.high:.4g} m and that of '
-                    f'the rig file {low:.4g} to {high:.4g} m: correct one of them')
+        findings.fault(f'its range is {one.low:.4g} to {one.high:.4g} m and that of '
+                       f'the rig file {low:.4g} to {high:.4g} m: correct one of them')
     ended = int(((values <= low) | (values >= high)).sum())
     margin = min(float(np.median(values)) - low, high - float(np.median(values)))
     if ended:
-        found.fault(f'{ended} of {len(values)} readings at or beyond an end '
-                    'of the range: check the position and the unit of the probe')
+        findings.fault(f'{ended} of {len(values)} readings at or beyond an end '
+                       'of the range: check the position and the unit of the probe')
     elif margin < NARROW_MARGIN * span:
-        found.note(f'the gap is {margin * 1e3:.3g} mm from an end of the range: '
-                   'move the probe to the middle')
+        findings.note(f'the gap is {margin * 1e3:.3g} mm from an end of the range: '
+                      'move the probe to the middle')
 
 
-def _in_other_unit(found: _Findings, rig: Rig, topic: RigTopic, values: Floats) -> bool:
+def _in_other_unit(findings: _Findings, rig: Rig, topic: RigTopic, values: Floats) -> bool:
     """Whether the readings as a whole are in another unit, which is then a finding."""
     try:
         if topic is LOAD:
@@ -207,52 +208,52 @@ def _in_other_unit(found: _Findings, rig: Rig, topic: RigTopic, values: Floats) 
         else:
             check_probe_unit('', values, rig.probes.min_range, rig.probes.max_range)
     except BagError as problem:
-        found.fault(str(problem).removeprefix(': '))
+        findings.fault(str(problem).removeprefix(': '))
         return True
     return False
 
 
-def _skew(found: _Findings, heard: Mapping[str, HeardTopic], probes: Sequence[str]) -> None:
+def _skew(findings: _Findings, heard: Mapping[str, HeardTopic], probes: Sequence[str]) -> None:
     load = heard[LOAD_TOPIC]
-    for found.where in probes:
-        skew = heard[found.where].delay - load.delay
+    for findings.where in probes:
+        skew = heard[findings.where].delay - load.delay
         if abs(skew) > SKEW_LIMIT and abs(load.delay) < CLOCK_LIMIT:
-            found.fault(f'stamps are {abs(skew) * 1e3:.3g} ms '
-                        f'{"older" if skew > 0.0 else "younger"} than those of the load that '
-                        'arrive with them: use one clock for both, and stamp with the time of '
-                        'measurement')
-    found.where = min(probes, key=lambda name: heard[name].rate)
-    slowest = heard[found.where].rate
+            findings.fault(f'stamps are {abs(skew) * 1e3:.3g} ms '
+                           f'{"older" if skew > 0.0 else "younger"} than those of the load that '
+                           'arrive with them: use one clock for both, and stamp with the time of '
+                           'measurement')
+    findings.where = min(probes, key=lambda name: heard[name].rate)
+    slowest = heard[findings.where].rate
     if slowest < 0.5 * load.rate:
-        found.note(f'comes at {slowest:.4g} Hz and the load at {load.rate:.4g} Hz: '
-                   'damping is known better with equal rates')
+        findings.note(f'comes at {slowest:.4g} Hz and the load at {load.rate:.4g} Hz: '
+                      'damping is known better with equal rates')
 
 
-def _load(found: _Findings, rig: Rig, one: HeardTopic) -> None:
-    found.where = LOAD_TOPIC
+def _load(findings: _Findings, rig: Rig, one: HeardTopic) -> None:
+    findings.where = LOAD_TOPIC
     values = one.values[np.isfinite(one.values)]
     low, high = (float(values.min()), float(values.max())) if len(values) else (-math.inf, 0.0)
     if low < load_limits(rig).low:
         return  # these readings are refused, which is a finding already
     if low < -rig.limits.negative_max:
-        found.fault(f'the load falls to {low:.4g} N: publish a pushing load as '
-                    'positive, and zero the load cell')
+        findings.fault(f'the load falls to {low:.4g} N: publish a pushing load as '
+                       'positive, and zero the load cell')
     elif high < rig.limits.unit_min and high - low > MOVED * white_noise(values):
-        _in_other_unit(found, rig, LOAD, values)
+        _in_other_unit(findings, rig, LOAD, values)
     elif high < rig.limits.unit_min:
-        found.note(f'the load is {low:.4g} to {high:.4g} N: at rest without preload, or not in '
-                   f'newtons; sign and unit are known from {rig.preload:.4g} N on')
+        findings.note(f'the load is {low:.4g} to {high:.4g} N: at rest without preload, or not in '
+                      f'newtons; sign and unit are known from {rig.preload:.4g} N on')
 
 
 def _directions(
-    found: _Findings, rig: Rig, heard: Mapping[str, HeardTopic], elevation: float,
+    findings: _Findings, rig: Rig, heard: Mapping[str, HeardTopic], elevation: float,
 ) -> None:
     """Polarity, swapped channels and the sign of the load, if the load moved enough."""
     stamps, values = heard[LOAD_TOPIC].in_order
     least = MIN_LOAD_SPAN * rig.full_scale_load
     if len(values) < MIN_SAMPLES or float(np.ptp(values)) < least:
-        found.note('the load did not move: polarity, order of the probes and sign of the load are '
-                   f'not checked; move it by {rig.force_words(least)} meanwhile')
+        findings.note('the load did not move: polarity, order of the probes and sign of the load '
+                      f'are not checked; move it by {rig.force_words(least)} meanwhile')
         return
     probes = rig.probes
     gaps = np.stack([align(stamps, *heard[PROBE_TOPICS[number - 1]].in_order)
@@ -260,5 +261,5 @@ def _directions(
     if probes.absent:
         other = gaps[probes.partner_row]
         gaps = np.insert(gaps, probes.absent - 1, mirrored_gap(probes, other), axis=0)
-    found += [replace(finding, where='probes', severity=FAULT)
-              for finding in wiring_findings(rig, elevation, values, gaps)]
+    findings += [replace(finding, where='probes', severity=FAULT)
+                 for finding in wiring_findings(rig, elevation, values, gaps)]

@@ -290,9 +290,9 @@ def _elevation(rig: Rig, run: Record) -> list[Finding]:
     measured = _apparent_elevation(rig, run.load[kept], np.asarray(moved.delta_y)[kept],
                                    np.asarray(moved.gamma)[kept])
     load = np.linspace(rig.preload, float(np.nanmax(run.load)), EXPECTED_LOADS)
-    found = simulate(rig, ParameterSet(TRUE_TO_SCALE), run.elevation, np.arange(len(load)) * 0.1,
-                     load).displacement
-    expected = _apparent_elevation(rig, load, np.asarray(found.delta_y), np.asarray(found.gamma))
+    time = np.arange(len(load)) * 0.1
+    ring = simulate(rig, ParameterSet(TRUE_TO_SCALE), run.elevation, time, load).displacement
+    expected = _apparent_elevation(rig, load, np.asarray(ring.delta_y), np.asarray(ring.gamma))
     if measured is None or expected is None:
         return []
     apparent, uncertainty = measured

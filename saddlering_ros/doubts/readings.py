@@ -182,7 +182,7 @@ def _probe_findings(raw: RawTopic, aligned: NDArray[np.float64]) -> list[Finding
         findings.append(NO_READING.at(raw.topic, count=absent, stamps=len(aligned)))
     if not _is_span(low, high):
         findings.append(NO_SPAN.at(raw.topic))
-    elif count := count_where(lambda part: (part <= low) | (part >= high), raw.values):
+    elif count := count_where(lambda block: (block <= low) | (block >= high), raw.values):
         findings.append(AT_LIMIT_OF_SPAN.at(
             raw.topic, count=count, readings=len(raw.values), low=low, high=high,
             unit=_unit_outside(raw)))
@@ -267,8 +267,8 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         used[rows] &= is_paired
         published[rows] &= is_paired
     possible = _possible_record(record, rig or load_rig())
-    found = {name: topic_quality(possible[name].stamps, possible[name].values)
-             for name in RIG_TOPICS}
+    qualities = {name: topic_quality(possible[name].stamps, possible[name].values)
+                 for name in RIG_TOPICS}
     findings: list[object] = [*record.notes]
     if absent and rig is not None:
         findings.append(PROBE_ABSENT.at(absent=rig.probes.absent, partner=rig.probes.partner))
@@ -285,11 +285,11 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
                 f'{number} {reason}' for reason, number in counts.items())))
         if raw.topic != absent and guard.counters.doubtful_load:
             findings.append(DOUBTFUL_LOAD.at(raw.topic, count=guard.counters.doubtful_load))
-    for name, quality in found.items():
+    for name, quality in qualities.items():
         if name != absent:
             findings += quality_findings(name, quality, 'N' if name == LOAD_TOPIC else 'm')
     stamps = possible[LOAD_TOPIC].stamps
-    findings += clock_findings(found[LOAD_TOPIC], [found[name] for name in PROBE_TOPICS],
+    findings += clock_findings(qualities[LOAD_TOPIC], [qualities[name] for name in PROBE_TOPICS],
                                float(stamps[-1] - stamps[0]) * 1e-9)
     findings += _other_clock(load, probes)
     if int(np.count_nonzero(used)) < MIN_SAMPLES:
@@ -306,7 +306,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         elevation=math.radians(facts.elevation_deg), rig=facts.rig, run=facts.run,
         stamps=load.stamps, time=seconds_array(load.stamps, int(load.stamps[0])),
         load=load.values, gaps=gaps, notes=[*map(str, findings)],
-        spikes=_spikes(load, possible, found), quality=found, others=others,
+        spikes=_spikes(load, possible, qualities), quality=qualities, others=others,
         details=facts.details, used=used, published=published,
         probe_marks=_marks_of(guards[1:], load.stamps),
         load_marks=_marks_of(guards[:1], load.stamps, to_next=True),
@@ -379,15 +379,15 @@ def _why_apart(probes: Sequence[RawTopic]) -> str:
 
 
 def _spikes(
-    load: RawTopic, record: RawRecord, found: dict[str, TopicQuality],
+    load: RawTopic, record: RawRecord, qualities: dict[str, TopicQuality],
 ) -> NDArray[np.bool_] | None:
     """Mask (5, N) of the load's samples that a spike of the load or of a probe reaches."""
-    if not any(one.spikes.size for one in found.values()):
+    if not any(one.spikes.size for one in qualities.values()):
         return None
     spikes = scratch.scratch_array((len(RIG_TOPICS), len(load)), np.bool_)
     for name, reached in zip(RIG_TOPICS, spikes, strict=True):
         # Mark the load's samples (N,) that are aligned with a spike among a topic's readings.
-        for spike in found[name].spikes.tolist():
+        for spike in qualities[name].spikes.tolist():
             about = slice(max(spike - GAP_HISTORY - 2, 0), spike + 3)
             stamps = record[name].stamps[about]
             struck = np.zeros(len(stamps))

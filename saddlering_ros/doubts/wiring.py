@@ -133,7 +133,7 @@ def _mirrored(increments: Floats) -> list[Finding]:
     opposite = unlikeness.pop((0, 2))
     if opposite < OPPOSITE_LIMIT or opposite > 1.0 / OPPOSITE_LIMIT:
         return []  # They do, or move to the same side: `_sides` judges that.
-    (first, second), least = min(unlikeness.items(), key=lambda item: item[1])
+    (first, second), least = min(unlikeness.items(), key=lambda pair: pair[1])
     if least > SWAPPED.limit or least > opposite / 3.0:
         return []
     # One radial probe has its own channel: the other is read where its partner should be.
@@ -178,10 +178,10 @@ def exchange_findings(rig: Rig, time: Floats, load: Floats, gaps: Floats) -> lis
     """A finding for each pair of probes (of gaps (4, N)) that exchange their readings at rest."""
     exchanges: dict[tuple[int, int], float] = {}
     changes = [np.abs(sample[ROWS:] - sample[:-ROWS]) for sample in map(spread, gaps)]
-    known = [change[np.isfinite(change)] for change in changes]
-    usual = [float(np.quantile(one, USUAL_SHARE)) if len(one) else np.inf for one in known]
-    for part in blocks(len(load) - ROWS, time, load, gaps):
-        rows = slice(part.start, part.stop + ROWS)
+    finite = [change[np.isfinite(change)] for change in changes]
+    usual = [float(np.quantile(one, USUAL_SHARE)) if len(one) else np.inf for one in finite]
+    for block in blocks(len(load) - ROWS, time, load, gaps):
+        rows = slice(block.start, block.stop + ROWS)
         still = np.abs(load[rows][ROWS:] - load[rows][:-ROWS]) < rig.limits.level_step
         for pair in combinations(range(len(gaps)), 2):
             both = gaps[list(pair), rows]
@@ -192,6 +192,6 @@ def exchange_findings(rig: Rig, time: Floats, load: Floats, gaps: Floats) -> lis
                 is_large = change > EXCHANGED.limit * max(usual[one] for one in pair)
                 places = np.flatnonzero(still & is_large & (away < MATCH * change))
             if len(places):
-                exchanges.setdefault(pair, float(time[part.start + int(places[0]) + 1]))
+                exchanges.setdefault(pair, float(time[block.start + int(places[0]) + 1]))
     return [EXCHANGED.at(first=pair[0] + 1, second=pair[1] + 1, seconds=seconds)
             for pair, seconds in exchanges.items()]

@@ -90,17 +90,17 @@ def stretches_at_rest(time: Array, load: Array, band: float) -> Stretches:
     count = max(1, round(BLOCK_SECONDS / step))
     blocks = time.size // count
     level = load[:blocks * count].reshape(-1, count).mean(axis=1)
-    found, begin = [], 0
+    stretches, begin = [], 0
     rest = Rest(band, count, float(level[0])) if blocks else Rest(band)
     for index in range(1, blocks + 1):
         if index < blocks and rest.takes(level[index], count):
             continue
         quiet = rest.quiet(step, has_moved=begin > 0, moves_on=True)
         if quiet is not None:
-            found.append((begin + quiet.start, begin + quiet.stop))
+            stretches.append((begin + quiet.start, begin + quiet.stop))
         if index < blocks:
             begin, rest = index * count, Rest(band, count, float(level[index]))
-    return found
+    return stretches
 
 
 def quiet_stretches(stretches: Stretches) -> Stretches:

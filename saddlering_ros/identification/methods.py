@@ -88,10 +88,10 @@ def minimise(
         if is_cancelled is not None and is_cancelled():
             stopped = StopReason.CANCELLED
             break
-        found = objective(position)
-        better = found < own_objective
+        costs = objective(position)
+        better = costs < own_objective
         own_best[better] = position[better]
-        own_objective[better] = found[better]
+        own_objective[better] = costs[better]
         best = own_best[int(np.argmin(own_objective))].copy()
         pull_own, pull_all = random.random((2, *shape))
         velocity = (
@@ -148,7 +148,6 @@ class _Search:
 
     @cached_property
     def prepared(self) -> list[PreparedRun]:
-        """The runs with the input of their observations."""
         if not self.runs:
             raise IdentificationError('no runs to identify from: give at least one bag')
         return [prepare(run, self.rig, self.settings.fit_rate) for run in self.runs]
@@ -170,7 +169,6 @@ class _Search:
         return SearchSpace.of(self.bounds, free, held, names)
 
     def report(self, stage: str, step: SearchStep) -> None:
-        """Report an iteration to the caller."""
         if self.on_progress is not None:
             share = step.iteration / max(step.iterations, 1)
             self.on_progress(Progress(

@@ -329,7 +329,6 @@ class Refinement(least_squares.Minimum):
 
     @property
     def law(self) -> ContactParameters:
-        """The contact parameters by name."""
         return ContactParameters.from_array(self.contact)
 
     def as_step(self, number: int) -> SearchStep:

@@ -43,10 +43,10 @@ def _parabola(height: float, load: Array, full_scale: float) -> Array:
     return load + height * 4.0 * load * (full_scale - load) / full_scale
 
 
-def _other_dimension(part: str, field: str, change: float, rig: Rig) -> Rig:
+def _other_dimension(section: str, field: str, change: float, rig: Rig) -> Rig:
     """The rig with one dimension of a part changed [m or N]."""
-    old = getattr(rig, part)
-    return replace(rig, **{part: replace(old, **{field: getattr(old, field) + change})})
+    old = getattr(rig, section)
+    return replace(rig, **{section: replace(old, **{field: getattr(old, field) + change})})
 
 
 DELAY = 1e-3
@@ -81,8 +81,8 @@ def certified_errors(rig: Rig) -> list[Imperfection]:
         ('probe_lag', stated.probe_lag), ('clock', stated.clock)) if delay is not None]
     weight = None if stated.weight is None else stated.weight * rig.carriage.weight
     made += [
-        Imperfection(name, '', rig=partial(_other_dimension, part, field, change))
-        for name, part, field, change in (
+        Imperfection(name, '', rig=partial(_other_dimension, section, field, change))
+        for name, section, field, change in (
             ('clearance_axial', 'axial_rows', 'clearance', stated.clearance),
             ('clearance_radial', 'radial_row', 'clearance', stated.clearance),
             ('weight', 'carriage', 'weight', weight),
@@ -251,8 +251,8 @@ def _reasons(
             continue
         worst = max(IMPERFECTIONS, key=lambda one: abs(systematic[one.name][index]))
         reasons[name] = reason_open(
-            name, [own[index] for own in deviations], abs(float(systematic[worst.name][index])),
-            worst.words, elevations, misfit_advice)
+            name, [deviation[index] for deviation in deviations],
+            abs(float(systematic[worst.name][index])), worst.words, elevations, misfit_advice)
     return {name: reason for name, reason in reasons.items() if reason is not None}
 
 
@@ -308,8 +308,8 @@ def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
     """
     usual = objective.increments(contact[None, :])
     rig, effects = objective.rig, []
-    for one, found in zip(objective.observations, usual, strict=True):
-        x, y, gamma = np.concatenate([np.zeros((3, 1)), found[0]], axis=1)
+    for one, increments in zip(objective.observations, usual, strict=True):
+        x, y, gamma = np.concatenate([np.zeros((3, 1)), increments[0]], axis=1)
         probes = displacement_to_probes(rig.probes, Displacement(x, y, gamma, 0.0))
         columns = scatter_columns(
             rig, contact, one.elevation, one.zero_load, np.append(one.zero_load, one.load),
@@ -354,13 +354,13 @@ def reason_open(
     std, of_noise, without_misfit = deviations
     reason = reason_wide(name, std, elevations)
     if reason is not None:
-        known, _, advice = reason.partition(' from these data: ')
+        width, _, advice = reason.partition(' from these data: ')
         if reason_wide(name, without_misfit, elevations) is None:
-            return f'{known}, because the misfit exceeds the noise: {misfit_advice}'
+            return f'{width}, because the misfit exceeds the noise: {misfit_advice}'
         if reason_wide(name, of_noise, elevations) is not None:
             return reason
         advice = 'longer runs do not help' if elevations > 1 or name[0] == 'D' else advice
-        return f'{known} on a ring whose rollers may be unequal: {advice}'
+        return f'{width} on a ring whose rollers may be unequal: {advice}'
     tolerable = shift + WIDTH_95 * std <= MAX_HALF_WIDTH[name[0]]
     if name[0] == 'D' or elevations > 1 or (name[0] == 'K' and tolerable):
         return None

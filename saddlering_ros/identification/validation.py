@@ -217,7 +217,6 @@ class Criterion:
                 f'{self.bag}, {self.with_unit(self.value)} against {self.with_unit(self.limit)}')
 
     def with_unit(self, value: float) -> str:
-        """The value or the limit in words."""
         if self.unit == '%':
             return quantities.percent(value, 3)
         if self.unit == 'um':

@@ -95,10 +95,10 @@ class Detector:
         """
         beyond = np.minimum(
             self._signs * np.tile(values, 2)[:, None] - np.tile(bounds, 2)[:, None], MAX_BEYOND)
-        known = np.isfinite(beyond)
-        gain = np.where(known, SIZES * beyond - 0.5 * SIZES**2, 0.0)
+        is_known = np.isfinite(beyond)
+        gain = np.where(is_known, SIZES * beyond - 0.5 * SIZES**2, 0.0)
         grown = np.minimum(np.logaddexp(self._evidence, 0.0) + gain, MAX_LOG)
-        self._evidence = np.where(known, grown, self._evidence)
+        self._evidence = np.where(is_known, grown, self._evidence)
         self._since = np.where(self._run <= 0.0, self.block, self._since)
         self._run = np.maximum(self._run, 0.0) + gain
         evidence = self.evidence
@@ -136,9 +136,9 @@ class BlockWatch:
     ) -> None:
         self._channels = len(noise)
         self._innovations = Innovations(noise)
-        self._white = np.sqrt([item.white for item in noise])
+        self._white = np.sqrt([one.white for one in noise])
         self._wander = np.array([
-            wander_limit(item, block, false_alarm_hours, self._channels) for item in noise])
+            wander_limit(one, block, false_alarm_hours, self._channels) for one in noise])
         self.detector = Detector(2 * self._channels, 3600.0 * false_alarm_hours / block)
         self.reset()
 
@@ -166,8 +166,8 @@ class BlockWatch:
         self._before = innovations
         self._blocks += 1
         share = 1.0 / min(self._blocks, NOISE_BLOCKS)
-        known = np.isfinite(step)
-        self._ratio[known] += share * (0.5 * step[known]**2 - self._ratio[known])
+        is_known = np.isfinite(step)
+        self._ratio[is_known] += share * (0.5 * step[is_known]**2 - self._ratio[is_known])
         alarm = self.detector.step(values, bounds)
         return None if alarm is None else replace(alarm, channel=alarm.channel % self._channels)
 
@@ -234,16 +234,16 @@ class Innovations:
 
         A channel that is not known, NaN, begins anew.
         """
-        known, memory = np.isfinite(values), self._memory
+        is_known, memory = np.isfinite(values), self._memory
         scale = np.sqrt(self._variance + self._white)
         surprise = values - self._wander
         gain = self._variance / (scale * scale)
         wander, variance = self._wander + gain * surprise, (1.0 - gain) * self._variance
-        self._wander = np.where(known, memory * wander, 0.0)
+        self._wander = np.where(is_known, memory * wander, 0.0)
         self._variance = np.where(
-            known, memory**2 * variance + (1.0 - memory**2) * self._level, self._level)
+            is_known, memory**2 * variance + (1.0 - memory**2) * self._level, self._level)
         self.response = np.where(
-            known, memory * (self.response + gain * (1.0 - self.response)), 0.0)
+            is_known, memory * (self.response + gain * (1.0 - self.response)), 0.0)
         return surprise / scale, scale
 
 
@@ -309,10 +309,10 @@ class RestLearner:
         rested = self._stamps[self._rest.samples - 1] - self._stamps[0]
         if not ended and rested < MAX_REST * SECOND:
             return None
-        found = self._read(ended=ended)
-        if found is None:
+        noise = self._read(ended=ended)
+        if noise is None:
             self.restart(moved=True)
-        return found
+        return noise
 
     def _read(self, *, ended: bool) -> RestNoise | None:
         """The noise of the samples at rest; None if they are too few."""

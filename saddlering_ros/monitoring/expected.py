@@ -110,6 +110,6 @@ class ZeroNoise:
         if self._count < MIN_ROWS:
             return
         rows = np.concatenate(self._rows, axis=1)
-        known = np.isfinite(rows).all(axis=1, keepdims=True)
-        curves = np.diff(np.where(known, rows, 0.0), n=2, axis=1)
+        is_known = np.isfinite(rows).all(axis=1, keepdims=True)
+        curves = np.diff(np.where(is_known, rows, 0.0), n=2, axis=1)
         self.covariance = curves @ curves.T / (6.0 * curves.shape[1])

@@ -186,8 +186,21 @@ class Monitor:
         if last is None:
             self._take_materiality(sample.elevation)
             self.changes += 1
-        else:
-            self._check_continuity(last, sample)
+        else:  # Begin anew after a new zero, a new elevation or a pause.
+            reasons = []
+            if sample.zero != last.zero:
+                reasons.append('the zero was renewed')
+            if sample.elevation != last.elevation and not (
+                    math.isnan(sample.elevation) and math.isnan(last.elevation)):
+                self._take_materiality(sample.elevation)
+                degrees = math.degrees(sample.elevation)
+                reasons.append(f'the elevation changed to {degrees:.3f} deg')
+            pause = (sample.stamp - last.stamp) / SECOND
+            if self.rest is not None and pause > MAX_GAP * self.rest.block + self.rest.interval:
+                reasons.append(f'no samples for {pause:.3g} s')
+            for reason in reasons:
+                self._lapse(f'{reason}: the evidence restarts', sample.stamp)
+                self._clear_evidence()
         self._last = sample
         if self.rest is None:
             self._learn(sample)
@@ -201,22 +214,6 @@ class Monitor:
         self._count += 1
         if self._count == self.rest.samples:
             self._judge(self.rest.block)
-
-    def _check_continuity(self, last: Sample, sample: Sample) -> None:
-        """Begin anew after a new zero, a new elevation or a pause."""
-        reasons = []
-        if sample.zero != last.zero:
-            reasons.append('the zero was renewed')
-        if sample.elevation != last.elevation and not (
-                math.isnan(sample.elevation) and math.isnan(last.elevation)):
-            self._take_materiality(sample.elevation)
-            reasons.append(f'the elevation changed to {math.degrees(sample.elevation):.3f} deg')
-        pause = (sample.stamp - last.stamp) / SECOND
-        if self.rest is not None and pause > MAX_GAP * self.rest.block + self.rest.interval:
-            reasons.append(f'no samples for {pause:.3g} s')
-        for reason in reasons:
-            self._lapse(f'{reason}: the evidence restarts', sample.stamp)
-            self._clear_evidence()
 
     def _take_materiality(self, elevation: float) -> None:
         self.materiality = np.asarray(self._materiality_of(elevation), dtype=np.float64)
@@ -234,24 +231,24 @@ class Monitor:
             self._watch.reset()
 
     def _learn(self, sample: Sample) -> None:
-        found = self._learner.step(sample.stamp, sample.residual, sample.load)
-        if found is None:
+        rest = self._learner.step(sample.stamp, sample.residual, sample.load)
+        if rest is None:
             return
-        self.rest = found
-        assumed = [detector.assumed_noise(one, least, found.block)
-                   for one, least in zip(found.noise, self._least_wander, strict=True)]
-        self._watch = BlockWatch(assumed, found.block, self.settings.false_alarm_hours)
+        self.rest = rest
+        assumed = [detector.assumed_noise(one, least, rest.block)
+                   for one, least in zip(rest.noise, self._least_wander, strict=True)]
+        self._watch = BlockWatch(assumed, rest.block, self.settings.false_alarm_hours)
         self.changes += 1
-        lost = [name for name, one in zip(CHANNELS, found.noise, strict=True)
+        lost = [name for name, one in zip(CHANNELS, rest.noise, strict=True)
                 if one == detector.UNKNOWN]
         if lost:
             self._lapse(f'{" and ".join(lost)} not known while the load rested, and not watched',
                         is_lasting=True)
-        if not found.first:
+        if not rest.first:
             self._lapse('the noise is read from a rest after a movement, where the ring still '
                         'creeps: begin the test with a rest', is_lasting=True)
-        elif found.seconds < SHORT_REST:
-            self._lapse(f'the noise is read from {found.seconds:.1f} s of rest: rest for '
+        elif rest.seconds < SHORT_REST:
+            self._lapse(f'the noise is read from {rest.seconds:.1f} s of rest: rest for '
                         f'{SHORT_REST:g} s before the load moves, else the rate of false alarms '
                         'is not sure', is_lasting=True)
 
@@ -279,15 +276,15 @@ class Monitor:
                 self.alarm = self._described(self.alarm)
                 self.changes += 1
             return
-        found = self._watch.step(mean[:-1], self.materiality)
+        alarm = self._watch.step(mean[:-1], self.materiality)
         grew, self._noise_grew = self._noise_grew, self._watch.noise_grew
         if self._noise_grew and not grew:
             self._lapse('the noise is far larger than it was at rest: the rate of false alarms is '
                         'not sure')
-        if found is not None:
-            self._onset = (found.channel, index - (found.block - found.since))
+        if alarm is not None:
+            self._onset = (alarm.channel, index - (alarm.block - alarm.since))
             self.alarm = self._described(
-                Raised(CHANNELS[found.channel], self.stamp, 0, 0.0, found.evidence, ''))
+                Raised(CHANNELS[alarm.channel], self.stamp, 0, 0.0, alarm.evidence, ''))
             self._raised_at, self._refine_at = index, index + round(REFINE_AFTER / block)
             self.changes += 1
 
@@ -371,12 +368,12 @@ def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> 
 def alarm_words(alarm: Raised, origin: int | None = None) -> str:
     """An alarm in one line; with seconds since `origin` [ns] where it is given."""
     delay = quantity(1e-9 * (alarm.stamp - alarm.since), 's')
-    found = f'ALARM {delay} after the onset'
+    when = f'ALARM {delay} after the onset'
     if origin is not None:
-        found = (f'ALARM at {1e-9 * (alarm.stamp - origin):.2f} s, onset at '
-                 f'{1e-9 * (alarm.since - origin):.2f} s')
+        when = (f'ALARM at {1e-9 * (alarm.stamp - origin):.2f} s, onset at '
+                f'{1e-9 * (alarm.since - origin):.2f} s')
     size = signed(alarm.size, 'rad' if alarm.channel == 'gamma' else 'm')
-    words = (f'{found}: {alarm.channel} has differed from its model by {size} in the mean since '
+    words = (f'{when}: {alarm.channel} has differed from its model by {size} in the mean since '
              'then')
     follows, guess = FOLLOWS[alarm.follows]
     return f'{words}; {follows}; first guess: {guess}' if follows else words

@@ -84,13 +84,13 @@ class AlarmStream:
         batch = self._residual
         place = np.searchsorted(self._stamps, batch.stamps)
         inside = np.minimum(place, len(self._stamps) - 1)
-        found = self._stamps[inside] == batch.stamps
-        due = found | (batch.stamps < self._stamps[-1])
-        self.counters['without_load'] += int((due & ~found).sum())
-        self.watch(batch.pick(found), self._loads[inside[found]])
+        has_load = self._stamps[inside] == batch.stamps
+        due = has_load | (batch.stamps < self._stamps[-1])
+        self.counters['without_load'] += int((due & ~has_load).sum())
+        self.watch(batch.pick(has_load), self._loads[inside[has_load]])
         self._residual = batch.pick(np.flatnonzero(~due))
-        if found.any():
-            until = int(batch.stamps[found].max())
+        if has_load.any():
+            until = int(batch.stamps[has_load].max())
             after = int(np.searchsorted(self._stamps, until, side='right'))
             self._stamps, self._loads = self._stamps[after:], self._loads[after:]
 

@@ -241,13 +241,13 @@ class Aligner:
         rows: list[AlignedRows] = []
         # What lies before a jump of the stamps is aligned before anything behind one.
         for parts in zip_longest(*(topic.parts(samples) for topic, samples in arrived)):
-            if any(part and part[0] for part in parts):
+            if any(stretch and stretch[0] for stretch in parts):
                 rows += self.release()
             of_load, *of_probes = parts
-            for probe, part in zip(self._probes, of_probes, strict=True):
-                if part is None:
+            for probe, stretch in zip(self._probes, of_probes, strict=True):
+                if stretch is None:
                     continue
-                jumped, stamps, values = part
+                jumped, stamps, values = stretch
                 if jumped:
                     self.counters.probe_jumps += 1
                     probe.clear()
@@ -354,11 +354,11 @@ class Aligner:
         for probe, lacks, hurries in zip(self._probes, missing, self.hurries, strict=True):
             rows = np.flatnonzero(lacks)
             if len(rows):
-                found = self._why_missing(probe, stamps[rows], starts[rows])
-                answers[rows] = np.maximum(answers[rows], found)
-                waits[rows] |= found == WAITS
+                reasons = self._why_missing(probe, stamps[rows], starts[rows])
+                answers[rows] = np.maximum(answers[rows], reasons)
+                waits[rows] |= reasons == WAITS
                 if not hurries:  # A later sample may show a shorter silence.
-                    waits[rows] |= (found == SILENT) & (stamps[rows] > probe.last)
+                    waits[rows] |= (reasons == SILENT) & (stamps[rows] > probe.last)
         if not finish and waits.any():
             assert self._loads.newest is not None
             is_due = self._loads.newest - stamps > self._max_wait
@@ -383,10 +383,10 @@ class Aligner:
         silent_since = np.maximum(probe.stamps[np.maximum(place, 0)], starts)
         next_sample = probe.stamps[np.minimum(place + 1, last)]
         silence = next_sample - silent_since
-        found = np.where(silence > batches.SILENT_AFTER_NS, SILENT, IN_GAP)
-        found[silence > dead_after] = ABSENT
+        answers = np.where(silence > batches.SILENT_AFTER_NS, SILENT, IN_GAP)
+        answers[silence > dead_after] = ABSENT
         head, tail = place < 0, place == last
-        found[head] = np.where(probe.stamps[0] - starts[head] > dead_after, ABSENT, BEFORE)
+        answers[head] = np.where(probe.stamps[0] - starts[head] > dead_after, ABSENT, BEFORE)
         # The stamp up to which the load and a pair of facing probes have gone on.
         pair_until = 0
         if len(self._probes) == 4:
@@ -396,9 +396,9 @@ class Aligner:
         silence = silent_since[tail]
         hurried = pair_until - silence > max(
             batches.SILENT_AFTER_NS, limit, STEPS_MISSED * self._longest_step)
-        found[tail] = np.where(hurried, SILENT, WAITS)
-        found[tail] = np.where(newest - silence > max(dead_after, limit), ABSENT, found[tail])
-        return found
+        answers[tail] = np.where(hurried, SILENT, WAITS)
+        answers[tail] = np.where(newest - silence > max(dead_after, limit), ABSENT, answers[tail])
+        return answers
 
 
 def aligned_record(load: Samples, probes: Sequence[Samples]) -> tuple[Floats, Mask, Mask]:
@@ -412,15 +412,15 @@ def aligned_record(load: Samples, probes: Sequence[Samples]) -> tuple[Floats, Ma
     given, published = (scratch_array((len(load),), np.bool_) for _ in range(2))
     taken, row = [0] * len(probes), 0
     arrays = [array for one in (load, *probes) for array in (one.stamps, one.values)]
-    for part in blocks(len(load), *arrays, gaps, given, published, size=STRETCH):
-        ends = [len(probe) if part.stop == len(load) else
-                int(probe.stamps.searchsorted(load.stamps[part.stop], 'right'))
+    for block in blocks(len(load), *arrays, gaps, given, published, size=STRETCH):
+        ends = [len(probe) if block.stop == len(load) else
+                int(probe.stamps.searchsorted(load.stamps[block.stop], 'right'))
                 for probe in probes]
-        ready = aligner.push(load.pick(part), [
+        ready = aligner.push(load.pick(block), [
             probe.pick(slice(*span)) for probe, span in zip(
                 probes, zip(taken, ends, strict=True), strict=True)])
         taken = ends
-        for rows in ready if part.stop < len(load) else [*ready, *aligner.finish()]:
+        for rows in ready if block.stop < len(load) else [*ready, *aligner.finish()]:
             end = row + len(rows)
             gaps[:, row:end], given[row:end] = rows.gaps, rows.given
             published[row:end] = rows.published

@@ -88,7 +88,6 @@ class Samples:
         return len(self.stamps)
 
     def pick(self, rows: Rows) -> Samples:
-        """The samples of some rows."""
         return Samples(self.stamps[rows], self.values[rows], self.low, self.high)
 
 
@@ -113,7 +112,6 @@ class AlignedRows:
         return len(self.stamps)
 
     def pick(self, rows: Rows) -> AlignedRows:
-        """Some of the rows."""
         return AlignedRows(self.stamps[rows], self.time[rows], self.loads[rows],
                            self.gaps[:, rows], self.given[rows], self.published[rows],
                            self.restart)
@@ -152,7 +150,6 @@ class Displacements:
         return len(self.stamps)
 
     def pick(self, rows: Rows) -> Displacements:
-        """Some of the rows."""
         return Displacements(self.stamps[rows], self.channels[:, rows], self.zero_stamps[rows],
                              self.zero_loads[rows], self.elevations[rows], self.validity[rows],
                              self.zero_durations[rows])
@@ -208,8 +205,8 @@ MAX_HOLD_NS = 50_000_000
 def seconds_array(stamps: Stamps, epoch: int) -> Floats:
     """Seconds from `epoch` to each of `stamps` (both ns)."""
     elapsed: Floats = scratch_array(stamps.shape, np.float64)
-    for part in blocks(len(stamps), stamps, elapsed):
-        elapsed[part] = (stamps[part] - np.int64(epoch)).astype(np.float64) / 1e9
+    for block in blocks(len(stamps), stamps, elapsed):
+        elapsed[block] = (stamps[block] - np.int64(epoch)).astype(np.float64) / 1e9
     return elapsed
 
 
@@ -238,30 +235,30 @@ def gap_limit(history: list[int]) -> int:
 def gap_mask(stamps: Stamps) -> Mask:
     """Mask (N - 1,) of the intervals between consecutive `stamps` (N,) that are gaps."""
     mask = np.zeros(max(len(stamps) - 1, 0), dtype=bool)
-    for part in blocks(len(mask), stamps, size=65536):
-        steps = np.diff(stamps[part.start:part.stop + 1])
-        long = part.start + np.flatnonzero(steps > GAP_FLOOR_NS)
+    for block in blocks(len(mask), stamps, size=65536):
+        steps = np.diff(stamps[block.start:block.stop + 1])
+        long = block.start + np.flatnonzero(steps > GAP_FLOOR_NS)
         mask[long] = _are_gaps(stamps, long)
     return mask
 
 
 def _are_gaps(stamps: Stamps, places: NDArray[np.intp]) -> Mask:
     """Mask (M,) of the intervals from the samples at `places` (M,) to the next that are gaps."""
-    found = np.zeros(len(places), dtype=bool)
+    is_gap = np.zeros(len(places), dtype=bool)
     early = int(np.searchsorted(places, GAP_HISTORY))
     for index, place in enumerate(places[:early].tolist()):
         history = np.diff(stamps[:place + 1]).tolist()
-        found[index] = stamps[place + 1] - stamps[place] > gap_limit(history)
+        is_gap[index] = stamps[place + 1] - stamps[place] > gap_limit(history)
     places = places[early:]
     if not len(places):
-        return found
+        return is_gap
     before = np.sort(np.diff(stamps[places[:, None] + np.arange(-GAP_HISTORY, 1)]), axis=1)
     limit = np.maximum(GAP_PERIODS * before[:, (GAP_HISTORY - 1) // 2], GAP_FLOOR_NS)
     for index in np.flatnonzero(before[:, -1] > LEAP_NS).tolist():
         place = places[index]
         limit[index] = gap_limit(np.diff(stamps[place - GAP_HISTORY:place + 1]).tolist())
-    found[early:] = stamps[places + 1] - stamps[places] > limit
-    return found
+    is_gap[early:] = stamps[places + 1] - stamps[places] > limit
+    return is_gap
 
 
 def align(load_stamps: Stamps, stamps: Stamps, values: Floats) -> Floats:
@@ -293,13 +290,13 @@ def reading_at(load_stamps: Stamps, stamps: Stamps, values: Floats) -> Floats:
         outside = np.flatnonzero(((before < 0) | (before == last)) & (elapsed != 0))
         after = np.minimum(after, last)
     interval = stamps[after] - earlier
-    found: Floats = low + (values[after] - low) * (elapsed / np.maximum(interval, 1))
-    if between < len(found):
-        found = np.where(elapsed != 0, found, low)
+    readings: Floats = low + (values[after] - low) * (elapsed / np.maximum(interval, 1))
+    if between < len(readings):
+        readings = np.where(elapsed != 0, readings, low)
     if outside is not None:
-        found[outside] = math.nan
+        readings[outside] = math.nan
     if interval.max() > GAP_FLOOR_NS:
         rows = np.flatnonzero((interval > GAP_FLOOR_NS) & (elapsed != 0))
         places, of_place = np.unique(before[rows], return_inverse=True)
-        found[rows[_are_gaps(stamps, places)[of_place]]] = math.nan
-    return found
+        readings[rows[_are_gaps(stamps, places)[of_place]]] = math.nan
+    return readings

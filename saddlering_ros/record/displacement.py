@@ -98,9 +98,9 @@ def zero_of_run(rig: Rig, run: Record) -> Zero:
         raise BagError(f'{run.path}: the four probes never read together: record them together')
 
     def given_blocks() -> Iterator[geometry.Samples]:
-        for part in blocks(len(given), run.time, run.load, run.gaps, size=geometry.BLOCK):
-            rows = given[part]
-            yield run.time[part][rows], run.load[part][rows], run.gaps[:, part][:, rows]
+        for block in blocks(len(given), run.time, run.load, run.gaps, size=geometry.BLOCK):
+            rows = given[block]
+            yield run.time[block][rows], run.load[block][rows], run.gaps[:, block][:, rows]
 
     reading = geometry.zero_of_blocks(rig, given_blocks)
     return Zero(reading, *(int(run.stamps[_given_row(given, number)])
@@ -109,22 +109,22 @@ def zero_of_run(rig: Rig, run: Record) -> Zero:
 
 def _given_row(given: Mask, number: int) -> int:
     """Index of the row that `number` others of a mask (N,) precede; the last one, if too few."""
-    for part in blocks(len(given), given):
-        count = int(np.count_nonzero(given[part]))
+    for block in blocks(len(given), given):
+        count = int(np.count_nonzero(given[block]))
         if number < count:
-            return part.start + int(np.flatnonzero(given[part])[number])
+            return block.start + int(np.flatnonzero(given[block])[number])
         number -= count
     return len(given) - 1
 
 
-def measured_rows(rig: Rig, run: Record, zero: Zero, part: slice) -> Displacements:
+def measured_rows(rig: Rig, run: Record, zero: Zero, stretch: slice) -> Displacements:
     """Displacements at the rows of a stretch of a run that the live node gives."""
-    rows = run.given[part]
+    rows = run.given[stretch]
     if run.published is not None:  # During a short silence of a probe, but not in the zero.
-        rows = rows | (run.published[part] & (run.stamps[part] >= zero.closed))
-    marks = None if run.probe_marks is None else run.probe_marks[part][rows]
-    return displacements(rig, zero, run.stamps[part][rows], run.gaps[:, part][:, rows], marks,
-                         run.elevation)
+        rows = rows | (run.published[stretch] & (run.stamps[stretch] >= zero.closed))
+    marks = None if run.probe_marks is None else run.probe_marks[stretch][rows]
+    return displacements(rig, zero, run.stamps[stretch][rows], run.gaps[:, stretch][:, rows],
+                         marks, run.elevation)
 
 
 def measured_stretches(
@@ -140,9 +140,9 @@ def measured_stretches(
         notes.append(batches.ZERO_ELSEWHERE)
 
     def stretches() -> Iterator[Displacements]:
-        for part in blocks(len(run.time), run.stamps, run.time, run.load, run.gaps):
-            yield measured_rows(rig, run, zero, part)
-            on_progress(part.stop / len(run.time))
+        for block in blocks(len(run.time), run.stamps, run.time, run.load, run.gaps):
+            yield measured_rows(rig, run, zero, block)
+            on_progress(block.stop / len(run.time))
 
     return stretches(), zero.reading
 
@@ -245,7 +245,7 @@ class DisplacementStream:
         return 0 if self.aligner.pending or self.rows == rows_before else None
 
     def _displacements(self, aligned: list[AlignedRows]) -> Displacements:
-        found = []
+        measured = []
         for batch in aligned:
             all_given = np.count_nonzero(batch.given) == len(batch)
             rows = batch if all_given else batch.pick(batch.published)
@@ -255,9 +255,9 @@ class DisplacementStream:
             self.load = float(rows.loads[-1])
             if np.count_nonzero(np.isnan(rows.gaps)):
                 rows = rows.pick(a_pair_reads(rows.gaps))
-            for part in self._of_one_zero(rows) if len(rows) else ():
-                found.append(self._measured(part))
-        return batches.join(found)
+            for stretch in self._of_one_zero(rows) if len(rows) else ():
+                measured.append(self._measured(stretch))
+        return batches.join(measured)
 
     def _of_one_zero(self, rows: AlignedRows) -> Iterator[AlignedRows]:
         """The rows in parts, before each of which the search for a new zero begins if it must."""

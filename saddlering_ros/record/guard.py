@@ -173,9 +173,10 @@ class SampleGuard:
                     self.counters.doubtful_load += len(samples)
                 return samples
             half = len(samples) // 2
-            parts = [self.push(samples.pick(part)) for part in (slice(0, half), slice(half, None))]
-            return replace(samples, stamps=np.concatenate([part.stamps for part in parts]),
-                           values=np.concatenate([part.values for part in parts]))
+            halves = [self.push(samples.pick(rows))
+                      for rows in (slice(0, half), slice(half, None))]
+            return replace(samples, stamps=np.concatenate([one.stamps for one in halves]),
+                           values=np.concatenate([one.values for one in halves]))
         sound: list[tuple[int, float]] = []
         pairs = list(zip(samples.stamps.tolist(), samples.values.tolist(), strict=True))
         for pair in pairs:
@@ -326,8 +327,8 @@ class SampleGuard:
 def sound_samples(limits: ReadingLimits, samples: Samples) -> tuple[Samples, SampleGuard]:
     """The sound samples of a whole record, and the guard that all of them passed."""
     def passed(guard: SampleGuard) -> Iterator[Samples]:
-        for part in blocks(len(samples), samples.stamps, samples.values):
-            yield guard.push(samples.pick(part))
+        for block in blocks(len(samples), samples.stamps, samples.values):
+            yield guard.push(samples.pick(block))
         yield guard.flush()
 
     guard = SampleGuard(limits, remembered=len(samples) + 1)

@@ -128,10 +128,10 @@ def plateau_means(start: ArrayLike, stop: ArrayLike, values: ArrayLike) -> Float
     mean = np.full((len(channels), len(spans)), np.nan)
     for number, channel in enumerate(channels):
         for place, (first, last) in enumerate(spans):
-            part = channel[first:last]
-            part = part[np.isfinite(part)]
-            if len(part) >= MIN_SAMPLES:
-                mean[number, place] = part.mean()
+            readings = channel[first:last]
+            readings = readings[np.isfinite(readings)]
+            if len(readings) >= MIN_SAMPLES:
+                mean[number, place] = readings.mean()
         forget(channel)
     return mean.reshape(*values.shape[:-1], len(spans))
 
@@ -196,16 +196,16 @@ def _extended(
         high = holds[number + 1][0] if number + 1 < len(holds) else len(load)
         # From the hold backwards to the last mean at another level, then forwards to the first.
         end = min(start - edge + 1, len(total) - edge)
-        for part in blocks(end - low, total):
-            away = is_away(end - part.stop, end - part.start)
+        for block in blocks(end - low, total):
+            away = is_away(end - block.stop, end - block.start)
             if away.any():
-                first = end - part.stop + int(np.flatnonzero(away)[-1]) + edge
+                first = end - block.stop + int(np.flatnonzero(away)[-1]) + edge
                 break
         last, end = high, min(high, len(total) - edge)
-        for part in blocks(end - stop, total):
-            away = is_away(stop + part.start, stop + part.stop)
+        for block in blocks(end - stop, total):
+            away = is_away(stop + block.start, stop + block.stop)
             if away.any():
-                last = stop + part.start + int(np.argmax(away)) - edge
+                last = stop + block.start + int(np.argmax(away)) - edge
                 break
         extended.append((min(first, start), max(last, stop)))
     return extended
@@ -215,22 +215,22 @@ def _steady(time: Floats, load: Floats, window: float, tolerance: float) -> Mask
     """Mask of samples at which the means over the windows before and after differ by little."""
     total = _running_sum(load, float(load.mean()))
     steady = np.zeros(len(time), dtype=bool)
-    for part in blocks(len(time), time, load, total):
-        here = np.arange(part.start, part.stop)
-        first = np.searchsorted(time, time[part] - window, side='left')
-        last = np.searchsorted(time, time[part] + window, side='right')
+    for block in blocks(len(time), time, load, total):
+        here = np.arange(block.start, block.stop)
+        first = np.searchsorted(time, time[block] - window, side='left')
+        last = np.searchsorted(time, time[block] + window, side='right')
         before = (total[here + 1] - total[first]) / (here + 1 - first)
         after = (total[last] - total[here]) / (last - here)
-        steady[part] = np.abs(after - before) <= tolerance
+        steady[block] = np.abs(after - before) <= tolerance
     return steady
 
 
 def _running_sum(values: Floats, less: float = 0.0) -> Floats:
     """Sums (N + 1,) of the first 0 to N values, each minus a constant."""
     total = scratch_array((len(values) + 1,), np.float64)
-    for part in blocks(len(values), values, total):
-        added = np.cumsum(np.append(total[part.start], values[part] - less))
-        total[part.start + 1:part.stop + 1] = added[1:]
+    for block in blocks(len(values), values, total):
+        added = np.cumsum(np.append(total[block.start], values[block] - less))
+        total[block.start + 1:block.stop + 1] = added[1:]
     return total
 
 

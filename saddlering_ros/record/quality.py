@@ -121,11 +121,11 @@ def topic_quality(stamps: Stamps, values: Floats) -> TopicQuality:
     """Look at readings (N,) at stamps (N,) [ns]."""
     period = float(np.median(spread_changes(stamps)))
     rate = 1e9 / max(period, 1.0)
-    longest = max(int(np.diff(stamps[part.start:part.stop + 1]).max())
-                  for part in blocks(len(stamps) - 1, stamps))
+    longest = max(int(np.diff(stamps[block.start:block.stop + 1]).max())
+                  for block in blocks(len(stamps) - 1, stamps))
     mean_rate = 1e9 * (stamps.size - 1) / float(stamps[-1] - stamps[0])
     changes = spread_changes(values)
-    repeats = count_where(lambda part: part[1:] == part[:-1], values, ahead=1)
+    repeats = count_where(lambda block: block[1:] == block[:-1], values, ahead=1)
     repeated = repeats / max(len(values) - 1, 1)
     resolution = common_step(values)
     new = changes[changes != 0.0]
@@ -153,17 +153,17 @@ def topic_quality(stamps: Stamps, values: Floats) -> TopicQuality:
 
 def _runs(values: Floats) -> NDArray[np.int64]:
     """Runs of at least STALL_SAMPLES equal readings as rows (start, count)."""
-    found = []
+    runs = []
     open_at = 0
-    for part in blocks(len(values), values):
-        changed = np.flatnonzero(np.diff(values[part.start:part.stop + 1]) != 0.0)
-        edges = np.concatenate([[open_at], part.start + changed + 1])
-        if part.stop == len(values):
+    for block in blocks(len(values), values):
+        changed = np.flatnonzero(np.diff(values[block.start:block.stop + 1]) != 0.0)
+        edges = np.concatenate([[open_at], block.start + changed + 1])
+        if block.stop == len(values):
             edges = np.append(edges, len(values))
         open_at = int(edges[-1])
         long = np.flatnonzero(np.diff(edges) >= STALL_SAMPLES)
-        found.append(np.stack([edges[long], np.diff(edges)[long]], axis=1))
-    return np.concatenate(found)
+        runs.append(np.stack([edges[long], np.diff(edges)[long]], axis=1))
+    return np.concatenate(runs)
 
 
 def common_step(values: Floats, share: float = 0.9) -> float:
@@ -210,13 +210,13 @@ def spikes_of(values: Floats, step: float, noise: float) -> NDArray[np.intp]:
         return np.zeros(0, dtype=np.intp)
     usual = 1.4826 * float(np.median(_away_from_neighbours(spread(values))))
     scale = max(usual, NOISE_SHARE * noise, 0.5 * step)
-    found = []
+    spikes = []
     last = len(values) - 1
-    for part in blocks(len(values), values):
-        start, stop = max(part.start - 2, 0), part.stop + 2
-        away = _away_from_neighbours(values[start:stop])[part.start - start:]
-        far = np.flatnonzero(away[:part.stop - part.start] > SPIKE_SIZE * scale)
-        places = part.start + far
+    for block in blocks(len(values), values):
+        start, stop = max(block.start - 2, 0), block.stop + 2
+        away = _away_from_neighbours(values[start:stop])[block.start - start:]
+        far = np.flatnonzero(away[:block.stop - block.start] > SPIKE_SIZE * scale)
+        places = block.start + far
         # Where the median of nine changes is large too, a fast movement is no spike.
         about = np.clip(places[:, None] + np.arange(-4, 5), 0, last)
         around = np.median(np.abs(values[np.minimum(about + 1, last)] - values[about]), axis=1)
@@ -225,9 +225,9 @@ def spikes_of(values: Floats, step: float, noise: float) -> NDArray[np.intp]:
         before = values[np.clip(places - 2, 0, last)] + values[np.clip(places - 3, 0, last)]
         behind = values[np.clip(places + 2, 0, last)] + values[np.clip(places + 3, 0, last)]
         moved = 0.5 * np.abs(behind - before)
-        found.append(places[(away[far] > SPIKE_SIZE * 0.5 * around)
-                            & (moved < RETURN_SHARE * away[far])])
-    return np.concatenate(found)
+        spikes.append(places[(away[far] > SPIKE_SIZE * 0.5 * around)
+                             & (moved < RETURN_SHARE * away[far])])
+    return np.concatenate(spikes)
 
 
 def _away_from_neighbours(values: Floats) -> Floats:
@@ -247,7 +247,7 @@ def _limit(values: Floats, runs: NDArray[np.int64], repeated: float) -> tuple[fl
     for extreme in (float(highest), float(lowest)):
         longest = max(runs[values[runs[:, 0]] == extreme, 1].tolist(), default=0)
         if longest >= EQUAL_AT_LIMIT and _chance(longest, repeated, values.size) < STALL_CHANCE:
-            return extreme, count_where(lambda part, at=extreme: part == at, values)
+            return extreme, count_where(lambda block, at=extreme: block == at, values)
     return math.nan, 0
 
 
@@ -302,8 +302,8 @@ def _bandwidth(values: Floats, rate: float, resolution: float) -> float:
     share = min(max((seen[0] - rounding) / largest, 1e-4), 0.999)
     if share > 1.0 - CHANCE_ERRORS * math.sqrt(3.0 / quiet.size):
         share = 0.999
-    found = -math.log1p(-share) * rate / (2.0 * math.pi)
-    return found if found > MIN_BANDWIDTH else math.nan
+    bandwidth = -math.log1p(-share) * rate / (2.0 * math.pi)
+    return bandwidth if bandwidth > MIN_BANDWIDTH else math.nan
 
 
 def doubtful_lag(load: TopicQuality, probes: Sequence[TopicQuality], seconds: float) -> float:
@@ -338,5 +338,5 @@ def rate_share(load: TopicQuality, probes: Sequence[TopicQuality], seconds: floa
 
 def median_of_known(values: Sequence[float]) -> float:
     """The median of the finite values; NaN if there is none."""
-    known = [value for value in values if math.isfinite(value)]
-    return float(np.median(known)) if known else math.nan
+    finite = [value for value in values if math.isfinite(value)]
+    return float(np.median(finite)) if finite else math.nan

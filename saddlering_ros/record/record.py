@@ -37,7 +37,6 @@ class RawTopic:
 
     @property
     def samples(self) -> Samples:
-        """Stamps, readings and range as one batch."""
         return Samples(self.stamps, self.values, self.min_range, self.max_range)
 
 
@@ -161,10 +160,10 @@ class Record:
     @property
     def complete(self) -> Mask:
         """Mask (N,) of the load stamps at which all four probes have a reading."""
-        found = scratch_array(self.stamps.shape, np.bool_)
-        for part in blocks(len(found), self.gaps, found):
-            found[part] = np.isfinite(self.gaps[:, part]).all(axis=0)
-        return found
+        is_complete = scratch_array(self.stamps.shape, np.bool_)
+        for block in blocks(len(is_complete), self.gaps, is_complete):
+            is_complete[block] = np.isfinite(self.gaps[:, block]).all(axis=0)
+        return is_complete
 
 
 FIT_ROWS = 1 << 19
@@ -214,20 +213,20 @@ def condensed(run: Record, rig: Rig, limit: int = FIT_ROWS) -> Record:
     stamps, load = np.empty(rows, np.int64), np.empty(rows)
     gaps = np.empty((len(run.gaps), rows))
     per_part = max(1, BLOCK // size)
-    for part in blocks(rows, run.stamps, run.time, run.load, run.gaps, size=per_part):
-        samples = slice(part.start * size, part.stop * size)
+    for block in blocks(rows, run.stamps, run.time, run.load, run.gaps, size=per_part):
+        samples = slice(block.start * size, block.stop * size)
         taken = run.stamps[samples].reshape(-1, size)
-        stamps[part] = taken[:, 0] + (taken - taken[:, :1]).mean(axis=1).astype(np.int64)
+        stamps[block] = taken[:, 0] + (taken - taken[:, :1]).mean(axis=1).astype(np.int64)
         sound_load, sound_gaps = run.sound(samples)
-        load[part] = sound_load.reshape(-1, size).mean(axis=1)
+        load[block] = sound_load.reshape(-1, size).mean(axis=1)
         read = sound_gaps.reshape(len(gaps), -1, size)
         # Means of blocks in which enough readings are known, and which do not lie across a gap.
-        known = (read > low + margin) & (read < high - margin)
-        counts = known.sum(axis=2)
+        is_read = (read > low + margin) & (read < high - margin)
+        counts = is_read.sum(axis=2)
         enough = (counts >= MIN_BLOCK_SHARE * size) & (
             taken[:, -1] - taken[:, 0] <= MAX_BLOCK_SECONDS * size * period)
-        sums = np.where(known, read, 0.0).sum(axis=2)
-        gaps[:, part] = np.where(enough, sums / np.maximum(counts, 1), np.nan)
+        sums = np.where(is_read, read, 0.0).sum(axis=2)
+        gaps[:, block] = np.where(enough, sums / np.maximum(counts, 1), np.nan)
     note = (f'{count} samples every {period * 1e-6:.3g} ms are averaged over {size} samples each, '
             'because the record is long')
     return replace(

@@ -130,9 +130,6 @@ class ResidualStream:
         if np.count_nonzero(differs):
             self.counters.elevation_differs += int(differs.sum())
             measured, simulated = measured.pick(~differs), simulated.pick(~differs)
-        return self._subtract(measured, simulated)
-
-    def _subtract(self, measured: Displacements, simulated: Displacements) -> Displacements:
         if not len(measured):
             return batches.no_displacements()
         apart = np.abs(measured.zero_stamps - simulated.zero_stamps)
@@ -154,15 +151,15 @@ class ResidualStream:
                  ) -> Displacements:
         """Residuals of those `rows` whose two zeros could be brought together."""
         zeros = np.stack([measured.zero_stamps[rows], simulated.zero_stamps[rows]])
-        found = []
+        residuals = []
         for of_both in np.unique(zeros, axis=1).T.tolist():
             pair = tuple(of_both)
             mine = rows[(pair == zeros.T).all(axis=1)]
             newer = measured if pair[0] > pair[1] else simulated
             self._bridges = {pair: self._bridges.get(pair) or _Bridge(
                 max(pair), float(newer.zero_durations[mine[0]]))}
-            found.append(self._bridges[pair].across(measured.pick(mine), simulated.pick(mine)))
-        return batches.join(found)
+            residuals.append(self._bridges[pair].across(measured.pick(mine), simulated.pick(mine)))
+        return batches.join(residuals)
 
 
 class _Bridge:
@@ -389,26 +386,25 @@ def simulated_stretches(
     that a ring without one writes no output.
     """
     def stretches() -> Iterator[tuple[ZeroReading, Displacements]]:
-        failed, found, zero = 0, False, None
+        failed, has_sample, zero = 0, False, None
         for simulated in simulate_in_blocks(
                 rig, parameters, run.elevation, run.time, run.load, BLOCK):
             rows = slice(simulated.first, simulated.first + len(simulated.time))
             channels, count = simulated.displacement.channels, len(simulated.time)
             failed, zero = simulated.failed_steps, simulated.zero
             first, last = run.stamps[[zero.start, zero.end - 1]].tolist()
-            marks = None if run.load_marks is None else run.load_marks[rows]
             batch = Displacements(
                 run.stamps[rows], channels, np.full(count, first), np.full(count, zero.load),
                 np.full(count, run.elevation),
-                np.zeros(count, np.uint8) if marks is None else marks,
+                np.zeros(count, np.uint8) if run.load_marks is None else run.load_marks[rows],
                 np.full(count, (last - first) / SECOND),
             ).pick(np.flatnonzero(np.isfinite(channels).all(axis=0)))
-            found = found or bool(len(batch))
-            if found:
+            has_sample = has_sample or bool(len(batch))
+            if has_sample:
                 yield zero, batch
             forget(run.stamps, run.time, run.load, run.gaps)
             on_progress(rows.stop / len(run.time))
-        if not found:
+        if not has_sample:
             raise SimulationError(f'{run.path}: no sample could be simulated: the solver finds no '
                                   'equilibrium of this ring: check contact.K1 and contact.K2 of '
                                   'the parameter file, and the rig file')

@@ -40,8 +40,8 @@ def scratch_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
 def scratch_copy(values: NDArray[Any]) -> NDArray[Any]:
     """The same numbers (N,), in a scratch file if there are many."""
     copy = GrowingArray(values.dtype)
-    for part in blocks(len(values)):
-        copy.append(values[part])
+    for block in blocks(len(values)):
+        copy.append(values[block])
     return copy.array()
 
 
@@ -69,7 +69,6 @@ class GrowingArray:
         self.clear()
 
     def clear(self) -> None:
-        """Drop all numbers."""
         self._parts: list[NDArray[Any]] = []
         self._file: BinaryIO | None = None
         self._count = 0
@@ -86,8 +85,8 @@ class GrowingArray:
             return
         self._file = self._file or scratch_file()
         try:
-            for part in self._parts:
-                data = part.data.cast('B')
+            for stored in self._parts:
+                data = stored.data.cast('B')
                 while data:
                     data = data[self._file.write(data):]
         except OSError as problem:
@@ -125,9 +124,9 @@ def _stretches(values: NDArray[Any]) -> list[NDArray[Any]]:
         return [values]
     size = LONG // PARTS
     starts = np.linspace(0, len(values) - size, PARTS).astype(int).tolist()
-    found = [values[start:start + size].copy() for start in starts]
+    stretches = [values[start:start + size].copy() for start in starts]
     forget(values)
-    return found
+    return stretches
 
 
 def spread(values: NDArray[Any]) -> NDArray[Any]:
@@ -137,13 +136,13 @@ def spread(values: NDArray[Any]) -> NDArray[Any]:
 
 def spread_changes(values: NDArray[Any]) -> NDArray[Any]:
     """Differences of neighbours within the same stretches of numbers (N,)."""
-    return np.concatenate([np.diff(part) for part in _stretches(values)])
+    return np.concatenate([np.diff(stretch) for stretch in _stretches(values)])
 
 
 def extremes(values: NDArray[Any]) -> tuple[Any, Any]:
     """Lowest and highest of the numbers (N,), NaN if one of them is."""
-    found = [(values[part].min(), values[part].max()) for part in blocks(len(values), values)]
-    lowest, highest = np.array(found).T
+    limits = [(values[block].min(), values[block].max()) for block in blocks(len(values), values)]
+    lowest, highest = np.array(limits).T
     return lowest.min(), highest.max()
 
 
@@ -157,8 +156,8 @@ def count_where(
     """
     count = arrays[0].shape[-1]
     return sum(
-        int(np.count_nonzero(test(*(one[..., part.start:part.stop + ahead] for one in arrays))))
-        for part in blocks(count, *arrays))
+        int(np.count_nonzero(test(*(one[..., block.start:block.stop + ahead] for one in arrays))))
+        for block in blocks(count, *arrays))
 
 
 def complete_rows(
@@ -166,9 +165,9 @@ def complete_rows(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Load (M,) and gaps (4, M) where all are finite; of a long record every so many samples."""
     step = -(-len(load) // LONG)
-    found = []
-    for part in blocks(len(load), load, gaps, size=BLOCK // step * step):
-        rows = np.vstack([load[part][::step], gaps[:, part][:, ::step]])
-        found.append(rows[:, np.isfinite(rows).all(axis=0)])
-    kept = np.concatenate(found, axis=1)
+    complete = []
+    for block in blocks(len(load), load, gaps, size=BLOCK // step * step):
+        rows = np.vstack([load[block][::step], gaps[:, block][:, ::step]])
+        complete.append(rows[:, np.isfinite(rows).all(axis=0)])
+    kept = np.concatenate(complete, axis=1)
     return kept[0], kept[1:]

@@ -69,7 +69,6 @@ class Probes:
 
     @property
     def present(self) -> tuple[int, ...]:
-        """Numbers of the probes that the rig has."""
         return tuple(number for number in (1, 2, 3, 4) if number != self.absent)
 
     @property
@@ -205,7 +204,6 @@ class _Section:
         return float(value)
 
     def finish(self) -> None:
-        """Refuse unknown entries."""
         refuse_unknown_keys(self._values, self._known, self.name, self.where, RigError)
 
 
@@ -332,10 +330,10 @@ def short_digest(digest: str) -> str:
 def _canonical(value: object) -> object:
     if isinstance(value, dict):
         names = {field: name for name, field in FIELDS.items()}
-        return {names.get(key, key): _canonical(item) for key, item in value.items()
+        return {names.get(key, key): _canonical(entry) for key, entry in value.items()
                 if key not in NOT_OF_THE_RIG}
     if isinstance(value, (list, tuple)):
-        return [_canonical(item) for item in value]
+        return [_canonical(entry) for entry in value]
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return float(value) + 0.0
     return value

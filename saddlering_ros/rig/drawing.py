@@ -195,8 +195,8 @@ def draft_rig_file(rig: Rig, stated: Sequence[str]) -> tuple[str, Rig]:
     values: dict[str, Any] = {}
     for name, _ in ENTRIES:
         value: Any = rig
-        for part in name.split('.'):
-            value = getattr(value, FIELDS.get(part, part))
+        for attribute in name.split('.'):
+            value = getattr(value, FIELDS.get(attribute, attribute))
         values[name] = [int(sign) for sign in value] if name == 'probes.polarity' else value
     given = set()
     for text in stated:

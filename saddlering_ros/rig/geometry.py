@@ -84,10 +84,10 @@ def measured_displacement(probes: Probes, increments: ArrayLike) -> Displacement
 
     The parity is NaN if a radial probe is absent, as its increment comes from the other.
     """
-    found = probes_to_displacement(probes, increments)
+    displacement = probes_to_displacement(probes, increments)
     if not probes.absent:
-        return found
-    return replace(found, parity=np.full_like(np.asarray(found.parity), np.nan))
+        return displacement
+    return replace(displacement, parity=np.full_like(np.asarray(displacement.parity), np.nan))
 
 
 def displacement_to_probes(probes: Probes, displacement: Displacement) -> NDArray[np.float64]:
@@ -251,11 +251,11 @@ class ZeroWindow:
                    gaps: NDArray[np.float64]) -> ZeroReading | None:
         """Add a batch of samples (N,), gaps (4 or none, N); those after a reading do not count."""
         for begin in range(0, len(time), CONVERTED):
-            part = slice(begin, begin + CONVERTED)
-            if not (self.samples or self._anywhere) and (load[part] > self._highest).all():
-                self._count += len(load[part])
+            rows = slice(begin, begin + CONVERTED)
+            if not (self.samples or self._anywhere) and (load[rows] > self._highest).all():
+                self._count += len(load[rows])
                 continue
-            for sample in zip(time[part].tolist(), load[part].tolist(), gaps[:, part].T.tolist(),
+            for sample in zip(time[rows].tolist(), load[rows].tolist(), gaps[:, rows].T.tolist(),
                               strict=True):
                 reading = self.push(*sample)
                 if reading is not None:

@@ -135,13 +135,13 @@ def _certified(entry: dict[str, Any], unit: str, folder: Path, where: str) -> fl
             isinstance(value, str) for value in entry.values()):
         raise RigError(f'{where} is {entry!r}: give {{certificate: FILE.xml, quantity: NAME}}')
     path, quantity = folder / entry['certificate'], entry['quantity']
-    quantities = [(item, _names(item)) for item in _document(path, where).iter('quantity')]
-    found = [item for item, names in quantities if quantity in names]
-    if len(found) != 1:
-        known = sorted({name for _, names in quantities for name in names})
-        raise RigError(f'{where}: {path} has {len(found)} quantities called {quantity!r}: give '
-                       f'one of {", ".join(known[:12]) or "none"}')
-    spreads = [spread for real in found[0].iter() if real.tag in ('real', 'realListXMLList')
+    quantities = [(one, _names(one)) for one in _document(path, where).iter('quantity')]
+    matches = [one for one, names in quantities if quantity in names]
+    if len(matches) != 1:
+        choices = sorted({name for _, names in quantities for name in names})
+        raise RigError(f'{where}: {path} has {len(matches)} quantities called {quantity!r}: give '
+                       f'one of {", ".join(choices[:12]) or "none"}')
+    spreads = [spread for real in matches[0].iter() if real.tag in ('real', 'realListXMLList')
                for spread in _spreads(real, unit, f'{where}: {path}: {quantity}')]
     if not spreads or not 0.0 < max(spreads) < math.inf:
         raise RigError(f'{where}: {path}: {quantity} states no uncertainty above zero: give '
@@ -167,8 +167,8 @@ def _document(path: Path, where: str) -> ElementTree.Element:
     except (OSError, expat.ExpatError, ElementTree.ParseError) as problem:
         raise RigError(f'{where}: {path} cannot be read as XML ({problem}): check the certificate'
                        ) from problem
-    for item in root.iter():
-        item.tag = item.tag.rpartition('}')[2]
+    for element in root.iter():
+        element.tag = element.tag.rpartition('}')[2]
     return root
 
 
@@ -182,8 +182,8 @@ def _spreads(real: ElementTree.Element, unit: str, where: str) -> list[float]:
     """Standard uncertainties of one real or list of reals."""
     def texts(*names: str) -> list[str]:
         wanted = {*names, *(f'{name}XMLList' for name in names)}
-        return [word for item in real.iter() if item.tag in wanted
-                for word in (item.text or '').split()]
+        return [word for element in real.iter() if element.tag in wanted
+                for word in (element.text or '').split()]
 
     def numbers(*names: str) -> list[float]:
         try:
@@ -200,10 +200,10 @@ def _spreads(real: ElementTree.Element, unit: str, where: str) -> list[float]:
         spreads = [one / factor for one, factor in zip(expanded, factors, strict=False)]
     # Units of other quantities than lengths, forces, times and angles serve for shares only.
     symbol, factor = next(iter(texts('unit')), 'no unit'), 1.0
-    known = UNIT.fullmatch(symbol)
-    if known is not None:
-        symbol, factor = SI_UNITS[known[2]]
-        factor *= PREFIXES[known[1] or '']
+    match = UNIT.fullmatch(symbol)
+    if match is not None:
+        symbol, factor = SI_UNITS[match[2]]
+        factor *= PREFIXES[match[1] or '']
     if unit == '1' and symbol != '1':
         return [spread / abs(value) for spread, value in zip(spreads, values, strict=False)
                 if value]

@@ -61,11 +61,11 @@ def read_ros_parameters(path: Path) -> dict[str, Any]:
 
 def check_sections(parameters: Mapping[str, Any], needed: str, hint: str, where: str) -> None:
     """RigError if the section `needed` is missing, or if a section is not in SECTIONS."""
-    known = (*SECTIONS, *OF_EVERY_NODE)
-    unknown = [key for key in parameters if key not in known]
-    if needed not in parameters and not any(did_you_mean(key, known) for key in unknown):
+    allowed = (*SECTIONS, *OF_EVERY_NODE)
+    unknown = [key for key in parameters if key not in allowed]
+    if needed not in parameters and not any(did_you_mean(key, allowed) for key in unknown):
         raise RigError(f'{where}: there is no {needed} section: {hint}')
-    refuse_unknown_keys(parameters, known, '', where, RigError)
+    refuse_unknown_keys(parameters, allowed, '', where, RigError)
 
 
 def unfold(
@@ -101,7 +101,7 @@ def unfold(
 def _as_ros_reads(value: Any) -> Any:
     """YAML 1.1 reads `1e8` as text; ROS and this reader read it as a number."""
     if isinstance(value, list):
-        return [_as_ros_reads(item) for item in value]
+        return [_as_ros_reads(entry) for entry in value]
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:
@@ -193,7 +193,6 @@ class ParameterSource:
 
     @property
     def origins(self) -> tuple[Origin, ...]:
-        """The bags with their hashes."""
         hashes = self.sha256 if len(self.sha256) == len(self.bags) else ('',) * len(self.bags)
         return tuple(map(Origin, self.bags, hashes))
 

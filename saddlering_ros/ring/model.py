@@ -125,14 +125,14 @@ RIG_FIELDS = (
 """Constants of rig and elevation; cosine and sine of the elevation without bracket play."""
 
 EXTENSION_FIELDS = [
-    *((_field(item.name, getattr(NO_EXTENSION, item.name)), item.metadata['stage'],
-       item.metadata['acts_on']) for item in shared_parameters()),
-    *(((item.name, 'f8'), item.stage, item.acts_on) for item in own_parameters())]
+    *((_field(one.name, getattr(NO_EXTENSION, one.name)), one.metadata['stage'],
+       one.metadata['acts_on']) for one in shared_parameters()),
+    *(((one.name, 'f8'), one.stage, one.acts_on) for one in own_parameters())]
 """Fields of the model's record for extension parameters, with their stage and target."""
 
 MODEL = np.dtype([
     *((name, 'f8') for name in (*RIG_FIELDS, *PARAMETER_NAMES)),
-    *(part for part, _, _ in EXTENSION_FIELDS)])
+    *(entry for entry, _, _ in EXTENSION_FIELDS)])
 """The record of the kernels, read by name: rig, contact law, every extension parameter.
 
 All fields are floats, so that a record is also a row of floats.
@@ -151,7 +151,7 @@ def columns(*names: str) -> list[int]:
 _ELEVATION, _COSINE, _SINE, _ELEVATION_ERROR = columns(
     'elevation', 'cosine', 'sine', 'elevation_error')
 _LAW = slice(len(RIG_FIELDS), len(RIG_FIELDS) + len(PARAMETER_NAMES))
-_shared_values = attrgetter(*(item.name for item in shared_parameters()))
+_shared_values = attrgetter(*(parameter.name for parameter in shared_parameters()))
 
 
 def _numbers(extension: RingExtension) -> list[float]:
@@ -166,8 +166,8 @@ def _numbers(extension: RingExtension) -> list[float]:
             numbers += value.limit, value.presliding, value.sharpness, value.initial
         else:
             numbers.append(value.stiffness if isinstance(value, RowGeometry) else value)
-    own = dict(extension.own)
-    return numbers + [own.get(item, 0.0) for item in own_parameters()]
+    own_values = dict(extension.own)
+    return numbers + [own_values.get(parameter, 0.0) for parameter in own_parameters()]
 
 
 class _Prepared:
@@ -190,11 +190,11 @@ class _Prepared:
 
 def _prepared(rig: Rig, extension: RingExtension) -> _Prepared:
     """Kept with the extension for its last rig: a fit simulates it for every run and neighbour."""
-    known: _Prepared | None = vars(extension).get('_prepared')
-    if known is None or known.rig is not rig:
-        known = _Prepared(rig, extension)
-        object.__setattr__(extension, '_prepared', known)
-    return known
+    kept: _Prepared | None = vars(extension).get('_prepared')
+    if kept is None or kept.rig is not rig:
+        kept = _Prepared(rig, extension)
+        object.__setattr__(extension, '_prepared', kept)
+    return kept
 
 
 def models_of(rig: Rig, elevation: float, contacts: Floats,
@@ -226,8 +226,8 @@ def _turned(numbers: Floats, elevation: float) -> Model:
 
 _MOVES = np.array([
     acts_on != READING
-    for part, _, acts_on in EXTENSION_FIELDS
-    for _ in range(np.dtype([part]).itemsize // 8)])
+    for entry, _, acts_on in EXTENSION_FIELDS
+    for _ in range(np.dtype([entry]).itemsize // 8)])
 _NEUTRAL = np.array(_numbers(NO_EXTENSION), dtype=np.float64)
 
 

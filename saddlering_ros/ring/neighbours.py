@@ -25,8 +25,8 @@ from saddlering_ros.ring.simulator import check_simulation, in_parallel, of_prob
 Places = NDArray[np.intp]
 Candidate = tuple[ArrayLike, RingExtension]
 
-NO_TANGENT = [item for item in own_parameters()
-              if item.acts_on != READING and item.stage != 'load path']
+NO_TANGENT = [parameter for parameter in own_parameters()
+              if parameter.acts_on != READING and parameter.stage != 'load path']
 """Parameters of laws inside the motion of the ring; only a simulation gives their effect."""
 
 
@@ -44,13 +44,13 @@ def has_tangent(centre: Candidate, neighbour: Candidate) -> bool:
     A saturation that begins has no derivative, and neither has the own law of an effect inside the
     motion.
     """
-    (_, own), (_, other) = centre, neighbour
-    if own is other and own.damping_penetration_saturation == 0.0:
+    (_, of_centre), (_, of_neighbour) = centre, neighbour
+    if of_centre is of_neighbour and of_centre.damping_penetration_saturation == 0.0:
         return True
-    if any(item.of(own) != item.of(other) for item in NO_TANGENT):
+    if any(parameter.of(of_centre) != parameter.of(of_neighbour) for parameter in NO_TANGENT):
         return False
-    return (own.damping_penetration_saturation != 0.0
-            or other.damping_penetration_saturation == 0.0)
+    return (of_centre.damping_penetration_saturation != 0.0
+            or of_neighbour.damping_penetration_saturation == 0.0)
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Neighbourhoods:
             each = np.arange(seconds.size)
             blocks = each, each + 1
         record = _Record(elevation, seconds, force, zero, max_step, *blocks)
-        found: dict[int, Responses] = {}
+        responses: dict[int, Responses] = {}
 
         def run(indices: list[int]) -> None:
             groups = [self._groups[index] for index in indices]
@@ -111,14 +111,14 @@ class Neighbourhoods:
             for index, one in zip(indices, groups, strict=True):
                 models = model.at_elevation(one.models, elevation)
                 if path is None:
-                    path = own = sensitivity.simulate_path(
+                    path = of_candidate = sensitivity.simulate_path(
                         models[:1], one.rows, seconds, force, zero, max_step, grows)
                 else:
-                    own = path.read_by(models[:1], zero, seconds, force)
-                found[index] = one.responses(models, own, record)
+                    of_candidate = path.read_by(models[:1], zero, seconds, force)
+                responses[index] = one.responses(models, of_candidate, record)
 
         in_parallel(run, self._members)
-        return [found[index] for index in range(len(self._groups))]
+        return [responses[index] for index in range(len(self._groups))]
 
 
 class _Neighbourhood:
@@ -151,12 +151,12 @@ class _Neighbourhood:
                 model.spread_rows(rig, self._extensions[index]).flat - self._along.flat
                 for index in moving])
         numbers = model.floats(self.models)
-        own, aside = numbers[:1], numbers[1:][first]
+        at_centre, aside = numbers[:1], numbers[1:][first]
         self.law = np.ascontiguousarray(
-            (sensitivity.laws_of(aside) - sensitivity.laws_of(own)).transpose(1, 2, 0))
+            (sensitivity.laws_of(aside) - sensitivity.laws_of(at_centre)).transpose(1, 2, 0))
         frictions, loads = sensitivity.FRICTIONS, sensitivity.LOADS
-        self._friction = (aside[:, frictions] - own[:, frictions]).reshape(-1, 3, 4)
-        self._loaded = np.flatnonzero((aside[:, loads] != own[:, loads]).any(axis=1))
+        self._friction = (aside[:, frictions] - at_centre[:, frictions]).reshape(-1, 3, 4)
+        self._loaded = np.flatnonzero((aside[:, loads] != at_centre[:, loads]).any(axis=1))
         plain = model.read_motion_only(self.models)
         self._plain, self._added = (np.flatnonzero(chosen) for chosen in (
             plain[1:] & plain[0], ~(plain[1:] & plain[0])))
@@ -185,18 +185,18 @@ class _Neighbourhood:
 
     def _changes(self, models: Model, path: MotionPath, record: _Record) -> Floats:
         """Changes (M, 3, S) of the motion by every direction."""
-        own, directions = models[:1], self._first.size
+        centre, directions = models[:1], self._first.size
         if not directions:
             return np.empty((path.time.size, 3, 0))
         external = np.zeros((path.time.size if self._loaded.size else 0, 3, directions))
         if self._loaded.size:
-            usual = sensitivity.external_along(own, record.zero_load, path)
+            usual = sensitivity.external_along(centre, record.zero_load, path)
         for number in self._loaded.tolist():
             index = 1 + self._first[number]
             external[:, :, number] = sensitivity.external_along(
                 models[index:index + 1], record.zero_load, path) - usual
         if self._along is not self.rows:
-            own = own.copy()
-            own['axial_rollers'], own['radial_rollers'] = self._along.counts
-        return sensitivity.tangents_along(own, self._along, self.law, external, self._friction,
+            centre = centre.copy()
+            centre['axial_rollers'], centre['radial_rollers'] = self._along.counts
+        return sensitivity.tangents_along(centre, self._along, self.law, external, self._friction,
                                           self._geometry, path)

@@ -56,14 +56,14 @@ def scatter_columns(
     parts = []
     for row, seen, rows in ((0, moved.delta_x, slice(0, 1)), (2, moved.gamma, slice(1, 3))):
         # Loads (N,) under which the ring would rest at its motion: by delta_x, and by gamma.
-        known = np.maximum.accumulate(motion[row] - zero[row])
-        at_rest = np.interp(np.asarray(seen), known, grid)
+        rising = np.maximum.accumulate(motion[row] - zero[row])
+        at_rest = np.interp(np.asarray(seen), rising, grid)
         rate = np.zeros(time.size) if static else np.gradient(at_rest, time)
         place = np.clip(np.searchsorted(grid, at_rest) - 1, 0, grid.size - 2)
         below = grid[place]
         share = np.clip((at_rest - below) / (grid[place + 1] - below), 0.0, 1.0)[:, None, None]
-        still, by_rate, decays = ((1.0 - share) * item[place] + share * item[place + 1]
-                                  for item in (columns[:, rows], moving[:, rows], decay[:, rows]))
+        still, by_rate, decays = ((1.0 - share) * at[place] + share * at[place + 1]
+                                  for at in (columns[:, rows], moving[:, rows], decay[:, rows]))
         parts.append((still + rate[:, None, None] * by_rate, decays))
     q, decays = (np.concatenate(pair, axis=1) for pair in zip(*parts, strict=True))
     if not static:
@@ -124,7 +124,7 @@ def sound_deviation(
         changes.append(np.nan_to_num(0.5 * (sides[0] - sides[1])).T[:, :, None])
     moved = np.concatenate(changes, axis=2)
     variance = ((moved[1:] - moved[:1]) ** 2).sum(axis=2)
-    at_loads = [np.interp(load, grid[1:], own) for own in variance.T]
+    at_loads = [np.interp(load, grid[1:], of_channel) for of_channel in variance.T]
     return np.sqrt(np.mean(at_loads, axis=1))
 
 

@@ -70,7 +70,7 @@ FACTORS = columns('upper_row_stiffness', 'lower_row_stiffness', 'radial_row_stif
 GROWTH = columns('damping_penetration_share', 'damping_penetration_exponent',
                   'damping_penetration_saturation')
 FRICTIONS = columns('radial_friction', 'axial_friction', 'tilt_friction')
-LOADS = columns('cosine', 'sine', *(part[0] for part, stage, _ in EXTENSION_FIELDS
+LOADS = columns('cosine', 'sine', *(entry[0] for entry, stage, _ in EXTENSION_FIELDS
                                      if stage == 'load path'))
 
 

@@ -134,10 +134,10 @@ class RingSimulator:
         share = (wanted - seconds[before]) / np.where(after > before,
                                                       seconds[after] - seconds[before], 1.0)
         old, new = past[:, before], past[:, after]
-        found = np.where((wanted <= seconds[before]) | (before == last), old,
-                         old + (new - old) * share)
+        readings = np.where((wanted <= seconds[before]) | (before == last), old,
+                            old + (new - old) * share)
         self._past = self._past[:, before[-1]:]
-        return due, found
+        return due, readings
 
     def _from_zero(self, time: Floats, load: Floats) -> tuple[Floats, Floats]:
         """Time and load of all samples from the start of the zero on; none before it is known."""
@@ -217,10 +217,10 @@ def simulate_in_blocks(
     simulator.begin(zero, float(seconds[zero.start]))
     first = zero.start
     for start in range(zero.start, seconds.size, size):
-        part, probes = simulator.push(seconds[start:start + size], force[start:start + size])
-        yield SimulatedRun(part, probes_to_displacement(rig.probes, probes), probes, first, zero,
+        times, probes = simulator.push(seconds[start:start + size], force[start:start + size])
+        yield SimulatedRun(times, probes_to_displacement(rig.probes, probes), probes, first, zero,
                            simulator.failed_steps)
-        first += len(part)
+        first += len(times)
 
 
 def threads() -> int:
@@ -265,9 +265,9 @@ def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLi
         raise SimulationError(f'load {first} is {force[first]}: give finite loads [N]')
     q = np.empty((m.shape[0], force.size, 3))
 
-    def solve(part: slice) -> None:
-        own = part if rows.shape[0] > 1 else slice(None)
-        equilibrium.static_batch(m[part], rows[own], uniform[own], force, q[part])
+    def solve(batch: slice) -> None:
+        of_rows = batch if rows.shape[0] > 1 else slice(None)
+        equilibrium.static_batch(m[batch], rows[of_rows], uniform[of_rows], force, q[batch])
 
     in_parallel(solve, shares(m.shape[0]))
     return np.ascontiguousarray(q.transpose(0, 2, 1))
@@ -310,10 +310,10 @@ def probe_batch(
     seconds, force = check_simulation(time, load, elevation, max_step)
     zero = float(force[0]) if zero_load is None else zero_load
     first = model.same_motions(m, rows)
-    own = np.unique(first)
+    distinct = np.unique(first)
     motion, increments = np.empty((len(m), seconds.size, 3)), np.empty((len(m), seconds.size, 4))
-    motion[own], increments[own] = _run_batch(m[own], [rows[index] for index in own.tolist()],
-                                              seconds, force, zero, max_step)
+    motion[distinct], increments[distinct] = _run_batch(
+        m[distinct], [rows[index] for index in distinct.tolist()], seconds, force, zero, max_step)
     others = np.flatnonzero(first != np.arange(first.size))
     failed = others[~np.isfinite(motion[first[others]]).all(axis=(1, 2))]
     if failed.size:  # the values after a failed step are internal to the simulator
@@ -361,10 +361,10 @@ def _run_batch(m: Model, rows: Sequence[Rows], seconds: Floats, force: Floats, z
     motion = np.empty((m.shape[0], seconds.size, 3))
     increments = np.empty((m.shape[0], seconds.size, 4))
 
-    def run(part: slice) -> None:
-        own = part if flat.shape[0] > 1 else slice(None)
-        integration.run_batch(m[part], flat[own], uniform[own], seconds, force, zero_load,
-                              max_step, motion[part], increments[part])
+    def run(batch: slice) -> None:
+        of_rows = batch if flat.shape[0] > 1 else slice(None)
+        integration.run_batch(m[batch], flat[of_rows], uniform[of_rows], seconds, force, zero_load,
+                              max_step, motion[batch], increments[batch])
 
     in_parallel(run, shares(m.shape[0]))
     return motion, increments

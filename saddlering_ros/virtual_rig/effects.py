@@ -31,7 +31,6 @@ class TrueSize:
     positive: bool = False  # below or at zero makes no sense
 
     def sized_for(self, rig: Rig) -> TrueSize:
-        """The same with the sizes of another rig."""
         factor = size_factor(self.unit, rig)
         return replace(self, low=factor * self.low, high=factor * self.high,
                        typical=factor * self.typical)
@@ -97,12 +96,12 @@ def request(name: str, values: Mapping[str, float] | None = None,
 
     VirtualRigError lists the existing names for an unknown effect, parameter or form.
     """
-    found = find_effect(name)
-    form = found.forms[0] if form is None else form
-    if form not in found.forms:
+    chosen = find_effect(name)
+    form = chosen.forms[0] if form is None else form
+    if form not in chosen.forms:
         raise VirtualRigError(f'form {form!r} of {name} does not exist: give one of '
-                              f'{", ".join(found.forms)}')
-    sizes = {parameter.name: parameter for parameter in found.parameters_on(rig or default_rig())}
+                              f'{", ".join(chosen.forms)}')
+    sizes = {parameter.name: parameter for parameter in chosen.parameters_on(rig or default_rig())}
     complete = {key: parameter.typical for key, parameter in sizes.items()}
     for key, value in (values or {}).items():
         parameter = sizes.get(key)
@@ -113,12 +112,12 @@ def request(name: str, values: Mapping[str, float] | None = None,
         if parameter.choices and value not in parameter.choices:
             allowed = ', '.join(f'{choice:g}' for choice in parameter.choices)
             raise VirtualRigError(f'{name}.{key} is {value:g}: give one of {allowed}')
-        is_size = key == found.parameters[0].name and not parameter.signed
+        is_size = key == chosen.parameters[0].name and not parameter.signed
         if (parameter.positive and value <= 0.0) or (is_size and value < 0.0):
             raise VirtualRigError(f'{name}.{key} is {value:g} {parameter.unit}: give a number '
                                   + ('above zero' if parameter.positive else 'from zero up'))
         complete[key] = float(value)
-    return EffectRequest(found, complete, form)
+    return EffectRequest(chosen, complete, form)
 
 
 def parse_requests(texts: Iterable[str], forms: Iterable[str] = (),

@@ -156,11 +156,11 @@ class Motion:
 
 def _widen(rollers: Rollers, row: str, change: float, form: str) -> None:
     """Half the change at each side; 'spread': rollers differ, from no change to twice the mean."""
-    part = rollers.of(row)
-    share = np.ones(len(part))
+    table = rollers.of(row)
+    share = np.ones(len(table))
     if form == 'spread':
-        share = rollers.random.permutation(np.linspace(0.0, 2.0, len(part)))
-    part[:, at.GAP] += 0.5 * change * share
+        share = rollers.random.permutation(np.linspace(0.0, 2.0, len(table)))
+    table[:, at.GAP] += 0.5 * change * share
 
 
 @effect('radial_clearance', 'rollers', X,
@@ -193,18 +193,18 @@ WORN_GAP = 1e-4
 
 def _wear(rollers: Rollers, row: str, values: Mapping[str, float], form: str) -> None:
     """Rollers on the arc carry less, or lie lower; hard or cosine-shaped edges."""
-    part, angle = rollers.of(row), rollers.angles(row)
+    table, angle = rollers.of(row), rollers.angles(row)
     off = np.abs(np.angle(np.exp(1j * (angle - values['centre'])))) / values['half_width']
     if form.startswith('hard'):
         shape = (off <= 1.0).astype(np.float64)
     else:
         shape = np.where(off < 2.0, 0.5 + 0.5 * np.cos(0.5 * np.pi * np.minimum(off, 2.0)), 0.0)
     if form.endswith('gap'):
-        part[:, at.GAP] += WORN_GAP * values['wear'] * shape
+        table[:, at.GAP] += WORN_GAP * values['wear'] * shape
     else:
         carried = np.maximum(1.0 - values['wear'] * shape, 0.0)
-        part[:, at.STIFFNESS] *= carried
-        part[:, at.DAMPING] *= carried
+        table[:, at.STIFFNESS] *= carried
+        table[:, at.DAMPING] *= carried
 
 
 @effect('worn_sector_axial', 'rollers', T,

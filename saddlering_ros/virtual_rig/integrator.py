@@ -300,9 +300,9 @@ def _stage_residual(
             residual[3 * stage + i] = left
             largest = max(largest, abs(left))
             for j in range(3):
-                own = mass[i] / (h * h) if i == j else 0.0
-                first = c * own + a / h * by_v[i, j]
-                second = d * own + b / h * by_v[i, j]
+                inertia = mass[i] / (h * h) if i == j else 0.0
+                first = c * inertia + a / h * by_v[i, j]
+                second = d * inertia + b / h * by_v[i, j]
                 if stage == 0:
                     first += by_q[i, j]
                 else:
@@ -456,12 +456,12 @@ def make_rollers(rig: Rig, contact: ContactParameters, scatter: Scatter, seed: i
         'middle': _row(rig.radial_row, radial, 0.0),
     }
     spans, start = {}, 0
-    for name, part in parts.items():
-        spans[name] = slice(start, start + len(part))
-        start += len(part)
-        part[:, GAP] += scatter.gap * random.normal(size=len(part))
-        part[:, STIFFNESS] *= np.maximum(
-            1.0 + scatter.stiffness * random.normal(size=len(part)), 0.1)
+    for name, table in parts.items():
+        spans[name] = slice(start, start + len(table))
+        start += len(table)
+        table[:, GAP] += scatter.gap * random.normal(size=len(table))
+        table[:, STIFFNESS] *= np.maximum(
+            1.0 + scatter.stiffness * random.normal(size=len(table)), 0.1)
     return Rollers(np.concatenate(list(parts.values())), spans, random)
 
 
