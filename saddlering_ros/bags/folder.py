@@ -191,10 +191,7 @@ def parse_metadata(text: str, where: str) -> dict[str, Any]:
 
 
 def _locate(folder: Path, name: str) -> Path:
-    """A file of the bag, also if metadata.yaml names it with a folder that has moved.
-
-    It is never a file outside of the folder of the bag, even if metadata.yaml names one.
-    """
+    """A file of the bag, also if metadata.yaml names its former folder; none outside the bag."""
     steps = Path(name).parts
     inside = not Path(name).is_absolute() and '..' not in steps
     for candidate in (folder / name,) * inside + (folder / Path(name).name,):
@@ -228,9 +225,8 @@ def find_metadata(
     """The test metadata on which the places of a bag agree.
 
     `custom_data` of metadata.yaml and `in_file`, the MCAP record `saddlering.test`, have the same
-    weight: either is enough, and both must agree. `recorder` (custom_data in the MCAP record that
-    rosbag2 writes itself) gives only texts that neither states, for instance after a
-    reindexing, which loses custom_data from metadata.yaml.
+    weight: either is enough, and both must agree. `recorder`, the custom_data that rosbag2 itself
+    writes into the MCAP file, fills gaps: a reindexing removes custom_data from metadata.yaml.
     """
     first, second, third = (
         {key: text.strip() for key, text in place.items() if text.strip()}

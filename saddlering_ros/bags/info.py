@@ -84,11 +84,7 @@ def bag_info(
     path: Path | str, *, test: str | None = None, elevation: float | None = None,
     rig: Rig | None = None, on_progress: OnShare = lambda share: None,
 ) -> BagInfo:
-    """Examine the bag at `path`; BagError only if there is no bag at all.
-
-    `test`, `elevation` [rad], `rig` (default: as of `load_rig`) and `on_progress` as in
-    `read_run`.
-    """
+    """Examine a bag; BagError only if there is none. Arguments: as of `read_run`."""
     scanned = scan(open_directory(path), TOPICS, on_progress)
     facts = scanned.facts.overruled(test, None if elevation is None else math.degrees(elevation))
     problems = [] if scanned.damage is None else [str(scanned.fault)]

@@ -86,10 +86,7 @@ class McapFile:
     _schemas: dict[int, records.Schema] = field(default_factory=dict)
 
     def blocks(self) -> Iterator[McapBlock]:
-        """Yield the messages, block by block; DamageError names the end of the readable data.
-
-        CutOffError, a DamageError, means that the file ends there.
-        """
+        """Yield blocks of messages; DamageError or CutOffError behind the last good one."""
         try:
             with self.path.open('rb') as file:
                 buffer = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)

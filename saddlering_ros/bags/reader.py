@@ -29,11 +29,9 @@ def read_raw(
 ) -> RawRecord:
     """The rig topics of the bag at `path` as recorded.
 
-    These are all topics of the rig unless `topics` names some. A missing optional topic is
-    left out; an unreadable one too, with a note. The probe that is absent from the `rig` (None:
-    it has all) is not read; the opposite probe stands for it.
-
-    Readings are not judged (NaN stays NaN). Stamps are judged (BagError if they go back).
+    topics: None for all of the rig. An optional topic that is missing or unreadable is left out,
+    the latter with a note. The opposite probe stands for one that is absent from the `rig` (None:
+    it has all). Readings are not judged (NaN stays NaN). BagError if stamps go back.
     """
     wanted = tuple(TOPICS if topics is None else topics)
     unknown = set(wanted) - set(TOPICS)
@@ -68,10 +66,9 @@ def read_run(
 ) -> Record:
     """The test in the bag at `path`, aligned on the load's stamps.
 
-    `test` and `elevation` [rad], if given, replace the statements of the bag. BagError, one
-    line, for any fault that makes the bag unusable. With a `rig`, the notes also name probes
-    that look swapped, stuck, dead or of the wrong polarity on it. `on_progress` receives the
-    share of the bag's bytes that was read.
+    test and elevation [rad] replace the statements of the bag. BagError, one line, for a fault
+    that makes the bag unusable. With a rig, the notes also name probes that look swapped, stuck,
+    dead or of the wrong polarity. on_progress receives the share of bytes read so far.
     """
     directory = open_directory(path)
     record = _raw_record(scan(directory, TOPICS, on_progress), tuple(TOPICS), rig)
@@ -185,7 +182,7 @@ def put_in_order(
     same stretch of time); or later messages lie more than `MAX_HOLE_NS` before all earlier ones,
     because a recorder that reorders leaves no hole.
 
-    Log times [ns] are asked for only if messages came late: a long record is spared them.
+    Log times [ns] are read only if messages came late.
     """
     if len(stamps) > 1 and extremes(stamps) == (0, 0):
         raise BagError(f'{where}: all stamps are zero: let the driver fill header.stamp')

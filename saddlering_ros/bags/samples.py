@@ -81,8 +81,8 @@ def write_samples(
 ) -> None:
     """Write the stretches of a table at `path`, whole or not at all.
 
-    CSV numbers are the shortest that read back as the same float. A parquet file carries the
-    provenance as the schema's metadata `saddlering.provenance` (JSON); CSV has no place for it.
+    CSV numbers have the fewest digits that give the same float. A parquet file has the provenance
+    in the metadata `saddlering.provenance` of its schema (JSON).
     """
     check_table_path(path)
     with whole_file(path, BagError) as temporary:

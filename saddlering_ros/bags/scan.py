@@ -120,10 +120,7 @@ class Scan:
 def scan(
     directory: BagDirectory, topics: Collection[str], on_progress: OnShare = lambda share: None,
 ) -> Scan:
-    """Read a bag, decoding the rig's `topics` among all others.
-
-    `on_progress` gets the share of its bytes that was read, after each block.
-    """
+    """Read a bag, decoding the rig's `topics`; on_progress gets the share of bytes read so far."""
     result = Scan(directory)
     whole = max(1, directory.size)
     records: dict[str, str] = {}

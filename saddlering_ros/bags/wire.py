@@ -103,10 +103,7 @@ class Records:
 
 
 def take(data: NDArray[np.uint8], starts: NDArray[np.int64], dtype: DTypeLike) -> NDArray[Any]:
-    """The numbers or records of type `dtype` that begin at each of `starts` (N,) in `data`: (N,).
-
-    IndexError if one of them would end behind the data.
-    """
+    """Numbers or records of `dtype` at each of `starts` (N,); IndexError beyond the data."""
     kind = np.dtype(dtype)
     anywhere: NDArray[Any] = np.ndarray(
         (max(len(data) - kind.itemsize + 1, 0),), kind, data, strides=(1,))

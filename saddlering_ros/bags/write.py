@@ -101,14 +101,12 @@ class BagWriter:
 
     topics: message type ('package/msg/Name') by topic; metadata: texts for custom_data and the
     record saddlering.test, which comes first, so that a file that is cut off has it; definitions:
-    texts of .msg files of types that ROS 2 itself does not define, by type; latched: topics whose
-    last message stays there for late joiners; chunk_size: bytes of messages of one chunk before
-    compression.
+    texts of .msg files of types that ROS 2 does not define, by type; latched: topics whose last
+    message stays for late joiners; chunk_size: bytes of messages of a chunk before compression.
 
     The bag is written beside its place, in a folder whose name begins with a dot. An exception in
-    the block leaves no file. A bag that is `recorded` cannot be written again: an exception
-    only ends it, and after a crash or on a full disk the folder stays, readable up to its last
-    whole chunk.
+    the block leaves no file, but only ends a bag that is `recorded`. After a crash or on a full
+    disk the folder of a recording stays, readable up to its last whole chunk.
     """
 
     def __init__(
@@ -219,10 +217,7 @@ def messages_of(
     topic: RigTopic, stamps: ArrayLike, values: ArrayLike, span: Sequence[float] = (),
     log_delay: int = 0,
 ) -> MessageBlock:
-    """Messages of `topic` with `values` as its readings, logged `log_delay` [ns] after the stamps.
-
-    span: the ends of the sensor's range, for a topic that has them.
-    """
+    """Messages of `topic`, logged `log_delay` [ns] after the stamps; span: ends of the range."""
     stamps = np.asarray(stamps, dtype=np.int64)
     values = np.asarray(values, dtype=np.float64)
     if stamps.ndim != 1 or stamps.shape != values.shape:
@@ -288,10 +283,7 @@ class MessageBlock:
 
 
 class McapWriter:
-    """One MCAP file that is being written: topics, metadata, messages, then a summary.
-
-    Single messages are gathered into chunks of `chunk_size` bytes.
-    """
+    """One MCAP file that is being written, in chunks of `chunk_size` bytes; then its summary."""
 
     def __init__(self, path: Path, library: str, chunk_size: int) -> None:
         self._file: BinaryIO = path.open('xb')

@@ -94,8 +94,7 @@ def check_driver(
 ) -> list[Finding]:
     """Faults and notes on the topics `heard` (by name, the five of a rig), faults first.
 
-    elevation [rad] decides to which side a load must move each probe; rate [Hz]: wanted of every
-    topic, if given.
+    elevation [rad]: decides the direction in which a load moves each probe; rate [Hz]: required.
     """
     findings, usable = _Findings(), True
     probes = [PROBES[number - 1] for number in rig.probes.present]
@@ -248,7 +247,7 @@ def _load(findings: _Findings, rig: Rig, one: HeardTopic) -> None:
 def _directions(
     findings: _Findings, rig: Rig, heard: Mapping[str, HeardTopic], elevation: float,
 ) -> None:
-    """Polarity, swapped channels and the sign of the load, if the load moved enough."""
+    """Check polarity, order of channels and sign of the load if the load moved enough."""
     stamps, values = heard[LOAD_TOPIC].in_order
     least = MIN_LOAD_SPAN * rig.full_scale_load
     if len(values) < MIN_SAMPLES or float(np.ptp(values)) < least:

@@ -169,9 +169,8 @@ def parity_findings(rig: Rig, load: Floats, gaps: Floats) -> list[Finding]:
 def line_findings(rig: Rig, seconds: float, load: Floats, gaps: Floats) -> list[Finding]:
     """One finding if the parity of the radial probes holds an oscillation of one frequency.
 
-    gaps (4, N) [m] over `seconds`. The ring's own vibration leaves the parity as it is: what
-    shows there is picked up, or a vibration of the frame, or what lies above half the sampling
-    rate and is folded below it.
+    gaps (4, N) [m] over `seconds`. A vibration of the ring does not change the parity. The cause
+    is a pickup, a vibration of the frame, or a frequency above half the sampling rate (aliasing).
     """
     _, gaps = complete_rows(load, gaps)
     if gaps.shape[1] < MIN_LINE_SAMPLES:
@@ -311,10 +310,9 @@ def _apparent_elevation(
 
     The axial rows, radius R, turn a force F_y and a moment M into delta_y = F_y / k and
     gamma = 2 M / (k R^2), whatever their stiffness k; M / F_y = -(y_t cot(theta) + x_t). Slopes
-    are taken over the upper quarter of the load, where the clearance is taken up. At 70 degrees
-    it is taken up late: tilt and lift still curve. The uncertainty is therefore the change from
-    the slopes over the upper half, as the cotangent carries it into the angle, and holds their
-    noise too. None if neither tilt nor lift moves. load [N], delta_y [m], gamma [rad]: (N,).
+    are taken over the upper quarter of the load, where the clearance is mostly closed. The
+    uncertainty is the change of the angle by slopes over the upper half; it includes their noise.
+    None if neither tilt nor lift moves. load [N], delta_y [m], gamma [rad]: (N,).
     """
     angles = []
     for share in (0.75, 0.5):

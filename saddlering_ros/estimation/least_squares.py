@@ -203,11 +203,7 @@ def minimise(
     linearised: Callable[[Array], LazyAnswer], start: Array, low: Array, high: Array,
     negligible: float = NEGLIGIBLE, damping: float = USUAL_DAMPING,
 ) -> Minimum:
-    """Least squares inside the box from `start` (F,), without a prior, to the optimum.
-
-    The descent ends if the next step is expected to gain less than `negligible`. damping: that of
-    the first step.
-    """
+    """Least squares in the box from `start` (F,); an expected gain that is negligible ends it."""
     span = high - low
     rule = Rule(np.zeros(span.size, dtype=bool), 0.0, MAX_ROUNDS, 1e-6, 1e-10,
                 negligible=negligible, damping=damping)

@@ -134,10 +134,9 @@ class RestSource:
     ) -> RestSource:
         """Stretches at rest and parities (1, N_i) of whole records, if these are noise alone.
 
-        The parity of the radial probes is zero for a rigid ring with any contact. If the parity is
-        noise alone, it shows the slow noise of the whole record, also between stretches at rest.
-        If a cause shows in the parity, it is no noise; a diagnosis must therefore not read noise
-        from it. still (n_i,): the stretches of the parities at rest.
+        The parity of the radial probes is zero for a rigid ring with any contact. If it is noise
+        alone, it shows the slow noise of the whole record. A diagnosis must not read noise from
+        it, because a cause may act on it. still (n_i,): the stretches of the parities at rest.
         """
         if not segments:
             return cls(segments)
@@ -228,14 +227,10 @@ def measure_noise(
 ) -> list[ChannelNoise]:
     """Noise of each of `count` channels, pooled over all stretches at rest.
 
-    Parts with time constants above `longest` [s] are left out, because a few short stretches
-    do not show slower noise, and a trend in them would count as a random walk.
-
-    If there are many labelled stretches, whose common course can be subtracted, they are
-    preferred.
-
-    The channels share the shape of the slow part, because they are instruments of one kind and one
-    channel alone shows too little slow noise. They do not share its size or the white part.
+    Parts with time constants above `longest` [s] are left out, because a trend in a few short
+    stretches would count as a random walk. Labelled stretches are preferred if there are many,
+    because their common course can be subtracted. The channels share the shape of the slow part,
+    of which one channel alone shows too little, but neither its size nor the white part.
     """
     if not segments:
         raise EstimationError(

@@ -97,8 +97,7 @@ def noise_of_stretches(
 ) -> ChannelNoise:
     """White noise and relaxations that fit the Allan variances of `stretches` best.
 
-    longest [s]: largest averaging time and time constant. where: place for the message if
-    there are too few samples.
+    longest [s]: largest averaging time and time constant; where: place for messages.
     """
     rows = [(np.asarray(row - row.mean()), step) for row in stretches]
     sizes = [row.size for row, _ in rows]
@@ -190,9 +189,8 @@ def with_model_error(
 ) -> ChannelNoise:
     """`noise` and a declared broadband model error of `share` of the channel's range `span`.
 
-    Its variance is spread evenly over all decades of time from `step` to `duration` [s], and
-    an equal part is independent in each sample, so that no band of frequencies receives all
-    the weight.
+    Its variance is spread evenly over all decades of time from `step` to `duration` [s]; an equal
+    part is independent in each sample. No band of frequencies then has all the weight.
     """
     if share <= 0.0:
         return noise
@@ -218,10 +216,7 @@ def _fast_values(record: ChannelRecord) -> tuple[Array, int]:
 def _noise_of_fast_values(
     record: ChannelRecord, values: Array, waves: int, present: ChannelNoise | None = None
 ) -> ChannelNoise:
-    """Noise of the fast part (N,) of a residual, beyond the noise that is `present`.
-
-    White noise and relaxations of the greatest likelihood.
-    """
+    """White noise and relaxations of greatest likelihood for a fast part (N,) beyond `present`."""
     sizes = [row.size for row in replace(record, values=values).stretches()]
     if sum(sizes) < MIN_SAMPLES:
         raise EstimationError(

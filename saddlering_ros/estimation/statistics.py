@@ -41,11 +41,7 @@ def filled(values: Array) -> Array:
 
 
 def fisher_chance(ratio: Any, between: Any, within: Any) -> Any:
-    """Chance that an F-distributed ratio is larger than `ratio`.
-
-    between, within: degrees of freedom of numerator and denominator. A ratio below 0, which no
-    such variable has, counts as 0.
-    """
+    """Chance that an F-distributed ratio is larger; between, within: degrees of freedom."""
     return fdtrc(between, within, np.maximum(ratio, 0.0))
 
 
@@ -74,10 +70,7 @@ def allan_columns(scales: Array, time_constants: Array) -> Array:
 
 
 def allan_variances(rows: Sequence[tuple[Array, float]]) -> tuple[Array, Array, Array]:
-    """Averaging times [s], Allan variances, and the number of differences in each.
-
-    Each of `rows` is (values (N,), step [s]).
-    """
+    """Averaging times [s], Allan variances, numbers of differences of rows (values, step [s])."""
     by_step: dict[float, list[Array]] = {}
     for row, step in rows:
         by_step.setdefault(step, []).append(row)

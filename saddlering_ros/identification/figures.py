@@ -168,8 +168,7 @@ def _ratio(value: float, over: float) -> float | None:
 def _noise_of_sample(residual: Array, rests: Stretches, noise: ChannelNoise, step: float) -> float:
     """Rms noise of a sample: half the mean square step over a short lag, plus the residual there.
 
-    Interpolation between stamps smooths readings below the fitted noise; a step over more than
-    two samples is that of readings without smoothing.
+    Interpolation between stamps smooths neighbours; over more than two samples it does not count.
     """
     steps = np.concatenate([
         residual[start + LAG:stop] - residual[start:stop - LAG] for start, stop in rests

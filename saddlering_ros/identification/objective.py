@@ -173,8 +173,8 @@ class WeightedObjective:
     def with_settled_plateaus(self, contact: Array) -> WeightedObjective:
         """The same with equilibria in place of static runs that come to rest at each load.
 
-        The small difference between means of the moving ring and equilibria is that at the law
-        `contact` (6,). A run in which this difference matters remains a moving one.
+        The small difference between the moving ring and equilibria is that at the law `contact`
+        (6,). A run in which this difference matters stays a moving one.
         """
         moving = self.increments(contact[None, :])
         settling = [
@@ -341,11 +341,7 @@ def refine(
     is_cancelled: IsCancelled | None = None, negligible: float = least_squares.NEGLIGIBLE,
     damping: float = least_squares.USUAL_DAMPING,
 ) -> Refinement:
-    """Least squares from coordinates `start` (F,); Cancelled on request.
-
-    The descent ends if the next step is expected to gain less than `negligible` of chi square.
-    damping: that of the first step.
-    """
+    """`least_squares.minimise` from coordinates `start` (F,); Cancelled on request."""
 
     def at(point: Array) -> LazyAnswer:
         if is_cancelled is not None and is_cancelled():

@@ -73,8 +73,7 @@ class Observation:
     def with_load_less(self, errors: Array) -> Observation:
         """A dynamic run with its load corrected by errors (M + 3,) as in `shared_errors`.
 
-        Their change of its increments is subtracted from the measured ones, so that a
-        linear model keeps its residuals.
+        Their effect on the increments is subtracted: a linear model keeps its residuals.
         """
         if self.load_errors is None or not self.dynamic:
             return self
@@ -242,8 +241,7 @@ def load_errors_of(
 ) -> LoadErrors | None:
     """Effect of the load cell's noise on a run; None if it cannot be computed.
 
-    There is none if the fit keeps every sample of a long record, if the model finds no motion,
-    or if the load has no noise.
+    That is so for every sample of a long record, a model without motion, a load without noise.
     """
     zero, readings = one.measured.zero, len(seen.time)
     at_zero = static_slopes(rig, contact, seen.elevation, np.array([seen.zero_load]))[:, 0]

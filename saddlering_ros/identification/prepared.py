@@ -185,10 +185,7 @@ def rest_segments(one: PreparedRun) -> list[RestSegment]:
 
 
 def parity_at_rest(measured: MeasuredRun) -> Array:
-    """Parity (N,) of a run minus its smooth part over load and time; missing values filled.
-
-    It is zero where it is nowhere known.
-    """
+    """Parity (N,) of a run without its smooth part over load and time; 0 if nowhere known."""
     parity = np.asarray(measured.displacement.parity)
     good = np.isfinite(parity)
     if not good.any():
@@ -231,10 +228,7 @@ def saturated(run: Record, rig: Rig) -> NDArray[np.bool_]:
 
 
 def check_run(run: Record, rig: Rig) -> Plateaus | None:
-    """The plateaus of a static run, None for a dynamic one.
-
-    IdentificationError if the range of the run is too small for an identification.
-    """
+    """Plateaus of a static run, None of a dynamic one; IdentificationError for a small range."""
     name = run_name(run)
     if not np.isfinite(run.elevation):
         raise IdentificationError(f'{name}: its elevation is {run.elevation}: give it in degrees')

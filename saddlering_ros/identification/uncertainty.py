@@ -142,10 +142,7 @@ def assess(
     objective: WeightedObjective, space: SearchSpace, best: Refinement,
     bounds: dict[str, tuple[float, float]], misfit_advice: str,
 ) -> Uncertainty:
-    """Judge a refined fit; `space` has the free parameters.
-
-    misfit_advice: remedy for a misfit that leaves a parameter open.
-    """
+    """Judge a refined fit in its `space`; misfit_advice: remedy for a misfit."""
     freedom = max(1, objective.size - len(space.free))
     reduced = best.chi_square / freedom
     widening = max(1.0, reduced, *objective.mean_squares(best.contact))
@@ -237,8 +234,7 @@ def _reasons(
 ) -> dict[str, str]:
     """Why the data leave a parameter open, by its name.
 
-    deviations (6,) in coordinates: in all, of noise alone, and in all for a misfit as large as the
-    noise.
+    deviations (6,) in coordinates: in all, by noise alone, in all if the misfit were the noise.
     """
     reasons: dict[str, str | None] = {}
     for index, name in enumerate(PARAMETER_NAMES):

@@ -90,8 +90,7 @@ class Detector:
     def step(self, values: Array, bounds: Array) -> Alarm | None:
         """Take one block: values (channels,), and how far their means may lie from 0.
 
-        Both in standard deviations of the values; NaN where a channel is not known, which leaves
-        its evidence as it is.
+        Both in standard deviations of the values. NaN, not known, leaves the evidence unchanged.
         """
         beyond = np.minimum(
             self._signs * np.tile(values, 2)[:, None] - np.tile(bounds, 2)[:, None], MAX_BEYOND)
@@ -215,8 +214,8 @@ def block_noise(noise: ChannelNoise, step: float) -> BlockNoise:
 class Innovations:
     """Innovations of C channels, block by block.
 
-    `response` (C,) is the prediction of the filter next had every mean so far been 1, the noise
-    apart: means that stay within m of nought have innovations within (1 + response) m.
+    `response` (C,): next prediction of the filter if every mean so far was 1. Means within m of 0
+    have innovations within (1 + response) m, the noise apart.
     """
 
     def __init__(self, noise: Sequence[BlockNoise]) -> None:
@@ -230,10 +229,7 @@ class Innovations:
         self.response = np.zeros(len(self._level))
 
     def step(self, values: Array) -> tuple[Array, Array]:
-        """The innovations of block means (C,) in standard deviations, and these deviations.
-
-        A channel that is not known, NaN, begins anew.
-        """
+        """Innovations of block means (C,) in standard deviations, and these; NaN begins anew."""
         is_known, memory = np.isfinite(values), self._memory
         scale = np.sqrt(self._variance + self._white)
         surprise = values - self._wander
@@ -376,10 +372,7 @@ LOADS = 26
 
 
 def sound_motion(rig: Rig, contact: ContactParameters, elevation: float) -> Array:
-    """Motion of the model from preload to full scale, (3, LOADS) [m, m, rad].
-
-    elevation: of the load [rad].
-    """
+    """Motion from preload to full scale at an elevation [rad], (3, LOADS) [m, m, rad]."""
     loads = np.linspace(rig.preload, rig.full_scale_load, LOADS)
     return np.asarray(static_response(rig, contact.to_array(), elevation, loads))
 
@@ -387,10 +380,7 @@ def sound_motion(rig: Rig, contact: ContactParameters, elevation: float) -> Arra
 def materiality(
     rig: Rig, contact: ContactParameters, elevation: float, percent: float = DEFAULT_PERCENT
 ) -> Array:
-    """`percent` of the range of each channel from preload to full scale, (3,) [m, m, rad].
-
-    elevation: of the load [rad].
-    """
+    """`percent` of the range of `sound_motion` of each channel, (3,) [m, m, rad]."""
     if not 0.0 <= percent < math.inf:
         raise MonitoringError(f'materiality is {percent:g} %: give 0 or more')
     return np.asarray(0.01 * percent * np.ptp(sound_motion(rig, contact, elevation), axis=1))

@@ -87,8 +87,8 @@ class ExpectedMotion:
 class ZeroNoise:
     """Covariance (4, 4) of the noise of delta_x, delta_y, gamma, parity, read after each zero.
 
-    The second differences of white noise have six times its variance, and a load that moves
-    adds nothing to them that counts. 0 where a channel is not known.
+    Second differences of white noise have six times its variance; a moving load hardly adds to
+    them. 0 where a channel is not known.
     """
 
     def __init__(self) -> None:

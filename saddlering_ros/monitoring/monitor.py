@@ -97,8 +97,7 @@ class Monitor:
     """Watches residuals with their load; the first alarm is latched until `reset`.
 
     rest_band [N]: the load is at rest within it; materiality_of: the residual (3,) that is no
-    alarm, by the elevation [rad]; wander (3,): assumed of each channel at least. `changes` counts
-    what there is to tell.
+    alarm, by the elevation [rad]; wander (3,): smallest of each channel. `changes` counts news.
     """
 
     def __init__(
@@ -340,9 +339,8 @@ SPAN = 2
 def first_guess(residual: Array, load: Array, time: Array, rest_band: float) -> str:
     """Which key of FOLLOWS the residual (N,) follows; '' if it is too short for a guess.
 
-    It is too short for load against time while the load moves in one direction: both only grow.
-
-    load (N,) [N]; time (N,) [s]; rest_band [N]: the load has no direction while it moves by less.
+    Load and time cannot be told apart while the load moves in one direction. load (N,) [N]; time
+    (N,) [s]; rest_band [N]: a load that moves by less has no direction.
     """
     if residual.size < MIN_BLOCKS:
         return ''

@@ -26,9 +26,9 @@ PORTION = 8192
 class AlarmStream:
     """Watches batches of residuals and loads, in any interleaving of the two.
 
-    A residual waits until its load is there, and until `use` has set the parameters. percent:
-    materiality as a share of each channel's range from preload to full scale [%]. `counters`:
-    residuals that could not be watched: no load sample of that stamp came, or too many waited.
+    A residual waits for its load, and for the parameters by `use`. percent: materiality as a share
+    of each channel's range from preload to full scale [%]. `counters`: residuals that were not
+    watched, because no load of their stamp came or too many waited.
     """
 
     def __init__(self, rig: Rig, settings: MonitorSettings, percent: float) -> None:

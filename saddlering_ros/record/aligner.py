@@ -77,7 +77,7 @@ class _Waiting:
         return int(self.stamps[-1]) if len(self.stamps) else 0
 
     def clear(self) -> None:
-        """Discard all samples, and that any came."""
+        """Discard all samples and the newest stamp."""
         self._keep(np.empty(0, np.int64), np.empty(0))
         self.newest: int | None = None
         self.jumped = False
@@ -109,7 +109,7 @@ class _Waiting:
             newest, jumped = None, True
 
     def rises_with(self, stamps: Stamps) -> bool:
-        """Whether some stamps rise, from the newest one on."""
+        """Whether all of `stamps` rise and follow the newest stamp."""
         if self.newest is not None and stamps[0] <= self.newest:
             return False
         return len(stamps) == 1 or bool((stamps[1:] > stamps[:-1]).all())
@@ -155,15 +155,14 @@ def _newest_before(stamps: Stamps, newest: int | None) -> Stamps:
 class Aligner:
     """Rows aligned on the load's stamps from batches of samples, in any interleaving.
 
-    A row comes out as soon as all probes can say what they read at its load stamp, in the order
-    of the stamps. Load samples that overtake each other inside a batch are put in order. Once one
-    has come too late, load samples are held back for twice its delay (at most MAX_HOLD_NS), so
-    that the next late ones are in time; `release` gives out those held. Load stamps that can never
-    be served come out as rows that are not `given`, and are counted (`counters`). Load stamps that
-    jump back (by more than `JITTER_NS`) restart the aligner: what waits is dropped, time counts
-    from the new first stamp, and `restarts` goes up, which the rows carry, so that a consumer can
-    zero anew. Stamps that jump ahead need no restart: the gap rule keeps anything from being
-    interpolated across.
+    A row comes out, in the order of the stamps, as soon as every probe has a reading at its load
+    stamp or will have none. Load samples of a batch are put in order. After one came too late,
+    load samples are held back for twice its delay (at most MAX_HOLD_NS); `release` gives them out.
+    Load stamps that no probe can serve come out as rows that are not `given`, and are counted.
+    Load stamps that jump back by more than `JITTER_NS` restart the aligner: waiting samples are
+    dropped, time counts from the new first stamp, and the rows carry the number of `restarts`, so
+    that a consumer can zero anew. Stamps that jump ahead need no restart, because no reading is
+    interpolated across a gap.
 
     A probe that has been silent for more than `dead_after` [ns] of the load's stamps does not
     read: rows go out without it (NaN). Rows also go out without a probe of `hurries` that has
@@ -402,10 +401,7 @@ class Aligner:
 
 
 def aligned_record(load: Samples, probes: Sequence[Samples]) -> tuple[Floats, Mask, Mask]:
-    """Gaps (C, N) of the probes of a record on its load's stamps (N,); rows given, and published.
-
-    All stamps strictly increasing.
-    """
+    """Gaps (C, N) of probes at the load's rising stamps (N,); masks: given, published."""
     aligner = Aligner(channels=len(probes), dead_after=batches.DEAD_AFTER_NS, max_wait=NEVER,
                       max_pending=NEVER, max_samples=NEVER)
     gaps: Floats = scratch_array((len(probes), len(load)), np.float64)

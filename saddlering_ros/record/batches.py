@@ -68,10 +68,7 @@ def is_published(validity: Bits) -> NDArray[np.bool_]:
 
 
 def is_pause(recording: tuple[int, int], before: int, after: int) -> bool:
-    """Whether two stamps [ns] lie in one recording: the time between them is a pause of a test.
-
-    recording: first and last stamp [ns], or ANY_TIME.
-    """
+    """Whether two stamps [ns] lie in one `recording`: first and last stamp [ns], or ANY_TIME."""
     return recording[0] <= before and after <= recording[1]
 
 
@@ -211,10 +208,7 @@ def seconds_array(stamps: Stamps, epoch: int) -> Floats:
 
 
 def longer_hold(hold: int, delay: int) -> int:
-    """Time [ns] that samples are held back after one that came `delay` [ns] too late.
-
-    It is twice the delay, so that the next late samples are in time.
-    """
+    """Time [ns] that samples are held back: twice the `delay` [ns] of one that came too late."""
     return min(max(hold, 2 * delay), MAX_HOLD_NS)
 
 

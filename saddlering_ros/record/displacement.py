@@ -150,10 +150,10 @@ def measured_stretches(
 class DisplacementStream:
     """The displacement at each load stamp, from batches of samples in any interleaving.
 
-    The result equals that of `measured_rows` for a bag, bit for bit. Rows wait until a zero is
-    found; then they come out at once. Load stamps that jump back, or ahead by more than `max_gap`
-    [s], restart everything, the zero included: another test has begun. A jump ahead inside
-    `recording` (first and last stamp [ns]) is a pause of the same test.
+    The result equals that of `measured_rows` for a bag, bit for bit. Rows wait for the zero and
+    then come out together. Load stamps that jump back, or ahead by more than `max_gap` [s], begin
+    another test with a zero of its own. A jump ahead inside `recording` (first and last stamp
+    [ns]) is a pause of the same test.
     """
 
     def __init__(self, rig: Rig, *, max_gap: float = 10.0) -> None:
@@ -302,7 +302,7 @@ class DisplacementStream:
         return displacements(self._rig, self.zero, rows.stamps, rows.gaps, marks, self.elevation)
 
     def _after_zero(self, rows: AlignedRows) -> AlignedRows:
-        """Offer rows to the zero window; all that waited from the zero on, once it is found."""
+        """Offer rows to the zero window; return all rows from the zero on once there is one."""
         offered = rows if rows.given.all() else rows.pick(rows.given)
         reading = self._window.push_batch(offered.time, offered.loads, offered.gaps)
         self._waiting.append(offered)

@@ -198,9 +198,9 @@ class SampleGuard:
     def marks(self, stamps: NDArray[np.int64], *, to_next: bool = False) -> Bits:
         """BRIDGED at those `stamps` (N,), in order, that a refused reading would have influenced.
 
-        They lie between the sound readings before and after the refused one; with `to_next` the
-        stamp of the later one counts too. DOUBTFUL_LOAD is added at stamps of doubtful loads. A
-        stretch that may contain later stamps is stored for the next call.
+        They lie between the sound readings before and after the refused one; `to_next` includes
+        the later one. Doubtful loads add DOUBTFUL_LOAD. A stretch that may contain later stamps is
+        kept for the next call.
         """
         marks = np.zeros(len(stamps), np.uint8)
         if not len(stamps):
@@ -244,7 +244,7 @@ class SampleGuard:
         return False
 
     def _bridge_from_last(self) -> None:
-        """Note a refused reading: rows up to the next sound one are interpolated across it."""
+        """Note that rows up to the next sound reading are interpolated."""
         if self._refused_since is None and self._last is not None:
             self._refused_since = self._last[0]
 

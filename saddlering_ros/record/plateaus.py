@@ -119,8 +119,7 @@ def plateaus(run: Record) -> Plateaus:
 def plateau_means(start: ArrayLike, stop: ArrayLike, values: ArrayLike) -> Floats:
     """Means (..., M) of `values` (..., N) over the samples [start, stop) of each of M plateaus.
 
-    NaN samples are left out; a channel with fewer than MIN_SAMPLES others in a plateau has NaN
-    there.
+    NaN samples do not count. The mean of fewer than MIN_SAMPLES readings is NaN.
     """
     values = np.asarray(values, dtype=np.float64)
     spans = list(zip(np.asarray(start).tolist(), np.asarray(stop).tolist(), strict=True))

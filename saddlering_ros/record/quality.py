@@ -184,9 +184,8 @@ def common_step(values: Floats, share: float = 0.9) -> float:
 def white_noise(values: Floats, lag: int = 1) -> float:
     """Standard deviation of the noise on samples (N,) of something smooth; NaN ones do not count.
 
-    From second differences over `lag` samples, which a straight line has none of and whose
-    variance is six times that of the samples; by their median, which steps do not move. Noise that
-    changes more slowly than over `lag` samples does not count.
+    Second differences over `lag` samples remove a straight line and have six times the variance of
+    the samples. Their median does not follow steps. Slower noise does not count.
     """
     seen = values[np.isfinite(values)]
     if seen.size < 2 * lag + 1:
@@ -259,10 +258,7 @@ def _chance(count: int, repeated: float, samples: int) -> float:
 def _stall(
     values: Floats, new: Floats, runs: NDArray[np.int64], resolution: float
 ) -> tuple[int, int]:
-    """The longest run of equal readings that ends in a jump, or that chance does not make.
-
-    new: changes of readings that differ from the one before.
-    """
+    """The longest run of equal readings that ends in a jump or is no chance; new: changes."""
     if new.size < 20 or not len(runs):
         return 0, 0
     usual = float(np.median(np.abs(new)))

@@ -183,8 +183,8 @@ limit."""
 def fit_limit(runs: Sequence[Record], rows: int = FIT_ROWS) -> int:
     """Largest number of samples that each of the runs of one fit may have.
 
-    With this limit they have `rows` samples in all, so that the memory of a fit depends neither
-    on the length of the runs nor on their number. Short runs are kept whole.
+    All runs together have `rows` samples then, so that the memory of a fit does not grow. Short
+    runs are kept whole.
     """
     left, counts = rows, sorted(len(run.stamps) for run in runs)
     for shorter, count in enumerate(counts):

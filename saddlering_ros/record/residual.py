@@ -79,9 +79,9 @@ class _Side:
 class ResidualStream:
     """Residuals from batches of measured and simulated displacements.
 
-    Only samples of equal stamp are subtracted, and only when both count from the same zero: the
-    zeros' stamps within the zero window's length, their loads within its steadiness. Where one
-    side has zeroed anew alone, the other is brought to that zero if it was heard meanwhile.
+    Samples are subtracted if their stamps are equal and both count from the same zero (stamps
+    within the length of the zero window, loads within its steadiness). If one side alone has a new
+    zero, the other side is brought to that zero.
     """
 
     def __init__(self, full_scale_load: float) -> None:
@@ -165,9 +165,8 @@ class ResidualStream:
 class _Bridge:
     """From the older of two zeros to the newer one, by what the older side did meanwhile.
 
-    A node that was started again has zeroed anew; its partner has not, but has gone on. The mean
-    of the partner's displacement over the samples of the new zero is what it would have zeroed by;
-    displacements add up, so subtracting it puts both on the new zero.
+    A node that was started again has a new zero; its partner keeps the old one. The mean of the
+    partner's displacement over the samples of the new zero is the offset between the two zeros.
     """
 
     def __init__(self, newer: int, duration: float) -> None:
@@ -204,10 +203,7 @@ def residual_stretches(
     rig: Rig, run: Record, parameters: ParameterSet, notes: list[str],
     on_progress: Callable[[float], None],
 ) -> tuple[Iterator[Displacements], ZeroReading]:
-    """The residuals of a run in stretches, as the node gives them, and the zero of the probes.
-
-    Notes on the simulation are appended to `notes`, the last of them after the last sample.
-    """
+    """Residuals of a run as the node gives them, and its zero; the last note comes at the end."""
     zero = zero_of_run(rig, run)
     stretches, _ = simulated_stretches(rig, run, parameters, notes, on_progress)
     stream = ResidualStream(rig.full_scale_load)
@@ -238,11 +234,10 @@ class SimulationCounters:
 class SimulationStream:
     """One simulated state per load sample, with the sample's stamp.
 
-    Samples that overtake each other inside a batch are put in order. Once one has come too late,
-    samples are held back for twice its delay (at most MAX_HOLD_NS), so that the next late
-    ones are in time. Stamps that jump back, or ahead by more than `max_gap` [s], restart the
-    simulation, unless they jump ahead inside `recording` (first and last stamp [ns]), where they
-    are a pause of one test.
+    Samples of a batch are put in order. After one came too late, samples are held back for twice
+    its delay (at most MAX_HOLD_NS). Stamps that jump back, or ahead by more than `max_gap` [s],
+    restart the simulation. A jump ahead inside `recording` (first and last stamp [ns]) is a pause
+    of the same test.
 
     held: samples held back in case an earlier one still comes; newest_stamp: of the last sample
     simulated [ns], 0 before the first.
@@ -382,8 +377,7 @@ def simulated_stretches(
     """The output of the live simulator for a run in stretches, and its zero.
 
     Notes on the simulation are appended to `notes`, the last of them after the last sample.
-    SimulationError if there is no sample at all: nothing comes before a stretch with a sample, so
-    that a ring without one writes no output.
+    SimulationError if no sample could be simulated; no output is written then.
     """
     def stretches() -> Iterator[tuple[ZeroReading, Displacements]]:
         failed, has_sample, zero = 0, False, None

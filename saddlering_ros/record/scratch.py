@@ -151,8 +151,7 @@ def count_where(
 ) -> int:
     """Number of rows for which a test of blocks of `arrays` (..., N) is true.
 
-    With `ahead` each block includes so many rows of the next one, and the test returns so many
-    rows fewer than it receives.
+    ahead: rows of the next block that each block includes, and that the test does not return.
     """
     count = arrays[0].shape[-1]
     return sum(

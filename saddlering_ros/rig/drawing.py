@@ -188,10 +188,7 @@ _HEAD = """\
 
 
 def draft_rig_file(rig: Rig, stated: Sequence[str]) -> tuple[str, Rig]:
-    """The text of a rig file and the rig that it describes.
-
-    stated: entries as NAME=VALUE, like axial_rows.rollers=48, in place of those of `rig`.
-    """
+    """Text of a rig file, and its rig; stated: entries NAME=VALUE in place of those of `rig`."""
     values: dict[str, Any] = {}
     for name, _ in ENTRIES:
         value: Any = rig

@@ -87,10 +87,7 @@ def instruments_from(values: Any, where: str) -> Instruments:
 
 
 def stated_by(texts: Iterable[str], where: str) -> tuple[Instruments, str]:
-    """Instruments that bags state in their `instruments`, and the names of the certificates.
-
-    Where bags differ the larger uncertainty counts.
-    """
+    """Instruments that bags state, the larger uncertainty of each, and names of certificates."""
     stated: dict[str, Any] = {}
     certificates: set[str] = set()
     for text in filter(None, texts):

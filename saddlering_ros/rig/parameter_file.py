@@ -33,10 +33,7 @@ class RigError(SaddleringError):
 
 
 def read_ros_parameters(path: Path) -> dict[str, Any]:
-    """The parameters of the file's node entry, nested; dotted keys are unfolded.
-
-    Raises RigError with one line when the file cannot be read or has another shape.
-    """
+    """Nested parameters of a file's node entry; RigError (one line) for another shape."""
     document = read_strict_yaml(path, RigError)
     if not isinstance(document, Mapping):
         raise RigError(f'{path}: is not a ROS 2 parameter file: '

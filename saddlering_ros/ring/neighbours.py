@@ -92,10 +92,7 @@ class Neighbourhoods:
     def along(self, elevation: float, time: ArrayLike, load: ArrayLike,
               zero_load: float | None = None, max_step: float = 1e-3,
               blocks: tuple[Places, Places] | None = None) -> list[Responses]:
-        """Responses of every group in one run; as means over blocks [start, stop) if given.
-
-        The other arguments and the readings are those of `simulator.probe_batch`.
-        """
+        """Responses of every group in one run, with the arguments of `probe_batch`."""
         seconds, force = check_simulation(time, load, elevation, max_step)
         zero = float(force[0]) if zero_load is None else zero_load
         if blocks is None:

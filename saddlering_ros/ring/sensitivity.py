@@ -97,10 +97,7 @@ class MotionPath:
 
 def simulate_path(model: Model, rows: Rows, time: Floats, load: Floats, zero_load: float,
                   max_step: float, grows: bool = False) -> MotionPath:
-    """A run of a model (1,), and the motion at every step of the simulator.
-
-    grows: tangents by parameters of growing damping will be asked for.
-    """
+    """A run of a model (1,) at every step; grows: for tangents by growing damping too."""
     grows = grows or bool(model['damping_penetration_share'][0])
     motion, readings = np.empty((time.size, 3)), np.empty((time.size, 4))
     room = 2 + int(np.maximum(1.0, np.ceil(np.diff(time) / max_step)).sum())

@@ -169,10 +169,7 @@ class RingSimulator:
 
 def check_simulation(time: ArrayLike, load: ArrayLike, elevation: float,
                      max_step: float) -> tuple[Floats, Floats]:
-    """Time and load (N,) as arrays of the kernels; SimulationError if they are unusable.
-
-    Time must rise, everything must be finite, and there must be a sample.
-    """
+    """Rising, finite time and load (N,) as arrays of the kernels; SimulationError for others."""
     if not np.isfinite(elevation):
         raise SimulationError(f'elevation is {elevation}: give a finite angle [rad]')
     seconds = np.ascontiguousarray(time, dtype=np.float64)
