@@ -21,7 +21,7 @@ UNDESCRIBED = ('', 'virtual rig')
 def refuse_other_rig(runs: Sequence[Record], rig: Rig) -> None:
     """BagError if a run states the hash of another rig than `rig`.
 
-    A run that names a rig without its hash gets a note where the shipped rig is simulated.
+    A run that names a rig without a hash gets a note if the shipped rig is simulated.
     """
     for run in runs:
         refuse_other_hash(run, rig)

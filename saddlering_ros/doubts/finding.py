@@ -26,5 +26,5 @@ class Kind:
     limit: float = 0.0  # that the record exceeds, in the unit stated beside it
 
     def at(self, where: str = '', /, **figures: object) -> Finding:
-        """The finding of this kind with its figures."""
+        """Return the finding of this kind with its figures."""
         return Finding(self.words.format(**figures), where)

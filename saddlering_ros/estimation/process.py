@@ -37,7 +37,7 @@ class ChannelNoise:
     def covariance(self, time: Array, width: Array, hold: Array | None = None) -> Array:
         """Covariance (N, N) of means over `width` about `time`; `hold` (N,) numbers levels.
 
-        Exact for means over any stretches, also where one reaches into another.
+        The covariance is exact, also for stretches that overlap.
         """
         apart = np.abs(time[:, None] - time) - 0.5 * (width[:, None] + width)
         matrix = np.zeros((time.size, time.size))

@@ -84,7 +84,7 @@ class Rest:
 def stretches_at_rest(time: Array, load: Array, band: float) -> Stretches:
     """Stretches [start, stop) of samples over which the mean load stays within `band` [N].
 
-    The beginning of a stretch is left to settling, unless the record begins with it.
+    The beginning of a stretch is settling, unless the record begins with the stretch.
     """
     step = float(np.median(np.diff(time)))
     count = max(1, round(BLOCK_SECONDS / step))
@@ -106,7 +106,7 @@ def stretches_at_rest(time: Array, load: Array, band: float) -> Stretches:
 def quiet_stretches(stretches: Stretches) -> Stretches:
     """Stretches for noise: only the one before the first movement, if there is one.
 
-    After a movement the ring still creeps while the load rests, and creep is no noise.
+    After a movement the ring creeps while the load rests. Creep is no noise.
     """
     return [one for one in stretches if one[0] == 0] or stretches
 
@@ -140,7 +140,7 @@ def rounding_record(rms: float, lasting: float, step: float, count: int, seed: i
 def probe_rounding(run: Record) -> Array | None:
     """Errors (4, N) [m] to add to a run's probes where noise is read from them; None if none.
 
-    Only a coarse converter hides any. The same run has the same errors every time.
+    Only a coarse converter hides such errors. A run has the same errors every time.
     """
     rows = np.zeros(run.gaps.shape)
     step = float(np.median(np.diff(run.time)))

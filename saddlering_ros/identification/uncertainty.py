@@ -159,7 +159,7 @@ def assess(
     of_instruments = {name: shift[space.free] for name, shift in certified.items()}
     inner = by_noise + by_rollers + sum(
         (np.outer(shift, shift) for shift in of_instruments.values()), np.zeros_like(by_noise))
-    deviations = [_spread_over_six(np.sqrt(np.diag(part)), space) for part in (
+    deviations = [_spread_over_six(np.sqrt(np.diag(matrix)), space) for matrix in (
         inner, by_noise, inner - at_noise * (widening - 1.0))]
     scale = space.scale(best.contact)
     whole = _with_bounds_alone(inner * np.outer(scale, scale), space, bounds)

@@ -64,7 +64,7 @@ def probes_to_displacement(probes: Probes, increments: ArrayLike) -> Displacemen
 def mirrored_gap(probes: Probes, gaps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Gaps [m] that the absent radial probe would read at a rigid ring, from those of the other.
 
-    There d3 = -d1. The gap is put within the range of the probes, and is counted from zero anyway.
+    There d3 = -d1. The gap is put within the range of the probes; displacements count from zero.
     """
     here, there = (probes.polarity[number - 1] for number in (probes.absent, probes.partner))
     if here != there:
@@ -136,8 +136,8 @@ class Frame:
 def frames_of(rig: Rig, elevation: float | None = None) -> tuple[Frame, ...]:
     """Every frame of `rig`; that of the cylinder only at a known `elevation` [rad].
 
-    The rig file has no distance of the radial probes from C: they are drawn at the pitch radius
-    of the radial row, and the axial ones at the height of C.
+    The radial probes are drawn at the pitch radius of the radial row and the axial ones at the
+    height of C, because the rig file states no such distance.
     """
     half = math.sqrt(0.5)
     # x to the rear, y up, z to the left, in forward, left, up: half a turn about (0, 1, 1).
@@ -225,10 +225,9 @@ class ZeroWindow:
 
     The window opens at a sample near preload (or, with `anywhere`, at any), and closes after
     WINDOW_SECONDS, or when the load leaves the window's first load by STEADY_SHARE of full scale.
-    Too few samples, or samples over too short a time (the load was passing, or the stream began or
-    broke off there), are no rest: the window opens anew.
-    The sample that closes the window is not part of it. Live nodes and offline commands use this
-    same object, so that their zeros are the same to the last bit.
+    A window with too few samples or over too short a time is no rest, and opens anew. The sample
+    that closes the window is not part of it. Live nodes and commands use this object, so that
+    their zeros are equal to the last bit.
     """
 
     def __init__(self, rig: Rig, *, anywhere: bool = False) -> None:
@@ -296,8 +295,8 @@ def zero_of_record(rig: Rig, time: NDArray[np.float64], load: NDArray[np.float64
 def zero_of_blocks(rig: Rig, blocks: Callable[[], Iterable[Samples]]) -> ZeroReading:
     """The zero of a record that comes in blocks of samples, as often as they are asked for.
 
-    Falls back to the first steady stretch at any load, and then to the first sample, when the
-    record has none near preload; `near_preload` tells.
+    A record without a rest near preload has the zero of the first steady stretch at any load, or
+    of its first sample; `near_preload` is False then.
     """
     for anywhere in (False, True):
         window = ZeroWindow(rig, anywhere=anywhere)

@@ -70,8 +70,8 @@ def unfold(
 ) -> dict[str, Any]:
     """Dotted keys (`rig.preload`) made nested dictionaries; numbers written 1e8 made floats.
 
-    Raises `error` where two entries contradict each other: a value and a section of one name, or
-    one name in both notations.
+    `error` if two entries contradict each other: a value and a section of one name, or one name in
+    both notations.
     """
     result: dict[str, Any] = {}
 

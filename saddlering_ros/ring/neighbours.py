@@ -41,8 +41,7 @@ class Responses:
 def has_tangent(centre: Candidate, neighbour: Candidate) -> bool:
     """Whether a neighbour can be reached by the pass along the centre, which is cheaper.
 
-    A saturation that begins has no derivative, and neither has the own law of an effect inside the
-    motion.
+    A saturation that begins has no derivative; nor has the law of an effect inside the motion.
     """
     (_, of_centre), (_, of_neighbour) = centre, neighbour
     if of_centre is of_neighbour and of_centre.damping_penetration_saturation == 0.0:
@@ -121,8 +120,8 @@ class Neighbourhoods:
 class _Neighbourhood:
     """A candidate and its P neighbours, common to every run: `models` (1 + P,).
 
-    A pass along the motion takes S directions. Its `rows` are those of the candidate, or have a
-    place for every roller where a direction moves some of them.
+    A pass along the motion takes S directions. Its `rows` are those of the candidate; they have a
+    place for every roller if a direction moves some rollers.
     """
 
     def __init__(self, rig: Rig, centre: Candidate, others: Sequence[Candidate]) -> None:

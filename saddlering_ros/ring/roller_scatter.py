@@ -91,8 +91,8 @@ def _late(time: Floats, q: Floats, decay: Floats) -> Floats:
 def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
     """The rig with each uncertain quantity one standard deviation above and below its value.
 
-    Clearances and weight are among them. Otherwise a common gain of the load would be separated
-    from the stiffnesses by clearances and a weight that are not known well enough.
+    With exact clearances and weight, a fit would separate a common gain of the load from the
+    stiffnesses, which real data do not allow.
     """
     axial, middle, carriage = rig.axial_rows, rig.radial_row, rig.carriage
     stated = rig.instruments

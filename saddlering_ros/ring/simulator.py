@@ -48,8 +48,8 @@ class RingSimulator:
     """The state of the ring at each load sample, from batches of any size; a record is one batch.
 
     rig, parameters with their effects, elevation [rad]; max_step [s] is the longest time step.
-    Samples wait until the zero window (rig.geometry) closes, and are then returned together. After
-    that each push returns its own samples, unless a negative clock offset needs later loads.
+    Samples wait until the zero window (rig.geometry) closes, and are then returned together. Later
+    samples are returned by their push, unless a negative clock offset needs later loads.
     """
 
     def __init__(self, rig: Rig, parameters: ParameterSet, elevation: float,
@@ -205,8 +205,7 @@ def simulate_in_blocks(
 ) -> Iterator[SimulatedRun]:
     """`simulate` in stretches of `size` samples: the same numbers in little memory.
 
-    `first` of a stretch is the index of its first sample in the record; `failed_steps` counts
-    from the start of the record.
+    first: index in the record of a stretch's first sample; failed_steps: since the record began.
     """
     seconds, force = check_simulation(time, load, elevation, max_step)
     simulator = RingSimulator(rig, parameters, elevation, max_step)

@@ -124,7 +124,7 @@ def parse_requests(texts: Iterable[str], forms: Iterable[str] = (),
                    rig: Rig | None = None) -> tuple[EffectRequest, ...]:
     """Requests from NAME, NAME=VALUE (main parameter) or NAME.PARAM=VALUE; forms: NAME=FORM.
 
-    rig: whose typical sizes stand for the values that are not given (default: the shipped rig).
+    rig: its typical sizes replace values that are not given (default: the shipped rig).
     """
     values: dict[str, dict[str, float]] = {}
     for text in texts:

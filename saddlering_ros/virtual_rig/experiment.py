@@ -117,7 +117,7 @@ def dynamic_schedule(rig: Rig, *, duration: float = 10.0, speed: float = 1.0,
                      lowest: float | None = None, rest: float | None = None) -> Schedule:
     """A ramp to full scale and back, `duration` [s], rests of an eighth; `speed` cuts the ramp.
 
-    rest [s]: of each rest in place of an eighth; the ramp stays as it is.
+    rest [s]: length of each rest in place of an eighth; the ramp does not change.
     """
     if not 0.0 < duration <= 7200.0 or not 0.0 < speed <= 1000.0:
         raise VirtualRigError(f'a ramp test of {duration:g} s at {speed:g} times the speed: '
