@@ -56,7 +56,7 @@ class ChannelFigures:
     noise_floor: float | None  # rms noise over the range
     sound: float | None  # small errors of a sound ring over the range
     maximum: float  # largest residual
-    bias: float  # mean of measured - simulated, zero_error included
+    bias: float  # mean of measured - simulated; zero_error included, as in all that follow
     slope_ratio: float | None  # slope of measured over simulated
     loop_area: float | None  # measured minus simulated area over load, as a share of both ranges
     loop_area_measured: float | None

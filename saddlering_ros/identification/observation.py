@@ -41,7 +41,8 @@ class Observation:
 
     A dynamic run is simulated on its finer grid and averaged over blocks of per_block. A static
     run is averaged over spans, because a ring with much damping has not come to rest there.
-    Without spans its readings are equilibria.
+    Without spans its readings are equilibria. _unmixings: matrices (C, C), by the channels, that
+    make whitened channels uncorrelated.
     """
 
     name: str
