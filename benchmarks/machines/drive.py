@@ -1,17 +1,12 @@
 """A belt drive under a torque; its records hold ripple, a lag of the current and a soft belt."""
 
-from __future__ import annotations
-
 import numba as nb
 import numpy as np
 
-from machines.machine import Array, Draw, Machine, noisy, swings
-from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
+from machines.machine import Draw, hides, own_machine, swings
+from saddlering_ros.discrepancy import Channel, Parameter, Run
 
 STEP, COUNT = 0.01, 900
-TRUE = {'inertia': 0.02, 'viscous': 0.05}
-NAMES = ('coulomb.torque', 'stribeck.torque', 'stribeck.speed', 'ripple.torque', 'unequal.share',
-         'spring.rate')
 
 
 @nb.njit(cache=True)
@@ -34,42 +29,26 @@ def turn(torque, law, parts):  # type: ignore[no-untyped-def]
     return seen
 
 
-def simulate(p: dict[str, float], run: Run) -> dict[str, Array]:
-    law = np.array([p['inertia'], p['viscous'], *(p[name] for name in NAMES), 0.0, 0.0, 0.0, 0.0])
-    speed, angle = turn(np.asarray(run.inputs['torque']), law, 2)
-    return {'speed': speed, 'angle': angle}
+def record(draw: Draw) -> Run:
+    time = STEP * np.arange(COUNT)
+    cog, heavy, heat = draw.own.normal(size=3) * (0.006, 0.006, 0.04)
+    torque = 0.45 * swings(draw.random, time, 0.15, 2.0)
+    law = draw.law(draw.own.uniform(0.002, 0.01), cog, heavy, heat)
+    return draw.run(time, {'torque': torque}, turn(torque, law, 20))
 
 
-MODEL = Model(
-    simulate,
-    base={'inertia': Parameter(0.005, 0.06, unit='kg m^2'),
-          'viscous': Parameter(0.005, 0.3, unit='N m s/rad')},
+MACHINE = own_machine(
+    'drive', record, turn,
+    base={'inertia': (0.02, Parameter(0.005, 0.06, unit='kg m^2')),
+          'viscous': (0.05, Parameter(0.005, 0.3, unit='N m s/rad'))},
     effects={
-        'coulomb': Effect('Dry friction', {'torque': Parameter(0, 0.4, unit='N m')}),
-        'stribeck': Effect('Friction that falls with speed', {
-            'torque': Parameter(0, 0.4, unit='N m'), 'speed': Parameter(0.2, 6, unit='rad/s')},
-            contains=('coulomb',)),
-        'ripple': Effect('Torque ripple', {'torque': Parameter(-0.4, 0.4, unit='N m')}),
-        'unequal': Effect('Loss unlike in both directions', {'share': Parameter(-0.9, 0.9)}),
-        'spring': Effect('Cable that pulls', {'rate': Parameter(-0.05, 0.2, unit='N m/rad')}),
+        'coulomb': hides('Dry friction', 0.06, torque=Parameter(0, 0.4, unit='N m')),
+        'stribeck': hides('Friction that falls with speed', 0.12, 1.5, contains=('coulomb',),
+                          torque=Parameter(0, 0.4, unit='N m'),
+                          speed=Parameter(0.2, 6, unit='rad/s')),
+        'ripple': hides('Torque ripple', 0.12, torque=Parameter(-0.4, 0.4, unit='N m')),
+        'unequal': hides('Loss unlike in both directions', 0.25, share=Parameter(-0.9, 0.9)),
+        'spring': hides('Cable that pulls', 0.02, rate=Parameter(-0.05, 0.2, unit='N m/rad')),
     },
     channels={'speed': Channel(unit='rad/s'), 'angle': Channel(unit='rad')},
-)
-HIDDEN = {'coulomb': {'torque': 0.06}, 'stribeck': {'torque': 0.12, 'speed': 1.5},
-          'ripple': {'torque': 0.12}, 'unequal': {'share': 0.25}, 'spring': {'rate': 0.02}}
-
-
-def record(draw: Draw) -> Run:
-    time, own = STEP * np.arange(COUNT), np.random.default_rng([draw.seed, 7])
-    cog, heavy, heat = own.normal(size=3) * (0.006, 0.006, 0.04)
-    torque = 0.45 * swings(draw.random, time, 0.15, 2.0)
-    law = np.array([draw.true['inertia'], draw.true['viscous'],
-                    *(draw.size(name) for name in NAMES), own.uniform(0.002, 0.01), cog, heavy,
-                    heat])
-    speed, angle = turn(torque, law, 20)
-    return draw.run(time, {'torque': torque}, {'speed': noisy(draw.random, speed),
-                                               'angle': noisy(draw.random, angle)})
-
-
-MACHINE = Machine('drive', 'written for this benchmark', 'of this repository', MODEL, HIDDEN,
-                  record, TRUE)
+    lacks=(0.0, 0.0, 0.0, 0.0), parts=2)

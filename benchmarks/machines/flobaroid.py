@@ -4,8 +4,6 @@ FLOBAROID is the folder of its excitation/simulationEffects.py. In a sound arm t
 the axes, drag is not quite linear, and torque and angle are filtered and rounded.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 import importlib
 import os
@@ -13,8 +11,8 @@ import sys
 
 import numpy as np
 
-from machines.machine import Array, Draw, Machine, swings
-from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
+from machines.machine import Array, declared, Draw, hides, swings
+from saddlering_ros.discrepancy import Channel, Parameter, Run
 
 sys.path.insert(0, os.environ.get('FLOBAROID', '.'))
 faults = importlib.import_module('simulationEffects')
@@ -57,40 +55,13 @@ def simulate(p: dict[str, float], run: Run) -> dict[str, Array]:
     return dict(zip(JOINTS, torque.T, strict=True))
 
 
-def effect(name: str, key: str, low: float, high: float, **more: Parameter) -> Effect:
-    return Effect(name, {key: Parameter(low, high), **more})
-
-
-MODEL = Model(
-    simulate,
-    base={name: Parameter(0.3 * value, 3.0 * value) for name, value in TRUE.items()},
-    effects={
-        'friction': effect('Coulomb friction', 'torque', 0, 20),
-        'stiction': effect('Friction that falls with speed', 'torque', 0, 30),
-        'backlash': effect('Backlash of the gears', 'width', 0, 0.2),
-        'cogging': effect('Torque ripple', 'torque', -10, 10),
-        'elasticity': effect('Elastic joints', 'size', -0.2, 0.2),
-        'cables': effect('Cables that pull', 'rate', -2, 30, rest=Parameter(-0.5, 0.5),
-                         elbow=Parameter(-0.5, 0.5), hardening=Parameter(0, 1)),
-        'thermal': effect('Friction that falls as it warms', 'torque', 0, 1000),
-        'gravity_error': effect('Error of the compensated gravity', 'torque', -20, 20),
-        'deflection': effect('Links that bend', 'compliance', -0.005, 0.005),
-    },
-    channels={name: Channel('N m') for name in JOINTS},
-)
-HIDDEN = {'friction': {'torque': 3.0}, 'stiction': {'torque': 4.0}, 'backlash': {'width': 0.04},
-          'cogging': {'torque': 1.5}, 'elasticity': {'size': 0.02}, 'cables': {'rate': 5.0},
-          'thermal': {'torque': 300.0}, 'gravity_error': {'torque': 4.0},
-          'deflection': {'compliance': 0.001}}
-
-
 def record(draw: Draw) -> Run:
-    time, own = np.arange(COUNT) / HERTZ, np.random.default_rng([draw.seed, 7])
+    time = np.arange(COUNT) / HERTZ
     q = 1.2 * np.column_stack([swings(draw.random, time, 0.1, 0.6) for _ in JOINTS])
     v = np.gradient(q, time, axis=0)
     a = np.gradient(v, time, axis=0)
     (dry, stick, play, ripple, soft, cables, warm, heavy, bent) = (
-        WEIGHTS * draw.size(f'{name}.{key}') for name, sizes in HIDDEN.items() for key in sizes)
+        WEIGHTS * draw.size(f'{name}.{size}') for name, size in SIZES.items())
     arm = faults.JointProperties(
         2, warm, dry, 200.0 * WEIGHTS, 5.0 * WEIGHTS, np.array([2.0, 1.0]),
         torque_sensor_error=0.002, thermal_reduction=1.0, stiction=stick, backlash=play,
@@ -98,7 +69,7 @@ def record(draw: Draw) -> Run:
         elasticity_freq=np.array([25.0, 32.0]), elasticity_damping=np.full(2, 0.07),
         elasticity_gain=soft, cogging_amplitude=ripple, torque_quant_bits=np.full(2, 13.0),
         thermal_tau=np.full(2, 600.0), grav_comp_error=heavy / (1.47 * np.array([3.0, 1.0])))
-    true, off = dict(draw.true), own.normal(size=3) * (0.02, 0.02, 0.1)
+    true, off = dict(draw.true), draw.own.normal(size=3) * (0.02, 0.02, 0.1)
     torque = rigid(true, q + off[:2], v, a) + true['viscous'] * off[2] * v * np.abs(v)
     torque = torque + faults.add_friction(torque, v, replace(arm, viscous_friction=0.0 * warm))
     torque += faults.add_joint_elasticity(torque, a, HERTZ, arm, 0)
@@ -110,7 +81,23 @@ def record(draw: Draw) -> Run:
     seen, _, torque, *_ = faults.add_sensor_noise(seen, v, torque, HERTZ, draw.random, arm)
     torque = faults.add_torque_quantization(torque, arm)
     seen = faults.add_encoder_quantization(seen, arm)
-    return draw.run(time, {'q': seen, 'v': v, 'a': a}, dict(zip(JOINTS, torque.T, strict=True)))
+    return draw.run(time, {'q': seen, 'v': v, 'a': a}, torque.T, noise=0.0)
 
 
-MACHINE = Machine('flobaroid', 'kjyv/FloBaRoID', 'LGPL-3.0', MODEL, HIDDEN, record, TRUE)
+EFFECTS = {
+    'friction': hides('Coulomb friction', 3.0, torque=Parameter(0, 20)),
+    'stiction': hides('Friction that falls with speed', 4.0, torque=Parameter(0, 30)),
+    'backlash': hides('Backlash of the gears', 0.04, width=Parameter(0, 0.2)),
+    'cogging': hides('Torque ripple', 1.5, torque=Parameter(-10, 10)),
+    'elasticity': hides('Elastic joints', 0.02, size=Parameter(-0.2, 0.2)),
+    'cables': hides('Cables that pull', 5.0, rate=Parameter(-2, 30), rest=Parameter(-0.5, 0.5),
+                    elbow=Parameter(-0.5, 0.5), hardening=Parameter(0, 1)),
+    'thermal': hides('Friction that falls as it warms', 300.0, torque=Parameter(0, 1000)),
+    'gravity_error': hides('Error of the compensated gravity', 4.0, torque=Parameter(-20, 20)),
+    'deflection': hides('Links that bend', 0.001, compliance=Parameter(-0.005, 0.005)),
+}
+SIZES = {name: effect.ordered[0].name for name, (effect, _) in EFFECTS.items()}
+MACHINE = declared(
+    'flobaroid', 'kjyv/FloBaRoID', 'LGPL-3.0', record, simulate,
+    {name: (value, Parameter(0.3 * value, 3.0 * value)) for name, value in TRUE.items()}, EFFECTS,
+    {name: Channel('N m') for name in JOINTS})

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.discrepancy import Model, Run
+from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
 Array = NDArray[np.float64]
 DRAWN_SHARE = 0.1
@@ -23,26 +23,41 @@ NOISE_SHARE = 0.003
 class Draw:
     """Run `number` of the machine that `seed` stands for: what its record is made of.
 
-    true: base parameters; hidden: parameters of the effects that are in the record.
+    true: base parameters; hidden: parameters of the effects that are in the record; names: of
+    the parameters of every effect; channels: of the model.
     """
 
     seed: int
     number: int
     true: Mapping[str, float]
     hidden: Mapping[str, float]
+    names: Sequence[str]
+    channels: Sequence[str]
 
     @cached_property
     def random(self) -> np.random.Generator:
         """The chances of this run."""
         return np.random.default_rng([self.seed, 2, self.number])
 
+    @cached_property
+    def own(self) -> np.random.Generator:
+        """The chances of this machine, the same in each of its runs."""
+        return np.random.default_rng([self.seed, 7])
+
     def size(self, name: str) -> float:
         """A hidden parameter, 0 where its effect is not in the record."""
         return self.hidden.get(name, 0.0)
 
-    def run(self, time: Array, inputs: Mapping[str, object], outputs: Mapping[str, Array]) -> Run:
-        """The record."""
-        return Run(f'run {self.number}', time, inputs, outputs)
+    def law(self, *more: float) -> Array:
+        """Base parameters, those of every effect, and what the model does not have."""
+        return np.array([*self.true.values(), *map(self.size, self.names), *more])
+
+    def run(self, time: Array, inputs: Mapping[str, object], seen: Iterable[Array],
+            noise: float = NOISE_SHARE) -> Run:
+        """The record of channels (N,) in the order of the model, with noise, a share of range."""
+        return Run(f'run {self.number}', time, inputs, {
+            channel: noisy(self.random, one, noise) if noise else one
+            for channel, one in zip(self.channels, seen, strict=True)})
 
 
 @dataclass(frozen=True)
@@ -71,7 +86,58 @@ class Machine:
 
     def record(self, number: int, seed: int, hidden: Mapping[str, float]) -> Run:
         """Run `number` of the machine that `seed` stands for, with effects hidden in it."""
-        return self.make(Draw(seed, number, self.truth(seed), hidden))
+        return self.make(Draw(seed, number, self.truth(seed), hidden, names_of(self.model.effects),
+                              [*self.model.channels]))
+
+
+def names_of(effects: Mapping[str, Effect]) -> list[str]:
+    """The parameters of every effect."""
+    return [f'{key}.{name}' for key, effect in effects.items() for name in effect.parameters]
+
+
+def hides(title: str, *true: float, contains: tuple[str, ...] = (),
+          **parameters: Parameter) -> tuple[Effect, tuple[float, ...]]:
+    """An effect, and its true parameters where it is hidden; with none it never is."""
+    return Effect(title, parameters, contains=contains), true
+
+
+def declared(
+    name: str, source: str, licence: str, make: Callable[[Draw], Run],
+    simulate: Callable[..., Mapping[str, Array]],
+    base: Mapping[str, tuple[float, Parameter]],
+    effects: Mapping[str, tuple[Effect, tuple[float, ...]]],
+    channels: Mapping[str, Channel],
+) -> Machine:
+    """A machine, from true value and bounds of each base parameter and from what it `hides`."""
+    model = Model(
+        simulate, {key: bounds for key, (_, bounds) in base.items()},
+        {key: effect for key, (effect, _) in effects.items()}, channels)
+    return Machine(
+        name, source, licence, model,
+        {key: dict(zip(effect.parameters, true, strict=False))
+         for key, (effect, true) in effects.items() if true},
+        make, {key: value for key, (value, _) in base.items()})
+
+
+def own_machine(
+    name: str, make: Callable[[Draw], Run], kernel: Callable[..., Sequence[Array]],
+    base: Mapping[str, tuple[float, Parameter]],
+    effects: Mapping[str, tuple[Effect, tuple[float, ...]]],
+    channels: Mapping[str, Channel], lacks: Sequence[float] = (), parts: int = 8,
+    source: str = 'written for this benchmark', licence: str = 'of this repository',
+) -> Machine:
+    """A machine whose kernel takes the inputs of a run, its law, and parts of a step.
+
+    The law is base, effects, and what the model does not have, which is `lacks` there. The kernel
+    gives the channels (C, N).
+    """
+    names = [*base, *names_of({key: effect for key, (effect, _) in effects.items()})]
+
+    def simulate(values: dict[str, float], run: Run) -> dict[str, Array]:
+        law = np.array([*(values[name] for name in names), *lacks])
+        return dict(zip(channels, kernel(*run.inputs.values(), law, parts), strict=True))
+
+    return declared(name, source, licence, make, simulate, base, effects, channels)
 
 
 Records = tuple[Sequence[Run], Sequence[Run]]

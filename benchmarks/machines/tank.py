@@ -1,16 +1,12 @@
 """Two tanks in a row; the pump of the records bends, lags and tires, and no valve is ideal."""
 
-from __future__ import annotations
-
 import numba as nb
 import numpy as np
 
-from machines.machine import Array, Draw, Machine, noisy, steps
-from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
+from machines.machine import Draw, hides, own_machine, steps
+from saddlering_ros.discrepancy import Channel, Parameter, Run
 
 STEP, COUNT = 2.0, 700
-TRUE = {'pump': 0.02, 'between': 0.012, 'outlet': 0.011}
-NAMES = ('leak.area', 'clog.share', 'gauge.gain', 'offset.flow')
 
 
 @nb.njit(cache=True)
@@ -31,39 +27,24 @@ def fill(drive, law, parts):  # type: ignore[no-untyped-def]
     return seen
 
 
-def simulate(p: dict[str, float], run: Run) -> dict[str, Array]:
-    law = np.array([p['pump'], p['between'], p['outlet'], *(p[name] for name in NAMES),
-                    0.0, 0.0, 0.0, 0.0])
-    one, two = fill(np.asarray(run.inputs['drive']), law, 2)
-    return {'upper': one, 'lower': two}
+def record(draw: Draw) -> Run:
+    time = STEP * np.arange(COUNT)
+    bend, tired, power = draw.own.normal(size=3) * (0.02, 0.01, 0.01)
+    drive = steps(draw.random, COUNT, 0.1, 1.0, 40)
+    law = draw.law(draw.own.uniform(0.5, 4.0), bend, tired, power)
+    return draw.run(time, {'drive': drive}, fill(drive, law, 20))
 
 
-MODEL = Model(
-    simulate,
-    base={'pump': Parameter(0.005, 0.06), 'between': Parameter(0.004, 0.04),
-          'outlet': Parameter(0.004, 0.04)},
+MACHINE = own_machine(
+    'tank', record, fill,
+    base={'pump': (0.02, Parameter(0.005, 0.06)), 'between': (0.012, Parameter(0.004, 0.04)),
+          'outlet': (0.011, Parameter(0.004, 0.04))},
     effects={
-        'leak': Effect('Leak of the upper tank', {'area': Parameter(0, 0.01)}),
-        'clog': Effect('Valve that clogs with the level', {'share': Parameter(-0.3, 0.8)}),
-        'gauge': Effect('Gain of the lower gauge', {'gain': Parameter(-0.3, 0.3)}),
-        'offset': Effect('Flow from elsewhere', {'flow': Parameter(-0.004, 0.004, unit='m^3/s')}),
+        'leak': hides('Leak of the upper tank', 0.0015, area=Parameter(0, 0.01)),
+        'clog': hides('Valve that clogs with the level', 0.2, share=Parameter(-0.3, 0.8)),
+        'gauge': hides('Gain of the lower gauge', 0.08, gain=Parameter(-0.3, 0.3)),
+        'offset': hides('Flow from elsewhere', 0.0008,
+                        flow=Parameter(-0.004, 0.004, unit='m^3/s')),
     },
     channels={'upper': Channel(unit='m'), 'lower': Channel(unit='m')},
-)
-HIDDEN = {'leak': {'area': 0.0015}, 'clog': {'share': 0.2}, 'gauge': {'gain': 0.08},
-          'offset': {'flow': 0.0008}}
-
-
-def record(draw: Draw) -> Run:
-    time, own = STEP * np.arange(COUNT), np.random.default_rng([draw.seed, 7])
-    bend, tired, power = own.normal(size=3) * (0.02, 0.01, 0.01)
-    drive = steps(draw.random, COUNT, 0.1, 1.0, 40)
-    law = np.array([*(draw.true[name] for name in TRUE), *(draw.size(name) for name in NAMES),
-                    own.uniform(0.5, 4.0), bend, tired, power])
-    upper, lower = fill(drive, law, 20)
-    return draw.run(time, {'drive': drive}, {'upper': noisy(draw.random, upper),
-                                             'lower': noisy(draw.random, lower)})
-
-
-MACHINE = Machine('tank', 'written for this benchmark', 'of this repository', MODEL, HIDDEN,
-                  record, TRUE)
+    lacks=(0.0, 0.0, 0.0, 0.0), parts=2)
