@@ -4,20 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 import sys
 import time
-from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, show_table, tell_json, Within
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from saddlering_ros.campaign.sessions import Session
-    from saddlering_ros.campaign.store import Status, Store
-    from saddlering_ros.campaign.task import SessionTask
 
 MAX_SHOWN = 40
 """Sessions listed before a campaign starts."""
@@ -64,12 +55,20 @@ COMMANDS = (Command(
 
 
 def run(args: argparse.Namespace) -> int:
-    """Find, group, show, compute, compact, judge the fleet."""
+    """Find, group, show, compute, compact, judge the fleet; or show the status of a store."""
+    from saddlering_ros.campaign.store import CampaignError, Store
+
     if str(args.folder) == 'status' and args.store is not None:
-        return _show_status(args.store)
+        status = Store(args.store).read_status()
+        state = 'running' if status.running else 'finished' if status.done == status.total else (
+            'stopped: repeat the command to continue')
+        if status.running and time.time() - status.updated > STALE:
+            state = 'no sign of life for a minute: repeat the command to continue'
+        print(f'{status}; {state}')
+        return 0
 
     from saddlering_ros.campaign import sessions, task
-    from saddlering_ros.campaign.store import CampaignError, Store
+    from saddlering_ros.campaign.running import dask_workers, local_workers, run_campaign
     from saddlering_ros.campaign.tables import write_fleet, write_tables
     from saddlering_ros.fleet.attention import limits_from_text
     from saddlering_ros.rig import load_rig
@@ -91,7 +90,14 @@ def run(args: argparse.Namespace) -> int:
     else:
         grouped = sessions.group_sessions(bags, args.gap * 3600.0, args.hold_out)
     if args.json != '-':
-        _print_plan(grouped)
+        show_table(['session', 'ring', 'rig', 'date', 'tests', 'note'], [
+            (one.name, one.ring, one.bench, one.date, one.tests, one.problem or '; '.join(
+                f'{bag.path.name}: {bag.note}' for bag in one.bags if bag.note))
+            for one in grouped[:MAX_SHOWN]], texts=6)
+        if len(grouped) > MAX_SHOWN:
+            print(f'... and {len(grouped) - MAX_SHOWN} more: see manifest.csv')
+        print(f'{len(grouped)} sessions of {len({one.ring for one in grouped})} rings, '
+              f'{sum(len(one.bags) for one in grouped)} bags')
     if args.plan:
         return 0
     store = Store(args.out)
@@ -101,7 +107,14 @@ def run(args: argparse.Namespace) -> int:
     tasks = task.tasks_of(
         grouped, args.rig, limits_of_one,
         reports=store.reports if args.reports == 'flagged' else None)
-    summary = _compute(args, tasks, store)
+    workers = local_workers(args.jobs) if args.scheduler is None else dask_workers(args.scheduler)
+    with workers as slots, Bar() as bar:
+        if slots.warning:
+            print(f'saddlering campaign: {slots.warning}', file=sys.stderr)
+        summary = run_campaign(
+            tasks, store, slots, retry=args.retry,
+            on_status=lambda status: bar.show(
+                'campaign', status.done / max(status.total, 1), str(status)))
     write_tables(store, tasks)
     fleet = write_fleet(store, tasks, limits)
     if not tell_json(args, json.loads((store.folder / 'fleet.json').read_text())):
@@ -118,40 +131,3 @@ def run(args: argparse.Namespace) -> int:
                       f'computed again, first {summary.altered[0]}')
         print(words)
     return 1 if summary.faults else 0
-
-
-def _print_plan(sessions: list[Session]) -> None:
-    show_table(['session', 'ring', 'rig', 'date', 'tests', 'note'], [
-        (session.name, session.ring, session.bench, session.date, session.tests,
-         session.problem or '; '.join(f'{bag.path.name}: {bag.note}'
-                                      for bag in session.bags if bag.note))
-        for session in sessions[:MAX_SHOWN]], texts=6)
-    if len(sessions) > MAX_SHOWN:
-        print(f'... and {len(sessions) - MAX_SHOWN} more: see manifest.csv')
-    print(f'{len(sessions)} sessions of {len({item.ring for item in sessions})} rings, '
-          f'{sum(len(session.bags) for session in sessions)} bags')
-
-
-def _compute(args: argparse.Namespace, tasks: Sequence[SessionTask], store: Store) -> Status:
-    from saddlering_ros.campaign.running import dask_workers, local_workers, run_campaign
-
-    workers = local_workers(args.jobs) if args.scheduler is None else dask_workers(args.scheduler)
-    with workers as found, Bar() as bar:
-        if found.warning:
-            print(f'saddlering campaign: {found.warning}', file=sys.stderr)
-        return run_campaign(
-            tasks, store, found, retry=args.retry,
-            on_status=lambda status: bar.show(
-                'campaign', status.done / max(status.total, 1), str(status)))
-
-
-def _show_status(folder: Path) -> int:
-    from saddlering_ros.campaign.store import Store
-
-    status = Store(folder).read_status()
-    state = 'running' if status.running else (
-        'finished' if status.done == status.total else 'stopped: repeat the command to continue')
-    if status.running and time.time() - status.updated > STALE:
-        state = 'no sign of life for a minute: repeat the command to continue'
-    print(f'{status}; {state}')
-    return 0

@@ -16,9 +16,7 @@ from saddlering_ros.errors import BagError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from saddlering_ros.bags.samples import SamplesSummary
-    from saddlering_ros.record import Record
-    from saddlering_ros.rig import ParameterSet, ZeroReading
+    from saddlering_ros.rig import ParameterSet
 
 
 def _command(
@@ -62,15 +60,17 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.record.displacement import measured_stretches
     from saddlering_ros.record.residual import residual_stretches, simulated_stretches
     from saddlering_ros.record.scratch import extremes
-    from saddlering_ros.rig import CHANNELS, load_rig
+    from saddlering_ros.rig import CHANNELS, load_rig, MICRO_UNITS
 
     if args.out == '-' and args.json == '-':
         raise BagError('--out - and --json -: give stdout to one of them only')
     if args.out is not None and args.out != '-':
         samples.check_table_path(Path(args.out))
-    kinds: dict[str, Callable[..., Any]] = {
-        'displacement': measured_stretches, 'simulate': simulated_stretches,
-        'residual': residual_stretches}
+    kinds: dict[str, tuple[str, Callable[..., Any]]] = {
+        'displacement': ('measured', measured_stretches),
+        'simulate': ('simulated', simulated_stretches),
+        'residual': ('measured minus simulated', residual_stretches)}
+    kind, stretches_of = kinds[args.command]
     model: list[ParameterSet] = []
     if args.command == 'displacement':
         rig = load_rig(args.rig)
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     notes, seen = list(run.notes), samples.SamplesSummary()
     made = Provenance((run.origin,), origins_of(args.rig, getattr(args, 'params', None)))
     with Bar() as bar:
-        stretches, zero = kinds[args.command](
+        stretches, zero = stretches_of(
             rig, run, *model, notes, lambda share: bar.show('compute', share))
         parts = seen.watch(samples.displacement_columns(run, batch) for batch in stretches)
         if args.out == '-':
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
             samples.write_samples(Path(args.out), parts, made)
         deque(parts, maxlen=0)
     shown = {'min': seen.lowest, 'max': seen.highest, 'last': seen.last}
-    if not tell_json(args, {
+    if tell_json(args, {
             'bag': str(run.path), 'test': run.test,
             'elevation_deg': math.degrees(run.elevation), 'samples': seen.count,
             'load_samples': len(run.stamps), 'duration': float(run.time[-1]),
@@ -101,28 +101,17 @@ def run(args: argparse.Namespace) -> int:
                        for words, of in shown.items()}
                 for name in CHANNELS} if seen.count else {},
             'notes': notes, 'provenance': made.as_dict()}):
-        _print_summary(args, run, seen, zero, notes)
-    return 0
-
-
-def _print_summary(
-    args: argparse.Namespace, run: Record, seen: SamplesSummary, zero: ZeroReading,
-    notes: list[str],
-) -> None:
-    from saddlering_ros.rig import load_rig, MICRO_UNITS
-
+        return 0
     if args.out == '-':
         for note in notes:
             print(f'saddlering {args.command}: note: {note}', file=sys.stderr)
-        return
-    kinds = {'displacement': 'measured', 'simulate': 'simulated',
-             'residual': 'measured minus simulated'}
+        return 0
     console = arguments.stdout_console()
     console.print(
         f'{run.name}: {run.test} test at {math.degrees(run.elevation):g} deg, '
-        f'{kinds[args.command]} at {seen.count} of {len(run.stamps)} load stamps over '
+        f'{kind} at {seen.count} of {len(run.stamps)} load stamps over '
         f'{run.time[-1]:.3f} s')
-    console.print(f'zero at {load_rig(args.rig).force_words(zero.load, 3)} ({zero.load:.1f} N)'
+    console.print(f'zero at {rig.force_words(zero.load, 3)} ({zero.load:.1f} N)'
                   f'{"" if zero.near_preload else " (not near the preload)"}')
     show_table(
         ('channel', 'lowest', 'highest', 'at peak load', 'last', 'unit'),
@@ -137,3 +126,4 @@ def _print_summary(
         console.print(f'note: {note}', highlight=False)
     if args.out is not None:
         console.print(f'written: {args.out}', highlight=False)
+    return 0

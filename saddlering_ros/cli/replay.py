@@ -8,13 +8,10 @@ import os
 from pathlib import Path
 import sys
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, tell_json, Within
-
-if TYPE_CHECKING:
-    from saddlering_ros.record import TestMetadata
 
 RECORDER = 'saddlering_recorder'
 PLAYS, AT_END = 'replay is playing', 'replay is at its end'
@@ -75,7 +72,7 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
     from saddlering_ros.doubts.readings import absent_topic
     from saddlering_ros.record.topics import LOAD_TOPIC
     from saddlering_ros.rig import load_rig
-    from saddlering_ros.ros.launcher import ALARM_NODES, REPLAY_NODES, RING_NODES, start_nodes
+    from saddlering_ros.ros import launcher
     from saddlering_ros.ros.names import namespace_of, NodeError
 
     rig, bag = load_rig(args.rig), Path(args.bag)
@@ -99,16 +96,24 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
     if not args.rate:
         step = SAMPLES_PER_STEP * length / max(len(record[LOAD_TOPIC]), 1)
         clock['window'] = min(max(MIN_STEP, step), MAX_STEP)
-    nodes = (*RING_NODES, *ALARM_NODES) if args.alarm else RING_NODES
+    nodes = (*launcher.RING_NODES, *launcher.ALARM_NODES) if args.alarm else launcher.RING_NODES
     with contextlib.ExitStack() as stack:
         recorder = None
         if args.record is not None:
-            recorder = stack.enter_context(_recording(args, record.facts, domain))
-            clock['participants'] = [*REPLAY_NODES, *nodes, RECORDER]
-        group = stack.enter_context(start_nodes(
+            from saddlering_ros.live.recorder import recording
+
+            os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+            launcher.prepare_middleware()
+            facts = record.facts.overruled(None, args.elevation)
+            is_stated = facts.test is not None and facts.elevation_deg is not None
+            recorder = stack.enter_context(recording(
+                args.record, domain, facts=facts.as_text() if is_stated else {},
+                overwrite=args.overwrite, namespace=namespace_of(args.namespace)))
+            clock['participants'] = [*launcher.REPLAY_NODES, *nodes, RECORDER]
+        group = stack.enter_context(launcher.start_nodes(
             bag, nodes=nodes, rate=args.rate, domain_id=domain, log_folder=args.log,
-            parameters={**dict.fromkeys(REPLAY_NODES, trusted), 'ring_simulator': simulator,
-                        'replay_clock': clock},
+            parameters={**dict.fromkeys(launcher.REPLAY_NODES, trusted),
+                        'ring_simulator': simulator, 'replay_clock': clock},
             files=[] if args.rig is None else [args.rig],
             namespace=namespace_of(args.namespace)))
         if args.json != '-':
@@ -136,10 +141,7 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _wait(group: Any, deadline: float, seconds: float | None) -> None:
-    """Wait until the bag is at its end; a bar on a terminal where the time is known.
-
-    NodeError if the clock leaves before that, or the replay does not start.
-    """
+    """Wait for the end of the bag; NodeError if the clock leaves before it, or does not start."""
     from saddlering_ros.ros.launcher import last_line
     from saddlering_ros.ros.names import NodeError
 
@@ -172,17 +174,3 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
     if 'without' in ends[-1]:
         raise NodeError(f'{ends[-1][ends[-1].index(AT_END):]}, which fell behind: repeat the '
                         'replay')
-
-
-def _recording(args: argparse.Namespace, facts: TestMetadata, domain: int) -> Any:
-    """The recorder, which keeps the facts of the test that is replayed."""
-    from saddlering_ros.live.recorder import recording
-    from saddlering_ros.ros.launcher import prepare_middleware
-    from saddlering_ros.ros.names import namespace_of
-
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    prepare_middleware()
-    facts = facts.overruled(None, args.elevation)
-    is_stated = facts.test is not None and facts.elevation_deg is not None
-    return recording(args.record, domain, facts=facts.as_text() if is_stated else {},
-                     overwrite=args.overwrite, namespace=namespace_of(args.namespace))

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, tell_json
-
-if TYPE_CHECKING:
-    from saddlering_ros.rig import ParameterSet, Rig
 
 MATERIALITY_PERCENT = 2.0
 """Share of the range from preload to full scale that a residual may have without an alarm [%]."""
@@ -33,22 +30,6 @@ COMMANDS = (Command(
 
 def run(args: argparse.Namespace) -> int:
     """Read, measure, simulate, watch each bag; the alarm in one line."""
-    arguments.take_effects(args)
-    rig, parameters = arguments.read_model(args)
-    runs = [_watch_bag(args, bag, rig, parameters) for bag in args.bags]
-    document = {'false_alarm_hours': args.false_alarm_hours, 'runs': [found for found, _ in runs]}
-    if not tell_json(args, document):
-        for found, words in runs:
-            print(f'{found["bag"]}: {words}')
-            for note in found['notes']:
-                print(f'  note: {note}')
-    return 0
-
-
-def _watch_bag(
-    args: argparse.Namespace, bag: str, rig: Rig, parameters: ParameterSet
-) -> tuple[dict[str, Any], str]:
-    """The result for one bag: its part of the document, and its text."""
     import numpy as np
 
     from saddlering_ros.monitoring.detector import MonitoringError
@@ -56,29 +37,41 @@ def _watch_bag(
     from saddlering_ros.monitoring.stream import AlarmStream
     from saddlering_ros.record.residual import residual_stretches
 
-    stream = AlarmStream(
-        rig, MonitorSettings(false_alarm_hours=args.false_alarm_hours), args.materiality)
-    stream.use(parameters.contact)
-    monitor = stream.monitor
-    test_run = arguments.read_shown(args, bag, rig)
-    notes = list(test_run.notes)
-    with Bar() as bar:
-        stretches, _ = residual_stretches(rig, test_run, parameters, notes,
-                                          lambda share: bar.show('watch', share))
-        for batch in stretches:
-            stream.watch(batch, test_run.load[np.searchsorted(test_run.stamps, batch.stamps)])
-    if monitor.rest is None:
-        raise MonitoringError(f'{test_run.path}: the load never rests and then moves, so the '
-                              'noise is not known and nothing is watched: record some seconds '
-                              'before the load moves')
-    origin, alarm = int(test_run.stamps[0]), monitor.alarm
-    notes += [f'{1e-9 * (lapse.stamp - origin):.3f} s: {lapse.reason}' for lapse in monitor.lapses]
-    return {
-        'bag': str(test_run.path), 'seconds': monitor.seconds, 'notes': notes,
-        'materiality': monitor.materiality.tolist(),
-        'alarm': None if alarm is None else {
-            'channel': alarm.channel, 'time': 1e-9 * (alarm.stamp - origin),
-            'since': 1e-9 * (alarm.since - origin), 'size': alarm.size,
-            'evidence': alarm.evidence, 'follows': alarm.follows,
-            'first_guess': alarm.first_guess, 'stamp_ns': alarm.stamp, 'since_ns': alarm.since},
-    }, (f'no alarm in {monitor.seconds:.1f} s' if alarm is None else alarm_words(alarm, origin))
+    arguments.take_effects(args)
+    rig, parameters = arguments.read_model(args)
+    runs: list[dict[str, Any]] = []
+    lines: list[str] = []
+    for bag in args.bags:
+        stream = AlarmStream(
+            rig, MonitorSettings(false_alarm_hours=args.false_alarm_hours), args.materiality)
+        stream.use(parameters.contact)
+        monitor = stream.monitor
+        test_run = arguments.read_shown(args, bag, rig)
+        notes = list(test_run.notes)
+        with Bar() as bar:
+            stretches, _ = residual_stretches(rig, test_run, parameters, notes,
+                                              lambda share: bar.show('watch', share))
+            for batch in stretches:
+                stream.watch(batch, test_run.load[np.searchsorted(test_run.stamps, batch.stamps)])
+        if monitor.rest is None:
+            raise MonitoringError(f'{test_run.path}: the load never rests and then moves, so the '
+                                  'noise is not known and nothing is watched: record some seconds '
+                                  'before the load moves')
+        origin, alarm = int(test_run.stamps[0]), monitor.alarm
+        notes += [f'{1e-9 * (lapse.stamp - origin):.3f} s: {lapse.reason}'
+                  for lapse in monitor.lapses]
+        runs.append({
+            'bag': str(test_run.path), 'seconds': monitor.seconds, 'notes': notes,
+            'materiality': monitor.materiality.tolist(),
+            'alarm': None if alarm is None else {
+                'channel': alarm.channel, 'time': 1e-9 * (alarm.stamp - origin),
+                'since': 1e-9 * (alarm.since - origin), 'size': alarm.size,
+                'evidence': alarm.evidence, 'follows': alarm.follows,
+                'first_guess': alarm.first_guess, 'stamp_ns': alarm.stamp,
+                'since_ns': alarm.since}})
+        words = f'no alarm in {monitor.seconds:.1f} s'
+        lines += [f'{test_run.path}: {words if alarm is None else alarm_words(alarm, origin)}',
+                  *(f'  note: {note}' for note in notes)]
+    if not tell_json(args, {'false_alarm_hours': args.false_alarm_hours, 'runs': runs}):
+        print('\n'.join(lines))
+    return 0
