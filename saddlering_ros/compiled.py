@@ -177,11 +177,11 @@ def _is_whole(path: Path) -> bool:
         content = path.read_bytes()
     except FileNotFoundError:
         return True
-    if hashlib.sha256(content[:-DIGEST_BYTES]).digest() == content[-DIGEST_BYTES:]:
-        return True
-    _note_damage()
-    path.unlink(missing_ok=True)
-    return False
+    is_whole = hashlib.sha256(content[:-DIGEST_BYTES]).digest() == content[-DIGEST_BYTES:]
+    if not is_whole:
+        _note_damage()
+        path.unlink(missing_ok=True)
+    return is_whole
 
 
 @cache

@@ -16,10 +16,7 @@ class SaddleringError(ValueError):
 
 
 class Cancelled(SaddleringError):
-    """A computation was stopped by its caller; the same class for every computation.
-
-    `partial` is the result so far, if there is one.
-    """
+    """A computation was stopped by its caller; `partial` is the result so far, if there is one."""
 
     def __init__(self, message: str = 'cancelled', partial: object = None) -> None:
         super().__init__(message)
@@ -51,8 +48,8 @@ def printable(text: str) -> str:
 def did_you_mean(word: str, known: Collection[str]) -> str:
     """': did you mean X?' for the known name most like `word`; '' if none is like it."""
     by_lower = {name.lower(): name for name in known}
-    found = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
-    return f': did you mean {by_lower[found[0]]}?' if found else ''
+    nearest = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
+    return f': did you mean {by_lower[nearest[0]]}?' if nearest else ''
 
 
 def refuse_unknown_keys(

@@ -313,11 +313,9 @@ class Provenance:
 
     @property
     def versions_in_words(self) -> str:
-        """The versions on one line."""
         return ', '.join(f'{name} {version}' for name, version in self.versions.items())
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
         return {'bags': [origin.as_dict() for origin in self.bags],
                 'files': [origin.as_dict() for origin in self.files],
                 'versions': dict(self.versions)}

@@ -72,8 +72,13 @@ def parse_strict_yaml(text: str) -> Any:
     while nodes:
         node = nodes.pop()
         if isinstance(node, yaml.MappingNode):
-            _refuse_duplicate_keys(node)
-            nodes += [item for pair in node.value[::-1] for item in pair[::-1]]
+            lines: dict[str, int] = {}
+            for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+                if key.value in lines:
+                    raise YamlRefused(f'the key {key.value!r} is given twice in one section '
+                                      f'(first in line {lines[key.value]}): remove one', key)
+                lines[key.value] = _line(key)
+            nodes += [entry for pair in node.value[::-1] for entry in pair[::-1]]
         elif isinstance(node, yaml.SequenceNode):
             nodes += node.value[::-1]
         elif isinstance(node, yaml.ScalarNode) and not node.style and (
@@ -117,8 +122,8 @@ def read_regular_text(path: Path, error: type[SaddleringError], limit: int = MAX
             if not stat.S_ISREG(mode):
                 kind = 'a directory' if stat.S_ISDIR(mode) else 'a pipe or device'
                 raise error(f'{path}: cannot be read ({kind}): give the path of a regular file')
-            while len(data) <= limit and (part := os.read(handle, limit + 1 - len(data))):
-                data += part
+            while len(data) <= limit and (block := os.read(handle, limit + 1 - len(data))):
+                data += block
         except BlockingIOError as problem:
             raise error(f'{path}: cannot be read (it waits for data): give the path of a regular '
                         'file') from problem
@@ -151,12 +156,3 @@ def _check_size(events: Iterable[yaml.Event]) -> None:
         if depth > DEEPEST:
             raise YamlRefused(f'holds more than {DEEPEST} collections inside each other: '
                               'correct the file', event)
-
-
-def _refuse_duplicate_keys(node: yaml.MappingNode) -> None:
-    lines: dict[str, int] = {}
-    for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
-        if key.value in lines:
-            raise YamlRefused(f'the key {key.value!r} is given twice in one section (first in '
-                              f'line {lines[key.value]}): remove one', key)
-        lines[key.value] = _line(key)

@@ -105,7 +105,6 @@ class Watch:
         self.on_progress(Progress(self.task, self.stage, self.share, detail))
 
     def check(self) -> None:
-        """Raise `Cancelled` if the caller has asked for it."""
         check(self.is_cancelled, self.task)
 
 

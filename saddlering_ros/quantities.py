@@ -138,9 +138,9 @@ def _with_error(value: float, std: float | None, digits: int) -> str:
 def finite_json(value: Any) -> Any:
     """The same document with JSON numbers: infinite and undefined become null."""
     if isinstance(value, dict):
-        return {key: finite_json(item) for key, item in value.items()}
+        return {key: finite_json(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [finite_json(item) for item in value]
+        return [finite_json(entry) for entry in value]
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     if isinstance(value, (float, np.floating)):
@@ -177,10 +177,7 @@ MIN_RATING = 0.8
 
 
 def allowed_misfit(noise_floor: float | None, sound: float | None = None) -> float:
-    """The largest misfit that is as good as the measurement, as a share of the channel's range.
-
-    sound: what small errors of a sound ring may do.
-    """
+    """Largest misfit, as a share of range, that noise and a sound ring's small errors allow."""
     return max(GOOD * math.hypot(noise_floor or 0.0, sound or 0.0), MATERIAL)
 
 

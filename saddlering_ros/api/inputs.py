@@ -127,7 +127,6 @@ class Bag(Tabular):
 
     @property
     def path(self) -> Path:
-        """The path of the bag."""
         return self.run.path
 
     @property
@@ -225,15 +224,15 @@ def inputs_of(
     in_use = rig_of([*given, *held], rig)
     law = None if parameters is None else as_parameters(parameters)
 
-    def read(item: BagLike) -> Bag:
-        if isinstance(item, Bag):
-            return item
-        if isinstance(item, Record):
-            return Bag(item, in_use)
+    def read(source: BagLike) -> Bag:
+        if isinstance(source, Bag):
+            return source
+        if isinstance(source, Record):
+            return Bag(source, in_use)
         check(is_cancelled, 'read')
-        return read_bag(item, rig=in_use, on_progress=on_progress)
+        return read_bag(source, rig=in_use, on_progress=on_progress)
 
-    fitted, kept = [read(item) for item in given], [read(item) for item in held]
+    fitted, kept = list(map(read, given)), list(map(read, held))
     if not trust_rig:
         for bag in (*fitted, *kept):
             if bag.rig.digest != in_use.digest:
@@ -283,11 +282,11 @@ def as_rig(given: RigLike) -> Rig:
 
 def as_parameters(given: ParametersLike) -> ParameterSet:
     """Parameters as they are, from a file, or from the result that found them."""
-    found = getattr(given, 'parameters', given)
-    if isinstance(found, ParameterSet):
-        return found
-    if isinstance(found, (Path, str)):
-        return read_parameters(found)
+    law = getattr(given, 'parameters', given)
+    if isinstance(law, ParameterSet):
+        return law
+    if isinstance(law, (Path, str)):
+        return read_parameters(law)
     raise ApiError(f'parameters: {type(given).__name__} holds none: give a ParameterSet, a '
                    'parameter file or the result of identify or diagnose')
 
@@ -296,7 +295,7 @@ def origins(*given: object) -> tuple[Origin, ...]:
     """The files among the arguments and the user's effect files, with their hashes."""
     from saddlering_ros.effects import own_files
 
-    return origins_of(*(item for item in given if isinstance(item, (Path, str))), *own_files())
+    return origins_of(*(file for file in given if isinstance(file, (Path, str))), *own_files())
 
 
 def check_path(name: str, given: object, also: str = '') -> None:
@@ -344,9 +343,9 @@ def _several(name: str, given: Any) -> list[BagLike]:
     if isinstance(given, Mapping) or not isinstance(given, Iterable):
         raise ApiError(f'{name} is {_kind(given)}: {advice}')
     items = list(given)
-    for place, item in enumerate(items):
-        if not isinstance(item, kinds):
-            raise ApiError(f'{name}[{place}] is {_kind(item)}: {advice}')
+    for place, bag in enumerate(items):
+        if not isinstance(bag, kinds):
+            raise ApiError(f'{name}[{place}] is {_kind(bag)}: {advice}')
     return items
 
 

@@ -187,13 +187,13 @@ class IdentificationResult(ParametricResult):
 
     def columns(self) -> dict[str, list[Any]]:
         """One row per parameter: value, std, 95 % interval or None, unit, note."""
-        found = self.found
+        answer = self.found
         return columns_of([
-            {'parameter': name, 'value': float(getattr(found.parameters.contact, name)),
-             'std': float(std) if found.determined[name] else None,
-             **dict(zip(('low', 'high'), found.intervals[name] or (None, None), strict=True)),
-             'unit': PARAMETER_UNITS[name], 'note': found.reasons.get(name, '')}
-            for name, std in zip(PARAMETER_NAMES, found.std, strict=True)])
+            {'parameter': name, 'value': float(getattr(answer.parameters.contact, name)),
+             'std': float(std) if answer.determined[name] else None,
+             **dict(zip(('low', 'high'), answer.intervals[name] or (None, None), strict=True)),
+             'unit': PARAMETER_UNITS[name], 'note': answer.reasons.get(name, '')}
+            for name, std in zip(PARAMETER_NAMES, answer.std, strict=True)])
 
     def plot(self) -> Plot:
         """Measured and simulated with these parameters, for the fitted bags."""
@@ -229,7 +229,7 @@ class ValidationResult(Result):
             {'bag': run.name, 'test': run.test, 'elevation_deg': float(np.degrees(run.elevation)),
              'channel': channel, **figures} for run in self.found.runs
             for channel, figures in zip(run.channels, _without(
-                [vars(item) for item in run.channels.values()], 'iso18571_parts'), strict=True)])
+                list(map(vars, run.channels.values())), 'iso18571_parts'), strict=True)])
 
     def _curves(self) -> list[RunCurves]:
         from saddlering_ros.report.reports import curves_of_validation
@@ -246,7 +246,7 @@ class ValidationResult(Result):
         from saddlering_ros.report import figures
 
         curves = self._curves()
-        static = [item for item in curves if item.test == 'static']
+        static = [run for run in curves if run.test == 'static']
         return Plot(figures.comparison((static or curves)[:3]), self._spare_inputs)
 
     def _write_report(self, path: Path, command: str) -> tuple[Path, ...]:
@@ -268,12 +268,12 @@ class ValidationResult(Result):
         return save_plots(self.found, runs_of(self.bags), Path(folder), self.rig.force_unit)
 
     def _document(self) -> dict[str, Any]:
-        return {**self.found.to_json(), 'criteria': [asdict(item) for item in self.criteria]}
+        return {**self.found.to_json(), 'criteria': [asdict(one) for one in self.criteria]}
 
     def _headline(self) -> str:
-        met = sum(item.is_met for item in self.criteria)
-        return (f'Validation on {len(self.bags)} bag{"s" * (len(self.bags) != 1)}: {met} of '
-                f'{len(self.criteria)} criteria are met')
+        met = [one.is_met for one in self.criteria]
+        return (f'Validation on {len(self.bags)} bag{"s" * (len(self.bags) != 1)}: {sum(met)} of '
+                f'{len(met)} criteria are met')
 
 
 @dataclass(frozen=True, repr=False)
@@ -399,11 +399,11 @@ class ComparisonResult(Result):
 
     def columns(self) -> dict[str, list[Any]]:
         """One row per parameter of each cause: the change, its std, unit and p-value."""
-        names = ('effect', 'parameter', 'change', 'std', 'unit', 'p_value')
-        rows = [(cause.effect, name, item.value, item.std, item.unit, cause.p_value)
-                for cause in self.change.diagnosis.causes
-                for name, item in cause.parameters.items()]
-        return {name: [row[place] for row in rows] for place, name in enumerate(names)}
+        return columns_of([
+            {'effect': cause.effect, 'parameter': name, 'change': size.value, 'std': size.std,
+             'unit': size.unit, 'p_value': cause.p_value}
+            for cause in self.change.diagnosis.causes for name, size in cause.parameters.items()
+        ], ('effect', 'parameter', 'change', 'std', 'unit', 'p_value'))
 
     def plot(self) -> Plot:
         """The change of the later runs over the load."""

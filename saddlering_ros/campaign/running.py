@@ -97,10 +97,7 @@ _THREAD = _Thread()
 
 
 def execute(document: dict[str, Any], folder: str) -> str:
-    """Judge the session of a task's plain data, unless its result is in the store; its key.
-
-    This function is all that an executor, local or Dask, is given.
-    """
+    """What an executor is given: judge a task's plain data, unless it has a result; its key."""
     task, store = task_from(document), Store(Path(folder))
     if not store.has_result(task.key, task.attempt):
         began = time.monotonic()
@@ -111,10 +108,7 @@ def execute(document: dict[str, Any], folder: str) -> str:
 
 @dataclass(frozen=True)
 class Workers:
-    """An executor, how many tasks it runs at a time, and whether it is still there.
-
-    local: its slots, where they are of this process.
-    """
+    """An executor, its tasks at a time, whether it is there; local: its slots in this process."""
 
     executor: futures.Executor
     slots: int
@@ -141,6 +135,14 @@ def local_workers(jobs: int | None = None) -> Iterator[Workers]:
             slot.close()
 
 
+def _warning(address: str) -> str:
+    parts = urlsplit(address if '//' in address else f'//{address}')
+    if parts.scheme == 'tls' or (parts.hostname or '') in LOOPBACK:
+        return ''
+    return (f'{address} is reached without TLS: anyone on that network can run programs on the '
+            'workers (see docs/campaigns.md)')
+
+
 @contextmanager
 def dask_workers(address: str) -> Iterator[Workers]:
     """The workers of the Dask scheduler at `address`, one task a thread."""
@@ -159,18 +161,10 @@ def dask_workers(address: str) -> Iterator[Workers]:
         if not slots:
             raise CampaignError(f'the Dask scheduler at {address} has no workers: start some with '
                                 f'"dask worker {address} --nthreads 1"')
-        executor = client.get_executor(pure=False)
-        yield Workers(executor, slots, lambda: client.status == 'running', _warning(address))
+        yield Workers(client.get_executor(pure=False), slots,
+                      lambda: client.status == 'running', _warning(address))
     finally:
         client.close(timeout=2.0)
-
-
-def _warning(address: str) -> str:
-    parts = urlsplit(address if '//' in address else f'//{address}')
-    if parts.scheme == 'tls' or (parts.hostname or '') in LOOPBACK:
-        return ''
-    return (f'{address} is reached without TLS: anyone on that network can run programs on the '
-            'workers (see docs/campaigns.md)')
 
 
 def run_campaign(
@@ -252,10 +246,7 @@ def _waiting(
 def _result_of(
     future: futures.Future[str], task: SessionTask, store: Store, lost: Counter[str],
 ) -> dict[str, Any] | None:
-    """The result of a finished task; None if its worker died and it is tried again.
-
-    lost: dead workers by task.
-    """
+    """The result of a finished task, or None to try again; lost: dead workers by task."""
     try:
         future.result()
     except SaddleringError:

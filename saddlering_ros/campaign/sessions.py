@@ -142,11 +142,11 @@ def find_bags(
     folder = Path(folder)
     if not folder.is_dir():
         raise CampaignError(f'{folder}: is not a folder: give the folder that holds the bags')
-    found = []
+    bags = []
     for path in _places(folder):
-        found.append(_look_at(path))
-        on_progress(len(found))
-    return found
+        bags.append(_look_at(path))
+        on_progress(len(bags))
+    return bags
 
 
 def _places(folder: Path) -> Iterator[Path]:
@@ -211,10 +211,10 @@ def group_sessions(
         groups.setdefault(key, []).append(bag if first is bag else replace(
             bag, role=SKIP, note=f'same recording as {first.path}'))
     parts: list[list[FoundBag]] = []
-    for _, own in sorted(groups.items()):
+    for _, tests in sorted(groups.items()):
         last: float | None = None
-        own.sort(key=lambda bag: (bag.time or -math.inf, str(bag.path)))
-        for place, bag in enumerate(own):
+        tests.sort(key=lambda bag: (bag.time or -math.inf, str(bag.path)))
+        for place, bag in enumerate(tests):
             now = bag.time
             near = now == last if now is None or last is None else now - last <= gap
             if place and near:
@@ -223,7 +223,7 @@ def group_sessions(
                 parts.append([bag])
             last = now
     sessions, count = [], Counter[str]()
-    for session in (_session(part, hold_out) for part in parts):
+    for session in (_session(tests, hold_out) for tests in parts):
         count[session.name] += 1
         number = count[session.name]
         name = session.name if number == 1 else f'{session.name} ({number})'
@@ -275,7 +275,7 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
 
     A person may change `session` and `role`. CampaignError names the line that cannot be used.
     """
-    known = {str(place): bag for bag in bags for place in (bag.path, bag.path.resolve())}
+    by_path = {str(place): bag for bag in bags for place in (bag.path, bag.path.resolve())}
     text = read_regular_text(path, CampaignError, MAX_MANIFEST)
     reader = csv.DictReader(io.StringIO(text.removeprefix('\ufeff')))
     missing = [name for name in ('bag', 'session') if name not in (reader.fieldnames or [])]
@@ -286,7 +286,7 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
     for number, row in enumerate(reader, start=2):
         line = {name: (row.get(name) or '').strip() for name in COLUMNS}
         where = f'{path}: line {number}'
-        bag = known.get(line['bag']) or known.get(str(Path(line['bag']).resolve()))
+        bag = by_path.get(line['bag']) or by_path.get(str(Path(line['bag']).resolve()))
         if bag is None:
             raise CampaignError(f'{where}: {line["bag"] or "no bag"} is not under the folder: '
                                 'correct the path or remove the line')

@@ -80,8 +80,8 @@ class Store:
 
     def has_result(self, key: str, attempt: int = 0) -> bool:
         """Whether a whole result of this or a later attempt is there."""
-        found = self.read_result(key)
-        return found is not None and int(found.get('attempt', 0)) >= attempt
+        result = self.read_result(key)
+        return result is not None and int(result.get('attempt', 0)) >= attempt
 
     def read_result(self, key: str) -> dict[str, Any] | None:
         """The result of a task; None where there is none, or only a damaged or altered file."""

@@ -50,9 +50,6 @@ LIMITS = pyarrow.schema([
     ('unit', _TEXT), ('testable', pyarrow.bool_()),
 ])
 
-Rows = list[dict[str, Any]]
-
-
 def results_of(
     store: Store, tasks: Iterable[SessionTask]
 ) -> Iterator[tuple[SessionTask, dict[str, Any]]]:
@@ -61,9 +58,9 @@ def results_of(
     Names, rings and times are the tasks' own: a result does not depend on them.
     """
     for task in tasks:
-        found = store.read_result(task.key)
-        if found is not None:
-            yield task, found
+        result = store.read_result(task.key)
+        if result is not None:
+            yield task, result
 
 
 def write_tables(store: Store, tasks: Sequence[SessionTask]) -> None:
@@ -91,17 +88,17 @@ def _session(task: SessionTask) -> dict[str, Any]:
 
 def _verdict_rows(
     task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
-) -> Rows:
+) -> list[dict[str, Any]]:
     """The one row of a session in verdicts.parquet; of a failed one without a verdict."""
     gain, change = document.get('gain') or {}, result.get('change') or {}
     return [{
         'maintenance': task.maintenance, 'status': result['status'], 'kind': result.get('kind'),
         'reason': result.get('reason'), 'verdict': document.get('verdict'),
-        'causes': [_cause(item) for item in document.get('causes', [])],
+        'causes': [_cause(cause) for cause in document.get('causes', [])],
         'p_value': p_value_of(document) if document else None,
         'misfit_reduction': gain.get('fit'), 'misfit_reduction_held_out': gain.get('held_out'),
         'change': change.get('verdict'), 'change_headline': change.get('headline'),
-        'change_causes': [_cause(item) for item in change.get('causes', [])],
+        'change_causes': [_cause(cause) for cause in change.get('causes', [])],
         'next_test': document.get('next_test'), 'report': result.get('report') or None,
         'bags': [bag.path for bag in task.bags],
         'bag_sha256': [bag.sha256 for bag in task.bags],
@@ -110,20 +107,20 @@ def _verdict_rows(
         'seconds': result['seconds']}]
 
 
-def _cause(item: Mapping[str, Any]) -> dict[str, Any]:
-    name, gain = item.get('effect'), item.get('gain') or {}
-    size: Mapping[str, Any] = next(iter((item.get('parameters') or {}).values()), {})
+def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
+    name, gain = cause.get('effect'), cause.get('gain') or {}
+    size: Mapping[str, Any] = next(iter((cause.get('parameters') or {}).values()), {})
     return {
-        'effect': name or item.get('shape'), 'group': item.get('group') or [],
+        'effect': name or cause.get('shape'), 'group': cause.get('group') or [],
         'size': size.get('value'), 'std': size.get('std'), 'unit': size.get('unit'),
-        'p_value': (item.get('evidence') or item).get('p_value'),
+        'p_value': (cause.get('evidence') or cause).get('p_value'),
         'misfit_reduction': gain.get('fit'), 'misfit_reduction_held_out': gain.get('held_out'),
-        'partial': bool(item.get('partial', name is None))}
+        'partial': bool(cause.get('partial', name is None))}
 
 
 def _parameter_rows(
     task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
-) -> Rows:
+) -> list[dict[str, Any]]:
     """A row a contact parameter; its covariance is the row of the session's matrix."""
     after = (document.get('parameters') or {}).get('after') or {}
     names = [name for name in after if not name.endswith('_std')]
@@ -132,10 +129,12 @@ def _parameter_rows(
              'covariance': list(covariance[row])} for row, name in enumerate(names)]
 
 
-def _limit_rows(task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any]) -> Rows:
+def _limit_rows(
+    task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
+) -> list[dict[str, Any]]:
     """A row an effect of the catalogue: the size that this session could have shown."""
-    return [{name: item.get(name) for name in LIMITS.names[len(_SESSION):]}
-            for item in document.get('detection_limits') or []]
+    return [{name: limit.get(name) for name in LIMITS.names[len(_SESSION):]}
+            for limit in document.get('detection_limits') or []]
 
 
 def p_value_of(document: Mapping[str, Any]) -> float:
@@ -145,8 +144,8 @@ def p_value_of(document: Mapping[str, Any]) -> float:
     """
     if document.get('verdict') in (None, 'none'):
         return 1.0
-    found = [(item.get('evidence') or item).get('p_value') for item in document['causes']]
-    return min([float(value) for value in found if value is not None], default=1.0)
+    p_values = [(cause.get('evidence') or cause).get('p_value') for cause in document['causes']]
+    return min([float(value) for value in p_values if value is not None], default=1.0)
 
 
 def write_fleet(store: Store, tasks: Sequence[SessionTask], limits: Mapping[str, float]) -> Fleet:

@@ -103,10 +103,10 @@ def tasks_of(
     tasks: dict[str, SessionTask] = {}
     for session in sessions:
         base = base_of(session, sessions)
-        found = {FIT: session.of_role(FIT), HOLD_OUT: session.of_role(HOLD_OUT),
+        by_role = {FIT: session.of_role(FIT), HOLD_OUT: session.of_role(HOLD_OUT),
                  BASE: [] if base is None else base.of_role(FIT)}
         bags = tuple(TaskBag(str(bag.path.resolve()), bag.sha256, role)
-                     for role, some in found.items() for bag in some)
+                     for role, some in by_role.items() for bag in some)
         # The inputs of the result: contents and roles, not places or limits.
         identity = {
             'bags': sorted((bag.sha256 or bag.path, bag.role) for bag in bags),

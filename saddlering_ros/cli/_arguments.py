@@ -102,7 +102,6 @@ class Command:
     untried: str = ''
 
     def add_to(self, subparsers: Any) -> None:
-        """Declare the subcommand."""
         parser = subparsers.add_parser(self.name, help=self.words, description=self.description,
                                        epilog=examples_text(self.examples))
         for add in self.options:
@@ -221,7 +220,7 @@ def _named(args: argparse.Namespace, action: argparse.Action) -> Iterator[tuple[
     value = getattr(args, action.dest, None)
     given = value if isinstance(value, list) else [value]
     # An option that may be given several times has a list of each time.
-    for text in (one for item in given for one in (item if isinstance(item, list) else [item])):
+    for text in (one for part in given for one in (part if isinstance(part, list) else [part])):
         if text is None or str(text) == '-':
             continue
         path = Path(text)
@@ -319,10 +318,7 @@ def bags_of(args: argparse.Namespace, paths: Sequence[str], rig: Rig) -> list[Ba
 
 
 def read_shown(args: argparse.Namespace, bag: str, rig: Rig) -> Record:
-    """The test of one bag of a command, with a bar of how much was read.
-
-    BagError if the bag states another rig, unless --trust-rig.
-    """
+    """The test of one bag, with a bar; BagError if it states another rig, unless --trust-rig."""
     from saddlering_ros.bags import read_run
     from saddlering_ros.doubts.comparison import refuse_other_rig
 

@@ -41,8 +41,8 @@ def run(args: argparse.Namespace) -> int:
     rig, namespace = load_rig(args.rig), namespace_of(args.namespace)
     prepare_middleware()
     heard = listen(arguments.domain_of(args), namespace, args.seconds)
-    found = check_driver(rig, heard, math.radians(args.elevation), args.rate)
-    count = sum(one.severity == FAULT for one in found)
+    findings = check_driver(rig, heard, math.radians(args.elevation), args.rate)
+    count = sum(one.severity == FAULT for one in findings)
     topics = {}
     for name, one in heard.items():
         values = one.values[np.isfinite(one.values)]
@@ -52,15 +52,15 @@ def run(args: argparse.Namespace) -> int:
     document = {
         'faults': count, 'topics': topics,
         'findings': [{'level': one.severity, 'topic': one.where, 'words': one.words}
-                     for one in found]}
+                     for one in findings]}
     if not tell_json(args, document):
         for name, told in topics.items():
             if told['rate'] is not None and told['mean'] is not None:
                 print(f'{name}: {told["samples"]} samples at {told["rate"]:.5g} Hz, mean '
                       f'{told["mean"]:.6g}, {1e3 * told["delay"]:.3g} ms from stamp to arrival')
-        for finding in found:
+        for finding in findings:
             print(f'{finding.severity}: {finding}')
-        if not found:
+        if not findings:
             print('this driver has no fault')
     if count:
         sys.stdout.flush()

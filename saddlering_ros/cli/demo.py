@@ -92,9 +92,9 @@ class Story:
     @property
     def misfit(self) -> tuple[float, float]:
         """Live misfit over runs and channels before and after the diagnosis, a share of range."""
-        found = [run['channels'][name] for run in self.runs
+        channels = [run['channels'][name] for run in self.runs
                  for name in ('delta_x', 'delta_y', 'gamma')]
-        before, after = (math.sqrt(sum(item[key]**2 for item in found) / len(found))
+        before, after = (math.sqrt(sum(channel[key]**2 for channel in channels) / len(channels))
                          for key in ('nrmse_before', 'nrmse_after'))
         return before, after
 
@@ -189,7 +189,7 @@ def tell(fitted: list[Bag], held_out: list[Bag], scratch: Path) -> Story:
         after = replayed('extended', domain)
     say('[5/5] comparing, writing the report')
     noise = {Path(run['bag']).name: {
-        name: item['noise_floor'] for name, item in run['channels'].items()}
+        name: figures['noise_floor'] for name, figures in run['channels'].items()}
         for run in diagnosed.document['runs']}
     curves = [curves_of_run(
         first.bag.run, first.measured, first.simulated, last.simulated,

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     rig = load_rig(args.rig)
     fitted, held_out = (arguments.bags_of(args, bags, rig) for bags in (args.bags, args.hold_out))
     with Bar() as bar:
-        found = diagnose(fitted, hold_out=held_out, rig=args.rig, parameters=args.params,
+        result = diagnose(fitted, hold_out=held_out, rig=args.rig, parameters=args.params,
                          seed=args.seed, trust_rig=args.trust_rig,
                          on_progress=bar.tell)
     folder = args.propose
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         file = Path(args.json)
         folder = file.with_name(f'{file.stem}_effects')
     if folder is not None:
-        found = found.with_effect_files(folder)
+        result = result.with_effect_files(folder)
     if args.out is not None:
-        found.save_parameters(args.out)
-    return finish(args, found, args.out)
+        result.save_parameters(args.out)
+    return finish(args, result, args.out)

@@ -152,8 +152,8 @@ def effects_text(rig: Rig) -> str:
     lines = []
     for name, effect in sorted(EFFECTS.items()):
         lines.append(f'{name}: {(effect.act.__doc__ or "").strip()}')
-        lines += [f'    {item.name} [{item.unit}] {"+-" if item.signed else ""}{item.low:g} to '
-                  f'{item.high:g}, typical {item.typical:g}' for item in effect.parameters_on(rig)]
+        lines += [f'    {size.name} [{size.unit}] {"+-" if size.signed else ""}{size.low:g} to '
+                  f'{size.high:g}, typical {size.typical:g}' for size in effect.parameters_on(rig)]
         if len(effect.forms) > 1:
             lines.append(f'    forms: {", ".join(effect.forms)}')
     return '\n'.join(lines)

@@ -51,12 +51,12 @@ def run(args: argparse.Namespace) -> int:
     IdentificationSettings(bounds=bounds).bounds_for(rig)  # a fault is reported before any reading
     bags = arguments.bags_of(args, args.bags, rig)
     with Bar() as bar:
-        found = identify(
+        result = identify(
             bags, rig=args.rig, method=args.method, bounds=bounds, particles=args.particles,
             iterations=args.iterations, accuracy=args.accuracy, stagnation=args.stagnation,
             log_stiffness=args.log_stiffness, use_delta_y=True if args.use_delta_y else None,
             seed=args.seed, trust_rig=args.trust_rig,
             on_progress=bar.tell)
     if args.out is not None:
-        found.save_parameters(args.out)
-    return finish(args, found, args.out)
+        result.save_parameters(args.out)
+    return finish(args, result, args.out)

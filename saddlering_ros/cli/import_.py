@@ -121,18 +121,18 @@ def _doubts(args: argparse.Namespace, result: ImportResult, rig: Rig) -> list[st
     lines = []
     for run in result.runs:
         info = bag_info(run.path, rig=rig)
-        found = [arguments.in_options(line) for line in (*info.problems, *info.notes)]
+        doubts = [arguments.in_options(line) for line in (*info.problems, *info.notes)]
         if args.rig is not None and not info.problems:
-            found += contradictions(run.path, rig)
+            doubts += contradictions(run.path, rig)
         spans = {name: max(course.highest) - min(course.lowest)
                  for name, course in run.courses.items()}
         gaps = max(span for name, span in spans.items() if name.startswith('eddy'))
         if spans['hydraulic_load'] >= rig.limits.identification_min and gaps < MIN_MOTION:
-            found.append(f'no gap changes by more than {gaps * 1e6:.2g} µm under a load of '
+            doubts.append(f'no gap changes by more than {gaps * 1e6:.2g} µm under a load of '
                          f'{rig.force_words(spans["hydraulic_load"])}: check unit and scale of '
                          'the probes')
         lines += [line if line.startswith(str(run.path)) else f'{run.path}: {line}'
-                  for line in dict.fromkeys(found)]
+                  for line in dict.fromkeys(doubts)]
     return lines
 
 

@@ -66,18 +66,18 @@ def _print_info(bag: str, info: BagInfo, rig: Rig) -> None:
     console = stdout_console()
     console.print(Text(bag, style='bold'))
     facts = Table(box=None, show_header=False, padding=(0, 2))
-    found, (low, high) = info.facts, info.load_range
+    stated, (low, high) = info.facts, info.load_range
     loads: list[str] = []
     for unit, newtons in FORCE_UNITS.items():
         digits = 3 if unit == 't' else 2
         words = f'{low / newtons:.{digits}f} to {high / newtons:.{digits}f} {unit}'
         loads.insert(0 if unit == rig.force_unit else 1, words)
     for name, value in (
-            ('test', found.test or 'not stated'),
-            ('elevation', 'not stated' if found.elevation_deg is None else
-             f'{found.elevation_deg:g} deg'),
-            ('rig', found.rig), ('rig hash', found.details.get('rig_hash', '')[:12]),
-            ('run', found.run),
+            ('test', stated.test or 'not stated'),
+            ('elevation', 'not stated' if stated.elevation_deg is None else
+             f'{stated.elevation_deg:g} deg'),
+            ('rig', stated.rig), ('rig hash', stated.details.get('rig_hash', '')[:12]),
+            ('run', stated.run),
             ('storage', f'{info.files} file{"s" * (info.files != 1)}, {info.size / 1e6:.2f} MB, '
              f'{info.message_count} messages, compression '
              + (', '.join(printable(name) or 'none' for name in info.compressions) or 'unknown')),

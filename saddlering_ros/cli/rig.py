@@ -90,5 +90,5 @@ def contradictions(
     from saddlering_ros.record import condensed
 
     test_run = read_run(bag, test=test, elevation=elevation, rig=rig)
-    found = check_rig(rig, read_raw(bag, rig=rig), condensed(test_run, rig))
-    return [*map(str, found)]
+    findings = check_rig(rig, read_raw(bag, rig=rig), condensed(test_run, rig))
+    return [*map(str, findings)]

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     read_parameters(args.params)  # a fault there is reported before any bag is read
     bags = arguments.bags_of(args, args.bags, load_rig(args.rig))
     with Bar() as bar:
-        found = validate(bags, parameters=args.params, rig=args.rig,
+        result = validate(bags, parameters=args.params, rig=args.rig,
                          trust_rig=args.trust_rig, on_progress=bar.tell)
     plots = getattr(args, 'plots', None)
-    return finish(args, found, *([] if plots is None else found.save_plots(plots)))
+    return finish(args, result, *([] if plots is None else result.save_plots(plots)))

@@ -44,6 +44,10 @@ DOUBTS = {
 """Reason for doubt and the test that settles it, by the detail that differs between sessions."""
 
 
+AXIAL = [1, 3]
+"""Rows of the axial probes, 2 and 4."""
+
+
 class ComparisonError(SaddleringError):
     """Sessions that cannot be compared; one line: fault, place, remedy."""
 
@@ -94,10 +98,7 @@ class MakerFigures:
 
 
 def judged_wear(wear: Mapping[str, float], limits: Mapping[str, float]) -> list[dict[str, Any]]:
-    """The wear [mm] beside the user's own limits [m]: 'within', 'beyond', or 'open'.
-
-    Open: the limit lies within two standard deviations of the wear.
-    """
+    """The wear [mm] by the user's limits [m]: within, beyond, or open within two deviations."""
     answer = []
     for name, limit in limits.items():
         left = 1e3 * limit - wear[f'{name}_mm']
@@ -134,6 +135,12 @@ def maker_figures(rig: Rig, record: Record, loads: tuple[float, float]) -> Maker
         gain=max(rig.instruments.probe_gain or (0.0,)))
 
 
+def common_loads(before: Record, after: Record) -> tuple[float, float]:
+    """The smallest and the largest load [N] that both static tests held."""
+    held = [plateaus(record).load for record in (before, after)]
+    return max(float(load.min()) for load in held), min(float(load.max()) for load in held)
+
+
 def standard_errors(record: Record, steps: Plateaus) -> Floats:
     """Standard errors (2, M) [m] of the plateaus' readings of the axial probes.
 
@@ -142,8 +149,8 @@ def standard_errors(record: Record, steps: Plateaus) -> Floats:
     step, errors = float(np.median(np.diff(record.time))), []
     for row in record.gaps[AXIAL]:
         held = (row[start:stop] for start, stop in zip(steps.start, steps.stop, strict=True))
-        parts = [part[np.isfinite(part)] for part in held]
-        lasting = step * np.array([max(len(part), 1) for part in parts], dtype=float)
+        parts = [readings[np.isfinite(readings)] for readings in held]
+        lasting = step * np.array([max(len(readings), 1) for readings in parts], dtype=float)
         errors.append(np.sqrt(noise_alone(parts, step).variances(lasting)))
     return np.array(errors)
 
@@ -195,9 +202,8 @@ class Change:
                        f'{"; in part: " * bool(words)}{words}.'}[self.verdict]
 
     def to_json(self) -> dict[str, Any]:
-        """The verdict document of the change."""
         found, misfits = self.diagnosis, _misfits(self.diagnosis)
-        document: dict[str, Any] = finite_json({
+        return dict(finite_json({
             'verdict': self.verdict, 'headline': self.headline, 'complete': found.complete,
             'remainder': [vars(rest) for rest in found.remainder],
             'probabilities': found.probabilities, 'stability': found.stability,
@@ -215,8 +221,8 @@ class Change:
                 for index, place in enumerate(('before', 'after', 'change'))},
             'next_test': self.next_test,
             'detection_limits': [
-                {**limit_entry(item), 'one_session': self.limits_alone.get(item.effect)}
-                for item in found.observability.limits],
+                {**limit_entry(limit), 'one_session': self.limits_alone.get(limit.effect)}
+                for limit in found.observability.limits],
             'maker': None if self.maker is None else {
                 'before': self.maker[0].as_dict(), 'after': self.maker[1].as_dict(),
                 'wear': self.maker[1].wear_since(self.maker[0]), 'limits': self.wear_judged},
@@ -224,8 +230,7 @@ class Change:
             'notes': list(self.notes), 'proposal': None,
             'provenance': Provenance(tuple(
                 record.test_run.origin for record in (*self.before, *self.after))).as_dict(),
-            'seed': self.seed, 'seconds': found.seconds})
-        return document
+            'seed': self.seed, 'seconds': found.seconds}))
 
 
 def name_of(effect_id: str) -> str:
@@ -271,38 +276,36 @@ def compare_records(
     start = dict(zip(PARAMETER_NAMES, identify(
         list(before), rig, is_cancelled=is_cancelled).parameters.contact.to_array(), strict=True))
     renewed, said = renewed_between(before, after)
-    system = TwoSessions(RingSystem(rig), frozenset(item.run.name for item in earlier), renewed)
-    found = discrepancy.diagnose_system(Problem(
-        system, [item.run for item in (*earlier, *later)], replace(sessions.SETTINGS, seed=seed),
+    system = TwoSessions(RingSystem(rig), frozenset(one.run.name for one in earlier), renewed)
+    diagnosis = discrepancy.diagnose_system(Problem(
+        system, [one.run for one in (*earlier, *later)], replace(sessions.SETTINGS, seed=seed),
         assumptions=discrepancy.Assumptions(
             model_error=sessions.PERSISTENT_MODEL_ERROR, proposes_law=False, is_persistent=True),
-        start=start, proposals=next_test.propose(rig, [item.run for item in later]),
+        start=start, proposals=next_test.propose(rig, [one.run for one in later]),
         watch=Watch('diagnose', on_progress, is_cancelled)))
-    notes += [*said, *check_set([*earlier, *later], rig), *found.warnings,
-              *rig_dimensions.certificate_notes(rig, found.causes),
+    notes += [*said, *check_set([*earlier, *later], rig), *diagnosis.warnings,
+              *rig_dimensions.certificate_notes(rig, diagnosis.causes),
               *rig_dimensions.assumed_notes(rig)]
-    contact = contact_of_sessions(found, system)
-    left = sessions.left_between(found, system)
-    found = sessions.with_main_cause(
-        replace(found, causes=tuple(_as_change(cause) for cause in found.causes)), left)
-    found = sessions.in_doubt(found) if doubts and found.verdict != 'none' else found
-    if not found.complete:
+    contact = contact_of_sessions(diagnosis, system)
+    left = sessions.left_between(diagnosis, system)
+    diagnosis = sessions.with_main_cause(
+        replace(diagnosis, causes=tuple(map(_as_change, diagnosis.causes))), left)
+    if doubts and diagnosis.verdict != 'none':
+        diagnosis = sessions.in_doubt(diagnosis)
+    if not diagnosis.complete:
         notes.append(f'{100.0 * left:.2g} % of range differs between the sessions and fits no '
                      'cause: it may be the interplay of the change with errors that both share')
     watch.progress('limits of the later session alone', 0.95)
     return Change(
-        found, earlier, later, contact, _limits_alone(rig, later, start, seed, watch),
-        _maker(rig, before, after), (*doubts, *notes), _next_test(found, doubts), rig, seed,
+        diagnosis, earlier, later, contact, _limits_alone(rig, later, start, seed, watch),
+        _maker(rig, before, after), (*doubts, *notes), _next_test(diagnosis, doubts), rig, seed,
         series_of(rig, prepared, start, watch) if between else None)
 
 
 def check_sessions(
     before: Sequence[Record], after: Sequence[Record],
 ) -> tuple[list[str], dict[str, str]]:
-    """Notes, and reasons for doubt with the test that settles each.
-
-    ComparisonError for sessions that are no pair.
-    """
+    """Notes, and doubts with the test that settles each; ComparisonError for no pair."""
     for name, records in (('before', before), ('after', after)):
         if not records:
             raise ComparisonError(f'{name}: no bags: give at least one bag of each session')
@@ -311,8 +314,8 @@ def check_sessions(
     if len(rings[0] | rings[1]) > 1:
         remedy = 'compare sessions of one ring'
         stated = _stated('ring', before, after)
-        for silent, own, other in (('before', *stated), ('after', *stated[::-1])):
-            if not own and len(other) == 1:
+        for silent, its_ring, other in (('before', *stated), ('after', *stated[::-1])):
+            if not its_ring and len(other) == 1:
                 remedy = (f'{silent} states no ring: if it is the same, add ring: {min(other)} to '
                           'the metadata of its bags')
         raise ComparisonError(f'before is of {", ".join(sorted(rings[0]))} and after of '
@@ -361,7 +364,7 @@ def renewed_between(
 
 def _as_change(cause: Cause) -> Cause:
     """The cause with the change of its size, after minus before."""
-    parameters = {name: item for name, item in cause.parameters.items()
+    parameters = {name: estimate for name, estimate in cause.parameters.items()
                   if name != sessions.SESSION}
     if cause.effect == CONTACT_CHANGE:
         name = QUANTITIES[round(parameters.pop('quantity').value)]
@@ -372,16 +375,18 @@ def _as_change(cause: Cause) -> Cause:
     return replace(cause, parameters=parameters)
 
 
-def _next_test(found: Diagnosis, doubts: Mapping[str, str]) -> str | None:
+def _next_test(diagnosis: Diagnosis, doubts: Mapping[str, str]) -> str | None:
     """The measurement that would settle what is open; that of a doubt goes first."""
-    if doubts and found.verdict != 'none':
+    if doubts and diagnosis.verdict != 'none':
         return next(iter(doubts.values()))
-    groups = [cause.group for cause in found.causes if len(cause.group) > 1]
-    if found.verdict == 'ambiguous' and groups:
-        sentence = next_test.for_group(groups[0], found.separations)
-        return (sentence or found.causes[0].definition.settled_by).replace(
+    groups = [cause.group for cause in diagnosis.causes if len(cause.group) > 1]
+    if diagnosis.verdict == 'ambiguous' and groups:
+        sentence = next_test.for_group(groups[0], diagnosis.separations)
+        return (sentence or diagnosis.causes[0].definition.settled_by).replace(
             CONTACT_CHANGE, name_of(CONTACT_CHANGE).lower())
-    return next_test.confirming(found.causes[0].effect, ()) if found.verdict == 'named' else None
+    if diagnosis.verdict != 'named':
+        return None
+    return next_test.confirming(diagnosis.causes[0].effect, ())
 
 
 def _limits_alone(
@@ -397,11 +402,11 @@ def _limits_alone(
         start=start, watch=replace(watch, on_progress=None)))
     if space.leaves_misfit(space.base):
         space, _, _ = discrepancy.space_beside_error(space, space.base)
-    return {item.effect: item.limit for item in discrepancy.observed(space).limits}
+    return {effect.effect: effect.limit for effect in discrepancy.observed(space).limits}
 
 
 def contact_of_sessions(
-    found: Diagnosis, system: TwoSessions,
+    diagnosis: Diagnosis, system: TwoSessions,
 ) -> dict[str, tuple[Estimate, Estimate, Estimate]]:
     """Contact parameters before, after, and their change, each with its standard deviation.
 
@@ -409,7 +414,7 @@ def contact_of_sessions(
     own: errors that both sessions share are marginalised, and so is the size of every cause but a
     change of the contact law itself.
     """
-    metric, fit, parameters = found.fits.metric, found.fits.after, system.base_parameters
+    metric, fit, parameters = diagnosis.fits.metric, diagnosis.fits.after, system.base_parameters
     problem, count = metric.problem, len(parameters)
     changes = discrepancy.tangent(metric, fit).plain
     is_later = np.zeros(problem.size, dtype=bool)
@@ -426,35 +431,35 @@ def contact_of_sessions(
     step = covariance @ (columns.T @ residual)
     answers, moved = {}, fit.point.effects.get(CONTACT_CHANGE)
     changed = {QUANTITIES[round(moved['quantity'])]: 1.0 + moved['change']} if moved else {}
-    for index, item in enumerate(parameters):
+    for index, parameter in enumerate(parameters):
         unit, places = float(fit.theta_unit[index]), [index, count + index]
-        slope, value = item.slope(unit), item.from_unit(unit)
-        earlier, later = np.array([value, value * changed.get(item.name, 1.0)]) + (
+        slope, value = parameter.slope(unit), parameter.from_unit(unit)
+        earlier, later = np.array([value, value * changed.get(parameter.name, 1.0)]) + (
             slope * step[places])
         both = slope**2 * covariance[np.ix_(places, places)]
         first, second, difference = (
-            Estimate(float(size), math.sqrt(power), item.unit) for size, power in (
+            Estimate(float(size), math.sqrt(power), parameter.unit) for size, power in (
                 (earlier, both[0, 0]), (later, both[1, 1]),
                 (later - earlier, both[0, 0] + both[1, 1] - 2.0 * both[0, 1])))
-        answers[item.name] = first, second, difference
+        answers[parameter.name] = first, second, difference
     return answers
 
 
-def _misfits(found: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
+def _misfits(diagnosis: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
     """Misfit of each run and channel without and with the causes, errors of both sessions removed.
 
     rms values over the measured range of the channel, as in every verdict document.
     """
-    metric = found.fits.metric
+    metric = diagnosis.fits.metric
     problem = metric.problem
     residuals = [metric.without_nuisances(fit.prediction - problem.measured)
-                 for fit in (found.fits.before, found.fits.after)]
+                 for fit in (diagnosis.fits.before, diagnosis.fits.after)]
     answers: dict[str, dict[str, dict[str, float]]] = {run.name: {} for run in problem.runs}
     for view, weights in problem.system.views.items():
         seen = [problem.view_residuals(residual, view) for residual in residuals]
         for run, before, after in zip(problem.runs, *seen, strict=True):
             span = max(float(np.ptp(weights @ run.channels)), 1e-12)
-            noise = math.sqrt(sessions.noise_power(found, run, weights))
+            noise = math.sqrt(sessions.noise_power(diagnosis, run, weights))
             answers[run.name][view] = {
                 'nrmse_before': math.sqrt(problem.mean_square(before, run, view)) / span,
                 'nrmse_after': math.sqrt(problem.mean_square(after, run, view)) / span,
@@ -472,13 +477,3 @@ def _maker(
             loads = common_loads(first, second)
             return maker_figures(rig, first, loads), maker_figures(rig, second, loads)
     return None
-
-
-AXIAL = [1, 3]
-"""Rows of the axial probes, 2 and 4."""
-
-
-def common_loads(before: Record, after: Record) -> tuple[float, float]:
-    """The smallest and the largest load [N] that both static tests held."""
-    held = [plateaus(record).load for record in (before, after)]
-    return max(float(load.min()) for load in held), min(float(load.max()) for load in held)

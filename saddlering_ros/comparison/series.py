@@ -93,9 +93,9 @@ def evidence_of(base: SessionSums, later: Sequence[SessionSums]) -> Evidence:
     # Size of this shape in each later session by itself, without a prior.
     inverse, residual = _without_change(base, later)
     cross = np.array([one.cross[:, kind] for one in later])
-    known = np.diag([one.changes[kind] for one in later]) - cross @ inverse @ cross.T
+    information = np.diag([one.changes[kind] for one in later]) - cross @ inverse @ cross.T
     along = np.array([one.along[kind] for one in later]) - cross @ (inverse @ residual)
-    covariance = np.linalg.inv(known + UNSEEN * np.eye(len(later)))
+    covariance = np.linalg.inv(information + UNSEEN * np.eye(len(later)))
     return Evidence(np.array(e_values), np.exp(begun - np.logaddexp.reduce(begun)), kind,
                     covariance @ along, np.sqrt(np.diag(covariance)))
 
@@ -110,12 +110,12 @@ def _without_change(base: SessionSums, later: Sequence[SessionSums]) -> tuple[Ar
 def _log_ratios(base: SessionSums, later: Sequence[SessionSums]) -> Array:
     """Log ratio (S, h) of the densities with each shape since each later session, and without."""
     inverse, residual = _without_change(base, later)
-    cross, known, along = (
+    cross, information, along = (
         np.cumsum(np.array([getattr(one, name) for one in later])[::-1], axis=0)[::-1]
         for name in ('cross', 'changes', 'along'))
-    known = known - np.einsum('smh,mn,snh->sh', cross, inverse, cross, optimize=True)
+    information = information - np.einsum('smh,mn,snh->sh', cross, inverse, cross, optimize=True)
     along = along - np.einsum('smh,m->sh', cross, inverse @ residual)
-    return np.asarray(0.5 * along**2 / (1.0 + known) - 0.5 * np.log1p(known))
+    return np.asarray(0.5 * along**2 / (1.0 + information) - 0.5 * np.log1p(information))
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def series_of(
     predicted = problem.predict([Point(law), *moved])
     prediction, contact = predicted[:, 0], predicted[:, 1:] - predicted[:, :1]
     nuisances = discrepancy.nuisance_columns(problem, Point(law), prediction)
-    ranges = np.array([item.high - item.low for item in system.base_parameters])
+    ranges = np.array([entry.high - entry.low for entry in system.base_parameters])
     shapes = np.hstack([
         nuisances[:, nuisances.shape[1] - len(system.persistent):],
         contact[:, [PARAMETER_NAMES.index(name) for name in QUANTITIES]]])
@@ -199,14 +199,14 @@ def series_of(
                                for index, _, part in problem.slices
                                if problem.runs[index].name in names])
         sums.append(SessionSums.of(errors[rows], shapes[rows], residual[rows]))
-    found = evidence_of(sums[0], sums[1:])
-    if found.kind < len(system.persistent):
-        (effect, values), = system.persistent[found.kind].items()
+    evidence = evidence_of(sums[0], sums[1:])
+    if evidence.kind < len(system.persistent):
+        (effect, values), = system.persistent[evidence.kind].items()
         size = catalogue()[effect].parameters[0]
         parameter, unit, spread = size.name, size.unit, values[size.name] - size.neutral
     else:
         effect, unit, spread = sessions.CONTACT_CHANGE, '1', CONTACT_STEP
-        parameter = QUANTITIES[found.kind - len(system.persistent)]
-    deviations = np.hypot(found.deviations, sessions.DEFINITION * found.sizes)
-    return ChangeSeries((base, *later), found, effect, parameter, unit, spread * found.sizes,
+        parameter = QUANTITIES[evidence.kind - len(system.persistent)]
+    deviations = np.hypot(evidence.deviations, sessions.DEFINITION * evidence.sizes)
+    return ChangeSeries((base, *later), evidence, effect, parameter, unit, spread * evidence.sizes,
                         spread * deviations)

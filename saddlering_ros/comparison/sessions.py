@@ -128,7 +128,6 @@ class TwoSessions:
         return self.ring.predict_many(run, [seen_in(session, point) for point in points])
 
     def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> SessionNeighbourhoods:
-        """The groups as each session sees them."""
         return SessionNeighbourhoods(self, {
             session: self.ring.neighbourhood(
                 [[seen_in(session, point) for point in group] for group in groups])
@@ -136,11 +135,9 @@ class TwoSessions:
         })
 
     def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
-        """As the ring: change by one more newton."""
         return self.ring.targets(run, seen_in(self.session_of(run), point))
 
     def start_of(self, run: RunBlocks) -> float:
-        """The start of the zero window."""
         return self.ring.start_of(run)
 
     def nuisances(self, runs: Sequence[RunBlocks], point: Point) -> list[Array]:
@@ -157,10 +154,10 @@ class TwoSessions:
             predicted = self.ring.predict_many(
                 run, [here, Point(here.base), *(larger for _, larger in errors)])
             persistent = predicted[2:] - predicted[[int(one is not here) for one, _ in errors]]
-            own = renewed.instrument_errors(run, point.base)
-            own = [change * (self.session_of(run) == LATER) for change in own]
+            renewals = renewed.instrument_errors(run, point.base)
+            renewals = [change * (self.session_of(run) == LATER) for change in renewals]
             columns.append(np.concatenate(
-                [usual, *(change[:, :, None] for change in own),
+                [usual, *(change[:, :, None] for change in renewals),
                  np.moveaxis(persistent, 0, -1)], axis=2))
         return columns
 
@@ -175,8 +172,8 @@ class TwoSessions:
                 if variant.frees:
                     continue
                 parameters = effect.parameters_of(variant, self.ring.rig)
-                size = next(item for item in parameters if item.amplitude)
-                values = {item.name: item.start for item in parameters}
+                size = next(parameter for parameter in parameters if parameter.amplitude)
+                values = {parameter.name: parameter.start for parameter in parameters}
                 if size.neutral == 0.0:
                     values[size.name] = PERSISTENT_SIZE * size.scale
                 points.append({effect.id: {**values, **variant.values}})
@@ -202,12 +199,13 @@ def seen_in(session: float, point: Point) -> Point:
     for name, values in point.effects.items():
         if values.get(SESSION, session) != session:
             continue
-        own = {key: value for key, value in values.items() if key != SESSION}
+        values = {key: value for key, value in values.items() if key != SESSION}
         if name == CONTACT_CHANGE:
             base = base.copy()
-            base[PARAMETER_NAMES.index(QUANTITIES[round(own['quantity'])])] *= 1.0 + own['change']
+            changed = PARAMETER_NAMES.index(QUANTITIES[round(values['quantity'])])
+            base[changed] *= 1.0 + values['change']
         else:
-            effects[name] = own
+            effects[name] = values
     return Point(base, effects)
 
 
@@ -218,17 +216,17 @@ def beside(point: Point, error: Mapping[str, Mapping[str, float]]) -> tuple[Poin
     so that the error of another variant stands without the cause.
     """
     (name, values), = error.items()
-    own, effect = point.effects.get(name), catalogue()[name]
-    if own is None:
+    cause, effect = point.effects.get(name), catalogue()[name]
+    if cause is None:
         return point, Point(point.base, {**point.effects, **error})
     size = effect.parameters[0]
-    if size.neutral or any(own[key] != values[key] for key in effect.variants[0].values):
+    if size.neutral or any(cause[key] != values[key] for key in effect.variants[0].values):
         return Point(point.base), Point(point.base, error)
-    larger = {**own, size.name: own[size.name] + values[size.name]}
+    larger = {**cause, size.name: cause[size.name] + values[size.name]}
     return point, Point(point.base, {**point.effects, name: larger})
 
 
-def with_main_cause(found: Diagnosis, left: float) -> Diagnosis:
+def with_main_cause(diagnosis: Diagnosis, left: float) -> Diagnosis:
     """The verdict by what differs between the sessions, `left` of it beside the causes.
 
     A misfit that both sessions have is no change. The one cause is established if it takes nearly
@@ -236,37 +234,38 @@ def with_main_cause(found: Diagnosis, left: float) -> Diagnosis:
     change is an error of the size. A stand-in for a law that the catalogue lacks took at most 0.80
     of the power of the misfit on other machines (docs/benchmarks/real_machines.md).
     """
-    largest = max([left, *(cause.visible for cause in found.causes)])
-    if found.verdict == 'unknown' and largest < SETTINGS.materiality:
-        return replace(found, verdict='none', causes=(), complete=True, remainder=())
-    if len(found.causes) != 1 or found.verdict == 'none':
-        return found
-    cause = found.causes[0]
+    largest = max([left, *(cause.visible for cause in diagnosis.causes)])
+    if diagnosis.verdict == 'unknown' and largest < SETTINGS.materiality:
+        return replace(diagnosis, verdict='none', causes=(), complete=True, remainder=())
+    if len(diagnosis.causes) != 1 or diagnosis.verdict == 'none':
+        return diagnosis
+    cause = diagnosis.causes[0]
     share = 1.0 - (left / cause.visible) ** 2
-    if found.verdict == 'unknown' and (share < ESTABLISHED_SHARE or cause.p_value > ESTABLISHED_P):
-        return found
+    is_established = share >= ESTABLISHED_SHARE and cause.p_value <= ESTABLISHED_P
+    if diagnosis.verdict == 'unknown' and not is_established:
+        return diagnosis
     name, size = next(iter(cause.parameters.items()))
     std = math.hypot(size.std, abs(size.value) * math.hypot(left / cause.visible, DEFINITION))
     widened = {**cause.parameters, name: replace(size, std=std)}
-    return replace(found, verdict='named' if len(cause.group) == 1 else 'ambiguous',
+    return replace(diagnosis, verdict='named' if len(cause.group) == 1 else 'ambiguous',
                    causes=(replace(cause, parameters=widened, partial=False),),
                    complete=left < SETTINGS.materiality)
 
 
-def in_doubt(found: Diagnosis) -> Diagnosis:
+def in_doubt(diagnosis: Diagnosis) -> Diagnosis:
     """The verdict if the sessions differ in more than the ring: no cause is established."""
-    partial = tuple(replace(cause, partial=True) for cause in found.causes)
-    return replace(found, verdict='unknown', causes=partial, complete=False)
+    partial = tuple(replace(cause, partial=True) for cause in diagnosis.causes)
+    return replace(diagnosis, verdict='unknown', causes=partial, complete=False)
 
 
-def left_between(found: Diagnosis, system: TwoSessions) -> float:
+def left_between(diagnosis: Diagnosis, system: TwoSessions) -> float:
     """Largest rms, as a share of range, of what differs between the sessions beside the causes.
 
     Each run is compared with the run of the other session under the same course of the load; a
     run without one counts whole. The noise of both is subtracted.
     """
-    problem = found.fits.metric.problem
-    residual = found.fits.metric.without_nuisances(problem.measured - found.fits.after.prediction)
+    fits, problem = diagnosis.fits, diagnosis.fits.metric.problem
+    residual = fits.metric.without_nuisances(problem.measured - fits.after.prediction)
     largest = 0.0
 
     def are_alike(run: RunBlocks, other: RunBlocks) -> bool:
@@ -279,22 +278,23 @@ def left_between(found: Diagnosis, system: TwoSessions) -> float:
 
     for view, weights in problem.system.views.items():
         seen = problem.view_residuals(residual, view)
-        for run, own in zip(problem.runs, seen, strict=True):
+        for run, rest in zip(problem.runs, seen, strict=True):
             other = next((number for number, one in enumerate(problem.runs)
                           if are_alike(run, one)), None)
-            noise = noise_power(found, run, weights)
+            noise = noise_power(diagnosis, run, weights)
             if other is not None:
                 one = problem.runs[other]
-                own = own - np.interp(run.time - run.time[0], one.time - one.time[0], seen[other])
-                noise += noise_power(found, one, weights)
-            power = problem.mean_square(own, run, view) - noise
+                rest = rest - np.interp(
+                    run.time - run.time[0], one.time - one.time[0], seen[other])
+                noise += noise_power(diagnosis, one, weights)
+            power = problem.mean_square(rest, run, view) - noise
             largest = max(largest, math.sqrt(max(power, 0.0)) / problem.view_ranges[view])
     return largest
 
 
-def noise_power(found: Diagnosis, run: RunBlocks, weights: Array) -> float:
+def noise_power(diagnosis: Diagnosis, run: RunBlocks, weights: Array) -> float:
     """Mean square noise of the blocks of a run in a view."""
-    metric = found.fits.metric
+    metric = diagnosis.fits.metric
     return float(sum(
         weight**2 * np.mean(metric.noise[run.name, channel].variances(run.width))
         for channel, weight in enumerate(weights) if weight))

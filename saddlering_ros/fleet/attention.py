@@ -40,7 +40,7 @@ class RingJudgement:
         """Why the ring needs a person, in words; none if it does not."""
         answer = []
         if self.finding:
-            names = sorted({name for item in self.sessions for name in item.causes})
+            names = sorted({name for session in self.sessions for name in session.causes})
             answer.append('finding: ' + (', '.join(names).replace('_', ' ') or 'cause unknown'))
         if self.unlike is not None and self.unlike.stands:
             strongest = COORDINATES[int(np.argmax(np.abs(self.unlike.z_scores)))]
@@ -74,8 +74,9 @@ def judge_fleet(
         rings[session.ring].append(session)
     # Values and covariances of the sessions that measured every coordinate.
     measured = {ring: (np.array([item.value for item in good]),
-                       np.array([item.covariance for item in good])) for ring, own in rings.items()
-                if (good := [item for item in own if np.isfinite(item.covariance).all()])}
+                       np.array([item.covariance for item in good]))
+                for ring, tests in rings.items()
+                if (good := [item for item in tests if np.isfinite(item.covariance).all()])}
     inflation = statistics.scatter_inflation(list(measured.values()))
     unlike, population = {}, None
     if len(measured) >= statistics.MIN_RINGS:
@@ -84,24 +85,24 @@ def judge_fleet(
         spreads = np.array([np.linalg.inv(weight.sum(axis=0)) for weight in weights])
         means = np.array([spread @ np.einsum('sij,sj->i', weight, values) for spread, weight, (
             values, _) in zip(spreads, weights, measured.values(), strict=True)])
-        found, population = statistics.unlike_sisters(means, spreads)
-        unlike = dict(zip(measured, found, strict=True))
+        judgements, population = statistics.unlike_sisters(means, spreads)
+        unlike = dict(zip(measured, judgements, strict=True))
     histories = {ring: history.histories_of(ring, [
-        replace(one, covariance=inflation * one.covariance) for one in own])
-        for ring, own in rings.items()}
+        replace(one, covariance=inflation * one.covariance) for one in tests])
+        for ring, tests in rings.items()}
     drifting, rigs = history.significant_drifts(list(histories.values()))
     of_ring = {item.owner: item for item in drifting}
-    evidence = {ring: statistics.e_value([item.p_value for item in own])
-                for ring, own in rings.items()}
+    evidence = {ring: statistics.e_value([item.p_value for item in tests])
+                for ring, tests in rings.items()}
     # e-BH: at any dependence between the rings.
     findings = statistics.benjamini_hochberg(
         [1.0 / max(value, 1e-300) for value in evidence.values()])
     answer = [
         RingJudgement(
-            ring, own[-1].bench, tuple(own), evidence[ring], bool(is_finding), unlike.get(ring),
-            histories[ring], of_ring.get(ring),
-            _lives(histories[ring], own, limits or {}) if ring in of_ring else {})
-        for (ring, own), is_finding in zip(rings.items(), findings, strict=True)]
+            ring, tests[-1].bench, tuple(tests), evidence[ring], bool(is_finding),
+            unlike.get(ring), histories[ring], of_ring.get(ring),
+            _lives(histories[ring], tests, limits or {}) if ring in of_ring else {})
+        for (ring, tests), is_finding in zip(rings.items(), findings, strict=True)]
     answer.sort(key=lambda item: (-item.concern, item.ring))
     return Fleet(
         tuple(judged), statistics.benjamini_hochberg([item.p_value for item in judged]),
@@ -131,7 +132,7 @@ def limits_from_text(texts: Sequence[str]) -> dict[str, float]:
     limits = {}
     for text in texts:
         name, _, value = text.partition('=')
-        allowed = [item for item in PARAMETERS if not item.startswith('n')]
+        allowed = [parameter for parameter in PARAMETERS if not parameter.startswith('n')]
         if name not in allowed:
             raise FleetError(f'--limit {text}: give one of {", ".join(allowed)} as K1=6e7')
         try:
@@ -146,7 +147,7 @@ def limits_from_text(texts: Sequence[str]) -> dict[str, float]:
 def fleet_document(fleet: Fleet) -> dict[str, Any]:
     """fleet.json: plain data, numbers that are not finite as null."""
     population = fleet.population
-    document: dict[str, Any] = finite_json({
+    return dict(finite_json({
         'level': statistics.LEVEL,
         'sessions': {
             'total': len(fleet.sessions),
@@ -178,8 +179,7 @@ def fleet_document(fleet: Fleet) -> dict[str, Any]:
                 for name, item in ring.history.of.items()}},
             'remaining_life': {name: {**vars(life), 'clock': ring.history.clock}
                                for name, life in ring.life.items()},
-        } for ring in fleet.rings]})
-    return document
+        } for ring in fleet.rings]}))
 
 
 def _drift_document(drift: Drift) -> dict[str, Any]:

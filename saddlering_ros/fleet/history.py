@@ -87,10 +87,7 @@ Slopes = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class TimeSeries:
-    """Readings (N,) with standard deviations at ascending times (any unit).
-
-    renewed (N,): whether the reading is the first after maintenance.
-    """
+    """Readings (N,) with deviations at ascending times; renewed (N,): the first after service."""
 
     time: Array
     value: Array
@@ -133,10 +130,7 @@ class History:
 
 @dataclass(frozen=True)
 class RingHistory:
-    """Histories of a ring's coordinates and of the sizes of its causes, by name.
-
-    clock: service_hours [h] or calendar [years].
-    """
+    """Histories of coordinates and causes by name; clock: service_hours [h] or years."""
 
     ring: str
     bench: str
@@ -214,26 +208,26 @@ def _trend(series: TimeSeries) -> tuple[float, float, float, Array, int]:
     free = series.value.size - design.shape[1]
     if free < MIN_SESSIONS - 2:
         return 0.0, math.inf, 1.0, np.full((2, 2), np.inf), max(free, 0)
-    elapsed = series.time - [series.time[stretch == own].min() for own in stretch]
+    elapsed = series.time - [series.time[stretch == number].min() for number in stretch]
     walk = np.where(stretch[:, None] == stretch, np.minimum(elapsed[:, None], elapsed), 0.0)
 
     def fit(log_noise: float) -> tuple[float, Array, Array, float]:
         root = np.linalg.cholesky(np.diag(series.std**2) + np.exp(log_noise) * walk)
         columns, target = np.linalg.solve(root, design), np.linalg.solve(root, series.value)
         gram = columns.T @ columns
-        found = np.linalg.solve(gram, columns.T @ target)
-        left = target - columns @ found
+        solution = np.linalg.solve(gram, columns.T @ target)
+        left = target - columns @ solution
         cost = (2.0 * np.log(np.diag(root)).sum() + np.linalg.slogdet(gram)[1] + left @ left)
-        return float(cost), found, np.linalg.inv(gram), float(left @ left)
+        return float(cost), solution, np.linalg.inv(gram), float(left @ left)
 
     grid = np.concatenate([[-40.0], np.linspace(-8.0, 12.0, 41)])
-    _, found, spread, left = min((fit(value) for value in grid), key=lambda fitted: fitted[0])
+    _, solution, spread, left = min((fit(value) for value in grid), key=lambda fitted: fitted[0])
     spread = spread * max(1.0, left / free)
     last = np.concatenate([[series.time[-1]], levels[-1]])
     both = np.stack([last, np.eye(last.size)[0]])
     deviation = float(np.sqrt(spread[0, 0]))
-    p_value = float(2.0 * student.sf(abs(found[0]) / deviation, free))
-    return float(found[0]), deviation, p_value, both @ spread @ both.T, free
+    p_value = float(2.0 * student.sf(abs(solution[0]) / deviation, free))
+    return float(solution[0]), deviation, p_value, both @ spread @ both.T, free
 
 
 def _filtered(series: TimeSeries, level_noise: float, slope_noise: float) -> tuple[Array, float]:
@@ -323,7 +317,7 @@ def histories_of(ring: str, sessions: Sequence[SessionFigures]) -> RingHistory:
             continue
         renewed = np.diff(services[good], prepend=services[good][0]) > 0
         order = np.argsort(times[good], kind='stable')
-        history = follow(TimeSeries(*(item[order] for item in (
+        history = follow(TimeSeries(*(column[order] for column in (
             times[good], values[good], np.sqrt(spread[good]), renewed))))
         if history is not None:
             histories[name] = history
@@ -338,11 +332,12 @@ def significant_drifts(histories: Sequence[RingHistory]) -> tuple[list[Drift], l
     """
     candidates = []
     for bench in sorted({ring.bench for ring in histories} - {''}):
-        own = [ring for ring in histories if ring.bench == bench]
-        if len(own) >= MIN_RINGS_OF_RIG:
-            slopes, p_value = _common_slopes(own)
+        its_rings = [ring for ring in histories if ring.bench == bench]
+        if len(its_rings) >= MIN_RINGS_OF_RIG:
+            slopes, p_value = _common_slopes(its_rings)
             group = ('load_gain',) if scales_alike(slopes) else tuple(slopes)
-            candidates.append(Drift(bench, 'rig', own[0].clock, slopes, p_value, group, RIG_CHECK))
+            candidates.append(Drift(
+                bench, 'rig', its_rings[0].clock, slopes, p_value, group, RIG_CHECK))
     rigs = _standing(candidates)
     common = {drift.owner: drift.slopes for drift in rigs}
     tested = []
@@ -373,10 +368,7 @@ def _standing(drifts: Sequence[Drift]) -> list[Drift]:
 
 
 def scales_alike(slopes: Slopes) -> bool:
-    """Whether a gain of the load explains the slopes of all stiffnesses and dampings.
-
-    Their common slope must be there, and none may differ from it.
-    """
+    """Whether the scaled slopes are there and equal, so that a gain of the load explains them."""
     measured = [slopes[name] for name in SCALED
                 if name in slopes and math.isfinite(slopes[name][1])]
     if len(measured) < 2:
@@ -396,18 +388,18 @@ def _common_slopes(rings: Sequence[RingHistory]) -> tuple[Slopes, float]:
     Student's test over rings, and most must drift the same way: a few that wear fast widen the
     spread and do not pass for a rig.
     """
-    known = [{name: ring.of[name] for name in SCALED
+    scaled = [{name: ring.of[name] for name in SCALED
               if name in ring.of and math.isfinite(ring.of[name].slope_std)} for ring in rings]
     slopes: dict[str, tuple[float, float]] = {}
     for name in SCALED:
-        values = np.array([own[name].slope for own in known if name in own])
+        values = np.array([histories[name].slope for histories in scaled if name in histories])
         if values.size >= MIN_RINGS_OF_RIG:
             spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
             slopes[name] = (float(np.median(values)), 1.2533 * spread / math.sqrt(values.size))
     gains = np.array([
-        np.average([history.slope for history in own.values()],
-                   weights=[1.0 / history.slope_std**2 for history in own.values()])
-        for own in known if own])
+        np.average([history.slope for history in histories.values()],
+                   weights=[1.0 / history.slope_std**2 for history in histories.values()])
+        for histories in scaled if histories])
     if gains.size < MIN_RINGS_OF_RIG:
         return slopes, 1.0
     together = max(np.mean(gains > 0.0), np.mean(gains < 0.0))

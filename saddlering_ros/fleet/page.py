@@ -32,7 +32,7 @@ def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
             f'rig is at fault, not the rings. {drift.next_test}' for drift in fleet.rigs]
     pictures = [
         html.picture(history_chart(ring), f'history_{ring.ring}', f'Ring {ring.ring}.')
-        for ring in [item for item in fleet.rings if item.history.of][:MAX_DRAWN]]
+        for ring in [ring for ring in fleet.rings if ring.history.of][:MAX_DRAWN]]
     every: Rows = [
         [html.code(ring.ring), ring.bench, str(len(ring.sessions)), f'{ring.e_value:.3g}',
          *([''] * len(COORDINATES) if ring.unlike is None else
@@ -76,9 +76,9 @@ def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
 def _attention(ring: RingJudgement) -> list[str | html.Cell]:
     """The row of a ring that needs a person."""
     unit = 'h' if ring.history.clock == 'service_hours' else 'years'
-    lives = {name: ['beyond the horizon' if math.isinf(time) else f'{float(f"{time:.3g}"):g}'
-                    for time in (life.median, life.low, life.high)]
-             for name, life in ring.life.items()}
+    lives = [(name, *('beyond the horizon' if math.isinf(time) else f'{float(f"{time:.3g}"):g}'
+                      for time in (life.median, life.low, life.high)))
+             for name, life in ring.life.items()]
     links = ', '.join(
         f'<a href="{html.escape(session.report)}">{html.escape(session.name)}</a>'
         for session in ring.sessions if session.report)
@@ -88,7 +88,7 @@ def _attention(ring: RingJudgement) -> list[str | html.Cell]:
     if ring.drift is not None:
         proposed.insert(0, ring.drift.next_test)
     life = '; '.join(f'{name}: {median} {unit} ({low} to {high})'
-                     for name, (median, low, high) in lives.items())
+                     for name, median, low, high in lives)
     return [html.code(ring.ring), ring.bench, '; '.join(ring.reasons), next(iter(proposed), ''),
             life, html.Cell(links, is_html=True)]
 

@@ -89,10 +89,10 @@ def figures_of(task: Mapping[str, Any], result: Mapping[str, Any], p_value: floa
             np.array([float(after[name]) for name in PARAMETERS]),
             np.asarray(result['covariance'], dtype=float))
     causes = {
-        item['effect']: (float(size['value']), float(size['std'] or math.nan))
-        for item in document.get('causes') or []
-        if 'effect' in item and not item.get('partial')
-        for size in list((item.get('parameters') or {}).values())[:1]}
+        cause['effect']: (float(size['value']), float(size['std'] or math.nan))
+        for cause in document.get('causes') or []
+        if 'effect' in cause and not cause.get('partial')
+        for size in list((cause.get('parameters') or {}).values())[:1]}
     time, service_hours = (float(math.nan if task[name] is None else task[name])
                            for name in ('time', 'service_hours'))
     return SessionFigures(
@@ -200,10 +200,10 @@ def fit_population(means: Array, covariances: Array) -> Population:
         return float(0.5 * (quadratic + logs))
 
     is_diagonal = lower[0] == lower[1]
-    found = minimize(cost, np.where(is_diagonal, -0.5, 0.0), method='L-BFGS-B', bounds=[
+    optimum = minimize(cost, np.where(is_diagonal, -0.5, 0.0), method='L-BFGS-B', bounds=[
         (-9.0, 4.0) if here else (-20.0, 20.0) for here in is_diagonal])
-    mean, mean_covariance, _ = _weighted(scaled, scaled_covariances, between(found.x))
-    return Population(mean * scale, mean_covariance * both, between(found.x) * both)
+    mean, mean_covariance, _ = _weighted(scaled, scaled_covariances, between(optimum.x))
+    return Population(mean * scale, mean_covariance * both, between(optimum.x) * both)
 
 
 def unlike_sisters(means: Array, covariances: Array) -> tuple[list[Unlikeness], Population]:
@@ -222,9 +222,9 @@ def unlike_sisters(means: Array, covariances: Array) -> tuple[list[Unlikeness], 
             spread = covariance + population.between
             centre, around = population.mean, population.mean_covariance
             if is_usual:  # the mean of the sisters alone
-                own = np.linalg.inv(spread)
-                around = np.linalg.inv(weight - own)
-                centre = around @ (weight @ population.mean - own @ value)
+                itself = np.linalg.inv(spread)
+                around = np.linalg.inv(weight - itself)
+                centre = around @ (weight @ population.mean - itself @ value)
             apart, spread = value - centre, spread + around
             p_values.append(float(chi2.sf(apart @ np.linalg.solve(spread, apart), apart.size)))
             z_scores.append(apart / np.sqrt(np.diag(spread)))
@@ -232,5 +232,5 @@ def unlike_sisters(means: Array, covariances: Array) -> tuple[list[Unlikeness], 
         if (usual == ~stands).all() or (~stands).sum() < MIN_RINGS:
             break
         usual = ~stands
-    return [Unlikeness(z, p, bool(found)) for z, p, found in zip(
+    return [Unlikeness(z, p, bool(is_unlike)) for z, p, is_unlike in zip(
         z_scores, p_values, stands, strict=True)], population

@@ -43,46 +43,46 @@ class Hdf5Source(Source):
             raise ImportingError(f'{path}: is damaged, or not an HDF5 file ({problem}): save it '
                                  'again') from problem
 
-    def read(self, name: str, part: slice) -> NDArray[Any]:
-        """The values of a column in a slice of rows."""
+    def read(self, name: str, rows: slice) -> NDArray[Any]:
         try:
-            values = self._values(name, part)
+            values = self._values(name, rows)
         except _DAMAGED as problem:
             raise ImportingError(f'{self.path}: {name} cannot be read ({problem}): save the file '
                                  'again') from problem
         return values if self.column(name).kind == TEXT else as_numbers(values)
 
-    def _values(self, name: str, part: slice) -> NDArray[Any]:
+    def _values(self, name: str, rows: slice) -> NDArray[Any]:
         path, which = self._places[name]
         dataset = self._file[path]
         if isinstance(which, str):
-            values = dataset.fields(which)[part] if which else dataset[part]
+            values = dataset.fields(which)[rows] if which else dataset[rows]
         else:
             is_wide = dataset.shape[1] > dataset.shape[0]
-            values = dataset[which, part] if is_wide else dataset[part, which]
+            values = dataset[which, rows] if is_wide else dataset[rows, which]
         return np.asarray(values) if values.dtype.kind not in 'SUO' else np.array(
             [_text(value) for value in values], dtype=object)
 
-    def _visit(self, name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or name.startswith('#') or (item.size or 0) < 2:
+    def _visit(self, name: str, dataset: Any) -> None:
+        is_usable = isinstance(dataset, h5py.Dataset) and not name.startswith('#')
+        if not is_usable or (dataset.size or 0) < 2:
             return
-        if item.dtype.names:
-            for field in item.dtype.names:
-                self._add(f'{name}/{field}', name, field, item.dtype[field])
-        elif item.ndim == 1 or (item.ndim == 2 and 1 in item.shape):
-            self._add(name, name, '' if item.ndim == 1 else 0, item.dtype)
-        elif item.ndim == 2:
-            for index in range(min(*item.shape, MAX_COLUMNS)):
-                self._add(f'{name}:{index + 1}', name, index, item.dtype)
+        if dataset.dtype.names:
+            for field in dataset.dtype.names:
+                self._add(f'{name}/{field}', name, field, dataset.dtype[field])
+        elif dataset.ndim == 1 or (dataset.ndim == 2 and 1 in dataset.shape):
+            self._add(name, name, '' if dataset.ndim == 1 else 0, dataset.dtype)
+        elif dataset.ndim == 2:
+            for index in range(min(*dataset.shape, MAX_COLUMNS)):
+                self._add(f'{name}:{index + 1}', name, index, dataset.dtype)
 
     def _add(self, name: str, path: str, which: str | int, kind: np.dtype[Any]) -> None:
         is_text = kind.kind in 'SU' or (kind.kind == 'O' and h5py.check_string_dtype(kind))
         if (not is_text and kind.kind not in 'fiu') or len(self.columns) == MAX_COLUMNS:
             return
         self._places[name] = path, which
-        item = self._file[path]
-        rows = max(item.shape)
-        units = [item.attrs.get(key) for key in _UNITS]
+        dataset = self._file[path]
+        rows = max(dataset.shape)
+        units = [dataset.attrs.get(key) for key in _UNITS]
         unit = next((value for value in units if isinstance(value, (bytes, str))), '')
         self.columns += (Column(
             name, _text(unit), rows, TEXT if is_text else NUMBER,
@@ -100,13 +100,13 @@ class Matlab73Source(Hdf5Source):
 
     FORMAT = 'MAT 7.3'
 
-    def _visit(self, name: str, item: Any) -> None:
-        kind = item.attrs.get('MATLAB_class', b'')
-        if bytes(kind) in (b'char', b'cell', b'function_handle') or 'MATLAB_empty' in item.attrs:
-            return
-        super()._visit(name, item)
+    def _visit(self, name: str, dataset: Any) -> None:
+        kind = bytes(dataset.attrs.get('MATLAB_class', b''))
+        if kind not in _NOT_READ and 'MATLAB_empty' not in dataset.attrs:
+            super()._visit(name, dataset)
 
 
+_NOT_READ = (b'char', b'cell', b'function_handle')
 _READ = ('double', 'single', 'int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'int64',
          'uint64', 'struct')
 
@@ -137,9 +137,8 @@ class MatlabSource(Source):
                    others=(name.replace('/', '.'), name.rpartition('/')[2]))
             for name, values in self._values.items())
 
-    def read(self, name: str, part: slice) -> NDArray[Any]:
-        """The values of a variable in a slice of rows."""
-        return self._values[name][part]
+    def read(self, name: str, rows: slice) -> NDArray[Any]:
+        return self._values[name][rows]
 
     def _collect(self, name: str, value: Any) -> None:
         if isinstance(value, mat_struct):

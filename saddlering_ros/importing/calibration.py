@@ -75,10 +75,11 @@ _SAME = {'µm': 'um', 'μm': 'um', 'µs': 'us', 'μs': 'us', 'sec': 's', 'inch':
 
 def unit_of(name: object, where: str) -> Unit:
     """The unit of that name; ImportingError if it is not known."""
-    if (found := known_unit(name)) is not None:
-        return found
-    raise ImportingError(f'{where} is {name!r}, which is not a known unit'
-                         f'{did_you_mean(str(name), _UNITS)} (known: {", ".join(_UNITS)})')
+    unit = known_unit(name)
+    if unit is None:
+        raise ImportingError(f'{where} is {name!r}, which is not a known unit'
+                             f'{did_you_mean(str(name), _UNITS)} (known: {", ".join(_UNITS)})')
+    return unit
 
 
 def known_unit(name: object) -> Unit | None:
@@ -116,8 +117,8 @@ class Table:
 
     def apply(self, readings: Floats) -> Floats:
         """Readings in SI."""
-        found = np.interp(readings, self.readings, self.values, left=np.nan, right=np.nan)
-        return self.unit.to_si(found)
+        values = np.interp(readings, self.readings, self.values, left=np.nan, right=np.nan)
+        return self.unit.to_si(values)
 
 
 Calibration = Polynomial | Table
@@ -160,8 +161,8 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
                                      'correct the table') from problem
             # 'mm', 'gap [mm]', 'gap (mm)' or 'gap in mm'
             brackets = [re.search(r'[\[(]\s*([^\])]+?)\s*[\])]', cell) for cell in cells]
-            heading = [known_unit(found[1] if found else cell.split()[-1] if cell else '')
-                       for cell, found in zip(cells, brackets, strict=True)]
+            heading = [known_unit(bracket[1] if bracket else cell.split()[-1] if cell else '')
+                       for cell, bracket in zip(cells, brackets, strict=True)]
     if heading[0] not in (None, reading_unit):
         raise ImportingError(f'{path}: its readings are in {heading[0].name}, the map gives the '
                              f'column in {reading_unit.name}: correct one')
@@ -269,24 +270,24 @@ class DatedTime:
         if self.format == FILE:
             raise ImportingError(f"column {self.columns[0]} holds no dates of the file's own "
                                  'kind: give format: iso, or like "%d.%m.%Y %H:%M:%S"')
-        known: dict[str, int] = {}
+        seconds: dict[str, int] = {}
         result = np.empty(len(rows), dtype=np.int64)
         for row, texts in enumerate(zip(*(column.tolist() for column in cells), strict=True)):
             base, fraction = _parted(' '.join(map(str, texts)).strip())
-            if base not in known:
-                known[base] = self._whole_seconds(base)
-            result[row] = MISSING if known[base] == MISSING else known[base] + fraction
+            if base not in seconds:
+                seconds[base] = self._whole_seconds(base)
+            result[row] = MISSING if seconds[base] == MISSING else seconds[base] + fraction
         return result
 
     def _whole_seconds(self, text: str) -> int:
         try:
-            found = parse_moment(text, self.format)
+            moment = parse_moment(text, self.format)
         except ValueError:
             return MISSING
-        if found.tzinfo is None and self.zone is None:
+        if moment.tzinfo is None and self.zone is None:
             raise ImportingError(f'the times of column {self.columns[-1]} ({text!r}) have no '
                                  'time zone: add zone: to time:, like UTC or Europe/Berlin')
-        stamp = _nanoseconds(found, self.zone)
+        stamp = _nanoseconds(moment, self.zone)
         return stamp if abs(stamp) < MAX_STAMP else MISSING
 
 
@@ -316,18 +317,18 @@ def zone_of(name: object, where: str) -> tzinfo:
 def start_of(value: object, zone: tzinfo | None, where: str) -> int:
     """A start [ns] from a map: text, or the value of YAML for a date without quotes."""
     if isinstance(value, datetime):
-        found, fraction = value, 0
+        moment, fraction = value, 0
     else:
         base, fraction = _parted(str(value).strip())
         try:
-            found = parse_moment(base, ISO)
+            moment = parse_moment(base, ISO)
         except ValueError as problem:
             raise ImportingError(f'{where} is {value!r}: give a date and time like '
                                  '"2026-11-20T08:00:00Z"') from problem
-    if found.tzinfo is None and zone is None:
+    if moment.tzinfo is None and zone is None:
         raise ImportingError(f'{where} is {value!r} without a time zone: write it with Z or '
                              '+01:00, or add zone:')
-    return _nanoseconds(found, zone) + fraction
+    return _nanoseconds(moment, zone) + fraction
 
 
 def parse_moment(text: str, format_: str) -> datetime:
@@ -348,8 +349,8 @@ def words_of(stamp: int) -> str:
 
 def _parted(text: str) -> tuple[str, int]:
     """The text without its fraction of a second, and the fraction [ns]."""
-    found = _FRACTION.match(text)
-    return (text, 0) if found is None else (found[1] + found[3], int(found[2][:9].ljust(9, '0')))
+    match = _FRACTION.match(text)
+    return (text, 0) if match is None else (match[1] + match[3], int(match[2][:9].ljust(9, '0')))
 
 
 def _nanoseconds(moment: datetime, zone: tzinfo | None) -> int:

@@ -217,10 +217,7 @@ def _merged(feeds: Sequence[tuple[Feed, Iterator[Part]]]) -> Iterator[Samples]:
 
 
 def save_preview(path: Path, runs: Sequence[ImportedRun], rig: Rig) -> None:
-    """Write the picture (of PREVIEW_ENDINGS, by the suffix) of the first MAX_RUNS runs.
-
-    rig: whose unit of forces the picture has.
-    """
+    """Write the picture of the first MAX_RUNS runs, by the suffix, in the rig's unit of forces."""
     from matplotlib.figure import Figure
 
     shown = list(runs[:MAX_RUNS])

@@ -107,7 +107,7 @@ def _rows(lines: Sequence[str], delimiter: str) -> list[list[str]]:
 
 def _sniffed(path: Path, lines: Sequence[str], given: Mapping[str, Any]) -> CsvShape:
     """The delimiter and decimal mark by which most cells of the last lines are numbers."""
-    best, found = 0.0, CsvShape()
+    best, shape = 0.0, CsvShape()
     thousands = str(given.get('thousands', ''))
     is_quoted = any('"' in line for line in lines[-20:])
     lines = [line.replace(thousands, '') for line in lines] if thousands else lines
@@ -126,12 +126,12 @@ def _sniffed(path: Path, lines: Sequence[str], given: Mapping[str, Any]) -> CsvS
             score = share * (1.0 + 0.01 * width)
             if score > best + 1e-9:
                 best = score
-                found = replace(_headings(rows, width, decimal), delimiter=delimiter,
+                shape = replace(_headings(rows, width, decimal), delimiter=delimiter,
                                 decimal=decimal)
     if not best and not given.keys() >= {'delimiter', 'decimal', 'header_line', 'first_line'}:
         raise ImportingError(f'{path}: no columns of numbers were found: state csv: {{delimiter, '
                              'decimal, header_line, first_line} in the map')
-    return found
+    return shape
 
 
 def is_number(cell: str, decimal: str) -> bool:

@@ -35,10 +35,7 @@ test:
 
 
 def draft_map(sources: Sequence[Source]) -> tuple[str, list[str]]:
-    """A map proposed from the columns of the files, as YAML, and what was seen, a line each.
-
-    Unknown entries stand as TODO.
-    """
+    """A map proposed from the files' columns, as YAML with TODOs, and what was seen of them."""
     columns = [column for source in sources for column in source.columns]
     lines = []
     for settings in [source.settings for source in sources if source.settings][:1]:
@@ -61,14 +58,14 @@ def _seen(sources: Sequence[Source]) -> Iterator[str]:
             unit = f' [{column.unit}]' if column.unit else ' (no unit given)' \
                 if column.kind == NUMBER else ''
             rows = '' if column.rows is None else f', {column.rows} rows'
-            own, timing = '', column.timing
+            clock, timing = '', column.timing
             if timing is not None:
                 how = f'{1 / timing.period:g} Hz' if timing.period else f'times in {timing.column}'
                 start = timing.start
-                own = f', {how} ' + (
+                clock = f', {how} ' + (
                     'no date' if start is None else f'from {calibration.words_of(start)}')
             first = f', first {", ".join(column.samples)}' if column.samples else ''
-            yield f'  {column.name}{unit}: {column.kind}s{rows}{own}{first}'
+            yield f'  {column.name}{unit}: {column.kind}s{rows}{clock}{first}'
         yield from (f'  warning: {line}' for line in source.warnings)
 
 
@@ -128,11 +125,11 @@ def _chosen(columns: Sequence[Column]) -> dict[str, Column]:
         is_load = _is_called(column, _LOAD)
         if column.kind != NUMBER or (_is_called(column, _TIME) and not is_load):
             continue
-        found = _NUMBERED.search(column.name.rpartition('/')[2])
+        number = _NUMBERED.search(column.name.rpartition('/')[2])
         if is_load or measures(column.unit, calibration.FORCE, calibration.PRESSURE):
             chosen.setdefault('hydraulic_load', column)
-        elif found and (_is_called(column, _PROBE) or measures(column.unit, calibration.LENGTH)):
-            chosen.setdefault(f'eddy_current_{found[1]}', column)
+        elif number and (_is_called(column, _PROBE) or measures(column.unit, calibration.LENGTH)):
+            chosen.setdefault(f'eddy_current_{number[1]}', column)
     return chosen
 
 

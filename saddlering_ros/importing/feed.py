@@ -138,7 +138,6 @@ class Feed:
 
     @property
     def names(self) -> list[str]:
-        """Its channels."""
         return list(self.pieces[0].columns)
 
     def parts(self) -> Iterator[Part]:
@@ -185,27 +184,27 @@ class Feed:
         elif self.split.by == 'gap':
             before = stamps[rows[0]] if self._last == calibration.MISSING else self._last
             leaps = np.abs(np.diff(stamps[rows], prepend=before)) > self.split.seconds * SECOND
-            for index, part in enumerate(np.split(rows, np.flatnonzero(leaps))):
+            for index, run_rows in enumerate(np.split(rows, np.flatnonzero(leaps))):
                 if index:
                     self._run += 1
                     self._last = calibration.MISSING
-                if len(part):
-                    yield part
+                if len(run_rows):
+                    yield run_rows
         else:
             cells = block[piece.split_column][rows].tolist()
             labels = np.array([
                 str(cell).strip() if not isinstance(cell, float) else
                 '' if np.isnan(cell) else f'{cell:g}' for cell in cells], dtype=object)
             starts = np.flatnonzero(labels[1:] != labels[:-1]) + 1
-            for part, label in zip(np.split(rows, starts), labels[[0, *starts]], strict=True):
+            for run_rows, label in zip(np.split(rows, starts), labels[[0, *starts]], strict=True):
                 if label == '':
                     piece.source.warn(f'rows between runs (column {piece.split_column!r} is '
-                                      'empty), left out', len(part))
+                                      'empty), left out', len(run_rows))
                     continue
                 if label != self._label:
                     self._run += bool(self._label)
                     self._label, self._last = label, calibration.MISSING
-                yield part
+                yield run_rows
 
     def _later(
         self, source: Source, stamps: Stamps, rows: NDArray[np.int64], first: int,

@@ -132,21 +132,21 @@ def read_map(path: Path) -> ImportMap:
 def _refuse_todo(value: Any, name: str, where: str) -> None:
     """A draft that has not been completed is refused at its first gap."""
     if isinstance(value, Mapping):
-        for key, item in value.items():
-            _refuse_todo(item, f'{name}.{key}' if name else str(key), where)
+        for key, entry in value.items():
+            _refuse_todo(entry, f'{name}.{key}' if name else str(key), where)
     elif isinstance(value, list):
-        for item in value:
-            _refuse_todo(item, name, where)
+        for entry in value:
+            _refuse_todo(entry, name, where)
     elif value == TO_DO:
         raise ImportingError(f'{where}: {name} is still {TO_DO}: state it')
 
 
-def _section(value: Any, file: str, name: str, known: Sequence[str] = ()) -> Mapping[str, Any]:
+def _section(value: Any, file: str, name: str, keys: Sequence[str] = ()) -> Mapping[str, Any]:
     """The section of that dotted name; ImportingError if it is none, or has unknown entries."""
     if not isinstance(value, Mapping):
         raise ImportingError(f'{file}: {name} is {value!r}: give a section with entries')
-    if known:
-        refuse_unknown_keys(value, known, name, file, ImportingError)
+    if keys:
+        refuse_unknown_keys(value, keys, name, file, ImportingError)
     return value
 
 
@@ -181,8 +181,8 @@ def _time(given: Any, file: str, name: str) -> TimeSource:
                              'ns) for numbers, format: iso or like "%d.%m.%Y %H:%M:%S" for dates')
     unit = unit_of(section['unit'], f'{where}.unit')
     if unit.quantity != calibration.TIME or len(names) != 1:
-        known = ', '.join(calibration.FACTORS[calibration.TIME])
-        raise ImportingError(f'{where}.unit is {unit.name}: give a unit of time ({known}) and '
+        units = ', '.join(calibration.FACTORS[calibration.TIME])
+        raise ImportingError(f'{where}.unit is {unit.name}: give a unit of time ({units}) and '
                              'one column')
     return calibration.CountedTime((names[0],), unit, start or 0)
 
@@ -195,7 +195,7 @@ def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
     if section.get('unit') in (None, ''):
         raise ImportingError(f'{where}: the unit of column {section["column"]!r} is not stated: '
                              'give unit:')
-    found = _calibration(section, unit_of(section['unit'], f'{where}.unit'), where, folder)
+    law = _calibration(section, unit_of(section['unit'], f'{where}.unit'), where, folder)
     numbers = {key: _number(section.get(key, usual), f'{where}.{key}')
                for key, usual in NUMBERS.items()}
     if ('rod_area' in section) != ('rod_pressure' in section):
@@ -206,17 +206,17 @@ def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
             raise ImportingError(f'{where}.{key} is {area:g}: give an area in m2')
     if rod and not piston:
         raise ImportingError(f'{where}: rod_area needs piston_area: give both, in m2')
-    if piston and found.unit.quantity != calibration.PRESSURE:
+    if piston and law.unit.quantity != calibration.PRESSURE:
         raise ImportingError(f'{where}: piston_area is for a pressure, and the column is in '
-                             f'{found.unit.name}: correct one')
+                             f'{law.unit.name}: correct one')
     wanted = calibration.PRESSURE if piston else QUANTITIES[topic.unit]
-    if found.unit.quantity != wanted:
-        known = list(calibration.FACTORS[wanted])
-        remedy = (f'give a table:, or scale: with scale_unit: like {known[0]}/{found.unit.name}, '
-                  f'or correct the unit ({", ".join(known)})')
-        if (found.unit.quantity, wanted) == (calibration.PRESSURE, calibration.FORCE):
+    if law.unit.quantity != wanted:
+        units = list(calibration.FACTORS[wanted])
+        remedy = (f'give a table:, or scale: with scale_unit: like {units[0]}/{law.unit.name}, '
+                  f'or correct the unit ({", ".join(units)})')
+        if (law.unit.quantity, wanted) == (calibration.PRESSURE, calibration.FORCE):
             remedy = 'give piston_area: in m2 (and rod_pressure:, rod_area:)'
-        raise ImportingError(f'{where}: is a {found.unit.quantity} ({found.unit.name}) where a '
+        raise ImportingError(f'{where}: is a {law.unit.quantity} ({law.unit.name}) where a '
                              f'{wanted} is needed: {remedy}')
     if numbers['polarity'] not in (-1.0, 1.0):
         raise ImportingError(f'{where}.polarity is {numbers["polarity"]:g}: give 1 or -1')
@@ -228,7 +228,7 @@ def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
             raise ImportingError(f'{where}.uncertainty.{key} is {uncertainty[key]!r}: give a '
                                  'standard uncertainty above zero')
     return ChannelMap(
-        name=name, topic=topic, column=str(section['column']), calibration=found,
+        name=name, topic=topic, column=str(section['column']), calibration=law,
         time=(_time(section['time'], file, f'channels.{name}.time') if 'time' in section
               else None),
         file=str(section.get('file', '*')), delay=numbers['delay'], polarity=numbers['polarity'],

@@ -116,7 +116,6 @@ class MdfBlocks:
                                  'read: save the file as MDF 4.10 with sorted records')
 
     def damaged(self, words: str) -> ImportingError:
-        """An error that names the fault."""
         return ImportingError(f'{self._where}: is damaged ({words}): copy or save the file again')
 
     def _head(self, place: int) -> tuple[str, int, int]:
@@ -187,12 +186,12 @@ class _Channel:
 
     def _raw(self, records: NDArray[np.uint8]) -> NDArray[Any]:
         start, size = self.group.prefix + self.offset, (self.bit + self.bits + 7) // 8
-        part = np.ascontiguousarray(records[:, start:start + size])
+        bytes_ = np.ascontiguousarray(records[:, start:start + size])
         if self.bit == 0 and self.bits in (8, 16, 32, 64):
-            return part.view(f'{self.kind}{size}')[:, 0]
-        whole = np.zeros(len(part), dtype=np.uint64)
+            return bytes_.view(f'{self.kind}{size}')[:, 0]
+        whole = np.zeros(len(bytes_), dtype=np.uint64)
         for shift, byte in enumerate(range(size) if self.kind[0] == '<' else range(size)[::-1]):
-            whole |= part[:, byte].astype(np.uint64) << np.uint64(8 * shift)
+            whole |= bytes_[:, byte].astype(np.uint64) << np.uint64(8 * shift)
         whole = (whole >> np.uint64(self.bit)) & np.uint64((1 << self.bits) - 1)
         if self.kind[1] == 'u':
             return whole
@@ -223,7 +222,6 @@ class MdfSource(Source):
             raise self._blocks.damaged('a block is shorter than it should be') from problem
 
     def blocks(self, names: Sequence[str], as_text: Collection[str] = ()) -> Iterator[Block]:
-        """Channels of one group, block by block."""
         groups = {self._channels[name].group for name in names}
         if len(groups) > 1:
             raise ImportingError(f'{self.path}: {", ".join(names)} belong to different groups: '
@@ -297,9 +295,9 @@ class MdfSource(Source):
         first = next(self._blocks.pieces(group.data), b'')
         count = min(3, len(first) // group.record)
         samples = tuple(map(str, channel.values(_table(first, group.record, count))))
-        own = timing if timing is None or timing.column != name else None
+        its_time = timing if timing is None or timing.column != name else None
         self.columns += (Column(name, self._blocks.text(block.links[6]) or unit, group.rows,
-                                NUMBER, samples, own, (text,)),)
+                                NUMBER, samples, its_time, (text,)),)
 
     def _conversion(self, place: int) -> tuple[int, tuple[float, ...], str]:
         """Kind, values and unit of the conversion at `place`, if there is one."""

@@ -71,10 +71,7 @@ class Source:
         self._warnings: dict[str, list[Any]] = {}
 
     def blocks(self, names: Sequence[str], as_text: Collection[str] = ()) -> Iterator[Block]:
-        """The named columns, rows together, BLOCK_ROWS or so at a time.
-
-        as_text: columns of a text file whose cells are read as text.
-        """
+        """The named columns, BLOCK_ROWS or so at a time; as_text: those read as text."""
         counts = {name: self.column(name).rows or 0 for name in names}
         rows = counts[names[0]]
         if set(counts.values()) != {rows}:
@@ -83,10 +80,10 @@ class Source:
                                  f'numbers of rows ({listed}): give each channel a time: of its '
                                  'own')
         for start in range(0, rows, BLOCK_ROWS):
-            part = slice(start, min(start + BLOCK_ROWS, rows))
-            yield {name: self.read(name, part) for name in names}
+            rows_read = slice(start, min(start + BLOCK_ROWS, rows))
+            yield {name: self.read(name, rows_read) for name in names}
 
-    def read(self, name: str, part: slice) -> NDArray[Any]:
+    def read(self, name: str, rows: slice) -> NDArray[Any]:
         """The values of a column in a slice of rows, for a reader without blocks of its own."""
         raise NotImplementedError
 
@@ -95,7 +92,6 @@ class Source:
         return cells
 
     def column(self, name: str) -> Column:
-        """The column of that exact name."""
         return next(column for column in self.columns if column.name == name)
 
     def warn(self, words: str, number: int = 0, first: str = '') -> None:
@@ -116,10 +112,7 @@ class Source:
 def open_sources(
     files: Sequence[Path], csv_shape: Mapping[str, Any] | None = None,
 ) -> list[Source]:
-    """The reader of each file, found by its first bytes; ImportingError if there is none.
-
-    csv_shape: entries of a map on the shape of its text files.
-    """
+    """The reader of each file, found by its first bytes; csv_shape: of the map, for text files."""
     places = [resolved(file) for file in files]
     for number, file in enumerate(files):
         if places[number] in places[:number]:
@@ -161,7 +154,7 @@ def find_column(sources: Sequence[Source], pattern: str, where: str) -> list[tup
 
     An exact name comes before other names of a column, and these before patterns with * and ?.
     """
-    found = []
+    places = []
     for source in sources:
         names = (
             [column.name for column in source.columns if column.name == pattern]
@@ -171,14 +164,14 @@ def find_column(sources: Sequence[Source], pattern: str, where: str) -> list[tup
         if len(names) > 1:
             raise ImportingError(f'{where}: {pattern!r} matches several columns of {source.path} '
                                  f'({", ".join(names[:5])}): give one name')
-        found += [(source, name) for name in names]
-    if not found:
-        known = [name for source in sources for column in source.columns
+        places += [(source, name) for name in names]
+    if not places:
+        headings = [name for source in sources for column in source.columns
                  for name in (column.name, *column.others)]
-        listed = ', '.join(dict.fromkeys(known[:12]))
+        listed = ', '.join(dict.fromkeys(headings[:12]))
         raise ImportingError(f'{where}: no file has a column {pattern!r}'
-                             f'{did_you_mean(pattern, known)} (there are: {listed})')
-    return found
+                             f'{did_you_mean(pattern, headings)} (there are: {listed})')
+    return places
 
 
 def as_numbers(values: NDArray[Any]) -> NDArray[np.float64] | NDArray[np.int64]:

@@ -39,11 +39,10 @@ class TdmsSource(Source):
         self._channels = {f'{channel.group_name}/{channel.name}': channel for channel in channels}
         self.columns = tuple(self._column(name) for name in self._channels)
 
-    def read(self, name: str, part: slice) -> NDArray[Any]:
-        """The values of a column in a slice of rows."""
+    def read(self, name: str, rows: slice) -> NDArray[Any]:
         try:
             with self._log_as_warnings():
-                values = self._channels[name].read_data(part.start, part.stop - part.start)
+                values = self._channels[name].read_data(rows.start, rows.stop - rows.start)
         except Exception as problem:
             raise ImportingError(f'{self.path}: channel {name} cannot be read ({problem}): save '
                                  'the file again') from problem

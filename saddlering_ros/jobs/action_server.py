@@ -114,11 +114,9 @@ class ActionNode(Node):
         raise NotImplementedError
 
     def feedback(self, progress: Progress, elapsed: float) -> Any:
-        """The feedback message of a progress report."""
         raise NotImplementedError
 
     def fill(self, result: Any, answer: Answer) -> None:
-        """Put the job's answer into the result."""
         for name, value in answer.fields.items():
             setattr(result, name, value)
 
@@ -199,14 +197,14 @@ class ActionNode(Node):
             self.fill(result, outcome.answer)
             result.status, result.message = result.SUCCEEDED, outcome.answer.words
             goal_handle.succeed()
-            if (found := outcome.answer.parameters) is not None:
-                result.parameters = parameters_to_message(found, self.get_clock().now().to_msg())
+            if (law := outcome.answer.parameters) is not None:
+                result.parameters = parameters_to_message(law, self.get_clock().now().to_msg())
                 if outcome.answer.offered:
                     self._found.publish(result.parameters)
                 else:
                     self.get_logger().warning(
                         'the parameters are not offered to simulators, because the data do not '
-                        f'determine {", ".join(found.source.undetermined)}')
+                        f'determine {", ".join(law.source.undetermined)}')
         elif outcome.kind == CANCELED and goal_handle.is_cancel_requested:
             result.status = result.CANCELED
             goal_handle.canceled()
@@ -223,7 +221,6 @@ class ActionNode(Node):
             (f'/{self.NAME}', status), ('rig', self._agreement.report(1.0))]))
 
     def destroy_node(self) -> None:
-        """End the worker process too."""
         self._worker.close()
         self._server.destroy()
         super().destroy_node()

@@ -55,14 +55,13 @@ class IdentificationRequest:
             given.bags, rig=self.rig, settings=self.settings, on_progress=on_progress)
         judged = validate(given.held_out or given.bags, parameters=result, rig=self.rig,
                           on_progress=on_progress)
-        found = result.found
-        unknown = [name for name in PARAMETER_NAMES
-                   if name in found.parameters.source.undetermined]
+        fit = result.found
+        unknown = [name for name in PARAMETER_NAMES if name in fit.parameters.source.undetermined]
         offered = len(unknown) < len(PARAMETER_NAMES)
-        return Answer(found.status, found.parameters, {
-            'objective': float(found.objective), 'undetermined': unknown, 'offered': offered,
+        return Answer(fit.status, fit.parameters, {
+            'objective': float(fit.objective), 'undetermined': unknown, 'offered': offered,
             'validation_json': json.dumps(judged.found.to_json()['runs']),
-            'report_json': json.dumps(found.to_json())}, offered)
+            'report_json': json.dumps(fit.to_json())}, offered)
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,6 @@ class Worker:
         return self._process.wait()
 
     def close(self) -> None:
-        """End the process and close its resources."""
         self.kill()
         if self._pipe is not None:
             self._pipe.close()

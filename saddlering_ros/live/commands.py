@@ -75,10 +75,7 @@ class Job:
 
 
 class Action:
-    """One action as a bystander sees it: its last goal `job`, and the way to cancel.
-
-    lock: under which `job` changes.
-    """
+    """One action as a bystander sees it: its last goal `job`, set under `lock`; it can cancel."""
 
     def __init__(self, node: Node, name: str, lock: Lock) -> None:
         path, self._kind = ACTIONS[name]
@@ -171,4 +168,4 @@ def with_identification(job: Job, report: Mapping[str, Any]) -> Job:
     from saddlering_ros.identification.result import parameter_words
 
     return replace(job, lines=[
-        parameter_words(name, item) for name, item in report['parameters'].items()])
+        parameter_words(name, figures) for name, figures in report['parameters'].items()])

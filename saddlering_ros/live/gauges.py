@@ -23,7 +23,6 @@ class Reading(NamedTuple):
 
     @property
     def is_old(self) -> bool:
-        """Whether it is no longer current."""
         return time.monotonic() - self.at > FRESH
 
 
@@ -44,28 +43,27 @@ class Gauges:
         [degrees]: the value of the simulator, if the rig measures none; absent: the number of the
         probe that the rig does not have.
         """
-        load, elevation = self._readings.get('load'), self._readings.get('elevation')
-        assumed = None if assumed_elevation is None else {
-            'deg': assumed_elevation, 'is_measured': False, 'is_old': False}
-        return {
-            'load': None if load is None else {
-                't': round(load.value / TONNE, 3), 'kN': round(load.value / 1e3, 2),
-                'is_old': load.is_old},
-            'elevation': assumed if elevation is None else {
-                'deg': round(math.degrees(elevation.value), 2), 'is_measured': True,
-                'is_old': elevation.is_old},
-            'probes': [{'is_absent': True} if number == absent
-                       else _probe(self._readings.get(f'probe_{number}'))
-                       for number in (1, 2, 3, 4)]}
+        shown: dict[str, Any] = {'load': None, 'elevation': None, 'probes': [
+            {'is_absent': True} if number == absent
+            else _probe(self._readings.get(f'probe_{number}')) for number in (1, 2, 3, 4)]}
+        if (load := self._readings.get('load')) is not None:
+            shown['load'] = {'t': round(load.value / TONNE, 3), 'kN': round(load.value / 1e3, 2),
+                             'is_old': load.is_old}
+        if (elevation := self._readings.get('elevation')) is not None:
+            shown['elevation'] = {'deg': round(math.degrees(elevation.value), 2),
+                                  'is_measured': True, 'is_old': elevation.is_old}
+        elif assumed_elevation is not None:
+            shown['elevation'] = {'deg': assumed_elevation, 'is_measured': False, 'is_old': False}
+        return shown
 
 
-def _probe(found: Reading | None) -> dict[str, Any] | None:
+def _probe(reading: Reading | None) -> dict[str, Any] | None:
     """Gap and span in mm, the margin to the nearer end, and its judgement."""
-    if found is None or not math.isfinite(found.value):
+    if reading is None or not math.isfinite(reading.value):
         return None
-    gap, low, high = found.value, found.low, found.high
+    gap, low, high = reading.value, reading.low, reading.high
     shown = {'gap': round(1e3 * gap, 4), 'low': None, 'high': None, 'margin': None, 'level': 'ok',
-             'is_old': found.is_old}
+             'is_old': reading.is_old}
     if high > low:
         margin = min(gap - low, high - gap)
         share = margin / (high - low)

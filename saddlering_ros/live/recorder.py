@@ -63,13 +63,11 @@ class Recorder(StreamingNode):
                 raw=True)
 
     def connect(self) -> None:
-        """Subscribe to all streams."""
         self._flows = {topic: RawSubscription(self, name_of(topic), kind)
                        for topic, kind in streams().items()}
         self.inputs = list(self._flows.values())
 
     def process_batch(self) -> None:
-        """Write the messages that have arrived."""
         for topic, flow in self._flows.items():
             messages = flow.take()
             if messages:

@@ -24,7 +24,6 @@ from pathlib import Path
 import re
 import secrets
 import threading
-from typing import Any
 
 from aiohttp import web
 from aiohttp.web_protocol import RequestHandler
@@ -85,7 +84,7 @@ def application(watcher: Watcher, where: Address) -> web.Application:
     """The web application."""
     from saddlering_ros.rig.drawing import drawing_svg
 
-    app = web.Application(middlewares=[_guard(where)])
+    app = web.Application(middlewares=[web.middleware(partial(_guard, where))])
     for path, (name, kind) in FILES.items():
         app.router.add_get(path, partial(_content, (PAGE / name).read_bytes, kind, FRESH))
     app.router.add_get('/plotly.js', partial(_content, _zipped_library, 'text/javascript', {
@@ -139,33 +138,28 @@ def serve(watcher: Watcher, where: Address, on_ready: Callable[[Address], None],
             logging.getLogger(name).removeFilter(only)
 
 
-def _guard(where: Address) -> Any:
+async def _guard(where: Address, request: web.Request, handler: Handler) -> web.StreamResponse:
     """Middleware: tells who may look, and keeps other sites from commands."""
     token = where.token.encode()
-
-    @web.middleware
-    async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-        host = re.fullmatch(r'(\[[0-9A-Fa-f:.]+\]|[\w.-]+)(:\d+)?', request.host)
-        if where.is_loopback and (host is None or host[1] not in LOOPBACK):
-            raise web.HTTPForbidden(text='this page answers to localhost only\n')
-        if where.token:
-            if hmac.compare_digest(request.query.get('token', '').encode(), token):
-                answer = web.HTTPFound(request.path)
-                answer.set_cookie(COOKIE, where.token, httponly=True, samesite='Strict')
-                raise answer
-            if not hmac.compare_digest(request.cookies.get(COOKIE, '').encode(), token):
-                raise web.HTTPForbidden(text='open the address with the token that saddlering '
-                                             'live printed\n')
-        if request.method == 'POST' and HEADER not in request.headers:
-            raise web.HTTPForbidden(text=f'the header {HEADER} is missing\n')
-        response = await handler(request)
-        if not response.prepared:
-            response.headers.update({
-                'Content-Security-Policy': POLICY, 'X-Content-Type-Options': 'nosniff',
-                'Referrer-Policy': 'no-referrer'})
-        return response
-
-    return guard
+    host = re.fullmatch(r'(\[[0-9A-Fa-f:.]+\]|[\w.-]+)(:\d+)?', request.host)
+    if where.is_loopback and (host is None or host[1] not in LOOPBACK):
+        raise web.HTTPForbidden(text='this page answers to localhost only\n')
+    if token:
+        if hmac.compare_digest(request.query.get('token', '').encode(), token):
+            answer = web.HTTPFound(request.path)
+            answer.set_cookie(COOKIE, where.token, httponly=True, samesite='Strict')
+            raise answer
+        if not hmac.compare_digest(request.cookies.get(COOKIE, '').encode(), token):
+            raise web.HTTPForbidden(text='open the address with the token that saddlering live '
+                                         'printed\n')
+    if request.method == 'POST' and HEADER not in request.headers:
+        raise web.HTTPForbidden(text=f'the header {HEADER} is missing\n')
+    response = await handler(request)
+    if not response.prepared:
+        response.headers.update({
+            'Content-Security-Policy': POLICY, 'X-Content-Type-Options': 'nosniff',
+            'Referrer-Policy': 'no-referrer'})
+    return response
 
 
 async def _content(make: Callable[[], bytes], kind: str, headers: Mapping[str, str],
@@ -210,10 +204,10 @@ async def _events(watcher: Watcher, boot: str, request: web.Request) -> web.Stre
 
 
 async def _test(watcher: Watcher, request: web.Request) -> web.Response:
-    found = watcher.test(int(request.match_info['number']))
-    if found is None:
+    curves = watcher.test(int(request.match_info['number']))
+    if curves is None:
         raise web.HTTPNotFound(text='this test is no longer kept\n')
-    return web.json_response(found)
+    return web.json_response(curves)
 
 
 async def _bag(watcher: Watcher, request: web.Request) -> web.Response:
@@ -294,12 +288,10 @@ class Connection(RequestHandler):
             super().data_received(data)
 
     def connection_lost(self, exc: BaseException | None) -> None:
-        """Forget the connection."""
         self._leave()
         super().connection_lost(exc)
 
     def drop(self) -> None:
-        """Close without an answer."""
         self._leave()
         if self.transport is not None:
             self.transport.abort()
@@ -321,7 +313,6 @@ class OneLineAMinute(logging.Filter):
         self._hidden = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether this record is printed."""
         if record.created < self._next:
             self._hidden += 1
             return False

@@ -63,9 +63,10 @@ def with_link(
     shown: dict[str, Any] | None, health: Sequence[dict[str, Any]]
 ) -> dict[str, Any] | None:
     """The same, with `offline`: why the node of the alarm reports no longer, in words, or ''."""
-    items = [item for item in health if 'ring_alarm: ' in item['name']]
-    is_gone = bool(items) and all(item['level'] == 'silent' for item in items)
-    return None if shown is None else {**shown, 'offline': items[0]['words'] if is_gone else ''}
+    statuses = [status for status in health if 'ring_alarm: ' in status['name']]
+    is_gone = all(status['level'] == 'silent' for status in statuses)
+    words = statuses[0]['words'] if statuses and is_gone else ''
+    return None if shown is None else {**shown, 'offline': words}
 
 
 @dataclass
@@ -81,7 +82,6 @@ class AlarmOfTest:
     taken_back: list[tuple[str, float]] = field(default_factory=list)
 
     def hear(self, message: RingAlarm) -> None:
-        """Take a state."""
         before, self.last = self.last, message
         self.has_watched |= message.state in (RingAlarm.WATCHING, RingAlarm.ALARM)
         if message.state != RingAlarm.ALARM or before is None or not before.follows:
@@ -112,10 +112,7 @@ class AlarmOfTest:
 
 @dataclass
 class SeenTest:
-    """One test: its name, the alarm during it, the messages of the rig by topic and their size.
-
-    is_cut: whether messages are missing, because they were too many to keep.
-    """
+    """One test: name, alarm, messages by topic and their size; is_cut: some were not kept."""
 
     name: str = ''
     alarm: AlarmOfTest = field(default_factory=AlarmOfTest)
@@ -178,10 +175,7 @@ class Session:
             'verdict': test.alarm.verdict(curves.origin, curves.newest)}
 
     def beside(self, number: int) -> list[SeenTest]:
-        """The test of that number and those beside it, as they are now, for `messages_of`.
-
-        LiveError if its messages were too many to keep.
-        """
+        """This test and those beside it, as they are now; LiveError if some were not kept."""
         if self._tests[number].is_cut:
             raise LiveError('the messages of this test were too many to keep: record the next '
                             'one with ros2 bag record, or saddlering replay --record')
@@ -197,16 +191,16 @@ def messages_of(tests: Sequence[SeenTest], curves: TestCurves) -> dict[str, list
     for a long test, in which no lock should be held: its reader's queues would overflow.
     """
     first, last = curves.origin - EDGE, curves.newest + EDGE
-    found: dict[str, list[Stamped]] = {}
+    by_topic: dict[str, list[Stamped]] = {}
     for topic in TOPICS:
         mine: dict[int, bytes] = {}
         for test in tests:  # the other ones may hold another replay of the same bag
             here = [(stamp, message) for message in test.messages.get(topic, ())
                     if first <= (stamp := decode_time(message)) <= last and stamp not in mine]
-            found.setdefault(topic, []).extend(here)
+            by_topic.setdefault(topic, []).extend(here)
             mine.update(here)
-        found[topic].sort()
-    return found
+        by_topic[topic].sort()
+    return by_topic
 
 
 def mcap_of(flows: Mapping[str, list[Stamped]], facts: TestMetadata) -> bytes:

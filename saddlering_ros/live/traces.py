@@ -57,16 +57,15 @@ class Cells:
     @classmethod
     def of(cls, number: Stamps, values: Floats, turn: int) -> Cells:
         """A cell of that number for each of N samples (C, N), NaN where not known."""
-        known = np.isfinite(values)
-        return cls(number, known.astype(np.int64), np.where(known, values, 0.0),
-                   np.where(known, values, np.inf), np.where(known, values, -np.inf),
+        is_known = np.isfinite(values)
+        return cls(number, is_known.astype(np.int64), np.where(is_known, values, 0.0),
+                   np.where(is_known, values, np.inf), np.where(is_known, values, -np.inf),
                    np.full(len(number), turn, np.int64))
 
     def __len__(self) -> int:
         return len(self.number)
 
     def pick(self, rows: NDArray[Any]) -> Cells:
-        """Some of the cells."""
         return Cells(self.number[rows], self.count[:, rows], self.total[:, rows],
                      self.low[:, rows], self.high[:, rows], self.changed[rows])
 
@@ -77,8 +76,8 @@ class Cells:
 
 def merged(*several: Cells) -> Cells:
     """All these cells; those of the same number become one."""
-    joined = Cells(*(np.concatenate([getattr(cells, item.name) for cells in several], axis=-1)
-                     for item in fields(Cells)))
+    joined = Cells(*(np.concatenate([getattr(cells, field.name) for cells in several], axis=-1)
+                     for field in fields(Cells)))
     joined = joined.pick(np.argsort(joined.number, kind='stable'))
     if not len(joined):
         return joined
@@ -110,16 +109,16 @@ class TestCurves:
 
         Four digits; None stands for an unknown value. scales: by stream, the factor of its values.
         """
-        found: dict[str, dict[str, Any]] = {}
+        streams: dict[str, dict[str, Any]] = {}
         for name, cells in self.cells.items():
             new = cells.pick(cells.changed > turn)
             if len(new):
                 rows = {'mean': new.means(), 'low': new.low, 'high': new.high}
-                found[name] = {'cell': new.number.tolist()} | {
+                streams[name] = {'cell': new.number.tolist()} | {
                     kind: [[value if math.isfinite(value) else None for value in channel]
                            for channel in np.round(scales[name] * values, 4).tolist()]
                     for kind, values in rows.items()}
-        return found
+        return streams
 
 
 class Traces:

@@ -23,16 +23,9 @@ from rclpy.serialization import deserialize_message
 from saddlering_interfaces import msg
 from saddlering_ros.bags.wire import CdrError, decode_displacements, decode_samples
 from saddlering_ros.errors import LiveError, SaddleringError
+from saddlering_ros.live import session
 from saddlering_ros.live.commands import Action, ACTIONS, Commands
 from saddlering_ros.live.gauges import Gauges
-from saddlering_ros.live.session import (
-    alarm_as_page,
-    mcap_of,
-    messages_of,
-    SeenTest,
-    Session,
-    with_link,
-)
 from saddlering_ros.live.traces import Traces
 from saddlering_ros.monitoring.detector import materiality, sound_motion
 from saddlering_ros.quantities import quantity
@@ -40,16 +33,9 @@ from saddlering_ros.record.batches import BRIDGED, DOUBTFUL_LOAD, NOT_KNOWN
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.record.record import TestMetadata
 from saddlering_ros.record.topics import ELEVATION, LOAD, PROBES, RigTopic
-from saddlering_ros.rig import (
-    CHANNELS,
-    ContactParameters,
-    default_rig,
-    FORCE_UNITS,
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    Rig,
-    stiffness_per_millimetre,
-)
+from saddlering_ros.rig import CHANNELS, ContactParameters, default_rig, PARAMETER_NAMES, Rig
+from saddlering_ros.rig.parameter_file import PARAMETER_UNITS
+from saddlering_ros.rig.units import FORCE_UNITS, stiffness_per_millimetre
 from saddlering_ros.ros import names, raw_topics
 from saddlering_ros.ros.messages import parameters_from_message, progress_of, to_stamp
 from saddlering_ros.ros.names import PARAMETERS_IN_FORCE
@@ -124,7 +110,7 @@ class Watcher:
             **{name: RawSubscription(self.node, topic, msg.RingDisplacement)
                for name, topic in RING.items()}}
         self.gauges = Gauges()
-        self.session = Session()
+        self.session = session.Session()
         self.commands = Commands(self.node)
         unknown: list[Any] = [None] * len(CHANNELS)
         self._bands = {'band': unknown, 'allowed': unknown,
@@ -175,12 +161,12 @@ class Watcher:
         with self.lock:
             traces, curves = self.traces, self.traces.current
             is_new = version != traces.version
-            found = {} if curves is None else curves.since(-1 if is_new else turn, self._scales)
-            if not found and not is_new:
+            streams = {} if curves is None else curves.since(-1 if is_new else turn, self._scales)
+            if not streams and not is_new:
                 return None
             return {'version': traces.version, 'turn': traces.turn, 'anew': is_new,
                     'width': traces.width / 1e9, 'origin': (traces.origin or 0) / 1e6,
-                    'streams': found}
+                    'streams': streams}
 
     def now(self) -> dict[str, Any]:
         """The test and the numbers of this moment."""
@@ -201,7 +187,7 @@ class Watcher:
                     'level': 'silent', 'words': 'Ended with its replay' if any(
                         abs(heard - left) < SILENT for left in self._ends) else 'Node offline'})}
                 for name, (heard, status) in sorted(self._health.items())]
-            alarm = with_link(self._alarm, health)
+            alarm = session.with_link(self._alarm, health)
             if alarm is not None:
                 alarm['taken_back'] = self.session.current.alarm.taken_back
             return {
@@ -223,13 +209,13 @@ class Watcher:
             return ''
         taken = sum(flow.received for flow in self._flows.values())
         if self._counted != taken:
-            tests: list[SeenTest] = []
+            tests: list[session.SeenTest] = []
             with self.lock, contextlib.suppress(LiveError):
                 self._counted, self._received = taken, dict(self.traces.received)
                 curves = self.traces.current
                 tests = [] if curves is None else self.session.beside(curves.number)
             if curves is not None and tests:
-                kept = messages_of(tests, curves)
+                kept = session.messages_of(tests, curves)
                 self._received |= {name: len(kept[topic.name]) for name, topic in RIG.items()}
         due = {name: self._published.get(self._flows[name].topic, 0) for name in self._received}
         return missing_words(self._received, due)
@@ -246,18 +232,17 @@ class Watcher:
     def bag(self, number: int) -> bytes | None:
         """The rig's messages of a test as an MCAP file; None if the test is not kept."""
         with self.lock:
-            found = next((curves for curves in (*self.traces.past, self.traces.current)
+            shown = next((curves for curves in (*self.traces.past, self.traces.current)
                           if curves is not None and curves.number == number), None)
-            if found is None:
+            if shown is None:
                 return None
             tests, elevation = self.session.beside(number), self._elevation
         facts = TestMetadata(
             elevation_deg=None if math.isnan(elevation) else math.degrees(elevation),
             run=tests[0].name, details={'rig_hash': self.rig.digest})
-        return mcap_of(messages_of(tests, found), facts)
+        return session.mcap_of(session.messages_of(tests, shown), facts)
 
     def clear(self) -> None:
-        """Clear the plots."""
         with self.lock:
             self.traces.clear()
 
@@ -344,11 +329,11 @@ class Watcher:
             if name == 'residual':
                 self._doubt = doubt_words(batch.validity)
             return
-        found = decode_samples(messages if name == 'load' else messages[-1:], topic)
+        samples = decode_samples(messages if name == 'load' else messages[-1:], topic)
         if name == 'load':
-            self._draw(name, found.stamps, found.values[None, :])
-        self._flows[name].last_stamp = int(found.stamps[-1])
-        self.gauges.push(name, float(found.values[-1]), found.low, found.high)
+            self._draw(name, samples.stamps, samples.values[None, :])
+        self._flows[name].last_stamp = int(samples.stamps[-1])
+        self.gauges.push(name, float(samples.values[-1]), samples.low, samples.high)
         self.session.keep(topic.name, messages)
 
     def _draw(self, name: str, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
@@ -368,10 +353,10 @@ class Watcher:
                     continue
                 level = LEVELS[min(status.level[0], 3)]
                 self._health[status.name] = (now, {'level': level, 'words': status.message})
-                for item in status.values:
-                    if item.key == ELEVATION_KEY:
+                for figure in status.values:
+                    if figure.key == ELEVATION_KEY:
                         with contextlib.suppress(ValueError):
-                            self._assumed = float(item.value)
+                            self._assumed = float(figure.value)
 
     def _on_parameters(self, message: msg.RingParameters) -> None:
         if not message.applied_by:
@@ -406,7 +391,7 @@ class Watcher:
                             'waiting_for': list(message.waiting_for)}
 
     def _on_alarm(self, message: msg.RingAlarm) -> None:
-        shown = alarm_as_page(message)
+        shown = session.alarm_as_page(message)
         with self.lock:
             self._alarm = shown
             self.session.hear(message, filter(None, (*self.traces.past, self.traces.current)))

@@ -60,10 +60,7 @@ WORDS = {ReplayState.WAITING: 'waiting', ReplayState.PLAYING: 'playing',
 
 
 class ReplayClockNode(BagNode):
-    """Publishes /clock over the time of a bag.
-
-    It does not report its own progress: it would receive the report itself.
-    """
+    """Publishes /clock over the time of a bag; it reports no progress, which it would receive."""
 
     TELLS_PROGRESS = False
 
@@ -98,7 +95,6 @@ class ReplayClockNode(BagNode):
         self._state_publisher = self.create_publisher(ReplayState, names.STATE, LATCHED)
 
     def configure(self) -> None:
-        """Read from when to when the bag goes."""
         record = self.read_record()
         self._start, self._end = record.start - 1, record.stop
         self._limit = shortest_time_of(MESSAGES_PER_STEP, [record[name].stamps for name in record])
@@ -126,7 +122,6 @@ class ReplayClockNode(BagNode):
         self.tasks = [FunctionTask('replay', self._task_status), self._agreement]
 
     def connect(self) -> None:
-        """Publish the clock; receive how far the others are."""
         self._heard = RawSubscription(self, names.PROGRESS, ReplayProgress, reliability='reliable',
                                       depth=1000)
         self.inputs = [self._heard]
@@ -326,12 +321,9 @@ class ReplayClockNode(BagNode):
 
 
 def shortest_time_of(count: int, topics: Iterable[np.ndarray]) -> int:
-    """The shortest time [ns] that holds `count` messages of one topic; a millisecond at least.
-
-    topics: the stamps (N,) [ns] of each, in order.
-    """
-    spans = [int((stamps[part.start + count:part.stop + count] - stamps[part]).min())
-             for stamps in topics for part in blocks(len(stamps) - count, stamps)]
+    """Shortest time [ns], at least 1 ms, of `count` messages; topics: stamps (N,) [ns] of each."""
+    spans = [int((stamps[rows.start + count:rows.stop + count] - stamps[rows]).min())
+             for stamps in topics for rows in blocks(len(stamps) - count, stamps)]
     return max(SECOND // 1000, min(spans, default=3600 * SECOND))
 
 

@@ -118,7 +118,6 @@ class RingAlarmNode(StreamingNode):
             for (topic, kind), task in zip(kinds.items(), self._streams, strict=True)]
 
     def process_batch(self) -> None:
-        """Process one batch of either topic, and publish the changes."""
         residual = self.inputs[0].take_as(decode_displacements)
         load = self.inputs[1].take_samples(LOAD)
         now = time.monotonic()

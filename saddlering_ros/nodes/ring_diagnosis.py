@@ -23,7 +23,6 @@ class RingDiagnosisNode(ActionNode):
         super().__init__('ring_diagnosis')
 
     def request(self, goal: DiagnoseRing.Goal) -> DiagnosisRequest:
-        """Input of the job."""
         if not goal.bags:
             raise NodeError('the goal names no bags: give at least one')
         if goal.before and (goal.hold_out or goal.parameters_file):
@@ -40,7 +39,6 @@ class RingDiagnosisNode(ActionNode):
         return DiagnoseRing.Feedback(stage=progress.words, progress=share, elapsed=elapsed)
 
     def fill(self, result: Any, answer: Answer) -> None:
-        """The verdict."""
         super().fill(result, answer)
         fill_diagnosis(result, json.loads(result.verdict_json))
 

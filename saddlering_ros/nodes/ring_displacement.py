@@ -45,9 +45,9 @@ class DisplacedFrame:
         self._publisher = node.create_publisher(self._kind, '/tf', 100)
         self._told = 0.0
 
-    def tell(self, found: Displacements) -> None:
+    def tell(self, batch: Displacements) -> None:
         """Publish the newest displacement, if it is known and due."""
-        motion = found.channels[:3, -1]
+        motion = batch.channels[:3, -1]
         if time.monotonic() - self._told < FRAME_PERIOD or np.isnan(motion).any():
             return
         self._told = time.monotonic()
@@ -55,7 +55,7 @@ class DisplacedFrame:
         x, y, z = frame.translation
         of_x, of_y, of_z, w = frame.rotation
         self._publisher.publish(self._kind(transforms=[TransformStamped(
-            header=Header(stamp=to_time(int(found.stamps[-1])), frame_id=self._parent),
+            header=Header(stamp=to_time(int(batch.stamps[-1])), frame_id=self._parent),
             child_frame_id=self._name, transform=Transform(
                 translation=Vector3(x=x, y=y, z=z),
                 rotation=Quaternion(x=of_x, y=of_y, z=of_z, w=w)))]))
@@ -94,7 +94,6 @@ class RingDisplacementNode(StreamingNode):
         self._frame = DisplacedFrame(self, self.settings['frame_id'], name) if name else None
 
     def configure(self) -> None:
-        """Make the stream and its diagnostics."""
         probes = self._rig.probes
         self._topics = (LOAD, *(PROBES[number - 1] for number in probes.present))
         self._stream = DisplacementStream(self._rig, max_gap=self.settings['max_gap'])
@@ -113,7 +112,6 @@ class RingDisplacementNode(StreamingNode):
             self.events(self._stream.events, harmless=('reordered',))]
 
     def connect(self) -> None:
-        """Subscribe to load and probes; publish the displacement."""
         wanted = self.settings['input_reliability']
         self.inputs = [
             RawSubscription(self, topic.relative, WrenchStamped if topic is LOAD else Range,
@@ -122,14 +120,13 @@ class RingDisplacementNode(StreamingNode):
         self.outputs = [RawPublisher(self, DISPLACEMENT, RingDisplacement)]
 
     def process_batch(self) -> None:
-        """One batch: samples in, displacements out."""
         load, *gaps = (flow.take_samples(topic)
                        for flow, topic in zip(self.inputs, self._topics, strict=True))
         for watch, samples in zip(self._saturation, gaps, strict=True):
             watch.push(samples.values)
         self._arrived = time.monotonic()
-        self._stream.elevation = self._watch.resolve(
-            math.radians(self.settings['elevation_deg'])).value
+        self._stream.elevation, _ = self._watch.resolve(
+            math.radians(self.settings['elevation_deg']))
         self._stream.recording = self._watch.recording
         rows = self._stream.rows
         self._send(self._stream.push(load, gaps, self._arrived))
@@ -149,15 +146,15 @@ class RingDisplacementNode(StreamingNode):
             self._untold = True
         return FLUSH_AFTER / 2
 
-    def _send(self, found: Displacements) -> None:
-        if len(found):
-            self._parity.push(found.channels[3])
-            self._noise.push(found.zero_stamps, found.channels)
-            self.outputs[0].send(encode_displacements(found, self.settings['frame_id'],
+    def _send(self, batch: Displacements) -> None:
+        if len(batch):
+            self._parity.push(batch.channels[3])
+            self._noise.push(batch.zero_stamps, batch.channels)
+            self.outputs[0].send(encode_displacements(batch, self.settings['frame_id'],
                                                       self._noise.covariance),
-                                 int(found.stamps[-1]))
+                                 int(batch.stamps[-1]))
             if self._frame is not None:
-                self._frame.tell(found)
+                self._frame.tell(batch)
 
     def _on_zero(self, _: Trigger.Request) -> str:
         stamp = self._stream.newest_stamp

@@ -37,7 +37,6 @@ class RingIdentificationNode(ActionNode):
         super().__init__('ring_identification')
 
     def request(self, goal: IdentifyRing.Goal) -> IdentificationRequest:
-        """Input of the job."""
         if not goal.bags:
             raise NodeError('the goal names no bags: give at least one')
         self._done_share = 0.0

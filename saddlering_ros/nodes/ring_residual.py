@@ -39,7 +39,6 @@ class RingResidualNode(StreamingNode):
         self.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, 100)
 
     def configure(self) -> None:
-        """Make the join and its diagnostics."""
         self._stream = ResidualStream(self._rig.full_scale_load)
         self._streams = [diagnostics.StreamTask(f'/{topic}')
                          for topic in (DISPLACEMENT, SIMULATED)]
@@ -50,7 +49,6 @@ class RingResidualNode(StreamingNode):
                       diagnostics.Events(lambda: vars(self._stream.counters)), self._readiness]
 
     def connect(self) -> None:
-        """Subscribe to both displacements; publish their difference."""
         wanted = self.settings['input_reliability']
         self.inputs = [
             RawSubscription(self, topic, RingDisplacement, reliability=wanted, task=task)
@@ -62,7 +60,6 @@ class RingResidualNode(StreamingNode):
         return [self.inputs[self._awaited]] if self.inputs else []
 
     def process_batch(self) -> None:
-        """One batch of either, residuals out."""
         measured, simulated = (flow.take_as(decode_displacements) for flow in self.inputs)
         residual = self._stream.push(measured, simulated)
         missing = [not count for count in self._stream.waiting]

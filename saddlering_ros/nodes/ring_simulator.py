@@ -29,7 +29,7 @@ from saddlering_ros.ros.parameters import (
     TRUST_RIG,
 )
 from saddlering_ros.ros.raw_topics import LATCHED, PROMISED_QOS, RawPublisher, RawSubscription
-from saddlering_ros.ros.rig_state import Elevation, ElevationWatch, RigAgreement
+from saddlering_ros.ros.rig_state import ElevationWatch, RigAgreement
 from saddlering_ros.ros.streaming_node import StreamingNode
 
 ASSUMED_ELEVATION_DEG = 50.0  # of most shipped bags; a warning states it
@@ -126,7 +126,6 @@ class RingSimulatorNode(StreamingNode):
                         harmless=('reordered',))]
 
     def connect(self) -> None:
-        """Subscribe to the load; publish the simulated displacement."""
         self.inputs = [RawSubscription(self, LOAD.relative, WrenchStamped, task=self._stream_task,
                                        reliability=self.settings['input_reliability'])]
         self.outputs = [RawPublisher(self, names.SIMULATED, RingDisplacement)]
@@ -137,16 +136,16 @@ class RingSimulatorNode(StreamingNode):
 
     def _take_elevation(self) -> bool:
         """Settle the elevation to simulate at; whether it is another than before."""
-        found = self._watch.resolve(math.radians(self.settings['elevation_deg']),
-                                    self._started_with)
-        if math.isnan(found.value):
-            found = Elevation(math.radians(ASSUMED_ELEVATION_DEG), 'assumed')
-            if self._elevation_source != 'assumed':
+        before, known_by = self._elevation, self._elevation_source
+        self._elevation, self._elevation_source = self._watch.resolve(
+            math.radians(self.settings['elevation_deg']), self._started_with)
+        if math.isnan(self._elevation):
+            self._elevation = math.radians(ASSUMED_ELEVATION_DEG)
+            self._elevation_source = 'assumed'
+            if known_by != 'assumed':
                 self.get_logger().warning(
                     f'no elevation_deg and no bag: {ASSUMED_ELEVATION_DEG:g} deg is assumed')
-        changed = found.value != self._elevation
-        self._elevation, self._elevation_source = found.value, found.source
-        return changed
+        return self._elevation != before
 
     def _on_elevation(self) -> None:
         """Simulate at an elevation that the bag or the inclinometer reports, if it counts."""
@@ -183,7 +182,6 @@ class RingSimulatorNode(StreamingNode):
         self._in_force_message, self._expected = message, None
 
     def process_batch(self) -> None:
-        """One batch: loads in, states out."""
         load = self.inputs[0].take_samples(LOAD)
         if not len(load):
             return
@@ -266,15 +264,15 @@ class RingSimulatorNode(StreamingNode):
         """
         before = self._in_force
         try:
-            found = messages.parameters_from_message(message)
-            refuse_other_rig(self, refuse_parameters_of_other_rig, found, self._rig)
-            if before is None or (found.contact, found.effects) != (
+            offered = messages.parameters_from_message(message)
+            refuse_other_rig(self, refuse_parameters_of_other_rig, offered, self._rig)
+            if before is None or (offered.contact, offered.effects) != (
                     before.contact, before.effects):
-                self._make(found, self._stream.hold)
+                self._make(offered, self._stream.hold)
         except SaddleringError as problem:
             self._refuse(str(problem))
             return False
-        self._in_force, self._refused = found, ''
+        self._in_force, self._refused = offered, ''
         self._tell_in_force()
         self.get_logger().info(f'parameters from /{PARAMETERS_IN_FORCE}: {message.source}')
         return True

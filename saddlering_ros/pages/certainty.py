@@ -77,10 +77,7 @@ def rows_down(
     words: Sequence[str], series: Sequence[charts.Series], label: str, ends: Sequence[float] = (),
     x_ticks: charts.Ticks | None = None,
 ) -> charts.Chart:
-    """Series from the top down, one row for each of the words, which are broken if long.
-
-    ends: values that the axis reaches, by points out of view.
-    """
+    """Series from the top down beside their words; ends: values that the axis reaches."""
     series = [*series, *(charts.markers([end], [len(words) + 4.0], '.', NOISE, size=0.1)
                          for end in ends)]
     lines = [fill(one, MAX_WORDS) for one in words]

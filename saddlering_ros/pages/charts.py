@@ -74,7 +74,6 @@ class ShadedBand:
 
     low: float
     high: float
-    colour: str = NOISE
     opacity: float = 0.3
     name: str = ''
 
@@ -162,9 +161,9 @@ class Chart:
         entries: dict[str, Series | ShadedBand] = {}
         for panel in self.panels:
             items: list[Series | ShadedBand] = [*panel.series, *panel.bands]
-            for item in items:
-                entries.setdefault(item.name, item)
-        return [item for name, item in entries.items() if name]
+            for entry in items:
+                entries.setdefault(entry.name, entry)
+        return [entry for name, entry in entries.items() if name]
 
 
 def line(x: ArrayLike, y: ArrayLike, colour: str, name: str = '', dash: str = '-',
@@ -231,9 +230,9 @@ def draw(chart: Chart) -> Figure:
                 figure.colorbar(axes.images[0], ax=grid, shrink=0.7, pad=0.02, label=heat.label,
                                 extend='both' if heat.low < 0.0 else 'neither')
         handles = [
-            Patch(color=item.colour, alpha=item.opacity, lw=0.0, label=item.name)
-            if isinstance(item, ShadedBand) else Line2D([], [], label=item.name, **_look(item))
-            for item in chart.named]
+            Patch(color=NOISE, alpha=entry.opacity, lw=0.0, label=entry.name)
+            if isinstance(entry, ShadedBand) else Line2D([], [], label=entry.name, **_look(entry))
+            for entry in chart.named]
         if handles:
             figure.legend(handles=handles, loc='outside lower center', ncols=chart.legend_columns)
         return figure
@@ -241,7 +240,7 @@ def draw(chart: Chart) -> Figure:
 
 def _draw_panel(axes: Any, panel: Panel, *, is_small: bool) -> None:
     for band in panel.bands:
-        axes.axhspan(band.low, band.high, color=band.colour, alpha=band.opacity, lw=0.0)
+        axes.axhspan(band.low, band.high, color=NOISE, alpha=band.opacity, lw=0.0)
     for level in panel.levels:
         axes.axhline(level, color=NOISE, lw=0.8)
     for series in panel.series:

@@ -70,7 +70,7 @@ def page(title: str, parts: Sequence[str]) -> str:
 
     If there are several chapters, links to them stand before the first.
     """
-    inside, scripts = '\n'.join(part for part in parts if part), ''
+    inside, scripts = '\n'.join(chapter for chapter in parts if chapter), ''
     chapters = re.findall(r'<section id="([^"]+)"><h2>(.*?)</h2>', inside)
     if len(chapters) >= MIN_CHAPTERS:
         links = ''.join(f'<li><a href="#{name}">{words}</a></li>' for name, words in chapters)
@@ -90,7 +90,7 @@ def page(title: str, parts: Sequence[str]) -> str:
 
 def section(title: str, *parts: str) -> str:
     """A framed chapter; empty if it has no parts."""
-    inside = '\n'.join(part for part in parts if part)
+    inside = '\n'.join(piece for piece in parts if piece)
     name = re.sub(r'\W+', '-', title.lower()).strip('-')
     return (f'<section id="{name}"><h2>{escape(title)}</h2>\n{inside}\n</section>' if inside
             else '')
@@ -124,7 +124,7 @@ def bullets(lines: Sequence[str]) -> str:
 
 def folded(title: str, *parts: str) -> str:
     """A chapter that opens at a click."""
-    inside = '\n'.join(part for part in parts if part)
+    inside = '\n'.join(piece for piece in parts if piece)
     return f'<details><summary>{escape(title)}</summary>\n{inside}\n</details>' if inside else ''
 
 
@@ -147,16 +147,16 @@ def table(
     shown = [column for column in range(len(head))
              if any(_text(row[column]) not in NOTHING for row in rows)]
     head = [head[column] for column in shown]
-    rows = [[number(item) if isinstance(title, Cell) and isinstance(item, str) else item
-             for title, item in zip(head, (row[column] for column in shown), strict=True)]
+    rows = [[number(cell) if isinstance(title, Cell) and isinstance(cell, str) else cell
+             for title, cell in zip(head, (row[column] for column in shown), strict=True)]
             for row in rows]
     title = f'<caption>{escape(caption)}</caption>' if caption else ''
-    top = ''.join(_cell(item, 'th') for item in head)
+    top = ''.join(_cell(cell, 'th') for cell in head)
     columns = [[_plain(row[column]) for row in rows] for column in range(len(head))]
     is_wide = sum(max(map(len, cells)) for cells in columns) > PHONE_LETTERS
-    names = [_plain(item) if is_wide else '' for item in head]
+    names = [_plain(cell) if is_wide else '' for cell in head]
     body = ''.join('<tr>' + ''.join(
-        _cell(item, 'td', name) for item, name in zip(row, names, strict=True)) + '</tr>'
+        _cell(cell, 'td', name) for cell, name in zip(row, names, strict=True)) + '</tr>'
         for row in rows)
     kind = ' class="wide"' if is_wide else ''
     return (f'<div class="scroll"><table{kind}>{title}<thead><tr>{top}</tr></thead>'
@@ -197,18 +197,18 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def _text(item: str | Cell) -> str:
-    return item.text if isinstance(item, Cell) else item
+def _text(cell: str | Cell) -> str:
+    return cell.text if isinstance(cell, Cell) else cell
 
 
-def _plain(item: str | Cell) -> str:
+def _plain(cell: str | Cell) -> str:
     """The words of a cell without its tags."""
-    return html.unescape(re.sub(r'<[^>]+>', ' ', _text(item))).strip()
+    return html.unescape(re.sub(r'<[^>]+>', ' ', _text(cell))).strip()
 
 
-def _cell(item: str | Cell, tag: str, name: str = '') -> str:
+def _cell(given: str | Cell, tag: str, name: str = '') -> str:
     """A cell; name: of its column, which a phone shows beside it."""
-    cell = item if isinstance(item, Cell) else Cell(item)
+    cell = given if isinstance(given, Cell) else Cell(given)
     kinds = ' '.join(filter(None, (
         'n' if cell.is_number else '', cell.mark, 'none' if cell.text in NOTHING else '')))
     text = cell.text if cell.is_html else escape(cell.text)

@@ -48,11 +48,12 @@ def chart_of(chart: Chart) -> Plotly:
         across, up = _domains(chart, panel, height)
         first = first_of_column.setdefault(panel.column, suffix)
         is_heat = panel.heat is not None
-        x_axis = _axis(across, f'y{suffix}', panel.x_label if panel.shows_x and not is_heat else
-                       '', panel.x_ticks, [item.x for item in panel.series], is_log=panel.x_is_log)
+        x_axis = _axis(across, f'y{suffix}',
+                       panel.x_label if panel.shows_x and not is_heat else '',
+                       panel.x_ticks, [series.x for series in panel.series], is_log=panel.x_is_log)
         y_axis = _axis(up, f'x{suffix}',
                        panel.y_label if panel.shows_y and panel.shows_y_label else '',
-                       panel.y_ticks, [item.y for item in panel.series], is_log=panel.y_is_log)
+                       panel.y_ticks, [series.y for series in panel.series], is_log=panel.y_is_log)
         x_axis |= {'showticklabels': panel.shows_x, 'showgrid': not is_heat}
         y_axis |= {'showticklabels': panel.shows_y, 'showgrid': panel.has_y_grid and not is_heat}
         if panel.y_range is not None:
@@ -75,7 +76,7 @@ def chart_of(chart: Chart) -> Plotly:
             shown.add(series.name)
     # A trace without points puts the name of a band into the legend.
     traces += [{'type': 'scatter', 'x': [None], 'y': [None], 'mode': 'markers', 'name': band.name,
-                'marker': {'symbol': 'square', 'size': 11, 'color': band.colour},
+                'marker': {'symbol': 'square', 'size': 11, 'color': charts.NOISE},
                 'opacity': band.opacity, 'hoverinfo': 'skip'}
                for band in chart.named if isinstance(band, ShadedBand)]
     return {'data': traces, 'layout': layout, 'height': round(height)}
@@ -104,14 +105,14 @@ Span = tuple[float, float]
 
 def _domains(chart: Chart, panel: Panel, height: float) -> tuple[Span, Span]:
     """Where a panel lies in the figure, across and up, as shares."""
-    has_bar = any(item.heat is not None and item.heat.label for item in chart.panels)
+    has_bar = any(one.heat is not None and one.heat.label for one in chart.panels)
     right = 1.0 - BAR * has_bar
-    has_labels = any(item.column and item.shows_y and item.shows_y_label for item in chart.panels)
+    has_labels = any(one.column and one.shows_y and one.shows_y_label for one in chart.panels)
     between = LABELLED_GAP if has_labels else COLUMN_GAP
     width = (right - between * (chart.columns - 1)) / chart.columns
     left = panel.column * (width + between)
     bottom = LEGEND_PIXELS / height if chart.named else 0.0
-    is_titled = any(item.title for item in chart.panels if item.row)
+    is_titled = any(one.title for one in chart.panels if one.row)
     gap = (TITLED_GAP if is_titled else ROW_GAP) if len(chart.heights) > 1 else 0.0
     free = 1.0 - bottom - gap * (len(chart.heights) - 1)
     unit = free / sum(chart.heights)
@@ -137,7 +138,7 @@ def _axis(domain: Span, anchor: str, label: str, ticks: Ticks | None,
 
 def _log_ticks(values: Sequence[Array]) -> Ticks:
     """A number at each decade, and at 2 and 5 where there are few decades."""
-    positive = np.concatenate([item[item > 0.0] for item in values] or [np.ones(1)])
+    positive = np.concatenate([series[series > 0.0] for series in values] or [np.ones(1)])
     low, high = np.log10([positive.min(), positive.max()] if positive.size else [1.0, 1.0])
     digits = (1, 2, 5) if high - low <= charts.FEW_DECADES else (1,)
     at = tuple(float(f'{digit}e{power}') for power in range(math.floor(low), math.ceil(high) + 1)
@@ -152,7 +153,7 @@ def _trace(series: Series, panel: Panel, suffix: str, *, is_first: bool) -> Plot
         'type': 'scatter', 'x': _numbers(series.x), 'y': _numbers(series.y),
         'xaxis': f'x{suffix}', 'yaxis': f'y{suffix}', 'name': name, 'legendgroup': name,
         'showlegend': bool(name) and is_first, 'hovertemplate': f'{words}<extra>{name}</extra>',
-        'mode': '+'.join(part for part, here in (
+        'mode': '+'.join(mode for mode, here in (
             ('lines', series.dash), ('markers', series.marker)) if here) or 'lines'}
     if series.dash:
         trace['line'] = {'color': series.colour, 'dash': DASHES[series.dash],
@@ -188,7 +189,7 @@ def _shapes(panel: Panel, suffix: str) -> list[Plotly]:
     place = {'xref': f'x{suffix} domain', 'yref': f'y{suffix}', 'x0': 0, 'x1': 1}
     return [
         *({'type': 'rect', **place, 'y0': band.low, 'y1': band.high, 'line': {'width': 0},
-           'layer': 'below', 'fillcolor': band.colour, 'opacity': band.opacity}
+           'layer': 'below', 'fillcolor': charts.NOISE, 'opacity': band.opacity}
           for band in panel.bands),
         *({'type': 'line', **place, 'y0': level, 'y1': level,
            'line': {'color': charts.NOISE, 'width': 1}} for level in panel.levels)]

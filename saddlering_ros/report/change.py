@@ -27,7 +27,7 @@ def change_text(change: Change) -> str:
         f'  p {probability(cause.p_value)}: {change_words(cause)}'
         for cause in change.diagnosis.causes), 'contact law, before, after and change:']
     lines += [f'  {name}: ' + ', '.join(
-        quantity(item.value, PARAMETER_UNITS[name], item.std) for item in numbers)
+        quantity(number.value, PARAMETER_UNITS[name], number.std) for number in numbers)
         for name, numbers in change.contact.items()]
     test, rows = _maker_table(change)
     lines += [f'figures of makers, {test}:'] if rows else []
@@ -41,8 +41,8 @@ def change_text(change: Change) -> str:
 
 def wear_words(judged: Sequence[Mapping[str, Any]]) -> list[str]:
     """A sentence for each limit of the rig file."""
-    return [f'wear of {item["figure"].replace("_", " ")}: {round(100.0 * item["share"])} % of the '
-            f'limit of {item["limit_mm"]:g} mm, {item["state"]}' for item in judged]
+    return [f'wear of {wear["figure"].replace("_", " ")}: {round(100.0 * wear["share"])} % of the '
+            f'limit of {wear["limit_mm"]:g} mm, {wear["state"]}' for wear in judged]
 
 
 def change_chart(change: Change) -> Chart:

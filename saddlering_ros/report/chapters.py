@@ -27,13 +27,8 @@ from saddlering_ros.quantities import (
 )
 from saddlering_ros.report import figures
 from saddlering_ros.report.figures import Array, RunCurves, SYMBOLS
-from saddlering_ros.rig import (
-    CHANNELS,
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    ParameterSet,
-    stiffness_per_millimetre,
-)
+from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, ParameterSet
+from saddlering_ros.rig.units import stiffness_per_millimetre
 
 CANDIDATES_SHOWN = 12  # a page; the JSON has all
 TESTS_SHOWN = 6  # a page; the JSON has all
@@ -49,10 +44,11 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
                    (ring_wording.headline(document), ''))
     has_cause, shown = verdict in ('named', 'ambiguous'), {run.name: run for run in curves}
     cases = [
-        (run['held_out'], (item['nrmse_before'] or 0.0)
-         - ((item['nrmse_after'] or 0.0) if has_cause else 0.0), shown[bag_name(run['bag'])], name)
+        (run['held_out'], (misfit['nrmse_before'] or 0.0)
+         - ((misfit['nrmse_after'] or 0.0) if has_cause else 0.0), shown[bag_name(run['bag'])],
+         name)
         for run in document['runs'] if bag_name(run['bag']) in shown
-        for name, item in run['channels'].items() if name != 'parity']
+        for name, misfit in run['channels'].items() if name != 'parity']
     return html.verdict(
         verdict, html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
         html.paragraph(first, 'headline'), html.paragraph(more),
@@ -82,9 +78,9 @@ def causes(document: VerdictDocument) -> str:
 
 def simulated_tests(document: VerdictDocument) -> str:
     """Possible next tests with how often each leaves the true cause alone, the best first."""
-    rows = [[item['test'], percent(item['share_alone']),
-             ' to '.join(map(percent, item['interval_95'])), percent(item['share_kept'])]
-            for item in (document.get('simulated_tests') or [])[:TESTS_SHOWN]]
+    rows = [[test['test'], percent(test['share_alone']),
+             ' to '.join(map(percent, test['interval_95'])), percent(test['share_kept'])]
+            for test in (document.get('simulated_tests') or [])[:TESTS_SHOWN]]
     return html.table(
         ['possible next test', number('leaves the true cause alone'), number('95 % interval'),
          number('keeps the true cause')], rows,
@@ -93,8 +89,8 @@ def simulated_tests(document: VerdictDocument) -> str:
 
 def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
     effect_id, title = cause['effect'], ring_wording.title_of(cause['effect'])
-    known, choices = catalogue(), ring_wording.choices_of(effect_id)
-    effect, where = known.get(effect_id), ring_wording.place_of(cause)
+    effects, choices = catalogue(), ring_wording.choices_of(effect_id)
+    effect, where = effects.get(effect_id), ring_wording.place_of(cause)
     words = {} if effect is None else {item.name: item.words for item in effect.parameters}
     fitted = [['where', where, '']] if where else []
     fitted += [[name, value_words(effect_id, name, item['value'], item['unit'], item['std']),
@@ -104,7 +100,7 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
         document.get('candidates') or []) if item['effects']}
     alike: list[list[str | Cell]] = [
         [ring_wording.title_of(name), code(name), compact(tried.get(name), 4),
-         known[name].settled_by if name in known else ''] for name in cause['group']]
+         effects[name].settled_by if name in effects else ''] for name in cause['group']]
     is_alone = len(alike) == 1
     is_next = ring_wording.lowered(title) in (document.get('next_test') or '')
     partial = ' – explains part of the misfit only' if cause.get('partial') else ''
@@ -131,18 +127,15 @@ FROM_ZERO = 'Counted from the zero of the live nodes. '
 
 
 def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
-    """Runs and channels before and after against the noise floor: figure and table.
-
-    counted: from where the misfits count.
-    """
+    """Runs and channels before and after against the noise; counted: from where misfits count."""
     runs, is_extended = document['runs'], bool(ring_wording.causes_of(document))
     rows: list[list[str | Cell]] = []
     for run in runs:
-        for name, item in run['channels'].items():
-            floor = item['noise_floor']
+        for name, channel in run['channels'].items():
+            floor = channel['noise_floor']
             shares = [number(percent(value), '' if value is None or floor is None else
                              'bad' if value > allowed_misfit(floor) else 'good')
-                      for value in (item['nrmse_before'], item['nrmse_after'])]
+                      for value in (channel['nrmse_before'], channel['nrmse_after'])]
             rows.append([
                 bag_name(run['bag']), run['test'], f'{run["elevation_deg"]:g}°',
                 'held out' if run['held_out'] else 'fitted', code(name), shares[0],
@@ -169,7 +162,7 @@ def paper_split(curves: Sequence[RunCurves]) -> str:
     parts = []
     for test, words in (('static', 'over load'), ('dynamic', 'over time')):
         chosen: dict[float, RunCurves] = {}
-        for run in sorted(curves, key=lambda item: item.held_out):
+        for run in sorted(curves, key=lambda run: run.held_out):
             if run.test == test:
                 chosen.setdefault(round(run.elevation_deg, 1), run)
         if chosen:
@@ -234,37 +227,39 @@ def shape_tests(document: VerdictDocument) -> str:
 
 def candidates(document: VerdictDocument) -> str:
     """Every fitted candidate with its evidence, and real effects that are too small."""
-    found, small = document.get('candidates') or [], document.get('immaterial') or []
+    fitted, small = document.get('candidates') or [], document.get('immaterial') or []
     chosen = {cause['effect'] for cause in causes_of(document)}
     alike = {name for cause in causes_of(document) for name in cause['group']}
     parts = [html.paragraph(
         'Each candidate was refitted with the contact parameters free, on all fitted runs and all '
         'four probes. ΔBIC above 10 is strong evidence for the candidate.', 'soft')
-        if found else '']
-    for step in sorted({item['step'] for item in found}):
-        members = sorted((item for item in found if item['step'] == step),
-                         key=lambda item: -(item['delta_bic'] or 0.0))
+        if fitted else '']
+    for step in sorted({model['step'] for model in fitted}):
+        members = sorted((model for model in fitted if model['step'] == step),
+                         key=lambda model: -(model['delta_bic'] or 0.0))
         left = len(members) - CANDIDATES_SHOWN
         parts += [html.heading('First cause' if step == 1 else f'Cause number {step}'), html.table(
             ['model', 'fitted', number('evidence (ΔBIC)'), number('p'), number('share of range'),
              'outcome'],
-            [[Cell(' + '.join(f'<code>{html.escape(name)}</code>' for name in item['effects']),
+            [[Cell(' + '.join(f'<code>{html.escape(name)}</code>' for name in model['effects']),
                    is_html=True),
-              _fitted_words(item['effects'][-1], item['parameters'].get(item['effects'][-1], {})),
-              compact(item['delta_bic'], 4), probability(item['p_value']),
-              percent(item['share_of_range']),
-              ring_wording.why_lost(item, members[0], chosen, alike)]
-             for item in members[:CANDIDATES_SHOWN]]), html.paragraph(
+              _fitted_words(model),
+              compact(model['delta_bic'], 4), probability(model['p_value']),
+              percent(model['share_of_range']),
+              ring_wording.why_lost(model, members[0], chosen, alike)]
+             for model in members[:CANDIDATES_SHOWN]]), html.paragraph(
             f'{left} further candidates explain less.' if left > 0 else '', 'note')]
     return html.section(
         'Evidence', *parts, html.heading('Real, but too small to matter') if small else '',
         html.bullets([
-            f'{" + ".join(item["effects"])}: {percent(item["share_of_range"])} of range, '
-            f'p {probability(item["p_value"])}' for item in small]))
+            f'{" + ".join(model["effects"])}: {percent(model["share_of_range"])} of range, '
+            f'p {probability(model["p_value"])}' for model in small]))
 
 
-def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
-    effect = catalogue().get(effect_id)
+def _fitted_words(model: Mapping[str, Any]) -> str:
+    """Sizes of the effect that a candidate model has last, and its choices."""
+    effect_id = model['effects'][-1]
+    values, effect = model['parameters'].get(effect_id, {}), catalogue().get(effect_id)
     units = {} if effect is None else {item.name: item.unit for item in effect.parameters}
     choices = {name: value for name, value in values.items() if name not in units}
     parts = [ring_wording.variant_words(effect_id, choices)] if choices else []
@@ -275,18 +270,18 @@ def _fitted_words(effect_id: str, values: Mapping[str, float]) -> str:
 def detection_limits(document: VerdictDocument) -> str:
     """The smallest size of every effect that these data could have shown."""
     rows: list[list[str | Cell]] = []
-    for item in document.get('detection_limits') or []:
-        dark, places = sum(place['limit'] is None for place in item['places']), item['places']
+    for entry in document.get('detection_limits') or []:
+        dark, places = sum(place['limit'] is None for place in entry['places']), entry['places']
         never = f'; never in {dark} of {len(places)} configurations' if dark else ''
-        effect = catalogue().get(item['effect'])
+        effect = catalogue().get(entry['effect'])
         limit, best, material = (
-            quantity(size, item['unit']) if size is None or effect is None else
-            value_words(effect.id, effect.parameters[0].name, size, item['unit'])
-            for size in (item['limit'], item['best_limit'], item['material_limit']))
+            quantity(size, entry['unit']) if size is None or effect is None else
+            value_words(effect.id, effect.parameters[0].name, size, entry['unit'])
+            for size in (entry['limit'], entry['best_limit'], entry['material_limit']))
         rows.append([
-            ring_wording.title_of(item['effect']), code(item['effect']),
-            limit + never if item['testable'] else number('cannot be seen', 'bad'),
-            best if item['testable'] else '', material, percent(item['share'])])
+            ring_wording.title_of(entry['effect']), code(entry['effect']),
+            limit + never if entry['testable'] else number('cannot be seen', 'bad'),
+            best if entry['testable'] else '', material, percent(entry['share'])])
     return html.section('Detection limits of these data', html.folded(
         'Detection limit of every cause in the catalogue',
         html.table(
@@ -307,10 +302,7 @@ def notes(document: VerdictDocument) -> str:
 
 
 def proposal(document: VerdictDocument, force_unit: str = 't') -> str:
-    """The proposed law with its curve, misfit reduction and doubts; empty without a law.
-
-    force_unit: unit in which loads are shown.
-    """
+    """The proposed law with its curve, misfit reduction and doubts; empty without a law."""
     law = document.get('proposal')
     if not law:
         return ''
@@ -346,9 +338,9 @@ OF_NOISE = ('Where no cause is in the model, standard deviations of a parameter 
             'allow for unequal rollers.')
 
 
-def identified(found: Mapping[str, Any], words: str = '') -> str:
+def identified(document: Mapping[str, Any], words: str = '') -> str:
     """Result of an identification: values, errors, intervals, undetermined parameters."""
-    items = {name: found['parameters'][name] for name in PARAMETER_NAMES}
+    items = {name: document['parameters'][name] for name in PARAMETER_NAMES}
     rows: list[Row] = [
         [code(name), quantity(item['value'], item['unit'], item['std']),
          span(*item['interval']) if item['interval'] else '–',
@@ -357,18 +349,18 @@ def identified(found: Mapping[str, Any], words: str = '') -> str:
     rows += _per_millimetre({name: item['value'] for name, item in items.items()},
                             [name for name, item in items.items() if item['reason']])
     covariance = np.array([[math.nan if value is None else value for value in row]
-                           for row in found.get('covariance') or []])
+                           for row in document.get('covariance') or []])
     return html.section(
         'Identification',
-        html.paragraph(f'{found["evaluations"]} simulations in {found["elapsed"]:.1f} s; '
-                       f'{found["status"]}.'),
+        html.paragraph(f'{document["evaluations"]} simulations in {document["elapsed"]:.1f} s; '
+                       f'{document["status"]}.'),
         html.table(HEAD, rows, words), html.paragraph(INTERVALS, 'note'),
-        html.picture(figures.joint_regions(found), 'joint_regions',
+        html.picture(figures.joint_regions(document), 'joint_regions',
                      'K and n of a row, with noise and unequal rollers. A parameter without an '
                      'interval is not determined.')
-        if found.get('joint') else '',
+        if document.get('joint') else '',
         correlation(covariance if covariance.shape == (6, 6) else None),
-        html.paragraph(ASSUMPTION, 'note'), html.bullets(list(found.get('notes') or [])))
+        html.paragraph(ASSUMPTION, 'note'), html.bullets(list(document.get('notes') or [])))
 
 
 def before_and_after(document: VerdictDocument, covariance: Array | None = None) -> str:

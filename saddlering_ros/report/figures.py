@@ -96,22 +96,22 @@ class RunCurves:
 
 def curves_of(verdict: Verdict) -> list[RunCurves]:
     """The runs of a diagnosis."""
-    found = []
+    curves = []
     for figures in verdict.runs:
         run, test_run = figures.record.run, figures.record.test_run
         spans = dict(zip(figures.channels, np.ptp(figures.measured, axis=1), strict=False))
-        noise = {name: item.noise_floor * float(spans[name])
-                 for name, item in figures.channels.items()}
-        found.append(RunCurves(
+        noise = {name: channel.noise_floor * float(spans[name])
+                 for name, channel in figures.channels.items()}
+        curves.append(RunCurves(
             name=run.name, test=test_run.test, held_out=run.held_out, time=run.time,
             elevation_deg=float(np.degrees(test_run.elevation)), width=run.width,
             load=run.inputs['load'], measured=figures.measured, before=figures.before,
             direction=np.ones(run.time.size) if run.direction is None else run.direction,
             after=figures.after if verdict.diagnosis.causes else figures.before, noise=noise,
             force_unit=verdict.rig.force_unit,
-            sound={name: float(np.hypot(noise[name], item.sound * spans[name]))
-                   for name, item in figures.channels.items() if item.sound}))
-    return found
+            sound={name: float(np.hypot(noise[name], channel.sound * spans[name]))
+                   for name, channel in figures.channels.items() if channel.sound}))
+    return curves
 
 
 def curves_of_run(
@@ -158,10 +158,7 @@ def curves_of_run(
 
 
 def branches(load: Array, direction: Array, values: Array) -> Array:
-    """Load [N], mean and half-difference (up - down) / 2 of both branches (3, M).
-
-    At the load levels where both have samples.
-    """
+    """Load [N], mean and half-difference (up - down) / 2 (3, M) where both branches are known."""
     span = max(float(np.ptp(load)), 1e-12)
     level = np.round((load - load.min()) / span * LOAD_LEVELS).astype(int)
     rows = []
@@ -215,8 +212,8 @@ def curve_columns(curves: Sequence[RunCurves]) -> dict[str, list[Any]]:
                   run.load.tolist(), run.direction.astype(int).tolist(),
                   *(row for attribute in versions.values()
                     for row in getattr(run, attribute).tolist())]
-        for column, own in zip(columns.values(), values, strict=True):
-            column += own
+        for column, more in zip(columns.values(), values, strict=True):
+            column += more
     return columns
 
 
@@ -226,10 +223,7 @@ def axis_label(channel: str) -> str:
 
 
 def comparison(runs: Sequence[RunCurves]) -> Chart:
-    """Measured and simulated channels of some runs side by side, each with its residual below.
-
-    A static run is drawn over its load, a dynamic one over time.
-    """
+    """Runs side by side, static over load, dynamic over time, each with its residual below."""
     panels = [panel for column, run in enumerate(runs) for place, channel in enumerate(SHOWN)
               for panel in _compared(run, channel, 2 * place, column)]
     return Chart(
@@ -255,7 +249,7 @@ def _compared(
     is_static = run.test == 'static'
     over, across = (run.load_in_unit, f'load / {run.force_unit}') if (
         is_static if is_over_load is None else is_over_load) else (run.time, 'time / s')
-    measured, before, after = (MICRO * item[place] for item in (
+    measured, before, after = (MICRO * curves[place] for curves in (
         run.measured, run.before, run.after))
     up = run.direction > 0.0
     branches_of = ((up, '^', charts.UP, 'rising'), (~up, 'v', charts.DOWN, 'falling'))
@@ -318,8 +312,8 @@ def misfit(runs: Sequence[Mapping[str, Any]], *, is_extended: bool = True) -> Ch
     height, heights, words, series = 0.0, [], [], []
     for run in runs:
         for name in [name for name in SHOWN if name in run['channels']]:
-            item = run['channels'][name]
-            before, after, floor = (100.0 * max(item[key] or 0.0, 1e-6) for key in
+            channel = run['channels'][name]
+            before, after, floor = (100.0 * max(channel[key] or 0.0, 1e-6) for key in
                                     ('nrmse_before', 'nrmse_after', 'noise_floor'))
             drawn = [
                 charts.line([before, after], [height, height], '#cbd2d9', width=2.0),
@@ -341,10 +335,7 @@ def misfit(runs: Sequence[Mapping[str, Any]], *, is_extended: bool = True) -> Ch
 
 
 def residuals(run: RunCurves) -> Chart:
-    """The misfit of one run: every channel over all that matters.
-
-    The parity is left out if it is unknown, because a probe is absent.
-    """
+    """The misfit of one run: every known channel over all that matters."""
     channels = [name for row, name in enumerate(CHANNELS) if np.isfinite(run.measured[row]).any()]
     panels = tuple(
         replace(panel, row=row, column=column, title='' if row else panel.title,
@@ -428,10 +419,7 @@ def residual_map(runs: Sequence[RunCurves]) -> Chart:
 
 
 def proposed_law(term: Mapping[str, Any], force_unit: str) -> Chart:
-    """What a proposed law adds to a channel over its coordinate.
-
-    force_unit: unit in which loads are shown.
-    """
+    """What a proposed law adds to a channel over its coordinate, loads in `force_unit`."""
     curve = term['curve']
     newtons = FORCE_UNITS[force_unit]
     size, unit = {'N': (newtons, force_unit), 'N/s': (newtons, f'{force_unit}/s'),

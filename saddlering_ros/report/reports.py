@@ -33,10 +33,7 @@ VALIDATION = 'How well the parameters predict'
 def write_diagnosis_report(
     verdict: Verdict, path: Path | str, command: str = '', more: Sequence[str] = (),
 ) -> tuple[Path, Path]:
-    """Write the page of a verdict and its curves, whole or not at all; the paths written.
-
-    command: the command line that makes the page; more: chapters of the caller.
-    """
+    """Write a verdict's page and curves; the paths written. more: chapters of the caller."""
     beside, curves = figures.curves_path(path), figures.curves_of(verdict)
     tests = [(run.record.test_run, ROLES[run.record.run.held_out]) for run in verdict.runs]
     html.write_page(path, diagnosis_page(
@@ -85,10 +82,7 @@ def write_validation_report(
     path: Path | str, validation: Validation, runs: Sequence[Record], rig: Rig,
     identification: Mapping[str, Any] | None = None, command: str = '',
 ) -> tuple[Path, Path]:
-    """Write the page of a validation and its curves, whole or not at all; the paths written.
-
-    `runs` are those validated, in order; `identification` is the JSON of an identification.
-    """
+    """Write a validation's page and curves; `runs` in its order, `identification` as JSON."""
     beside = figures.curves_path(path)
     curves = curves_of_validation(validation, runs, rig.force_unit)
     tests = [(run, ROLES[shown.held_out]) for run, shown in zip(runs, curves, strict=True)]
@@ -99,10 +93,10 @@ def write_validation_report(
         chapters.identified(identification),
         html.section('Criteria', html.table(
             ['criterion', 'worst channel', number('value'), number('limit')],
-            [[item.words, f'{item.bag}, {SYMBOLS[item.channel]}',
-              number(item.with_unit(item.value), 'good' if item.is_met else 'bad'),
-              item.with_unit(item.limit)]
-             for item in judge(validation.runs)])),
+            [[criterion.words, f'{criterion.bag}, {SYMBOLS[criterion.channel]}',
+              number(criterion.with_unit(criterion.value), 'good' if criterion.is_met else 'bad'),
+              criterion.with_unit(criterion.limit)]
+             for criterion in judge(validation.runs)])),
         _figures(validation),
         chapters.paper_split(curves),
         chapters.residual_map(curves),
@@ -119,18 +113,18 @@ def curves_of_validation(
 ) -> list[RunCurves]:
     """The curves of the validated runs, in order."""
     return [
-        figures.curves_of_run(run, found.measured, found.simulated, found.simulated,
-                      {name: item.noise_floor for name, item in found.channels.items()},
+        figures.curves_of_run(run, result.measured, result.simulated, result.simulated,
+                      {name: channel.noise_floor for name, channel in result.channels.items()},
                       held_out=validation.is_held_out(run.path), force_unit=force_unit)
-        for found, run in zip(validation.runs, runs, strict=True)]
+        for result, run in zip(validation.runs, runs, strict=True)]
 
 
 def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
     """Whether every channel is within its noise, and the one that is predicted worst."""
     cases = [(run, name, run.channels[name]) for run in validation.runs for name in CHANNELS[:3]]
-    run, name, item = max(cases, key=lambda case: (case[2].nrmse or 0.0) / max(
+    run, name, channel = max(cases, key=lambda case: (case[2].nrmse or 0.0) / max(
         case[2].noise_floor or 0.0, 1e-4))
-    misfit, floor = item.nrmse or 0.0, item.noise_floor or 0.0
+    misfit, floor = channel.nrmse or 0.0, channel.noise_floor or 0.0
     is_good = misfit <= allowed_misfit(floor)
     said = ('These parameters predict every channel of every run within its noise.' if is_good
             else f'The misfit of {SYMBOLS[name]} in {Path(run.name).name} is '
@@ -146,17 +140,17 @@ def _figures(validation: Validation) -> str:
     """Every figure of every channel, with its unit."""
     rows: list[list[str | Cell]] = []
     for run in validation.runs:
-        for name, item in run.channels.items():
-            misfit = item.nrmse
+        for name, channel in run.channels.items():
+            misfit = channel.nrmse
             mark = '' if misfit is None or name == 'parity' else (
-                'bad' if misfit > allowed_misfit(item.noise_floor) else 'good')
+                'bad' if misfit > allowed_misfit(channel.noise_floor) else 'good')
             rows.append([
                 Path(run.name).name, run.test, f'{np.degrees(run.elevation):g}°', code(name),
-                quantity(item.rmse, item.unit), number(percent(misfit), mark),
-                percent(item.noise_floor), quantity(item.maximum, item.unit),
-                quantity(item.bias, item.unit), quantity(item.slope_ratio),
-                percent(item.loop_area), quantity(item.time_shift, 's'),
-                quantity(item.iso18571), quantity(item.e_over_uval)])
+                quantity(channel.rmse, channel.unit), number(percent(misfit), mark),
+                percent(channel.noise_floor), quantity(channel.maximum, channel.unit),
+                quantity(channel.bias, channel.unit), quantity(channel.slope_ratio),
+                percent(channel.loop_area), quantity(channel.time_shift, 's'),
+                quantity(channel.iso18571), quantity(channel.e_over_uval)])
     return html.section('In numbers', html.table(
         ['run', 'test', number('elevation'), 'channel', *map(number, (
             'rms misfit', 'of range', 'noise', 'largest', 'bias', 'slope ratio', 'loop', 'shift',
@@ -191,10 +185,7 @@ def date_of(stamp: int) -> str:
 
 
 def head(title: str, rig: Rig, tests: Sequence[tuple[Record, str]]) -> str:
-    """Title, rig with its hash, tests; the rig's dimensions folded below.
-
-    tests: each run, and its role.
-    """
+    """Title, rig with its hash, tests (a run and its role each), the rig's dimensions folded."""
     named = ', '.join(sorted({run.rig for run, _ in tests if run.rig})) or 'not named in the bags'
     digest, elevations = rig.digest, [round(math.degrees(run.elevation), 2) for run, _ in tests]
     rows = [
@@ -218,9 +209,9 @@ def head(title: str, rig: Rig, tests: Sequence[tuple[Record, str]]) -> str:
 def dimensions(rig: Rig) -> list[tuple[str, str]]:
     """The rig's dimensions as a reader checks them."""
     rows = [
-        (f'{name}, {item}', value)
+        (f'{name}, {words}', value)
         for name, row in (('axial rows (each)', rig.axial_rows), ('radial row', rig.radial_row))
-        for item, value in (('rollers', f'{row.rollers}'),
+        for words, value in (('rollers', f'{row.rollers}'),
                             ('pitch radius', f'{1e3 * row.pitch_radius:g} mm'),
                             ('clearance', f'{1e6 * row.clearance:g} µm'))]
     return [
@@ -288,12 +279,12 @@ def misfit_reductions(document: Mapping[str, Any]) -> str:
         'noise before. The last column weights the channels by their noise.'))
 
 
-def _reduction_words(item: Mapping[str, float | None]) -> str:
-    before, after = item.get('nrmse_before'), item.get('nrmse_after')
+def _reduction_words(channel: Mapping[str, float | None]) -> str:
+    before, after = channel.get('nrmse_before'), channel.get('nrmse_after')
     if not before or after is None:
         return '–'
     words = f'{round(100.0 * (1.0 - after / before))} %'
-    return f'({words})' if before <= allowed_misfit(item.get('noise_floor')) else words
+    return f'({words})' if before <= allowed_misfit(channel.get('noise_floor')) else words
 
 
 def reproduction(document: Mapping[str, Any], command: str = '', curves_file: str = '') -> str:
@@ -301,9 +292,9 @@ def reproduction(document: Mapping[str, Any], command: str = '', curves_file: st
     made = document.get('provenance') or {}
     rows: list[list[str | Cell]] = []
     for kind in ('bags', 'files'):
-        rows += [[item['path'], Cell(
-            f'<code class="hash">{html.escape(item.get("sha256") or "not a file")}</code>',
-            is_html=True)] for item in made.get(kind, ())]
+        rows += [[origin['path'], Cell(
+            f'<code class="hash">{html.escape(origin.get("sha256") or "not a file")}</code>',
+            is_html=True)] for origin in made.get(kind, ())]
     versions = ', '.join(f'{name} {version}' for name, version in made.get('versions', {}).items())
     return html.section(
         'To reproduce this result',

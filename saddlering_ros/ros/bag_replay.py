@@ -79,9 +79,9 @@ class BagNode(StreamingNode):
 
     def _judge_bag(self, changes: list[RosParameter]) -> SetParametersResult:
         try:
-            for change in changes:
-                if change.name == BAG.name and str(change.value).strip():
-                    self._allowed(str(change.value).strip())
+            for bag in [str(one.value).strip() for one in changes if one.name == BAG.name]:
+                if bag:
+                    self._allowed(bag)
         except NodeError as problem:
             return SetParametersResult(successful=False, reason=str(problem))
         return SetParametersResult(successful=True)
@@ -134,12 +134,10 @@ class ReplayNode(BagNode):
         super().__init__(self.NAME)
 
     def configure(self) -> None:
-        """Read the bag."""
         record = self.read_record(topics_of(self.NAME))
         for topic in record:
             check_values(f'{record.path}: {topic}', record[topic].stamps, record[topic].values)
-        said = [note for name in record for note in record[name].notes]
-        for note in (*record.notes, *said):
+        for note in (*record.notes, *(note for name in record for note in record[name].notes)):
             self.get_logger().warning(f'{record.path}: {note}')
         absent = absent_topic(self._rig)
         self._tracks = [Track(record[name]) for name in record if name != absent]
@@ -149,14 +147,12 @@ class ReplayNode(BagNode):
         self.tasks = [FunctionTask('replay', self._task_status), self._agreement, self.sources()]
 
     def connect(self) -> None:
-        """Listen to the clock; publish the topics."""
         self._clock_flow = RawSubscription(self, CLOCK, Clock, depth=100)
         self.inputs = [self._clock_flow]
         self.outputs = [RawPublisher(self, track.topic.relative, message_class(track.topic.type))
                         for track in self._tracks]
 
     def process_batch(self) -> None:
-        """Follow the clock."""
         messages = self._clock_flow.take()
         if not messages:
             return

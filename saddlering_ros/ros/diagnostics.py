@@ -154,7 +154,6 @@ class ParityTask(Kept):
         self._noise = noise
 
     def report(self, elapsed: float) -> TaskStatus:
-        """Mean and peak of the period."""
         parity = self.taken()
         parity = parity[np.isfinite(parity)]
         if not len(parity):
@@ -177,7 +176,6 @@ class FunctionTask:
     find: Callable[[], TaskStatus]
 
     def report(self, elapsed: float) -> TaskStatus:
-        """Status of the function."""
         return self.find()
 
 
@@ -203,7 +201,6 @@ class Events:
         self._before: dict[str, int] = {}
 
     def report(self, elapsed: float) -> TaskStatus:
-        """Which counts grew."""
         counts = self._source()
         grown = {name: count - self._before.get(name, 0) for name, count in counts.items()
                  if count > self._before.get(name, 0) and name not in self._harmless}

@@ -126,11 +126,9 @@ class NodeProcess:
 
     @property
     def running(self) -> bool:
-        """Whether the process still runs."""
         return self.process.poll() is None
 
     def said(self) -> str:
-        """Its output so far."""
         return self.log.read_text(errors='replace')
 
 
@@ -172,11 +170,10 @@ class NodeGroup:
                 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **(self.extra_environment or {})}
 
     def start(self, name: str, parameters: Values | None = None, *,
-              files: Sequence[Path | str] = (), remappings: Mapping[str, str] | None = None,
-              ) -> NodeProcess:
+              files: Sequence[Path | str] = ()) -> NodeProcess:
         """Start the node `name` (a module of saddlering_ros.nodes) in a separate process."""
         assert self.log_folder is not None
-        renamed = {**({'__ns': self.namespace} if self.namespace else {}), **(remappings or {})}
+        renamed = {'__ns': self.namespace} if self.namespace else {}
         log = self.log_folder / f'{name}.log'
         command = [sys.executable, '-m', f'saddlering_ros.nodes.{name}',
                    *ros_arguments(parameters, files, renamed)]
@@ -188,10 +185,7 @@ class NodeGroup:
         return self.processes[name]
 
     def wait(self, name: str, timeout: float) -> int:
-        """Wait for a node to leave by itself; its exit status. NodeError when it or another fails.
-
-        Any node that ends with an error in the meantime is reported with its last line.
-        """
+        """Wait for a node to leave; its exit status. NodeError if it or another one fails."""
         deadline = time.monotonic() + timeout
         while self.processes[name].running:
             self.check()
@@ -239,31 +233,31 @@ def last_line(text: str) -> str:
 
 @contextlib.contextmanager
 def start_nodes(
-    bag: Path | str, *, nodes: Sequence[str] = RING_NODES, lockstep: bool = True,
-    rate: float = 0.0, parameters: Mapping[str, Values] | None = None,
+    bag: Path | str, *, nodes: Sequence[str] = RING_NODES, rate: float = 0.0,
+    parameters: Mapping[str, Values] | None = None,
     files: Sequence[Path | str] = (), domain_id: int | None = None,
     log_folder: Path | None = None, exit_at_end: bool = True, start_paused: bool = False,
     namespace: str = '',
 ) -> Any:
-    """Replay `bag` to `nodes`; yields the NodeGroup, and ends every process on leaving.
+    """Replay `bag` to `nodes` in lockstep; yields the NodeGroup, ends every process on leaving.
 
     The clock starts last and waits for all others. `group.wait('replay_clock', timeout)` returns
     when the bag is at its end and everyone has dealt with it. `parameters` by node name.
     """
     parameters = parameters or {}
     streaming = [name for name in nodes if name in (*RING_NODES, *ALARM_NODES)]
-    simulator = parameters.get('ring_simulator', {})
-    own: dict[str, Values] = {
+    of_replay: dict[str, Values] = {
         **{name: {'bag': str(bag)} for name in (*REPLAY_NODES, 'ring_simulator')},
         'replay_clock': {
-            'bag': str(bag), 'lockstep': lockstep, 'rate': float(rate),
+            'bag': str(bag), 'lockstep': True, 'rate': float(rate),
             'exit_at_end': exit_at_end, 'start_paused': start_paused,
             'participants': [*REPLAY_NODES, *streaming],
-            **{name: simulator[name] for name in ('elevation_deg',) if name in simulator}}}
+            **{name: value for name, value in parameters.get('ring_simulator', {}).items()
+               if name == 'elevation_deg'}}}
     with NodeGroup(domain_id=domain_id, log_folder=log_folder, namespace=namespace,
-                   extra_environment=transport_environment(PACKED) if lockstep else None) as group:
+                   extra_environment=transport_environment(PACKED)) as group:
         for name in (*nodes, *REPLAY_NODES, 'replay_clock'):
-            group.start(name, {**own.get(name, {}), **parameters.get(name, {})}, files=files)
+            group.start(name, {**of_replay.get(name, {}), **parameters.get(name, {})}, files=files)
         yield group
 
 

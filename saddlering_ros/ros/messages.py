@@ -75,10 +75,7 @@ def parameters_from_message(message: msg.RingParameters) -> ParameterSet:
 
 
 def fill_diagnosis(result: Any, document: Mapping[str, Any]) -> None:
-    """Put a verdict document (`diagnose --json`) into the typed fields of a DiagnoseRing result.
-
-    Fields that the document does not have stay empty; NaN for null.
-    """
+    """Put a verdict document into the fields of a DiagnoseRing result; NaN for null."""
     result.verdict = document['verdict']
     for cause in document['causes']:
         if 'effect' not in cause:
@@ -119,8 +116,8 @@ def fill_diagnosis(result: Any, document: Mapping[str, Any]) -> None:
 
 def _numbers(values: Mapping[str, float | None], *names: str) -> dict[str, float]:
     """Some of these values; NaN for null."""
-    found = {name: values.get(name) for name in names}
-    return {name: math.nan if value is None else float(value) for name, value in found.items()}
+    given = {name: values.get(name) for name in names}
+    return {name: math.nan if value is None else float(value) for name, value in given.items()}
 
 
 def alarm_message(monitor: Monitor, words: str, frame_id: str) -> msg.RingAlarm:
@@ -216,10 +213,7 @@ class LockstepGroup:
         self._owing, self._start = set(self.said), start
 
     def hear(self, message: msg.ReplayProgress, now: float) -> None:
-        """Take a node's word at monotonic `now` [s].
-
-        Reports of other nodes are not kept, nor messages whose lists differ in length.
-        """
+        """Take a node's word at `now` [s, monotonic], unless it is malformed or another node's."""
         before = self.said.get(message.node)
         if before is None and message.node not in self.names and not (
                 message.node.startswith(LIVE_PAGE)

@@ -34,7 +34,6 @@ class NodeEntry:
 
     @property
     def module(self) -> str:
-        """The module that holds its class and `main`."""
         return f'saddlering_ros.nodes.{self.name}'
 
 

@@ -99,22 +99,18 @@ def refuse_other_rig(node: Any, refuse: Callable[[Any, Rig], None], stated: Any,
 
 
 def declare(node: Node, parameters: Sequence[NodeParameter]) -> dict[str, Any]:
-    """Declare `parameters` on `node`; their values by name, which follow what is set later.
-
-    Texts are stripped. NodeError names the first that was given a bad value.
-    """
-    settings = {parameter.name: _stripped(_declare_one(node, parameter))
-                for parameter in parameters}
+    """Declare `parameters`; their values by name, texts stripped, which follow later changes."""
+    settings = {one.name: _stripped(_declare_one(node, one)) for one in parameters}
     by_name = {parameter.name: parameter for parameter in parameters}
 
     def judge(changes: list[RosParameter]) -> msg.SetParametersResult:
         for change in changes:
-            known = by_name.get(change.name)
-            if known is None:
+            parameter = by_name.get(change.name)
+            if parameter is None:
                 continue
-            reason = known.refusal(change.value)
-            if known.while_inactive and getattr(node, 'active', False):
-                reason = (f'{known.name} can change only while the node is inactive: ros2 '
+            reason = parameter.refusal(change.value)
+            if parameter.while_inactive and getattr(node, 'active', False):
+                reason = (f'{parameter.name} can change only while the node is inactive: ros2 '
                           f'lifecycle set {node.get_fully_qualified_name()} deactivate first')
             if reason:
                 return msg.SetParametersResult(successful=False, reason=reason)
@@ -227,10 +223,7 @@ def _descriptor_of(name: str) -> msg.ParameterDescriptor:
 
 
 def given_sections(node: Node, sections: Sequence[str]) -> dict[str, Any]:
-    """Start values of the node under `sections`, nested: of a parameter file, or by hand.
-
-    Only given entries are declared (read only), as most entries are optional.
-    """
+    """Start values under `sections`, nested; only given ones are declared (read only)."""
     nested: dict[str, Any] = {}
     overrides: dict[str, RosParameter] = node._parameter_overrides
     for name in sorted(overrides):
@@ -249,15 +242,15 @@ def refuse_undeclared(node: Node) -> None:
     """
     overrides: dict[str, RosParameter] = node._parameter_overrides
     sections = {'contact': PARAMETER_NAMES, 'source': SOURCE_KEYS}
-    known = [*node._parameters,
+    declared = [*node._parameters,
              *(f'{section}.{key}' for section, keys in sections.items() for key in keys)]
     for name in sorted(overrides):
-        if name in known or name.startswith('effects.'):
+        if name in declared or name.startswith('effects.'):
             continue
         if name.startswith('qos_overrides.'):
             raise NodeError(f'{node.get_name()}: parameter {name} has no effect: the parameter '
                             'input_reliability sets the QoS of inputs, and outputs are reliable')
-        remedy = did_you_mean(name, known) or (
+        remedy = did_you_mean(name, declared) or (
             ': remove it, or move it below the name of its node')
         raise NodeError(f'{node.get_name()}: parameter {name} is unknown{remedy}')
 
@@ -303,16 +296,13 @@ def _with_certificates(file: str) -> str:
 
 
 def _put(nested: dict[str, Any], path: Sequence[str], value: Any) -> None:
-    for part in path[:-1]:
-        nested = nested.setdefault(part, {})
+    for section in path[:-1]:
+        nested = nested.setdefault(section, {})
     nested[path[-1]] = value if isinstance(value, (int, float, str)) else list(value)
 
 
 def root_folder(node: Any, parameter: str, default: Path) -> Path:
-    """The folder that a parameter in the node's `settings` names, or `default`.
-
-    NodeError if it is not there.
-    """
+    """The folder of a parameter in `settings`, or `default`; NodeError if it is not there."""
     given = node.settings[parameter]
     root = Path(given).expanduser() if given else default
     if given and not root.is_dir():

@@ -148,10 +148,7 @@ class RawSubscription:
             messages.append(taken[0])
 
     def take_as(self, decode: Callable[[list[bytes]], Batch]) -> Batch:
-        """Messages that have arrived, decoded; undecodable ones are counted and dropped.
-
-        The task of the topic judges their stamps.
-        """
+        """Arrived messages, decoded; undecodable ones are counted. The task judges the stamps."""
         messages = self.take()
         try:
             batch = decode(messages)
@@ -181,7 +178,6 @@ class RawSubscription:
         return int(self.subscription.get_publisher_count())
 
     def close(self) -> None:
-        """Unsubscribe."""
         self._node.destroy_subscription(self.subscription)
 
 
@@ -210,7 +206,6 @@ class RawPublisher:
         return int(self.publisher.get_subscription_count())
 
     def close(self) -> None:
-        """Stop publishing."""
         self._node.destroy_publisher(self.publisher)
 
 

@@ -6,7 +6,6 @@ that is replayed (replay/state), the bag that the node was started with, the inc
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 import math
 import time
 
@@ -40,14 +39,6 @@ MOVED = math.radians(0.1)
 """An elevation that has moved by more since the zero is told: 1.7 mrad of give in the gear."""
 
 
-@dataclass(frozen=True)
-class Elevation:
-    """An elevation [rad] (NaN: not known) and where it comes from, in words."""
-
-    value: float
-    source: str
-
-
 class ElevationWatch:
     """Hears of the elevation on replay/state and rig/elevation; `on_news` is called on changes.
 
@@ -65,14 +56,17 @@ class ElevationWatch:
         node.create_subscription(ElevationMessage, INCLINOMETER, lambda message:
                                  self._on_measured(message.elevation), OF_ANY_SENSOR)
 
-    def resolve(self, given: float = math.nan, started_with: float = math.nan) -> Elevation:
-        """The elevation that counts; given, started_with: setting and first bag [rad], or NaN."""
+    def resolve(self, given: float, started_with: float = math.nan) -> tuple[float, str]:
+        """The elevation that counts [rad], NaN if none is known, and its source in words.
+
+        given, started_with: that of the setting and of the first bag [rad], or NaN.
+        """
         sources = ((given, 'set'), (self.of_bag, 'of the replayed bag'),
                    (started_with, 'of the given bag'), (self.measured, 'measured'))
         for value, source in sources:
             if not math.isnan(value):
-                return Elevation(value, source)
-        return Elevation(math.nan, 'not known')
+                return value, source
+        return math.nan, 'not known'
 
     def contradiction(self, used: float) -> str:
         """Contradiction to the elevation in use [rad], in words; '' if there is none."""
@@ -116,7 +110,6 @@ class RigAgreement:
         node.get_logger().info(f'rig {short_digest(self.digest)}')
 
     def report(self, elapsed: float) -> TaskStatus:
-        """Who of the nodes that are there has another rig."""
         there = {f'{info.node_namespace.rstrip("/")}/{info.node_name}'
                  for info in self._node.get_publishers_info_by_topic(
                      self._publisher.topic_name)}
@@ -134,10 +127,7 @@ class RigAgreement:
 def zero_status(
     rig: Rig, zero: ZeroReading | None, zero_stamp: int, newest_stamp: int, load: float,
 ) -> TaskStatus:
-    """Whether the zero is taken; if not, the load [N] at which the node waits.
-
-    Stamps are in ns; `newest_stamp` is 0 before the first sample.
-    """
+    """Whether the zero is taken, by stamps [ns] (0: none) and the load [N] of a waiting node."""
     if zero is not None:
         units = units_of_preload(rig, zero.load)
         return TaskStatus(WARN if units else OK, f'zero at {zero.load:.4g} N, which looks like '
@@ -206,7 +196,6 @@ class Readiness:
         return reasons
 
     def report(self, elapsed: float) -> TaskStatus:
-        """Ready, or the reasons that prevent a test."""
         reasons = self.reasons(time.monotonic())
         if not reasons:
             return TaskStatus(OK, 'ready to test')

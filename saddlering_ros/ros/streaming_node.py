@@ -121,11 +121,9 @@ class StreamingNode(LifecycleNode):
         self._is_starting = False
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the core from the parameters."""
         return self._attempt(self.configure, state, super().on_configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Subscribe and publish."""
         result = self._attempt(self.connect, state, super().on_activate)
         self.active = result == TransitionCallbackReturn.SUCCESS
         return result
@@ -136,12 +134,10 @@ class StreamingNode(LifecycleNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget the core."""
         self.tasks = []
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Leave the process as well."""
         self._disconnect()
         self.done = True
         return super().on_shutdown(state)
@@ -209,7 +205,6 @@ class StreamingNode(LifecycleNode):
         return self.inputs
 
     def work(self) -> None:
-        """Process the messages that have arrived."""
         if self.active:
             self.process_batch()
             self._untold = self.TELLS_PROGRESS
@@ -271,9 +266,9 @@ FORMS = {
 
 def refusal_words(words: str) -> str:
     """A refusal of rcl with what to type, and without places in its source; others unchanged."""
-    found = re.search(r"Couldn't parse (?:trailing )?(.*?): '(.*?)'\. Error", words)
-    if found is not None and found[1] in FORMS:
-        return f'{found[1]} {found[2]!r} is of no use: give {FORMS[found[1]]}'
+    refused = re.search(r"Couldn't parse (?:trailing )?(.*?): '(.*?)'\. Error", words)
+    if refused is not None and refused[1] in FORMS:
+        return f'{refused[1]} {refused[2]!r} is of no use: give {FORMS[refused[1]]}'
     return re.sub(r', at /\S+', '', words)
 
 
@@ -350,7 +345,7 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
             rclpy.try_shutdown()
 
 
-def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
+def leave(status: int) -> NoReturn:
     """End the process with `status` after all functions that were registered for the end.
 
     The interpreter is not finalized. With compiled kernels that takes longer than everything
@@ -358,11 +353,11 @@ def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
 
     The work of the node is done and written by now. The status is therefore kept even if the
     middleware crashes or hangs while it leaves the network. Fast DDS sometimes does so when many
-    nodes end at once. The middleware is abandoned after `longest` seconds. No line is printed:
+    nodes end at once. The middleware is abandoned after LONGEST_END. No line is printed:
     nothing is lost, and other participants forget this one after its lease.
     """
     gc.disable()  # an automatic collection could reach the middleware before the handlers are set
-    # End with `status` at a crash of this process from now on, or after `longest` seconds. The
+    # End with `status` at a crash of this process from now on, or after LONGEST_END. The
     # handler is one of the C runtime: the middleware may keep the interpreter while it hangs, and
     # Python would run its own handlers only after that.
     def end(_number: int) -> None:
@@ -374,7 +369,7 @@ def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
     set_handler.argtypes, set_handler.restype = (ctypes.c_int, handler_type), ctypes.c_void_p
     for number in (signal.SIGALRM, signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS):
         set_handler(number, handler)
-    signal.setitimer(signal.ITIMER_REAL, longest)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST_END)
     gc.unfreeze()
     gc.collect()  # the node leaves the network
     atexit._run_exitfuncs()
