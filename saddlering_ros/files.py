@@ -153,8 +153,7 @@ def whole_file(path: Path | str, error: type[SaddleringError] = SaddleringError)
 def temporary_folder(parent: Path, prefix: str) -> Iterator[Path]:
     """A folder in `parent` that is removed when the block ends.
 
-    One that a killed process left under the same prefix is removed first. OSError if none can be
-    made.
+    What a killed process left under the same prefix is removed first. OSError if none can be made.
     """
     _sweep(parent, prefix, '')
     folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))

@@ -112,8 +112,7 @@ def read_strict_yaml(path: Path | str, error: type[SaddleringError]) -> Any:
 def read_regular_text(path: Path, error: type[SaddleringError], limit: int = MAX_BYTES) -> str:
     """The text of a regular file of at most `limit` bytes; `error` with one line otherwise.
 
-    It never waits for data. Some files below /proc are regular by their kind, and a read of them
-    never ends.
+    It never waits for data. A read of some files below /proc, regular by their kind, never ends.
     """
     try:
         handle, data = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), b''

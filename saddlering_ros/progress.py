@@ -18,8 +18,7 @@ from saddlering_ros.errors import Cancelled
 class SearchStep:
     """The iteration of the identification behind a report.
 
-    best_parameters are in SI units, in the order of the parameter file; spread is the width of the
-    swarm, 1 at the start.
+    best_parameters: in SI units, in the order of the file; spread: of the swarm, 1 at its start.
     """
 
     iteration: int

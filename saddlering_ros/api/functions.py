@@ -11,8 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros import diagnosis, identification
-from saddlering_ros.api import inputs, results
+from saddlering_ros.api import inputs
 from saddlering_ros.api.inputs import Bag, BagLike, ParametersLike, RigLike, runs_of
+from saddlering_ros.api.results import (
+    ComparisonResult,
+    DiagnosisResult,
+    IdentificationResult,
+    Plot,
+    ValidationResult,
+)
 from saddlering_ros.bags.samples import displacement_columns, write_samples
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import Cancelled
@@ -38,7 +45,7 @@ def identify(
     log_stiffness: bool = False, use_delta_y: bool | None = None,
     seed: int = 0, trust_rig: bool = False, on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
-) -> results.IdentificationResult:
+) -> IdentificationResult:
     """Identify the contact parameters K1, n1, D1, K2, n2, D2 from static and dynamic bags.
 
     bags: bags from `read_bag`, or paths. rig: a rig or a rig file; None for that with which the
@@ -74,7 +81,7 @@ def identify(
     fitted, _ = inputs.for_fits(given.bags)
     answer = identification.identify(
         runs_of(fitted), given.rig, settings, on_progress=on_progress, is_cancelled=is_cancelled)
-    result = results.IdentificationResult(tuple(fitted), given.rig, given.files, answer)
+    result = IdentificationResult(tuple(fitted), given.rig, given.files, answer)
     if answer.cancelled:
         raise Cancelled('identify: cancelled', result)
     return result
@@ -84,7 +91,7 @@ def validate(
     bags: BagLike | Iterable[BagLike], *, parameters: ParametersLike, rig: RigLike = None,
     trust_rig: bool = False, on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
-) -> results.ValidationResult:
+) -> ValidationResult:
     """Compare a simulation with bags, channel by channel, and the misfit with the noise.
 
     parameters: a `ParameterSet`, a parameter file, or the result of `identify` or `diagnose`.
@@ -101,7 +108,7 @@ def validate(
             on_progress(Progress('validate', judged[place].name, place / len(judged)))
 
     answer = identification.validate(runs_of(judged), given.rig, law, before_run=before)
-    return results.ValidationResult(tuple(judged), given.rig, given.files, answer)
+    return ValidationResult(tuple(judged), given.rig, given.files, answer)
 
 
 def diagnose(
@@ -109,7 +116,7 @@ def diagnose(
     rig: RigLike = None, parameters: ParametersLike | None = None, seed: int = 0,
     trust_rig: bool = False, on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
-) -> results.DiagnosisResult:
+) -> DiagnosisResult:
     """Name the cause that the simulation lacks for these bags, and measure its misfit reduction.
 
     hold_out: bags that take no part in the diagnosis; the misfit reduction is measured on them.
@@ -126,7 +133,7 @@ def diagnose(
         on_progress=on_progress, is_cancelled=is_cancelled)
     if on_progress is not None:
         on_progress(Progress('diagnose', 'verdict', 1.0))
-    return results.DiagnosisResult((*fitted, *held_out), given.rig, given.files, answer)
+    return DiagnosisResult((*fitted, *held_out), given.rig, given.files, answer)
 
 
 def compare(
@@ -134,7 +141,7 @@ def compare(
     between: Sequence[Iterable[BagLike]] = (), rig: RigLike = None, seed: int = 0,
     trust_rig: bool = False, on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
-) -> results.ComparisonResult:
+) -> ComparisonResult:
     """What changed in one ring from the bags of one session to those of a later one.
 
     What both sessions have (unequal rollers, waviness, errors of the rig file and of the
@@ -159,7 +166,7 @@ def compare(
         between=[runs_of(bags) for bags in others], seed=seed,
         on_progress=on_progress, is_cancelled=is_cancelled)
     used = [*earlier, *(bag for bags in others for bag in bags), *later]
-    return results.ComparisonResult(tuple(used), given.rig, given.files, change)
+    return ComparisonResult(tuple(used), given.rig, given.files, change)
 
 
 @dataclass(frozen=True, repr=False)
@@ -208,14 +215,14 @@ class Curves(inputs.Tabular):
         self._spare_bag(Path(path))
         write_samples(Path(path), [self.columns()], self.provenance)
 
-    def plot(self) -> results.Plot:
+    def plot(self) -> Plot:
         """delta_x, delta_y and gamma over time."""
         from saddlering_ros.report.figures import over_time
 
         kept = slice(None, None, max(1, len(self) // MAX_DRAWN))
         channels = {name: np.asarray(getattr(self, name))[kept] for name in CHANNELS[:3]}
         title = f'{self.bag.name}: {self.kind}'
-        return results.Plot(over_time(self.time[kept], channels, title), self._spare_bag)
+        return Plot(over_time(self.time[kept], channels, title), self._spare_bag)
 
     def _spare_bag(self, output: Path) -> None:
         spare_bags(output, str(output), [(bag_folder(self.bag.path), str(self.bag.path))])

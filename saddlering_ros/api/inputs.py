@@ -40,7 +40,6 @@ RigLike = Rig | Path | str | None
 ParametersLike = Any
 """Contact parameters: a `ParameterSet`, a parameter file, or a result that found some."""
 
-
 Columns = Mapping[str, Any]
 """Lists or arrays of equal length by name."""
 
@@ -127,6 +126,7 @@ class Bag(Tabular):
 
     @property
     def path(self) -> Path:
+        """The path of the bag."""
         return self.run.path
 
     @property

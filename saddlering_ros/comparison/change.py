@@ -43,7 +43,6 @@ DOUBTS = {
 }
 """Reason for doubt and the test that settles it, by the detail that differs between sessions."""
 
-
 AXIAL = [1, 3]
 """Rows of the axial probes, 2 and 4."""
 

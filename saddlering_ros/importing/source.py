@@ -97,8 +97,7 @@ class Source:
     def warn(self, words: str, number: int = 0, first: str = '') -> None:
         """Note a fault that does not prevent the use of the file.
 
-        number: of cases more, 0 for a fault that is not counted; first: the place
-        of the first case.
+        number: of cases more, 0 for a fault that is not counted; first: place of the first case.
         """
         self._warnings.setdefault(f'{self.path}: {words}', [0, first])[0] += number
 

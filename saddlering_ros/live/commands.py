@@ -108,9 +108,8 @@ class Action:
                 self.job = replace(self.job, state='lost', words='its server is gone')
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        for status in message.status_list:
-            if status.status in RUNNING:
-                self._notice(bytes(status.goal_info.goal_id.uuid))
+        for goal in [one for one in message.status_list if one.status in RUNNING]:
+            self._notice(bytes(goal.goal_info.goal_id.uuid))
 
     def _notice(self, goal: bytes) -> None:
         """A goal is running: show it, and request its result."""

@@ -147,8 +147,7 @@ def recording(
 ) -> Iterator[Recorder]:
     """Record a namespace of the ROS domain into a bag at `path` until the block ends.
 
-    Yields the recorder. BagError where the bag cannot be written; whatever was heard is in it even
-    if the block raises.
+    Yields the recorder. BagError if the bag cannot be written. A block that raises loses nothing.
     """
     topics = {topic: type_name(kind) for topic, kind in {**streams(), **KEPT, **OTHERS}.items()}
     context = rclpy.Context()

@@ -73,8 +73,7 @@ def with_link(
 class AlarmOfTest:
     """What the alarm stated during one test.
 
-    taken_back: first guesses that later samples spoke against, with the seconds from the alarm
-    to the next guess.
+    taken_back: first guesses that later samples refuted, and the seconds from alarm to next guess.
     """
 
     last: RingAlarm | None = None

@@ -43,8 +43,7 @@ LEFTOVERS = 1.0
 class Cells:
     """Cells of one stream, in order: number (N,); count, total, low, high (C, N).
 
-    count: samples of each channel that are known; changed (N,): the turn in which the cell changed
-    last.
+    count: known samples of each channel; changed (N,): the turn in which the cell changed last.
     """
 
     number: Stamps

@@ -12,6 +12,5 @@ class ProbeReplay(ReplayNode):
 
 main = executable(ProbeReplay)
 
-
 if __name__ == '__main__':
     main()

@@ -12,6 +12,5 @@ class LoadReplay(ReplayNode):
 
 main = executable(LoadReplay)
 
-
 if __name__ == '__main__':
     main()

@@ -329,6 +329,5 @@ def shortest_time_of(count: int, topics: Iterable[np.ndarray]) -> int:
 
 main = executable(ReplayClockNode)
 
-
 if __name__ == '__main__':
     main()

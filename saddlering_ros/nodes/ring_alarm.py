@@ -267,6 +267,5 @@ class RingAlarmNode(StreamingNode):
 
 main = streaming_node.executable(RingAlarmNode)
 
-
 if __name__ == '__main__':
     main()

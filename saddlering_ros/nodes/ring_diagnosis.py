@@ -45,6 +45,5 @@ class RingDiagnosisNode(ActionNode):
 
 main = executable(RingDiagnosisNode, serve)
 
-
 if __name__ == '__main__':
     main()

@@ -189,6 +189,5 @@ class RingDisplacementNode(StreamingNode):
 
 main = streaming_node.executable(RingDisplacementNode)
 
-
 if __name__ == '__main__':
     main()

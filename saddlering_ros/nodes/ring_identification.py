@@ -19,7 +19,6 @@ SWARM_FIELDS = {
 """Fields of the goal, the settings of the swarm they are, and their largest values: a goal cannot
 take unlimited memory or time."""
 
-
 SHARES = {'read': (0.0, 0.05), 'identify': (0.05, 0.9), 'validate': (0.9, 1.0)}
 """Part of a goal that each task is, from and to; by the time that they usually take."""
 
@@ -78,7 +77,6 @@ def settings_of(goal: IdentifyRing.Goal) -> IdentificationSettings:
 
 
 main = executable(RingIdentificationNode, serve)
-
 
 if __name__ == '__main__':
     main()

@@ -108,6 +108,5 @@ class ResidualTask(diagnostics.Kept):
 
 main = streaming_node.executable(RingResidualNode)
 
-
 if __name__ == '__main__':
     main()

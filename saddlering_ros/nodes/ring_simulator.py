@@ -259,8 +259,7 @@ class RingSimulatorNode(StreamingNode):
     def _follow(self, message: RingParameters) -> bool:
         """Start anew with the parameters of a message; whether they can be used.
 
-        The same numbers from another source change nothing in what is simulated: no restart, which
-        would cost samples and the zero.
+        The same numbers from another source cause no restart, which costs samples and the zero.
         """
         before = self._in_force
         try:
@@ -321,7 +320,6 @@ class RingSimulatorNode(StreamingNode):
 
 
 main = streaming_node.executable(RingSimulatorNode)
-
 
 if __name__ == '__main__':
     main()

@@ -216,8 +216,7 @@ def to_message(node: Node, hardware_id: str,
                statuses: Iterable[tuple[str, TaskStatus]]) -> DiagnosticArray:
     """The statuses of a node's tasks as /diagnostics wants them.
 
-    They carry the node's full name, in the root namespace without the slash; hardware_id '': that
-    of the namespace.
+    They carry the node's full name, at the root without slash; hardware_id '': the namespace's.
     """
     namespace = node.get_namespace().rstrip('/')
     message = DiagnosticArray(status=[

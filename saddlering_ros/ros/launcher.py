@@ -338,8 +338,7 @@ sends them takes part of the processor from the publishing one, and delays a str
 def transport_environment(publication: str = PROMPT) -> dict[str, str]:
     """Environment that a process needs, before rclpy.init, to use config/fastdds.xml.
 
-    Empty if the user has chosen a file. Other middlewares than Fast DDS ignore it. The profile has
-    no say in the publication.
+    Empty if the user has chosen a file. Other middlewares ignore it. It sets no publication mode.
     """
     if any(os.environ.get(name) for name in PROFILE_VARIABLES):
         return {}

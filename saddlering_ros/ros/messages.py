@@ -179,7 +179,6 @@ SPECTATOR_LEASE = 10.0
 """A spectator that has not reported for so long [s] is gone; one that leaves says so. A busy
 machine has kept a page from reporting for several seconds while a browser loaded it."""
 
-
 REPORTING_NODES = names.names(names.REPLAY, names.RING, names.ALARM)
 SILENT_NODES = names.names(names.TIME, names.ACTION)
 """Nodes of the suite that report their progress, and that do not."""

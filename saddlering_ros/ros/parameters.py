@@ -78,7 +78,6 @@ class NodeParameter:
 HARDWARE_ID = NodeParameter(
     'hardware_id', '', 'identity of the rig in /diagnostics; none: saddlering and the namespace')
 
-
 TRUST_RIG = NodeParameter(
     'trust_rig', False, 'accept a bag or parameters that state another rig than the node has')
 
@@ -86,8 +85,7 @@ TRUST_RIG = NodeParameter(
 def refuse_other_rig(node: Any, refuse: Callable[[Any, Rig], None], stated: Any, rig: Rig) -> None:
     """NodeError if `refuse` finds that another rig than the node's is stated.
 
-    A node with trust_rig does not look. The remedy names parameters in place of arguments of the
-    Python API.
+    A node with trust_rig does not look. The remedy names parameters, not arguments of the API.
     """
     if node.settings[TRUST_RIG.name]:
         return
@@ -167,8 +165,7 @@ def declare_rig(node: Node) -> Rig:
     """The rig from the node's parameters `rig.*` and `bounds.*`, as config/rig.yaml sets them.
 
     Without any of them it is that of the project, or the shipped one. A part of a rig is refused,
-    as commands refuse it: the rest would be that of another rig. Raises RigError with one line on
-    a bad one.
+    as commands refuse it: the rest would be that of another rig. RigError for a bad one.
     """
     nested = given_sections(node, ('rig', 'bounds'))
     is_given = 'rig' in nested

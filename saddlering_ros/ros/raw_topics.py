@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 DEPTH = 5000
 """Messages that may wait at either end of a stream: five seconds at 1 kHz."""
 
-
 _STREAM: dict[str, Any] = {
     'history': qos.HistoryPolicy.KEEP_LAST, 'reliability': qos.ReliabilityPolicy.RELIABLE,
     'durability': qos.DurabilityPolicy.VOLATILE}
@@ -69,7 +68,6 @@ OF_ANY_SENSOR = stream_qos(reliable=False, depth=5)
 
 MANY_REQUESTS = stream_qos(depth=2000)
 """Requests that may wait: of 50 goals at once the default queue keeps 10, and drops the others."""
-
 
 Batch = TypeVar('Batch', Samples, Displacements)
 
@@ -241,8 +239,7 @@ class DataWait:
              node: Node | None = None) -> tuple[bool, bool]:
         """Wait until one of `subscriptions` has data, at most `seconds`: whether one has.
 
-        With `node`, a message or a call that its executor is to serve ends the wait too: the
-        second answer.
+        With `node`, what its executor is to serve ends the wait too: the second answer.
         """
         streams = [flow.handle for flow in subscriptions]
         services = [] if node is None else [service.handle for service in node.services]

@@ -48,7 +48,6 @@ MAX_GAP = NodeParameter(
     'max_gap', 10.0, 'a larger jump of the stamps [s] restarts zero and simulation', low=0.1,
     high=3600.0)
 
-
 LONGEST_HAND_OVER = 1.5
 """Longest time [s] at its end for which a node sends again what its readers miss; with
 LONGEST_END it stays below the five seconds of a launch."""
@@ -255,7 +254,6 @@ REFUSALS = ('RCLError', 'UnknownROSArgsError', 'InvalidNodeNameException',
 """Errors by which rclpy refuses a command line (--ros-args, a parameter file it cannot read)."""
 LONGEST_END = 3.0
 """Longest time [s] for the middleware to leave the network; a launch grants five in all."""
-
 
 FORMS = {
     'remap rule': '-r OLD:=NEW', 'parameter override rule': '-p NAME:=VALUE',
