@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Callable
 from pathlib import Path
+
+import pytest
 
 import saddlering_ros
 from saddlering_ros import discrepancy
+from saddlering_ros.discrepancy import Channel, DiscrepancyError, Parameter, Run
 
 PACKAGE = Path(saddlering_ros.__file__).parent
 NAME = 'saddlering_ros.discrepancy'
@@ -46,3 +50,17 @@ def test_the_engine_imports_no_ring() -> None:
         and module.split('.')[1] in rooms
     ]
     assert wrong == []
+
+
+@pytest.mark.parametrize(('declare', 'words'), [
+    (lambda: Channel(model_error=None), 'channel: model_error is None: a share of the range'),
+    (lambda: Channel(offset=None), "channel: offset is None: give 'free', 'none' or a"),
+    (lambda: Parameter(None, 1.0), 'parameter: low must be below high, and both finite, not None'),
+    (lambda: Run('a', ['early'] * 9, {}, {'y': range(9)}), 'run a: time is no array of numbers'),
+    (lambda: Run('a', range(9), {}, {'y': [[1], [2, 3]]}), 'run a: outputs y is no array of num')])
+def test_a_declaration_of_another_kind_is_refused_in_one_line(
+        declare: Callable[[], object], words: str) -> None:
+    with pytest.raises(DiscrepancyError) as refused:
+        declare()
+    assert str(refused.value).startswith(words)
+    assert '\n' not in str(refused.value)

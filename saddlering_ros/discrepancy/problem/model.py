@@ -42,14 +42,22 @@ class Channel:
         if not isinstance(self.noise, Noise):
             raise DiscrepancyError(
                 f'channel: noise is {self.noise!r}: give Noise.white(std) or another Noise')
-        if isinstance(self.offset, str) and self.offset not in ('free', 'none'):
+        numbers = (int, float, np.number)
+        is_std = isinstance(self.offset, numbers) and 0.0 <= self.offset < np.inf
+        if not is_std and self.offset not in ('free', 'none'):
             raise DiscrepancyError(
-                f"channel: offset is {self.offset!r}: give 'free', 'none' or a standard deviation")
-        if not isinstance(self.offset, str) and not 0.0 <= self.offset < np.inf:
-            raise DiscrepancyError(f'channel: offset {self.offset:g}: a standard deviation')
-        if not 0.0 <= self.model_error < 1.0:
+                f"channel: offset is {self.offset}: give 'free', 'none' or a standard deviation")
+        if not (isinstance(self.model_error, numbers) and 0.0 <= self.model_error < 1.0):
             raise DiscrepancyError(
-                f'channel: model_error is {self.model_error:g}: a share of the range, 0 to 1')
+                f'channel: model_error is {self.model_error}: a share of the range, 0 to 1')
+
+
+def _numbers(what: str, values: ArrayLike) -> Array:
+    """The values as floats; DiscrepancyError if they are no array of numbers."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as problem:
+        raise DiscrepancyError(f'{what} is no array of numbers: {problem}') from problem
 
 
 @dataclass(frozen=True)
@@ -67,7 +75,7 @@ class Run:
     coordinates: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        time = np.asarray(self.time, dtype=np.float64)
+        time = _numbers(f'run {self.name}: time', self.time)
         if time.ndim != 1 or time.size < MIN_SAMPLES:
             raise DiscrepancyError(
                 f'run {self.name}: {time.size} samples of time: give at least {MIN_SAMPLES}')
@@ -77,7 +85,7 @@ class Run:
             raise DiscrepancyError(f'run {self.name}: no outputs: give at least one channel')
         object.__setattr__(self, 'time', time)
         for kind in ('outputs', 'coordinates'):
-            arrays = {name: np.asarray(values, dtype=np.float64)
+            arrays = {name: _numbers(f'run {self.name}: {kind} {name}', values)
                       for name, values in getattr(self, kind).items()}
             for name, array in arrays.items():
                 if array.shape != time.shape:

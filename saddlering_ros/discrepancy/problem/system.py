@@ -46,9 +46,11 @@ class Parameter:
 
     def __post_init__(self) -> None:
         label = f'parameter {self.name}'.rstrip()
-        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
+        numbers = (int, float, np.number)
+        are_numbers = isinstance(self.low, numbers) and isinstance(self.high, numbers)
+        if not (are_numbers and -math.inf < self.low < self.high < math.inf):
             raise DiscrepancyError(f'{label}: low must be below high, and both finite, not '
-                                   f'{self.low:g} and {self.high:g}')
+                                   f'{self.low} and {self.high}')
         if self.scale not in ('linear', 'log'):
             raise DiscrepancyError(f'{label}: scale is {self.scale!r}: give linear or log')
         if self.scale == 'log' and self.low <= 0.0:
