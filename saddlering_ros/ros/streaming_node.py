@@ -343,7 +343,7 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
             rclpy.try_shutdown()
 
 
-def leave(status: int) -> NoReturn:
+def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
     """End the process with `status` after all functions that were registered for the end.
 
     The interpreter is not finalized. With compiled kernels that takes longer than everything
@@ -351,11 +351,11 @@ def leave(status: int) -> NoReturn:
 
     The work of the node is done and written by now. The status is therefore kept even if the
     middleware crashes or hangs while it leaves the network. Fast DDS sometimes does so when many
-    nodes end at once. The middleware is abandoned after LONGEST_END. No line is printed:
+    nodes end at once. The middleware is abandoned after `longest` seconds. No line is printed:
     nothing is lost, and other participants forget this one after its lease.
     """
     gc.disable()  # an automatic collection could reach the middleware before the handlers are set
-    # End with `status` at a crash of this process from now on, or after LONGEST_END. The
+    # End with `status` at a crash of this process from now on, or after `longest` seconds. The
     # handler is one of the C runtime: the middleware may keep the interpreter while it hangs, and
     # Python would run its own handlers only after that.
     def end(_number: int) -> None:
@@ -367,7 +367,7 @@ def leave(status: int) -> NoReturn:
     set_handler.argtypes, set_handler.restype = (ctypes.c_int, handler_type), ctypes.c_void_p
     for number in (signal.SIGALRM, signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS):
         set_handler(number, handler)
-    signal.setitimer(signal.ITIMER_REAL, LONGEST_END)
+    signal.setitimer(signal.ITIMER_REAL, longest)
     gc.unfreeze()
     gc.collect()  # the node leaves the network
     atexit._run_exitfuncs()
