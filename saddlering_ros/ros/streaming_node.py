@@ -16,7 +16,9 @@ import time
 from typing import Any, ClassVar, NoReturn
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -118,6 +120,19 @@ class StreamingNode(LifecycleNode):
             if self.problem is not None:
                 raise self.problem
         self._is_starting = False
+
+    def _LifecycleNodeMixin__on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response,
+    ) -> ChangeState.Response:
+        """Refuse a transition that the state does not have: rclpy's own would end the node."""
+        try:
+            changed: ChangeState.Response = (
+                super()._LifecycleNodeMixin__on_change_state(request, response))
+            return changed
+        except RCLError:
+            self.get_logger().warning('refused a transition that this state does not have')
+            response.success = False
+            return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self._attempt(self.configure, state, super().on_configure)
