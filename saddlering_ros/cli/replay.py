@@ -160,8 +160,9 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
                 told = waits[-1]
                 print(f'note: the replay {told[told.index("still waits for"):]}', file=sys.stderr)
             if PLAYS not in said and time.monotonic() - began > START_PATIENCE:
-                raise NodeError(f'the replay does not start: {last_line(said)}: check that this '
-                                'node runs')
+                raise NodeError('the replay does not start: ' + (
+                    f'{last_line(said)}: check that this node runs' if waits else 'its nodes are '
+                    f'not up within {START_PATIENCE:g} s: if the machine is busy, repeat it'))
             if seconds is not None:
                 bar.show('replay', min((time.monotonic() - began) / seconds, 0.99))
             time.sleep(0.02)

@@ -32,6 +32,14 @@ def test_a_node_that_stops_before_it_is_heard_is_named_and_ends_the_replay(monke
     assert err == 'note: the replay still waits for ring_simulator: nothing received\n'
 
 
+def test_a_replay_whose_nodes_are_slow_to_come_up_does_not_accuse_its_clock(monkeypatch):
+    monkeypatch.setattr(replay, 'START_PATIENCE', 0.0)
+    clock = SimpleNamespace(running=True, said=lambda: '[INFO] [replay_clock]: rig d499bde85c27')
+    group = SimpleNamespace(processes={'replay_clock': clock}, check=lambda: None)
+    with pytest.raises(NodeError, match=r'start: its nodes are not up within 0 s: if the machine'):
+        replay._wait(group, float('inf'), None)
+
+
 def test_a_bag_that_is_cut_off_is_told_before_it_is_replayed(tmp_path, monkeypatch, capsys):
     bag = shutil.copytree(share_directory() / 'bags' / 'dynamic_50', tmp_path / 'cut')
     file, = bag.glob('*.mcap')
