@@ -14,14 +14,9 @@ from saddlering_ros.discrepancy.next_step import law_for, next_test_of
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
+from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.lack_of_fit import consistency_tests
-from saddlering_ros.discrepancy.search.selection import (
-    check_alternatives,
-    learnt_without,
-    Search,
-    search_about,
-    search_beside_error,
-)
+from saddlering_ros.discrepancy.search.selection import Search
 from saddlering_ros.discrepancy.search.signatures import observed
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
@@ -41,7 +36,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     began, watch = clock.monotonic(), problem.watch
     start = prepare(problem)
     slow_lines, runs = find_slow_lines(start.metric, start.base, start.trials)
-    search = search_about(prepare(problem.with_runs(runs)) if slow_lines else start)
+    search = selection.search_about(prepare(problem.with_runs(runs)) if slow_lines else start)
     observability = observed(search.begun)
     watch.progress('misfit reduction', 0.8)
     answer = _answer(search)
@@ -153,10 +148,10 @@ def _answer(search: Search) -> Answer:
         search, fit = replace(search, fit=space.base, alternatives={}), space.base
     after = _residual_of(space, fit) if fit.candidate.effects else before
     published = publish(search, before, after)
-    weak = _weakest(published.member_shares) or next(
-        iter(established.under_declared_error(space, fit)), None)
+    weak = _weakest(published.member_shares) or established.under_declared_error(space, fit)
     if is_declared and weak is not None and len(fit.candidate.effects) > 1:
-        less, alternatives = check_alternatives(space, space.without(fit, weak), search.log)
+        less, alternatives = selection.check_alternatives(
+            space, space.without(fit, weak), search.log)
         return _answer(replace(search, fit=less, alternatives=alternatives))
     taken = 0.0 if published.shares is None else published.shares.best
     warnings, is_established = established.judge_alone(
@@ -190,7 +185,7 @@ def _beside_error(strict: Answer) -> Answer:
     has_forms = not noise_alone.problem.assumptions.exact_laws
     if has_forms and strict.taken < HOPELESS:
         return strict
-    search, process = search_beside_error(strict.search)
+    search, process = selection.search_beside_error(strict.search)
     together: Answer | None = None
     unknown: Answer | None = None
     dropped: list[Array] = []
@@ -221,7 +216,7 @@ def _beside_error(strict: Answer) -> Answer:
                 return together or unknown or strict
             weak = min(sizes, key=lambda name: sizes[name])
         most_dropped = max(most_dropped, sizes[weak])
-        search, process = learnt_without(noise_alone, search, weak, dropped)
+        search, process = selection.learnt_without(noise_alone, search, weak, dropped)
     return together or unknown or strict
 
 
@@ -269,8 +264,8 @@ def _remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Rema
     left: list[tuple[RunBlocks, str, float, str]] = []
     everywhere = slow.is_real_and_material(settings)
     for view, weights in problem.system.views.items():
-        along = min(((item.p_value, item.coordinate) for item in residual.shapes
-                     if item.view == view), default=(1.0, 'time'))[1]
+        along = min(((test.p_value, test.coordinate) for test in residual.shapes
+                     if test.view == view), default=(1.0, 'time'))[1]
         for number, run in enumerate(problem.runs):
             size = float(slow.sizes[view][number])
             chance = min(slow.chances.get((names[channel], run.name), 1.0)
@@ -292,7 +287,7 @@ def _remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Rema
             left.append((run, test.view, test.visible, test.coordinate))
             told.add(test.view)
     remainder = []
-    for run, view, size, along in sorted(left, key=lambda item: -item[2]):
+    for run, view, size, along in sorted(left, key=lambda place: -place[2]):
         noise = space.metric.noise_power(run, view) ** 0.5
         times = size * problem.view_ranges[view] / max(noise, 1e-300)
         remainder.append(Remainder(run.name, view, size, float(np.hypot(1.0, times)), along))

@@ -56,9 +56,9 @@ def next_test_of(
     if not others:
         return (), ()
     pairs = [(fit, others[0][1]), *others]
-    fits = list({one.candidate.key: one for pair in pairs for one in pair}.values())
-    keys = [one.candidate.key for one in fits]
-    own, less = ([keys.index(one.candidate.key) for one in side]
+    fits = list({fit.candidate.key: fit for pair in pairs for fit in pair}.values())
+    keys = [fit.candidate.key for fit in fits]
+    own, less = ([keys.index(fit.candidate.key) for fit in side]
                  for side in zip(*pairs, strict=True))
     models = _OpenModels(
         space, fits, own, less, np.array([fits[place].theta_unit.size for place in own]),
@@ -94,10 +94,10 @@ class _OpenModels:
                     fit.misfit + forecast.misfits(results)
                     for fit, forecast in zip(self.fits, forecasts, strict=True)])
                 left = [self._left(column) for column in misfits.T]
-                kept += sum(truth in one for one in left)
-                own = sum(one == [truth] for one in left)
-                alone += own
-                by_truth[self.fits[place].candidate.ids] = own / DRAWS
+                kept += sum(truth in models for models in left)
+                single = sum(models == [truth] for models in left)
+                alone += single
+                by_truth[self.fits[place].candidate.ids] = single / DRAWS
             answers.append(Separation(proposal, DRAWS * len(self.own), alone, kept, by_truth))
         return tuple(sorted(answers, key=lambda answer: (-answer.alone, -answer.kept)))
 
@@ -111,12 +111,12 @@ class _OpenModels:
             return ()
         proposals = [Proposal(run.name, replace(run, held_out=False), 'held_out')
                      for run in held_out]
-        misfits = np.array([one.misfit for one in self.fits])
+        misfits = np.array([fit.misfit for fit in self.fits])
         for proposal, whiten, forecasts in self._forecast_each(proposals):
             white = whiten(proposal.run.channels.ravel()[:, None])
-            misfits = misfits + [float(one.misfits(white)[0]) for one in forecasts]
-        left, own = self._left(misfits), misfits[list(self.own)]
-        priced = own + self.space.log_size * self.sizes
+            misfits = misfits + [float(forecast.misfits(white)[0]) for forecast in forecasts]
+        left, whole = self._left(misfits), misfits[list(self.own)]
+        priced = whole + self.space.log_size * self.sizes
         odds = np.exp(-0.5 * (priced - priced.min()))
         answers = []
         for index, (place, less) in enumerate(zip(self.own, self.less, strict=True)):
@@ -124,19 +124,19 @@ class _OpenModels:
             new = [name for name in effects if name not in self.fits[less].candidate.ids]
             answers.append(HeldOutEvidence(
                 new[0], effects[new[0]], tuple(run.name for run in held_out),
-                float(own[index] - own.min()), float(odds[index] / odds.sum()), index in left))
-        return tuple(sorted(answers, key=lambda one: -one.share))
+                float(whole[index] - whole.min()), float(odds[index] / odds.sum()), index in left))
+        return tuple(sorted(answers, key=lambda answer: -answer.share))
 
     def _left(self, misfits: Array) -> list[int]:
         """Models that stay in the group at these misfits of all fits, in order."""
-        own, less = misfits[list(self.own)], misfits[list(self.less)]
-        best = int(np.argmin(own + self.space.log_size * self.sizes))
+        whole, less = misfits[list(self.own)], misfits[list(self.less)]
+        best = int(np.argmin(whole + self.space.log_size * self.sizes))
         left = []
         for number, size in enumerate(self.sizes):
             # The first model stands for no particular cause; another one names its own.
-            taken = less[best if number == 0 else number] - own[best]
+            taken = less[best if number == 0 else number] - whole[best]
             if number == best or indistinguishable(
-                    distance=own[number] - own[best], taken=taken, excess=self.excess,
+                    distance=whole[number] - whole[best], taken=taken, excess=self.excess,
                     fewer=int(self.sizes[best] - size), floor=self.floor,
                     settings=self.space.settings):
                 left.append(number)

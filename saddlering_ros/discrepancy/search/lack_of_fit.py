@@ -197,7 +197,15 @@ class LackOfFitTests:
                 spread = joined.T @ (joined * (share / share.sum())[:, None])
                 stacked = np.vstack([rows for _, rows in there])
                 own.append(float(np.sum(stacked * (spread @ stacked))) / self._ranges[view] ** 2)
-        self._bands = list(_fast_bands(metric))
+        # Octaves from the end of the slow structure up to the limit of the samples of a run.
+        self._bands: list[tuple[RunBlocks, BasisBand | TransformBand]] = []
+        for index, run in enumerate(problem.runs):
+            slots = [slot for slot, (number, _, _) in enumerate(problem.slices) if number == index]
+            octaves = octaves_of(
+                run.time, run.width, [problem.slices[slot][2] for slot in slots],
+                [metric.whiteners[slot] for slot in slots],
+                WAVES_PER_RUN + 1, run.time.size // WAVE_SAMPLES)
+            self._bands += [(run, octave) for octave in octaves]
         self._grams: dict[tuple[str, str], Array] = {}
 
     def fast(self, fit: Fit) -> FastResidual:
@@ -340,18 +348,6 @@ def _family(shapes: Sequence[Array], places: Sequence[int]) -> Family:
     each = shapes[0].shape[1]
     return [(each * place + np.arange(each), part)
             for place, part in zip(places, shapes, strict=True)]
-
-
-def _fast_bands(metric: Metric) -> Iterator[tuple[RunBlocks, BasisBand | TransformBand]]:
-    """Octaves from the end of the slow structure up to the limit of the samples of a run."""
-    slices = metric.problem.slices
-    for index, run in enumerate(metric.problem.runs):
-        slots = [slot for slot, (number, _, _) in enumerate(slices) if number == index]
-        parts = [slices[slot][2] for slot in slots]
-        whiteners = [metric.whiteners[slot] for slot in slots]
-        last = run.time.size // WAVE_SAMPLES
-        for band in octaves_of(run.time, run.width, parts, whiteners, WAVES_PER_RUN + 1, last):
-            yield run, band
 
 
 CAUSE_WAVES, PARAMETER_WAVES, STATE_WAVES = 2, 1, 3

@@ -28,16 +28,11 @@ from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_r
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search import evidence, ranking
+from saddlering_ros.discrepancy.search import signatures as shown_by
 from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.evidence import Comparison, SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import half_waves
-from saddlering_ros.discrepancy.search.signatures import (
-    measure_signatures,
-    MIN_LENGTH,
-    shapes_tried,
-    Signature,
-    whitened_by,
-)
+from saddlering_ros.discrepancy.search.signatures import MIN_LENGTH, Signature
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
 
 MAX_BASES = 3
@@ -104,9 +99,9 @@ def _search(begun: ModelSpace) -> Search:
     gains = [score.gain for score in space.scores(space.base)] if errors else []
     # Where nothing is wrong to first order, no input of the simulator is accused.
     if errors and (max(gains, default=0.0) >= space.real_gain or space.leaves_misfit(space.base)):
-        inputs = measure_signatures(
+        inputs = shown_by.measure_signatures(
             space.metric, space.base, space.base_tangent, space.scale, errors)
-        space = replace(space, trials=space.trials + shapes_tried(inputs), inputs=inputs)
+        space = replace(space, trials=space.trials + shown_by.shapes_tried(inputs), inputs=inputs)
     fit = select(space, log)
     alternatives: Alternatives = {}
     space.watch.progress('check of alternatives', 0.75)
@@ -129,8 +124,8 @@ def in_metric(space: ModelSpace, metric: Metric, fit: Fit) -> tuple[ModelSpace, 
     """The space in another metric, with its base and a fit refitted there."""
     base, fit = refit_full_jacobian(metric, [space.base, fit], space.settings.max_rounds)
     sensitivities = fitting.tangent(metric, base)
-    signatures, inputs = (whitened_by(metric, own, sensitivities)
-                          for own in (space.signatures, space.inputs))
+    signatures, inputs = (shown_by.whitened_by(metric, changes, sensitivities)
+                          for changes in (space.signatures, space.inputs))
     moved = replace(space, metric=metric, base=base, base_tangent=sensitivities,
                     signatures=signatures, inputs=inputs)
     return moved, moved.keep(fit)
@@ -139,9 +134,9 @@ def in_metric(space: ModelSpace, metric: Metric, fit: Fit) -> tuple[ModelSpace, 
 def select(space: ModelSpace, log: SearchLog) -> Fit:
     """The model that explains the misfit with the fewest effects."""
     fit = prune(space, forward(space, space.base, log), log)
-    one = simpler(space, fit, log)
-    if one is not fit:
-        fit = prune(space, forward(space, one, log), log)
+    single = simpler(space, fit, log)
+    if single is not fit:
+        fit = prune(space, forward(space, single, log), log)
     other = _concealed(space, fit, log)
     if other is not fit:
         fit = prune(space, forward(space, other, log), log)
@@ -257,9 +252,9 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
                 less, space.tangent_of(less).white, space.shown, [*members, name])
             listed = ranking.shortlist(scores, 0.1 * taken, settings.refits)
             # Effects that were almost as good as the best one beside those of `less` are tried.
-            tried = [one for one in log.candidates if set(one.effects[:-1]) == members]
-            least = spaces.CLOSE_SHARE * max((one.delta_bic for one in tried), default=0.0)
-            names = {one.effects[-1] for one in tried if one.delta_bic > least}
+            tried = [trial for trial in log.candidates if set(trial.effects[:-1]) == members]
+            least = spaces.CLOSE_SHARE * max((trial.delta_bic for trial in tried), default=0.0)
+            names = {trial.effects[-1] for trial in tried if trial.delta_bic > least}
             names -= {score.effect.id for score in listed}
             listed += [score for score in ranking.best_of_each(scores) if score.effect.id in names]
             listed = [score for score in listed if name not in score.effect.contains]
@@ -307,9 +302,9 @@ def masked_pair(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
         for candidate, start in pairs])
     log.candidates += [Comparison(space, space.base, pair_fit).evidence(1) for pair_fit in refits]
     best = min(refits, key=space.penalised)
-    known = space.fits.get(best.candidate.key)
-    if known is not None and known.misfit < best.misfit + fitting.QUIET_GAIN:
-        best = known  # What is beside it has been refitted.
+    stored = space.fits.get(best.candidate.key)
+    if stored is not None and stored.misfit < best.misfit + fitting.QUIET_GAIN:
+        best = stored  # What is beside it has been refitted.
     p_value = space.likelihood_ratio_test(
         fit.misfit - best.misfit, best.theta_unit.size - fit.theta_unit.size,
         trials=space.trials if count else space.trials**2 // 2)
@@ -451,7 +446,7 @@ def error_process(metric: Metric, fit: Fit) -> tuple[Array, int]:
     degrees = []
     most = min(ERROR_WAVES, MAX_COLUMNS // len(problem.slices))
     for channel in range(len(problem.system.channel_names)):
-        slots = [item for item in problem.slices if item[1] == channel]
+        slots = [slot for slot in problem.slices if slot[1] == channel]
         times = [problem.runs[index].time for index, _, _ in slots]
         shapes = [half_waves(time, min(most, time.size // 4)) for time in times]
         power = np.full((len(slots), ERROR_WAVES + 1), np.nan)
@@ -460,8 +455,8 @@ def error_process(metric: Metric, fit: Fit) -> tuple[Array, int]:
             present = 1.0 if run.present is None else run.present[channel]
             weight = np.sqrt(run.width * present)
             weighted = waves * weight[:, None]
-            found = np.linalg.lstsq(weighted, weight * residual[part], rcond=1e-6)[0]
-            row[: found.size] = found**2
+            sizes = np.linalg.lstsq(weighted, weight * residual[part], rcond=1e-6)[0]
+            row[: sizes.size] = sizes**2
         # The mean over the runs and the lines about each line.
         smooth = np.zeros(ERROR_WAVES + 1)
         for line in range(smooth.size):

@@ -318,11 +318,11 @@ def observed(space: ModelSpace) -> Observability:
     """
     settings, chosen = space.settings, dict[tuple[str, int], Signature]()
     effects: dict[str, list[Signature]] = {}
-    for one in space.signatures:
-        if not one.effect.first_variant:  # A wider form has the limit of the plain one.
-            effects.setdefault(one.effect.id, []).append(one)
-        if one.key not in chosen or one.length > chosen[one.key].length:
-            chosen[one.key] = one
+    for signature in space.signatures:
+        if not signature.effect.first_variant:  # A wider form has the limit of the plain one.
+            effects.setdefault(signature.effect.id, []).append(signature)
+        if signature.key not in chosen or signature.length > chosen[signature.key].length:
+            chosen[signature.key] = signature
     rate, limits = settings.error_rate / max(shapes_tried(space.signatures), 1), []
     for members in effects.values():
         effect, extra = members[0].effect, len(members[0].effect.ordered)
@@ -352,11 +352,11 @@ def _limit_of(
         values = {parameter.name: parameter.from_unit(float(u)) for parameter, u in zip(
             effect.ordered[1:], same[0].theta_unit[1:], strict=True)}
         values.update(effect.variants[same[0].variant])
-        by_sign = [[one for one in same if np.sign(one.size) == sign]
-                   for sign in {np.sign(one.size) for one in same} - {0.0}]
+        by_sign = [[member for member in same if np.sign(member.size) == sign]
+                   for sign in {np.sign(member.size) for member in same} - {0.0}]
         # The sign that shows less counts.
         sizes = [
-            max((_size_at([(abs(one.size), height(one)) for one in alike], wanted)
+            max((_size_at([(abs(member.size), height(member)) for member in alike], wanted)
                  for alike in by_sign), default=np.inf)
             for height, wanted in ((attrgetter('length'), needed),
                                    (attrgetter('visible'), materiality))]
@@ -375,15 +375,15 @@ def _limit_of(
         sign = 1.0 if effect.neutral < 0.5 * (effect.size.low + effect.size.high) else -1.0
         return effect.neutral + sign * distance
 
-    limit = nine_in_ten([one.limit for one in places])
+    limit = nine_in_ten([place.limit for place in places])
     return DetectionLimit(
         effect=effect.id, share=share, limit=value(limit),
-        best_limit=value(min(one.limit for one in places)),
-        material_limit=value(nine_in_ten([one.material_limit for one in places])),
+        best_limit=value(min(place.limit for place in places)),
+        material_limit=value(nine_in_ten([place.material_limit for place in places])),
         unit=effect.size.unit, testable=share >= MIN_SHARE and bool(np.isfinite(limit)),
         configurations=tuple(
-            replace(one, limit=value(one.limit), material_limit=value(one.material_limit))
-            for one in places))
+            replace(place, limit=value(place.limit), material_limit=value(place.material_limit))
+            for place in places))
 
 
 def _size_at(heights: Sequence[tuple[float, float]], wanted: float) -> float:

@@ -19,21 +19,12 @@ from saddlering_ros.discrepancy.law import families
 from saddlering_ros.discrepancy.law.families import OTHER_PIECES, ShapeFamily
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR, tangent
 from saddlering_ros.discrepancy.problem.system import Array
-from saddlering_ros.discrepancy.search.evidence import (
-    alternative_floor,
-    Comparison,
-    crowded,
-    MAX_WITH_ALTERNATIVES,
-)
+from saddlering_ros.discrepancy.search import evidence
+from saddlering_ros.discrepancy.search import space as spaces
+from saddlering_ros.discrepancy.search.evidence import Comparison, crowded
 from saddlering_ros.discrepancy.search.selection import error_process, Search
 from saddlering_ros.discrepancy.search.signatures import orthonormal
-from saddlering_ros.discrepancy.search.space import (
-    AT_BOUND,
-    FREE_SPREAD,
-    ModelSpace,
-    refit_full_jacobian,
-    with_forms,
-)
+from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.published import MAINLY, Publication, sizes_at_bounds
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
@@ -103,8 +94,9 @@ def judge_alone(
         return fast, not left
     share, doubts = before.explained_by(after), []
     # The law of a ring's effect may have another form, which leaves a small part.
-    if left and (share < settings.min_total or space.problem.assumptions.exact_laws
-                 or space.tests.slow(with_forms(space, fit, fit)).is_real_and_material(settings)):
+    is_other_cause = share < settings.min_total or space.problem.assumptions.exact_laws
+    if left and (is_other_cause or space.tests.slow(
+            spaces.with_forms(space, fit, fit)).is_real_and_material(settings)):
         doubts.append(wording.partial_words(ids, share, left))
     doubts += shapes_left(space, fit, after)
     doubts += wrong_inputs(space, fit) if len(ids) > 1 else []
@@ -112,7 +104,7 @@ def judge_alone(
         doubts.append(wording.crowded_words(len(ids)))
     doubts += shapes_at_bounds(space, fit)
     open_members = [name for name in ids if search.alternatives.get(name)]
-    if open_members and len(ids) > MAX_WITH_ALTERNATIVES:
+    if open_members and len(ids) > evidence.MAX_WITH_ALTERNATIVES:
         doubts.append(wording.too_many_words(len(ids), open_members))
     sentences = [*doubts, *fast]
     if after.slow.is_real_and_material(settings) and not doubts:
@@ -122,17 +114,17 @@ def judge_alone(
         if taken < MIN_TAKEN:
             more.append(wording.weak_words(' and '.join(ids), taken, MIN_TAKEN))
         more += shared_directions(search)
-    more += uncertain_size(space, published.causes)
+    more += uncertain_size(space, published)
     return [*sentences, *more], not doubts and not more
 
 
-def under_declared_error(space: ModelSpace, fit: Fit) -> list[str]:
-    """Effects of a fit whose part is no larger than the declared model error anywhere."""
+def under_declared_error(space: ModelSpace, fit: Fit) -> str | None:
+    """The first effect of a fit whose part is nowhere larger than the declared model error."""
     allowed = space.problem.allowed_sizes
-    return [
+    return next((
         name for name in fit.candidate.ids
         if all(float(size.max()) <= allowed[view] for view, size in
-               Comparison(space, space.without(fit, name), fit).added.items())]
+               Comparison(space, space.without(fit, name), fit).added.items())), None)
 
 
 def shapes_left(space: ModelSpace, fit: Fit, after: Residual) -> list[str]:
@@ -146,7 +138,7 @@ def shapes_left(space: ModelSpace, fit: Fit, after: Residual) -> list[str]:
 
 def wrong_inputs(space: ModelSpace, fit: Fit) -> list[str]:
     """A sentence on effects that are errors of the simulator's inputs, which resemble others."""
-    inputs = {one.id for one in getattr(space.problem.system, 'inputs', ())}
+    inputs = {effect.id for effect in getattr(space.problem.system, 'inputs', ())}
     names = [name for name in fit.candidate.ids if name in inputs]
     return [wording.inputs_words(names)] if names else []
 
@@ -161,19 +153,20 @@ def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
     white = space.tangent_of(fit).white
     variances = np.diag(covariance(white, PRIOR))
     slopes = white.T @ fit.whitened
-    floor = alternative_floor(space.pairs, settings)
+    floor = evidence.alternative_floor(space.pairs, settings)
     form_error = 0.0 if problem.assumptions.exact_laws else settings.form_error
     taken = max(space.base.misfit - fit.misfit, 0.0)
     sentences = []
-    for effect, _, part in fit.candidate.slices(len(problem.system.base_parameters)):
-        shapes = zip(
-            effect.ordered, fit.theta_unit[part], slopes[part], variances[part], strict=True)
+    for effect, _, indices in fit.candidate.slices(len(problem.system.base_parameters)):
+        shapes = zip(effect.ordered, fit.theta_unit[indices], slopes[indices],
+                     variances[indices], strict=True)
         for parameter, theta_unit, slope, variance in list(shapes)[1:]:
             outward = slope if theta_unit < 0.5 else -slope
             beyond = max(float(outward), 0.0) ** 2 * variance
             allowed = max(floor, form_error * taken)
             bound = parameter.high if theta_unit > 0.5 else parameter.low
-            is_near = not parameter.periodic and min(theta_unit, 1.0 - theta_unit) < AT_BOUND
+            distance = min(theta_unit, 1.0 - theta_unit)
+            is_near = not parameter.periodic and distance < spaces.AT_BOUND
             is_stopped = is_near and bound not in (parameter.neutral, parameter.start)
             if beyond > allowed and is_stopped:
                 value = parameter.from_unit(float(theta_unit))
@@ -181,19 +174,20 @@ def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
     return sentences
 
 
-def uncertain_size(space: ModelSpace, causes: Sequence[Cause]) -> list[str]:
+def uncertain_size(space: ModelSpace, published: Publication) -> list[str]:
     """A sentence if the 95 % interval of the size of the main cause includes its absence.
 
     A declared model error is all in that interval, and has a limit of its own.
     """
     if not space.problem.assumptions.exact_laws or any(space.problem.allowed_sizes.values()):
         return []
-    for cause in sorted(causes, key=lambda one: -one.visible)[:1]:
-        size = cause.parameters[cause.definition.size.name]
-        low, high = size.interval or (np.inf, np.inf)
-        if low <= cause.definition.neutral <= high:
-            return [wording.uncertain_size_words(cause.effect, low, high, size.unit)]
-    return []
+    if not published.causes:
+        return []
+    main = published.main
+    size = main.parameters[main.definition.size.name]
+    low, high = size.interval or (np.inf, np.inf)
+    is_open = low <= main.definition.neutral <= high
+    return [wording.uncertain_size_words(main.effect, low, high, size.unit)] if is_open else []
 
 
 def doubts_beside_error(
@@ -222,7 +216,7 @@ def doubts_beside_error(
         doubts += wrong_inputs(alone.space, fit)
         if not doubts and not most_dropped:  # What is left out may be one shape.
             doubts += one_shape_left(alone.space, fit)
-    doubts += uncertain_size(space, published.causes)
+    doubts += uncertain_size(space, published)
     # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
     most = MAINLY if main.group == (main.effect,) else 1.0 - MIN_TAKEN
     if most_dropped**2 > most * main.visible**2:
@@ -295,7 +289,7 @@ def shared_directions(search: Search) -> list[str]:
     white, base = space.tangent_of(fit).white, problem.system.base_parameters
     beyond = orthonormal(white[:, : len(base)])
     sentences = []
-    for effect, _, part in fit.candidate.slices(len(base)):
+    for effect, _, indices in fit.candidate.slices(len(base)):
         same = {*fit.candidate.ids, *effect.contains}
         same.update(*(other.candidate.ids for other in search.alternatives.get(effect.id, ())))
         tried = [(other, fit.candidate.plus(other, variant), start)
@@ -307,7 +301,7 @@ def shared_directions(search: Search) -> list[str]:
         changes = problem.predict([
             candidate.point(base, np.concatenate([fit.theta_unit, start]))
             for _, candidate, start in tried]) - fit.prediction[:, None]
-        left = np.column_stack([white[:, part.start], space.metric.whiten(
+        left = np.column_stack([white[:, indices.start], space.metric.whiten(
             np.where(np.isfinite(changes).all(axis=0), changes, 0.0))])
         left -= beyond @ (beyond.T @ left)
         left /= np.maximum(np.linalg.norm(left, axis=0), 1e-9)
@@ -326,7 +320,7 @@ def like_sound_errors(alone: Search, fit: Fit) -> list[str]:
     """
     space, sentences = alone.space, []
     for name in fit.candidate.ids:
-        whole = alone.fit if name in alone.fit.candidate.ids else refit_full_jacobian(
+        whole = alone.fit if name in alone.fit.candidate.ids else spaces.refit_full_jacobian(
             space.metric, [fit], space.settings.rounds)[0]
         left = space.without(whole, name).misfit
         share = (left - whole.misfit) / max(left - space.metric.free_count, 1e-9)
@@ -341,7 +335,7 @@ def one_shape_left(alone: ModelSpace, fit: Fit) -> list[str]:
     A law that is not listed leaves a rest along one coordinate, if the effects take its other
     part. alone: the space in which only what errors of a sound machine leave is misfit.
     """
-    whole, rate = refit_full_jacobian(
+    whole, rate = spaces.refit_full_jacobian(
         alone.metric, [fit], alone.settings.rounds)[0], alone.settings.error_rate
     white = alone.tangent_of(whole).white
     beyond = orthonormal(white)
@@ -367,18 +361,18 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
     sentences, slots = [], space.problem.slices
     slices = fit.candidate.slices(len(space.problem.system.base_parameters))
     changes = space.problem.changes_of_effects(fit.point, fit.prediction).T
-    for (effect, _, part), change in zip(slices, changes, strict=True):
+    for (effect, _, indices), change in zip(slices, changes, strict=True):
         size = stated[effect.id]
         interval = size.std / max(abs(size.value - effect.neutral), 1e-300)
-        others = np.delete(space.tangent_of(fit).white, part.start, axis=1)
+        others = np.delete(space.tangent_of(fit).white, indices.start, axis=1)
         for kind, place in (('run', 0), ('channel', 1)):
             # Sizes (k,) by which the cause exceeds its fit there, as shares of it.
             owners = [(run, channel)[place] for run, channel, _ in slots]
             columns = np.zeros((change.size, 1 + max(owners)))
-            for (_, _, own), owner in zip(slots, owners, strict=True):
-                columns[own, owner] = change[own]
+            for (_, _, rows), owner in zip(slots, owners, strict=True):
+                columns[rows, owner] = change[rows]
             jacobian = np.hstack([space.metric.whiten(columns), others])
-            errors = covariance(jacobian, 1.0 / FREE_SPREAD)
+            errors = covariance(jacobian, 1.0 / spaces.FREE_SPREAD)
             sizes = -(errors @ (jacobian.T @ fit.whitened))[: columns.shape[1]]
             # Those that these data do not show are left out.
             shown = np.flatnonzero(np.diag(errors)[: sizes.size] < 1.0)
@@ -430,7 +424,7 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> list[str]:
     rest, base = in_errors(left), orthonormal(np.concatenate(in_errors(slopes), axis=1)[0])
     wanted = np.concatenate(rest, axis=1)[0, :, 0]
     wanted -= base @ (base.T @ wanted)
-    ends = np.cumsum([own.size for own in rest])
+    ends = np.cumsum([block.size for block in rest])
     folds = list(map(slice, (0, *ends[:-1]), ends))
     family = ShapeFamily('', 'curve', (), families.roughness(OTHER_PIECES), (0.0, 1.0))
     sentences = []

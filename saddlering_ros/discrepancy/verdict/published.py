@@ -20,15 +20,8 @@ from itertools import compress
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import (
-    declared_start,
-    Fit,
-    Gain,
-    PRIOR,
-    refit,
-    run_refits,
-    tangent,
-)
+from saddlering_ros.discrepancy.problem import fits as fitting
+from saddlering_ros.discrepancy.problem.fits import Fit, Gain, PRIOR
 from saddlering_ros.discrepancy.problem.problem import Metric, Problem
 from saddlering_ros.discrepancy.problem.system import (
     Array,
@@ -40,17 +33,8 @@ from saddlering_ros.discrepancy.problem.system import (
 from saddlering_ros.discrepancy.search.evidence import Comparison
 from saddlering_ros.discrepancy.search.selection import Search, stopped_sizes
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
-from saddlering_ros.discrepancy.verdict import wording
-from saddlering_ros.discrepancy.verdict.results import (
-    Cause,
-    Influence,
-    MIN_TAKEN,
-    PublishedFits,
-    Refit,
-    Residual,
-    RunPrediction,
-    Shares,
-)
+from saddlering_ros.discrepancy.verdict import results, wording
+from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
 
 MAINLY = 0.5
@@ -108,8 +92,8 @@ class Publication:
     base: Mapping[str, Estimate]
     base_alone: Mapping[str, Estimate]
     gain: Gain
-    runs: tuple[RunPrediction, ...]
-    fits: PublishedFits
+    runs: tuple[results.RunPrediction, ...]
+    fits: results.PublishedFits
     shares: Shares | None
     member_shares: Mapping[str, Shares]
     doubts: tuple[str, ...]
@@ -144,23 +128,35 @@ def publish(
     refitted = {refit.candidate.key: refit for refit in (base, model, *others)}
     plain = dict(zip(refitted, plain_fits(problem, list(refitted.values())), strict=True))
     whole_key = model.candidate.key
-    left = {key: predicted_residuals(problem, one) if fit.candidate.effects else []
-            for key, one in plain.items()}
+    left = {key: predicted_residuals(problem, each) if fit.candidate.effects else []
+            for key, each in plain.items()}
     taken = {key: shares_of(space.metric, other, plain[whole_key], (left[key], left[whole_key]))
              for key, other in plain.items() if key != whole_key}
 
     def gain_over(other: Fit) -> Gain:
+        """Gain of the model over another one, on the fitted runs and on predicted ones."""
         key = other.candidate.key
-        gain = gain_of(problem, plain[key], plain[whole_key], (left[key], left[whole_key]))
-        has_interval = gain.held_out is not None and key in taken
-        return replace(gain, interval=taken[key].interval) if has_interval else gain
+        if key == whole_key:
+            return Gain(0.0, 0.0, 'none')
+        fitted = ratio(*(
+            problem.squared_misfit(
+                problem.runs, problem.by_run(each.prediction - problem.measured))
+            for each in (plain[key], plain[whole_key])))
+        if not left[key]:
+            return Gain(fitted, None, 'one run only')
+        predicted = ratio(*(problem.squared_misfit(problem.held_out or problem.runs, residuals)
+                            for residuals in (left[key], left[whole_key])))
+        if problem.held_out and not np.isfinite(predicted):
+            return Gain(fitted, None, 'the simulator failed on a held-out run')
+        return Gain(fitted, predicted, 'held out' if problem.held_out else 'held out in turn',
+                    taken[key].interval)
 
     causes = []
-    for effect, variant, part in model.candidate.slices(len(parameters)):
+    for effect, variant, indices in model.candidate.slices(len(parameters)):
         evidence = Comparison(space, less[effect.id], fit).evidence()
         others_named = {other for alternative in search.alternatives.get(effect.id, ())
                         for other in alternative.candidate.ids} - {*model.candidate.ids}
-        sizes = _estimates(effect.ordered, model.theta_unit[part], covariance[part, part])
+        sizes = _estimates(effect.ordered, model.theta_unit[indices], covariance[indices, indices])
         size = sizes[effect.size.name]
         sizes[effect.size.name] = replace(
             size, std=float(np.hypot(size.std, effect.form * (size.value - effect.neutral))))
@@ -189,9 +185,10 @@ def publish(
             parameters, base.theta_unit, _covariance(space, space.base, base, before)),
         gain=whole,
         runs=tuple(
-            RunPrediction(run, *problem.system.predict_many(run, [base.point, model.point]))
+            results.RunPrediction(
+                run, *problem.system.predict_many(run, [base.point, model.point]))
             for run in problem.all_runs),
-        fits=PublishedFits(
+        fits=results.PublishedFits(
             metric, base, model, covariance[:count, :count] * np.outer(slopes, slopes)),
         shares=taken.get(base.candidate.key),
         member_shares={} if len(less) < 2 else {
@@ -243,7 +240,7 @@ def shares_of(
     return Shares(
         # What a cause may leave of the worst view is a small misfit in another one.
         fitted.taken(1.0 - MIN_TAKEN), taken, 1.0 - float(by_run.max()),
-        min(touched, key=lambda item: item[1], default=('', 1.0)), interval)
+        min(touched, key=lambda view: view[1], default=('', 1.0)), interval)
 
 
 @dataclass(frozen=True)
@@ -264,7 +261,7 @@ class _Powers:
            left: Sequence[Sequence[Array]]) -> _Powers:
         """Of residuals (C, N) by run of both models."""
         squares = np.zeros((3, len(runs), floor.size, STRETCHES))
-        models = [*left, [one - other for one, other in zip(*left, strict=True)]]
+        models = [*left, [less - more for less, more in zip(*left, strict=True)]]
         for model, residuals in zip(squares, models, strict=True):
             for row, run, residual in zip(model, runs, residuals, strict=True):
                 for place, (view, weights) in enumerate(problem.system.views.items()):
@@ -293,7 +290,7 @@ class _Powers:
 
     def interval(self) -> tuple[float, float]:
         """95 % interval of the reduction of the rms, from draws of stretches."""
-        before, after = (item.mean(axis=1).ravel() for item in (self.less, self.more))
+        before, after = (squares.mean(axis=1).ravel() for squares in (self.less, self.more))
         draw = np.random.default_rng(0).integers(0, before.size, (DRAWS, before.size))
         ratios = after[draw].mean(axis=1) / np.maximum(before[draw].mean(axis=1), 1e-300)
         low, high = np.quantile(1.0 - np.sqrt(ratios), [0.025, 0.975])
@@ -310,9 +307,12 @@ def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     answers = []
     for fit in fits:
         metric = GainMetric.about(problem, fit)
-        starts = [fit.theta_unit, *([] if fit.candidate.effects else [declared_start(base)])]
-        wanted = [refit(metric, fit.candidate, start, rounds=rounds) for start in starts]
-        answers.append(min(run_refits(metric, wanted), key=lambda refitted: refitted.misfit))
+        starts = [fit.theta_unit]
+        if not fit.candidate.effects:
+            starts.append(fitting.declared_start(base))
+        refits = fitting.run_refits(metric, [
+            fitting.refit(metric, fit.candidate, start, rounds=rounds) for start in starts])
+        answers.append(min(refits, key=lambda refitted: refitted.misfit))
     return answers
 
 
@@ -321,22 +321,6 @@ def ratio(before: float, after: float) -> float:
     if before <= 0.0:
         return 0.0 if after <= 0.0 else -np.inf
     return 1.0 - float(np.sqrt(after / before))
-
-
-def gain_of(problem: Problem, less: Fit, more: Fit, left: Sequence[Sequence[Array]]) -> Gain:
-    """Gain of `more` over `less` on the fitted runs, and on the predicted residuals of both."""
-    if not more.candidate.effects:
-        return Gain(0.0, 0.0, 'none')
-    fitted = ratio(*(
-        problem.squared_misfit(problem.runs, problem.by_run(fit.prediction - problem.measured))
-        for fit in (less, more)))
-    if not left[0]:
-        return Gain(fitted, None, 'one run only')
-    value = ratio(*(problem.squared_misfit(problem.held_out or problem.runs, residuals)
-                    for residuals in left))
-    if problem.held_out and not np.isfinite(value):
-        return Gain(fitted, None, 'the simulator failed on a held-out run')
-    return Gain(fitted, value, 'held out' if problem.held_out else 'held out in turn')
 
 
 def predicted_residuals(problem: Problem, fit: Fit) -> list[Array]:
@@ -351,7 +335,7 @@ def predicted_residuals(problem: Problem, fit: Fit) -> list[Array]:
         return []
     metric = GainMetric.about(problem, fit)
     residual = metric.whiten(fit.prediction - problem.measured)
-    sensitivities = tangent(metric, fit)
+    sensitivities = fitting.tangent(metric, fit)
     sizes = [run.time.size for run in problem.runs]
     owners = np.tile(np.repeat(np.arange(len(sizes)), sizes), len(problem.system.views))
     residuals, first = [], 0
@@ -370,7 +354,7 @@ def predicted_residuals(problem: Problem, fit: Fit) -> list[Array]:
 
 def stability_of(
     search: Search, taken: float | None
-) -> tuple[tuple[Refit, ...], tuple[str, ...], tuple[Influence, ...]]:
+) -> tuple[tuple[Refit, ...], tuple[str, ...], tuple[results.Influence, ...]]:
     """How far the verdict on a model hangs on runs, on model error and on chance.
 
     Refits of all models, why the verdict is near its limit, and what each stretch adds. taken:
@@ -394,7 +378,7 @@ def stability_of(
         near.append(wording.barely_taken_words(taken, MIN_TAKEN))
     falls = space.base.whitened**2 - fit.whitened**2
     influence = tuple(
-        Influence(run.name, float(run.time[part[0]]), float(run.time[part[-1]]),
+        results.Influence(run.name, float(run.time[part[0]]), float(run.time[part[-1]]),
                   float(fall[:, part].sum()))
         for run, fall in zip(space.problem.runs, space.problem.by_run(falls), strict=True)
         for part in np.array_split(np.arange(run.time.size), STRETCHES) if part.size)
