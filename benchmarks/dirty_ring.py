@@ -4,9 +4,10 @@
                                     [--out FILE.jsonl]
 
 Of a sound real ring nothing is exact: load cell, elevation, trunnion, probes, friction, raceways,
-structure and temperature each have a small error. One cause of the catalogue, about ten times as
-large, is hidden beside them. Each effect has one ring, of the seeds in turn; --without takes it
-out of the catalogue. The rows are those of real_faults.py.
+structure and temperature each have a small error. One cause of the catalogue is hidden beside
+them, about ten times as large as an error of its kind. A row states the share that it has of the
+power of what all move, because the errors together can move as much. Each effect has one ring, of
+the seeds in turn; --without takes it out of the catalogue. The rows are those of real_faults.py.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import os
 
 os.environ.setdefault('SADDLERING_THREADS', '1')
 
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import cycle
 import math
@@ -26,7 +28,16 @@ from blind import without
 from frame import arguments, keep
 from independent import draw_ring, RIG, verdict_on
 from independent_faults import fault_of, Hidden, slider_state
-from independent_ring import Array, Fault, Motion, Sliders, usual_courses
+from independent_ring import (
+    Array,
+    Fault,
+    increments,
+    Motion,
+    Ring,
+    simulate,
+    Sliders,
+    usual_courses,
+)
 import numpy as np
 from real_faults import answer_of, misfit, say, table
 
@@ -36,69 +47,135 @@ MAIN = ('load_offset', 'load_nonlinearity', 'cylinder_friction', 'elevation_erro
         'ring_ovalisation', 'unequal_rows', 'film_creep', 'probe_gain', 'probe_nonlinearity')
 """Causes that are hidden."""
 
+COARSE = tuple(
+    replace(course, rate=5.0 if course.test == 'static' else 100.0)
+    for course in usual_courses(RIG) if course.name in ('static_50', 'dynamic_50', 'static_70'))
+"""Tests by which sizes are compared."""
 
-def dirty(fault: Fault, draw: np.random.Generator) -> Fault:
-    """`fault` and every small error of a real ring beside it."""
-    gain, bend = 3e-3 * draw.standard_normal(), 1e-3 * draw.standard_normal()
-    offset, cylinder = 150.0 * draw.standard_normal(), 300.0 * abs(draw.standard_normal())
-    angle, arm = math.radians(0.03) * draw.standard_normal(), 2e-3 * draw.standard_normal()
-    radial, tilt = 350.0 * abs(draw.standard_normal()), 300.0 * abs(draw.standard_normal())
-    gains, bends = 2e-3 * draw.standard_normal(4), 8.0 * draw.standard_normal(4)
-    heights, warms = 2e-3 * draw.standard_normal(2), 3e-9 * draw.standard_normal(4)
-    curves, phases = 0.15e-6 * draw.standard_normal(4), draw.uniform(0.5, 1.5, 4)
+VIEWS = np.array([[0.5, 0.0, -0.5, 0.0], [0.0, 0.5, 0.0, 0.5], [0.0, 0.5, 0.0, -0.5],
+                  [0.5, 0.0, 0.5, 0.0]])
+"""delta_x, delta_y, tilt and parity from the increments of the probes."""
+
+STEPS = {'K1': 1.02, 'n1': 1.005, 'D1': 1.1, 'K2': 1.02, 'n2': 1.005, 'D2': 1.1}
+"""Factors of the contact law that show what it can imitate."""
+
+Errors = Mapping[str, Array]
+
+
+def errors_of(seed: int) -> tuple[Errors, Errors]:
+    """Every small error of the ring of a seed, and the phases of those that have some."""
+    draw = np.random.default_rng([seed, 13])
+    normal = draw.standard_normal
+    errors = {
+        'gain': 3e-3 * normal(1), 'bend': 1e-3 * normal(1), 'offset': 150.0 * normal(1),
+        'cylinder': 300.0 * abs(normal(1)), 'angle': math.radians(0.03) * normal(1),
+        'arm': 2e-3 * normal(1), 'radial': 350.0 * abs(normal(1)), 'tilt': 300.0 * abs(normal(1)),
+        'gains': 2e-3 * normal(4), 'bends': 8.0 * normal(4), 'heights': 2e-3 * normal(2),
+        'warms': 3e-9 * normal(4), 'curves': 0.15e-6 * normal(4)}
+    phases = {'curves': draw.uniform(0.5, 1.5, 4)}
     # Waviness of orders 2 to 8 with 0.5 um each: amplitudes and phases of both raceways.
-    axial, middle = ((0.5e-6 * draw.standard_normal(7), draw.uniform(0.0, 2.0 * np.pi, 7))
-                     for _ in range(2))
+    for raceway in ('axial', 'middle'):
+        errors[raceway] = 0.5e-6 * normal(7)
+        phases[raceway] = draw.uniform(0.0, 2.0 * np.pi, 7)
+    return errors, phases
 
+
+def dirty(fault: Fault, errors: Errors, phases: Errors) -> Fault:
+    """`fault` with small errors of a real ring beside it."""
     def load(time: Array, measured: Array) -> Array:
         at = measured if fault.ring_load is None else fault.ring_load(time, measured)
-        return at * (1.0 + gain) + offset + bend * FULL * np.sin(np.pi * measured / FULL) - (
-            cylinder * slider_state(measured, 500.0))
+        return at * (1.0 + errors['gain']) + errors['offset'] + errors['bend'] * FULL * np.sin(
+            np.pi * measured / FULL) - errors['cylinder'] * slider_state(measured, 500.0)
 
     def turn(time: Array, at: Array) -> Array:
-        own = np.zeros(at.size) if fault.turn is None else fault.turn(time, at)
-        return np.asarray(own + angle)
+        hidden = np.zeros(at.size) if fault.turn is None else fault.turn(time, at)
+        return np.asarray(hidden + errors['angle'])
 
     def readings(motion: Motion) -> Array:
         d = motion.d
-        added = d * gains + bends * d**2 + np.outer(motion.time - motion.time[0], warms)
-        added += curves * np.sin(np.pi * phases * motion.load[:, None] / FULL)
-        added[:, 0] += heights[0] * motion.motion[:, 2]
-        added[:, 2] -= heights[1] * motion.motion[:, 2]
+        added = d * errors['gains'] + errors['bends'] * d**2
+        added += np.outer(motion.time - motion.time[0], errors['warms'])
+        added += errors['curves'] * np.sin(
+            np.pi * phases['curves'] * motion.load[:, None] / FULL)
+        added[:, 0] += errors['heights'][0] * motion.motion[:, 2]
+        added[:, 2] -= errors['heights'][1] * motion.motion[:, 2]
         return np.asarray(added)
 
-    def gap(own: tuple[Array, Array], more: object) -> object:
-        return lambda phi: own[0] @ np.cos(np.arange(2, 9)[:, None] * phi + own[1][:, None]) + (
+    def gap(raceway: str, more: object) -> object:
+        return lambda phi: errors[raceway] @ np.cos(
+            np.arange(2, 9)[:, None] * phi + phases[raceway][:, None]) + (
             more(phi) if callable(more) else 0.0)
 
-    def beside(own: Sliders, force: float) -> Sliders:
-        return own if own.total > 0.0 else Sliders(force, 2e-6)
+    def beside(hidden: Sliders, force: Array) -> Sliders:
+        return hidden if hidden.total > 0.0 else Sliders(float(force[0]), 2e-6)
 
     return replace(
-        fault, ring_load=load, turn=turn, arm=fault.arm + arm,
-        gap_axial=gap(axial, fault.gap_axial), gap_radial=gap(middle, fault.gap_radial),
-        friction_x=beside(fault.friction_x, radial),
-        friction_tilt=beside(fault.friction_tilt, tilt),
+        fault, ring_load=load, turn=turn, arm=fault.arm + float(errors['arm'][0]),
+        gap_axial=gap('axial', fault.gap_axial), gap_radial=gap('middle', fault.gap_radial),
+        friction_x=beside(fault.friction_x, errors['radial']),
+        friction_tilt=beside(fault.friction_tilt, errors['tilt']),
         readings=(*fault.readings, readings))
+
+
+def dirty_fault(hidden: Hidden, seed: int) -> Fault:
+    """What is hidden, with the dirt of the ring of a seed."""
+    return dirty(hidden.fault, *errors_of(seed))
+
+
+NOTHING = Hidden('', {}, Fault())
 
 
 def hidden_in(effect: str, seed: int, share: float = 1.0) -> Hidden:
     """The cause that the ring of a seed hides, at a share of its size; '' for none."""
     if not effect:
-        return Hidden('', {}, Fault())
+        return NOTHING
     return fault_of(effect, np.random.default_rng([seed, 12]), share)
 
 
-def dirty_fault(hidden: Hidden, seed: int) -> Fault:
-    """What is hidden, with the dirt of the ring of a seed."""
-    return dirty(hidden.fault, np.random.default_rng([seed, 13]))
+def motion_of(ring: Ring, fault: Fault) -> list[Array]:
+    """Views (4, n) of each test, without noise and about their means: a probe's level is free."""
+    views = []
+    for course in COARSE:
+        motion = simulate(ring, fault, course.degrees, *course.samples(), RIG)
+        view = VIEWS @ increments(motion, fault).T
+        views.append(view - view.mean(axis=1, keepdims=True))
+    return views
+
+
+def share_of(hidden: Hidden, seed: int) -> float:
+    """Share of the hidden cause in the power of what it and the dirt of its ring move.
+
+    What the contact law can imitate does not count. A view counts in units of its range.
+    """
+    ring = draw_ring(seed)[0]
+    sound, dirt = (motion_of(ring, fault) for fault in (Fault(), dirty_fault(NOTHING, seed)))
+    spans = np.max([np.ptp(run, axis=1) for run in sound], axis=0)
+    spans[3] = spans[0]  # The parity of a sound ring is zero.
+
+    def change(before: list[Array], after: list[Array]) -> Array:
+        return np.concatenate([
+            (one - other) / (spans * math.sqrt(one.shape[1]))[:, None]
+            for one, other in zip(after, before, strict=True)], axis=None)
+
+    imitated = np.linalg.qr(np.column_stack([
+        change(sound, motion_of(
+            replace(ring, **{name: factor * getattr(ring, name)}), Fault()))
+        for name, factor in STEPS.items()]))[0]
+
+    def power(before: list[Array], after: list[Array]) -> float:
+        moved = change(before, after)
+        return float(moved @ moved - np.sum((imitated.T @ moved) ** 2))
+
+    main = power(dirt, motion_of(ring, dirty_fault(hidden, seed)))
+    return main / (main + power(sound, dirt))
 
 
 def row_of(effect: str, seed: int, folder: Path, *, is_removed: bool) -> dict[str, object]:
     """The verdict on one dirty ring with one cause, or none, as real_faults.py tables it."""
     began = clock.process_time()
     ring, noise = draw_ring(seed)
-    whole = dirty_fault(hidden_in(effect, seed), seed)
+    hidden = hidden_in(effect, seed)
+    whole = dirty_fault(hidden, seed)
     with without(*[effect] * is_removed):
         found = verdict_on(ring, noise, whole, usual_courses(RIG), seed, folder).diagnosis
     kind = 'removed' if is_removed else 'hidden'
@@ -106,6 +183,7 @@ def row_of(effect: str, seed: int, folder: Path, *, is_removed: bool) -> dict[st
         'machine': 'dirty ring', 'seed': seed, 'trial': effect or 'none', 'exact': False,
         'kind': kind if effect else 'sound', 'truth': [effect] if effect else [],
         'misfit': misfit(found), 'seconds': clock.process_time() - began, **answer_of(found),
+        'share': share_of(hidden, seed),
     }
 
 

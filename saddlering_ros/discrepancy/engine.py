@@ -18,6 +18,7 @@ from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.lack_of_fit import consistency_tests
 from saddlering_ros.discrepancy.search.selection import Search
 from saddlering_ros.discrepancy.search.signatures import observed
+from saddlering_ros.discrepancy.search.small_errors import search_among_small_errors
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
 from saddlering_ros.discrepancy.verdict.published import Publication, publish, stability_of
@@ -43,7 +44,8 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     is_open = answer.verdict == 'unknown' and bool(problem.system.effects)
     if is_open and not problem.assumptions.is_persistent:
         watch.progress('causes beside model error', 0.83)
-        answer = _beside_error(answer)
+        is_exact = problem.assumptions.exact_laws
+        answer = _beside_error(answer) if is_exact else _among_small_errors(answer)
     space, fit, log = answer.search.space, answer.search.fit, search.log
     lines, immaterial, limits = find_steady_lines(space.problem, space.trials)
     log.immaterial += immaterial
@@ -106,12 +108,6 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     )
 
 
-HOPELESS = 0.5
-"""Share of the misfit's power below which causes are not tried beside model error on a ring. No
-cause that was established beside it, on declared machines and dirty rings, took less than 0.88
-before."""
-
-
 @dataclass(frozen=True)
 class Answer:
     """A search, its verdict with warnings for the reader, and its published numbers.
@@ -172,41 +168,67 @@ def _verdict(is_established: bool, published: Publication) -> Verdict:
     return 'ambiguous' if is_open else 'named'
 
 
+def _among_small_errors(strict: Answer) -> Answer:
+    """The verdict on a ring if what remains is small errors of all that its catalogue lists.
+
+    Effects that do not stand out among these errors are left out, and belong to them.
+    """
+    among = search_among_small_errors(strict.search)
+    if among is None:
+        return strict.doubted([wording.NO_SMALL_ERRORS])
+    if not among.best.visible:
+        return strict
+    best, space = among.best, among.space
+    before = _residual_of(space, space.base)
+
+    def published_of(fit: Fit) -> tuple[Search, Publication]:
+        search = replace(strict.search, space=space, fit=fit, alternatives={})
+        return search, publish(search, before, _residual_of(space, fit), among.process)
+
+    search, published = published_of(best.fit)
+    doubts = established.doubts_among(among, search, published)
+    if not doubts and among.small:
+        fit = best.fit
+        for name in among.small:
+            fit = space.without(fit, name)
+        search, published = published_of(fit)
+    doubts += [*published.doubts, *established.wrong_inputs(space, search.fit)]
+    if doubts:
+        return strict.doubted([wording.suspect_words([best.main], doubts)])
+    # What the small errors could take of the main cause is left.
+    return _answer_beside(strict, search, published, among.process, [
+        wording.outlier_words(name, best.times(name)) for name in search.fit.candidate.ids],
+        1.0 - 1.0 / best.times(best.main), is_established=True)
+
+
 def _beside_error(strict: Answer) -> Answer:
-    """The verdict if what remains is error of the model: whether causes are established beside it.
+    """The verdict on a machine if what remains is error of the model.
 
     A secondary cause that takes too little of what remains without it is left out, and what it
     took becomes model error. So is the smallest of causes that are not established together, or
     of which it has alternatives, because the main one may be established without it. If it is
-    not, those that are established together are named, and if none are, all are told. On a ring,
-    the main one is established by what it takes beside those that are left out, too.
+    not, those that are established together are named, and if none are, all are told.
     """
     noise_alone = strict.search.space
-    has_forms = not noise_alone.problem.assumptions.exact_laws
-    if has_forms and strict.taken < HOPELESS:
-        return strict
     search, process = selection.search_beside_error(strict.search)
     together: Answer | None = None
     unknown: Answer | None = None
     dropped: list[Array] = []
     most_dropped = 0.0
-    proven: dict[str, Publication] = {}
     while search.fit.candidate.effects:
         space, fit = search.space, search.fit
         before, after = _residual_of(space, space.base), _residual_of(space, fit)
         published = publish(search, before, after, process)
         sizes = {cause.effect: cause.visible for cause in published.causes}
-        main = published.main.effect
         weak = _weakest({name: shares for name, shares in published.member_shares.items()
-                         if name != main})
-        if has_forms and len(sizes) > 1 and established.is_main_established(search, published):
-            proven.setdefault(main, published)
+                         if name != published.main.effect})
         if weak is None:
-            answer = _answer_beside(strict, search, published, process, most_dropped, proven)
-            if answer.verdict == 'unknown' and has_forms:
-                unknown = strict.doubted([
-                    wording.suspect_words(fit.candidate.ids, answer.warnings)])
-            elif answer.verdict == 'unknown':
+            doubts, taken = established.doubts_beside_error(
+                strict.search, search, published, most_dropped)
+            answer = _answer_beside(
+                strict, search, published, process, doubts or [wording.REST_IS_ERROR], taken,
+                is_established=not doubts)
+            if answer.verdict == 'unknown':
                 unknown = unknown or answer
             elif answer.verdict == 'named' or len(sizes) == 1:
                 return answer
@@ -221,29 +243,17 @@ def _beside_error(strict: Answer) -> Answer:
 
 
 def _answer_beside(
-    strict: Answer, search: Search, published: Publication, process: Array, most_dropped: float,
-    proven: Mapping[str, Publication],
+    strict: Answer, search: Search, published: Publication, process: Array,
+    warnings: Sequence[str], taken: float, *, is_established: bool,
 ) -> Answer:
-    """The verdict on causes beside model error; most_dropped: visible size of what is left out.
-
-    proven: models in which a main cause is established beside others, by its id.
-    """
-    noise_alone, main = strict.search.space, published.main
-    whitened = noise_alone.metric.whiten(
-        published.fits.after.prediction - noise_alone.problem.measured)
+    """The answer on causes beside a process, with what they leave in the metric without it."""
+    alone = strict.search.space
+    whitened = alone.metric.whiten(published.fits.after.prediction - alone.problem.measured)
     seen = replace(published.fits.after, whitened=whitened, misfit=float(whitened @ whitened))
-    left = _residual_of(noise_alone, seen)
-    is_alone = len(published.causes) == 1 and main.group == (main.effect,)
-    beside = proven.get(main.effect) if is_alone else None
-    doubts, taken = established.doubts_beside_error(
-        strict.search, search, published, beside, most_dropped)
-    told = [wording.REST_IS_ERROR]
-    if beside is not None:
-        told.append(wording.beside_words(main.effect, taken, [
-            cause.effect for cause in beside.causes if cause.effect != main.effect]))
+    left = _residual_of(alone, seen)
     return Answer(
-        search, _verdict(not doubts, published), tuple(doubts or told), strict.before, left,
-        published, _remainder_of(noise_alone, seen, left), strict.before.explained_by(left), taken,
+        search, _verdict(is_established, published), tuple(warnings), strict.before, left,
+        published, _remainder_of(alone, seen, left), strict.before.explained_by(left), taken,
         process)
 
 

@@ -215,54 +215,12 @@ def test_a_cause_is_not_the_main_one_if_one_without_a_name_moves_about_as_much()
     assert named_beside_friction(0.3, cubic=0.5, channel='other') == []
 
 
-def test_with_laws_that_are_not_exact_unknown_says_why_the_main_cause_has_no_name() -> None:
+def test_with_laws_that_are_not_exact_unknown_says_that_no_small_errors_remain() -> None:
     problem = problem_of(MODEL, [record(number, 0.3, 0.2) for number in range(3)])
     rough = replace(problem.assumptions, exact_laws=False)
     answer = diagnose_system(replace(problem, assumptions=rough))
     assert answer.verdict == 'unknown'
-    said = [item for item in answer.warnings if 'the main cause is friction' in item]
-    assert [' of the power of the misfit' in item for item in said] == [True]
-
-
-def test_what_a_small_cause_without_a_name_takes_is_no_misfit_of_the_main_one() -> None:
-    """Friction takes 82 % of all, and more of what a cubic spring leaves, whose law is wrong."""
-    def recorded(number: int) -> Run:
-        run = record(number, 0.3, 0.06)
-        drive = np.asarray(run.inputs['drive'])
-        return replace(run, outputs={'seen': run.outputs['seen'] + 0.6 * drive * np.abs(drive)})
-
-    problem = problem_of(MODEL, [recorded(number) for number in range(3)], [recorded(3)])
-    rough = replace(problem.assumptions, exact_laws=False)
-    answer = diagnose_system(replace(problem, assumptions=rough))
-    assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('named', ['friction'])
-    assert any('left beside cubic' in item for item in answer.warnings)
-
-
-def test_what_errors_of_a_sound_machine_could_replace_is_not_established() -> None:
-    """Beside such errors, the arc of a dirty ring took 23 % of what was left."""
-    fit = SimpleNamespace(misfit=800.0, candidate=SimpleNamespace(ids=('arc',)))
-    for left, is_doubted in ((900.0, True), (1200.0, False)):
-        space = SimpleNamespace(
-            metric=SimpleNamespace(free_count=500.0),
-            without=lambda *_, left=left: SimpleNamespace(misfit=left))
-        doubts = established.like_sound_errors(SimpleNamespace(space=space, fit=fit), fit)
-        assert bool(doubts) is is_doubted
-
-
-def test_a_cause_that_leaves_one_shape_only_may_stand_for_another() -> None:
-    """No machine errs along one coordinate alone; a law that is not listed leaves such a rest."""
-    def recorded(number: int) -> Run:
-        run = record(number, 0.3, 0.0)
-        rest = 0.05 * np.sin(4.0 * np.asarray(run.inputs['drive']))
-        return replace(run, outputs={'seen': run.outputs['seen'] + rest})
-
-    less = replace(MODEL, effects={'friction': MODEL.effects['friction']}, base={
-        **MODEL.base, 'cubic.size': Parameter(-1, 1)})
-    problem = problem_of(less, [recorded(number) for number in range(3)], [recorded(3)])
-    rough = replace(problem.assumptions, exact_laws=False)
-    answer = diagnose_system(replace(problem, assumptions=rough))
-    assert answer.verdict == 'unknown'
-    assert any('one shape, seen along drive' in item for item in answer.warnings)
+    assert answer.warnings[-1].startswith('what remains is larger than small errors')
 
 
 @pytest.mark.parametrize(('excess', 'chance', 'is_doubted'), [

@@ -277,7 +277,7 @@ class LackOfFitTests:
         """Every family in every view, the most significant first; p-values count their number."""
         problem, orthogonal, tests = self._metric.problem, orthonormal(white_columns), []
         both = self._metric.shared.apply(np.column_stack([orthogonal, fit.whitened]))
-        for coordinate, family in _families(problem.runs, problem.assumptions).items():
+        for coordinate, family in shape_families(problem.runs, problem.assumptions).items():
             for view, weights in problem.system.views.items():
                 # The smallest change of channels with 1 in the view.
                 pattern = weights / float(weights @ weights)
@@ -317,7 +317,7 @@ Family = Sequence[tuple[Index, Array]]
 """Shapes along one coordinate: by run, the indices of its shapes, and the shapes (N, k)."""
 
 
-def _families(runs: Sequence[RunBlocks], assumptions: Assumptions) -> dict[str, Family]:
+def shape_families(runs: Sequence[RunBlocks], assumptions: Assumptions) -> dict[str, Family]:
     """Shapes by coordinate. Runs of one group share them; shapes over time belong to one run."""
     first, others = assumptions.coordinate_waves
     seen = [run.coordinates for run in runs]

@@ -370,9 +370,6 @@ MAX_COLUMNS = 600
 SMOOTHED_SHARE, MIN_SMOOTHED = 0.3, 3
 """Lines on each side over which a spread is averaged: share of the frequency, and at least."""
 
-MAX_SINGLES = 6
-"""Number of single effects that are refitted in the metric with model error."""
-
 MAX_LEARNT = 3
 """Number of times that model error is learnt from the model that it led to."""
 
@@ -383,17 +380,10 @@ MIN_DEGREES = 4
 def search_beside_error(search: Search) -> tuple[Search, Array]:
     """The causes that stand out against model error as large as what they leave."""
     space, fit, log = search.space, search.fit, SearchLog()
-    has_forms = not space.problem.assumptions.exact_laws
     for _ in range(MAX_LEARNT):
         learnt_from = fit.candidate.key
         space, fit, process = space_beside_error(space, fit)
-        if has_forms:
-            singles = sorted(search.space.single_effect_fits(), key=search.space.penalised)
-            again = refit_full_jacobian(space.metric, singles[:MAX_SINGLES], space.settings.rounds)
-            fit = min([space.base, fit, *map(space.keep, again)], key=space.penalised)
-        else:
-            fit = select(space, log)
-        fit = prune(space, fit, log)
+        fit = prune(space, select(space, log), log)
         if fit.candidate.key == learnt_from:
             break
     fit, alternatives = check_alternatives(space, fit, log)

@@ -1,7 +1,8 @@
 """Whether causes are established: each rule gives a sentence where it refuses one.
 
 `judge_alone` judges causes by noise, nuisance parameters and declared model error.
-`doubts_beside_error` judges them beside what they leave, as error of the model.
+`doubts_beside_error` judges them beside what they leave, as error of the model, and
+`doubts_among` among small errors of all that is listed.
 
 Where something is left, a cause can be of the right kind with a law of another form: Coulomb's
 friction takes most of the misfit of friction that falls with speed. What such a law leaves goes
@@ -11,7 +12,6 @@ How a curve lasts is read from what the cause changes, which has no noise.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.evidence import Comparison, crowded
 from saddlering_ros.discrepancy.search.selection import error_process, Search
 from saddlering_ros.discrepancy.search.signatures import orthonormal
+from saddlering_ros.discrepancy.search.small_errors import Among, MIN_MARGIN, MIN_TIMES
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.published import MAINLY, Publication, sizes_at_bounds
@@ -40,19 +41,10 @@ MIN_TAKEN_BESIDE = 1.0 - 0.5 * (1.0 - MIN_TAKEN)
 """The same of a main cause beside one with alternatives, which can take part of what a wrong main
 cause leaves: half as much is left."""
 
-MIN_BEYOND_SOUND = 0.3
-"""Share of what the other effects leave beyond noise and the errors of a sound ring that a cause
-of a ring takes. On dirty rings a stand-in that took 96 % of the misfit alone took 23 % of this,
-and true causes 33 to 99 %."""
-
 MAX_ALIKE = 0.9
 """Share of the power of what a cause changes beyond the base from which another listed effect
 acts as it does: on development draws, such effects had 94 to 99 % of that of stand-ins, and up to
 88 % of that of true laws, but for one of 96 %."""
-
-MAX_ONE_FAMILY = 0.7
-"""Share of the remainder that one family of shapes may take: errors of a machine lie along
-several coordinates."""
 
 SAME_SIZE = 0.02
 """Share by which the sizes of one law may differ from run to run and from channel to channel: no
@@ -191,37 +183,24 @@ def uncertain_size(space: ModelSpace, published: Publication) -> list[str]:
 
 
 def doubts_beside_error(
-    alone: Search, search: Search, published: Publication, beside: Publication | None,
-    most_dropped: float,
+    alone: Search, search: Search, published: Publication, most_dropped: float,
 ) -> tuple[list[str], float]:
     """Reasons why causes beside model error are not established, and what these take.
 
-    alone: the search without learnt model error. beside: numbers of a model in which the main
-    cause is established beside others, if it has no alternative and is told alone. most_dropped:
-    visible size of what is left out. The share of the misfit's power that the causes take is 0 if
-    their law is another one, whatever it takes.
+    alone: the search without learnt model error; most_dropped: visible size of what is left out.
+    The share of the misfit's power that the causes take is 0 if their law is another one,
+    whatever it takes.
     """
     space, fit, main = search.space, search.fit, published.main
     assert published.shares is not None
-    if beside is None:
-        doubts, taken = doubts_of(search, published), published.shares.best
-    else:
-        doubts, taken = other_laws(search), beside.member_shares[main.effect].best
-    if space.problem.assumptions.exact_laws:
-        doubts += unsteady_sizes(space, fit, published.causes)
-        narrow = narrow_laws(alone.space, published.plain)
-        doubts, taken = doubts + narrow, 0.0 if narrow else taken
-    else:
-        doubts += like_sound_errors(alone, fit)
-        doubts += wrong_inputs(alone.space, fit)
-        if not doubts and not most_dropped:  # What is left out may be one shape.
-            doubts += one_shape_left(alone.space, fit)
-    doubts += uncertain_size(space, published)
+    narrow = narrow_laws(alone.space, published.plain)
+    doubts = [*doubts_of(search, published), *unsteady_sizes(space, fit, published.causes),
+              *narrow, *uncertain_size(space, published)]
     # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
     most = MAINLY if main.group == (main.effect,) else 1.0 - MIN_TAKEN
     if most_dropped**2 > most * main.visible**2:
         doubts.append(wording.AS_LARGE)
-    return doubts, taken
+    return doubts, 0.0 if narrow else published.shares.best
 
 
 def doubts_of(search: Search, published: Publication) -> list[str]:
@@ -247,22 +226,34 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
     return doubts
 
 
-def is_main_established(search: Search, published: Publication) -> bool:
-    """Whether the main one of several effects is established beside the others.
-
-    What the others take is no misfit of the main one. If other effects can replace it, some pair
-    of effects fits even a cause that is in no catalogue.
-    """
-    main, space = published.main, search.space
-    shares = published.member_shares[main.effect]
-    return (main.group == (main.effect,) and shares.best >= MIN_TAKEN and not _unlike(shares)
-            and Comparison(space, space.without(search.fit, main.effect), search.fit).is_real)
+def doubts_among(among: Among, search: Search, published: Publication) -> list[str]:
+    """Reasons why the main effect of the best model among small errors is not established."""
+    best, name = among.best, among.best.main
+    taken = published.member_shares.get(name, published.shares)
+    assert taken is not None
+    # A view with little misfit can be worse by the size of the small errors.
+    doubts = [*other_laws(search), *_unlike_in_runs(taken), *(
+        wording.worse_view_words(view) for view, share in taken.fitted.items()
+        if min(share, taken.predicted.get(view, share)) < 0.0)]
+    if best.times(name) < MIN_TIMES:
+        doubts.append(wording.no_outlier_words(name, best.times(name), MIN_TIMES))
+    if among.margin(name) < MIN_MARGIN:
+        doubts.append(wording.close_words(name, among.rival(name).fit.candidate.ids))
+    if taken.best < MAINLY:
+        doubts.append(wording.weak_words(name, taken.best, MAINLY))
+    return doubts
 
 
 def _unlike(shares: Shares) -> list[str]:
     """Sentences on views and runs in which the misfit falls by too little."""
     view, least = shares.worst_view
     doubts = [] if least >= 0.0 else [wording.worse_view_words(view)]
+    return doubts + _unlike_in_runs(shares)
+
+
+def _unlike_in_runs(shares: Shares) -> list[str]:
+    """Sentences on runs, predicted or fitted, in which the misfit falls by too little."""
+    doubts = []
     if shares.interval is None:
         doubts.append(wording.ONE_RUN)
     elif shares.interval[0] <= 0.0:
@@ -311,44 +302,6 @@ def shared_directions(search: Search) -> list[str]:
             other = tried[int(shares.argmax())][0]
             sentences.append(wording.shared_direction_words(effect.id, other.id, share))
     return sentences
-
-
-def like_sound_errors(alone: Search, fit: Fit) -> list[str]:
-    """A sentence for every effect of a fit that errors of a sound machine could replace.
-
-    alone: the search in whose space only what such errors leave is misfit.
-    """
-    space, sentences = alone.space, []
-    for name in fit.candidate.ids:
-        whole = alone.fit if name in alone.fit.candidate.ids else spaces.refit_full_jacobian(
-            space.metric, [fit], space.settings.rounds)[0]
-        left = space.without(whole, name).misfit
-        share = (left - whole.misfit) / max(left - space.metric.free_count, 1e-9)
-        if share < MIN_BEYOND_SOUND:
-            sentences.append(wording.sound_error_words(name, share, MIN_BEYOND_SOUND))
-    return sentences
-
-
-def one_shape_left(alone: ModelSpace, fit: Fit) -> list[str]:
-    """A sentence if one family of shapes takes most or all of what the effects of a fit leave.
-
-    A law that is not listed leaves a rest along one coordinate, if the effects take its other
-    part. alone: the space in which only what errors of a sound machine leave is misfit.
-    """
-    whole, rate = spaces.refit_full_jacobian(
-        alone.metric, [fit], alone.settings.rounds)[0], alone.settings.error_rate
-    white = alone.tangent_of(whole).white
-    beyond = orthonormal(white)
-    least = (1.0 - MAX_ONE_FAMILY) * alone.slow_residual(whole).excess
-    for test in alone.tests.shapes(whole, white):
-        if test.shape is not None and test.p_value < rate:
-            taken = alone.metric.whiten(test.shape)
-            left = whole.whitened - taken + beyond @ (beyond.T @ taken)
-            after = alone.tests.slow(replace(whole, whitened=left))
-            if after.p_value >= rate or after.excess < least:
-                return [wording.shape_words(
-                    fit.candidate.ids, f'{test.view} along {test.coordinate}')]
-    return []
 
 
 def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list[str]:

@@ -160,6 +160,8 @@ def remaining_words(explained: float) -> str:
 
 ONE_RUN = 'one run only: that the causes predict other runs is not shown'
 WORSE_RUN = 'in one of the fitted runs the misfit is larger with the causes'
+NO_SMALL_ERRORS = ('what remains is larger than small errors of everything that the catalogue '
+                   'lists could be')
 AS_LARGE = 'another cause, which is not established, moves about as much: which is main is open'
 BY_CHANCE = 'an error like the one that remains could be this large by chance'
 THREE_EFFECTS = 'three effects act in one channel: so many can fit any misfit'
@@ -216,14 +218,18 @@ def weak_words(name: str, taken: float, needed: float) -> str:
             'nearly as much')
 
 
-def sound_error_words(name: str, taken: float, needed: float) -> str:
-    return (f'{name} takes {percent(max(taken, 0.0))} of what noise and errors of a sound machine '
-            f'leave beside the other causes; less than {percent(needed)} such errors could take')
+def outlier_words(name: str, times: float) -> str:
+    return (f'{name} moves {times:.0f} times as much as the small errors of everything else that '
+            'the catalogue lists; these explain what remains')
 
 
-def beside_words(name: str, taken: float, others: Sequence[str]) -> str:
-    return (f'{name} takes {percent(taken)} of the power that is left beside '
-            f'{" and ".join(others)}, of which no verdict is given')
+def no_outlier_words(name: str, times: float, needed: float) -> str:
+    return (f'{name} moves {times:.0f} times as much as the small errors beside it; a cause is '
+            f'established from {needed:.0f} times on')
+
+
+def close_words(name: str, rivals: Sequence[str]) -> str:
+    return f'without {name}, {" and ".join(rivals)} fit nearly as well beside small errors'
 
 
 def suspect_words(ids: Sequence[str], doubts: Sequence[str]) -> str:

@@ -1,0 +1,106 @@
+"""Claims on one large cause among many small errors, on a machine whose laws are not exact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from saddlering_ros.discrepancy import Channel, Diagnosis, Effect, Model, Parameter, Run
+from saddlering_ros.discrepancy.diagnosis import problem_of
+from saddlering_ros.discrepancy.engine import diagnose_system
+from saddlering_ros.discrepancy.search import small_errors
+
+TIME = np.linspace(0.0, 20.0, 500)
+SHAPES = {
+    'friction': lambda drive, speed: np.tanh(speed / 0.05),
+    'cubic': lambda drive, speed: drive**3,
+    'square': lambda drive, speed: drive**2,
+    'drag': lambda drive, speed: speed,
+    'gap': lambda drive, speed: np.tanh(drive / 0.1),
+    'kink': lambda drive, speed: np.maximum(drive - 0.3, 0.0),
+    'creep': lambda drive, speed: TIME * drive / TIME[-1],
+}
+SMALL = {'cubic': 0.012, 'square': -0.015, 'drag': 0.01, 'gap': -0.012, 'kink': 0.02,
+         'creep': 0.015}
+"""Sizes of the small errors: each moves about a hundredth of the range."""
+
+
+def simulate(parameters: Mapping[str, float], run: Run) -> dict[str, np.ndarray]:
+    drive, speed = (np.asarray(run.inputs[name]) for name in ('drive', 'speed'))
+    seen = parameters['gain'] * drive
+    for name, shape in SHAPES.items():
+        seen = seen + parameters.get(f'{name}.size', 0.0) * shape(drive, speed)
+    return {'seen': seen}
+
+
+def model(*listed: str) -> Model:
+    effects = {name: Effect(name, {'size': Parameter(-1, 1)}) for name in listed}
+    return Model(simulate, {'gain': Parameter(0.5, 2.0)}, effects, {'seen': Channel()})
+
+
+def record(number: int, sizes: Mapping[str, float]) -> Run:
+    drive = np.sin((0.9 + 0.2 * number) * TIME) + 0.4 * np.sin(2.7 * TIME + number)
+    inputs = {'drive': drive, 'speed': np.gradient(drive, TIME)}
+    run = Run(f'run {number}', TIME, inputs, {'seen': TIME})
+    seen = simulate({'gain': 1.2, **{f'{name}.size': size for name, size in sizes.items()}}, run)
+    noise = 0.002 * np.random.default_rng(number).normal(size=TIME.size)
+    return replace(run, outputs={'seen': seen['seen'] + noise})
+
+
+def diagnosed(sizes: Mapping[str, float], *listed: str) -> Diagnosis:
+    runs = [record(number, sizes) for number in range(4)]
+    problem = problem_of(model(*listed), runs[:3], runs[3:])
+    rough = replace(problem.assumptions, exact_laws=False)
+    return diagnose_system(replace(problem, assumptions=rough))
+
+
+@pytest.mark.parametrize('main', ['friction', 'cubic'])
+def test_a_large_cause_is_named_among_small_errors_of_everything_that_is_listed(
+    main: str,
+) -> None:
+    answer = diagnosed({**SMALL, main: 0.3}, *SHAPES)
+    assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('named', [main])
+    assert any(f'{main} moves' in sentence for sentence in answer.warnings)
+    size = answer.causes[0].parameters['size']
+    assert abs(size.value - 0.3) < 3.0 * size.std
+    assert answer.probabilities[main] > 0.9
+
+
+@pytest.mark.parametrize('main', ['friction', 'cubic'])
+def test_without_the_law_of_the_large_cause_nothing_is_named(main: str) -> None:
+    listed = [name for name in SHAPES if name != main]
+    assert diagnosed({**SMALL, main: 0.3}, *listed).verdict == 'unknown'
+
+
+def test_small_errors_alone_have_no_main_cause() -> None:
+    answer = diagnosed(SMALL, *SHAPES)
+    assert answer.verdict == 'unknown'
+    assert any('established from 35 times on' in sentence for sentence in answer.warnings)
+
+
+def model_of(evidence: float, joint: float = 1.0, **visible: float) -> small_errors.Model:
+    """A model of laws without content; `every` contains `friction`."""
+    laws = tuple((SimpleNamespace(
+        id=name, contains=('friction',) if name == 'every' else ()), 0) for name in visible)
+    fit = SimpleNamespace(candidate=SimpleNamespace(effects=laws))
+    return small_errors.Model(fit, evidence, 1e-4, visible, joint)
+
+
+def test_effects_that_cancel_each_other_are_no_best_model() -> None:
+    """Such a pair can fit a law that is not listed."""
+    pair, alone = model_of(50.0, 0.4, gap=0.1, kink=0.1), model_of(10.0, gap=0.1)
+    assert small_errors._best([pair, alone]) is alone
+    assert small_errors._best([replace(pair, joint=0.9), alone]).main == 'gap'
+
+
+def test_a_law_that_contains_the_cause_is_no_rival_of_it() -> None:
+    best = model_of(50.0, friction=0.02)
+    others = [model_of(49.0, every=0.02), model_of(20.0, gap=0.02), model_of(0.0)]
+    among = small_errors.Among(SimpleNamespace(inputs=()), np.zeros((0, 0)), best, others)
+    assert among.margin('friction') == 30.0
+    swapped = replace(among, best=others[0], others=[best, *others[1:]])
+    assert swapped.margin('every') == 29.0
