@@ -97,7 +97,7 @@ def test_effects_that_cancel_each_other_are_no_best_model() -> None:
     assert small_errors._best([replace(pair, joint=0.9), alone]).main == 'gap'
 
 
-def test_a_law_that_contains_the_cause_is_no_rival_of_it() -> None:
+def test_a_law_that_contains_the_cause_is_no_alternative_to_it() -> None:
     best = model_of(50.0, friction=0.02)
     others = [model_of(49.0, every=0.02), model_of(20.0, gap=0.02), model_of(0.0)]
     among = small_errors.Among(SimpleNamespace(inputs=()), np.zeros((0, 0)), best, others)

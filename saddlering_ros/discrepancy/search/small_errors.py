@@ -92,7 +92,7 @@ class Among:
     best: Model
     others: Sequence[Model]
 
-    def rival(self, name: str) -> Model:
+    def best_without(self, name: str) -> Model:
         """The best model without an effect, a law that contains it, and a law that it contains."""
         named = {effect.id: effect for effect, _ in self.best.fit.candidate.effects}[name]
         alike = {name, *named.contains}
@@ -102,7 +102,7 @@ class Among:
 
     def margin(self, name: str) -> float:
         """Logarithm of the likelihood over that of the best model without an effect."""
-        return self.best.evidence - self.rival(name).evidence
+        return self.best.evidence - self.best_without(name).evidence
 
     @property
     def small(self) -> list[str]:

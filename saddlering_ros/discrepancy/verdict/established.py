@@ -238,7 +238,7 @@ def doubts_among(among: Among, search: Search, published: Publication) -> list[s
     if best.times(name) < MIN_TIMES:
         doubts.append(wording.no_outlier_words(name, best.times(name), MIN_TIMES))
     if among.margin(name) < MIN_MARGIN:
-        doubts.append(wording.close_words(name, among.rival(name).fit.candidate.ids))
+        doubts.append(wording.close_words(name, among.best_without(name).fit.candidate.ids))
     if taken.best < MAINLY:
         doubts.append(wording.weak_words(name, taken.best, MAINLY))
     return doubts

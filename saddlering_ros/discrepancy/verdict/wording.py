@@ -228,8 +228,8 @@ def no_outlier_words(name: str, times: float, needed: float) -> str:
             f'established from {needed:.0f} times on')
 
 
-def close_words(name: str, rivals: Sequence[str]) -> str:
-    return f'without {name}, {" and ".join(rivals)} fit nearly as well beside small errors'
+def close_words(name: str, others: Sequence[str]) -> str:
+    return f'without {name}, {" and ".join(others)} fit nearly as well beside small errors'
 
 
 def suspect_words(ids: Sequence[str], doubts: Sequence[str]) -> str:
