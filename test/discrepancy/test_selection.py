@@ -41,17 +41,6 @@ def test_a_second_variant_is_tried_unless_it_is_far_worse_or_fits_as_the_first()
     assert listed == [('a', 0), ('a', 2), ('b', 0)]
 
 
-def test_a_neighbourhood_that_was_simulated_lately_is_not_simulated_again() -> None:
-    system = Shapes(bend=LOAD**2)
-    problem = Problem(system, [measured(system, 1e-3, {})])
-    groups = [[Point(np.array([slope])), Point(np.array([slope]), {'bend': {'size': 0.1}})]
-              for slope in (1.0, 1.5)]
-    first = problem.predict_neighbours(groups)
-    again = problem.predict_neighbours([groups[1], groups[0], groups[1]])
-    assert problem.simulations == 4
-    assert all(map(np.array_equal, again, (first[1], first[0], first[1])))
-
-
 # --- look-alikes ---
 
 

@@ -143,8 +143,8 @@ class Misfit:
     @cached_property
     def residual(self) -> Array:
         """The whitened residual (n,) minus its part by base parameters."""
-        return self._beside_base(
-            np.concatenate([run.residual.ravel() for run in self.runs])[:, None])[:, 0]
+        white = self.whiten(np.concatenate([run.residual.ravel() for run in self.runs])[:, None])
+        return np.asarray(white - self.base @ (self.base.T @ white))[:, 0]
 
     def plain(self, target: str, shapes: Sequence[Array]) -> Array:
         """Stacked columns (n, k) of an addition of `shapes` (N, k) by run to a target."""
@@ -161,7 +161,10 @@ class Misfit:
         return np.asarray(white - self.base @ (self.base.T @ white))
 
     def columns_of(self, block: ShapeFamily) -> Iterator[tuple[str, Array]]:
-        """Each target with its columns (n, k) of a family; usually a sum over its channels."""
+        """Each target with its columns (n, k) of a family.
+
+        Those of a target that moves the channels in fixed proportions are a sum over channels.
+        """
         alone = np.array([self._beside_base(np.concatenate([
             np.multiply.outer(one, shape).reshape(-1, shape.shape[1]) for shape in block.shapes]))
             for one in np.eye(len(self.runs[0].residual))])
@@ -299,7 +302,10 @@ def fit_block(
 
 
 def _solve(block: ShapeFamily, matrices: Array, slope: Array) -> Array:
-    """Penalised least squares (..., k) by matrices (..., k, k), of one sign if the family is."""
+    """Penalised least squares (..., k) with matrices (..., k, k).
+
+    The coefficients have one sign if the family requires it.
+    """
     if not block.non_negative:
         return np.asarray(np.linalg.solve(matrices, slope[:, None])[..., 0])
     if matrices.ndim > 2:

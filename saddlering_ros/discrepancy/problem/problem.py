@@ -88,9 +88,6 @@ SEARCHED = 25.0
 effect, two more effects counted. Eight machines needed 10 to 38 (median 21), 7 to 12 where nothing
 is wrong, and 22 to 137 (median 81) where no cause fits."""
 
-KEPT_NUMBERS = 4_000_000
-"""Simulated numbers that are kept (32 MB), for fits that begin where others have ended."""
-
 LAST_SHARE = 0.95
 """Largest share of a search that is reported before its end, since the number is a rough one."""
 
@@ -112,7 +109,6 @@ class Problem:
     proposals: Sequence[Proposal] = ()
     watch: Watch = field(default_factory=lambda: Watch('diagnose'))
     simulations: int = field(default=0, init=False)
-    _kept: dict[tuple[object, ...], Array] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not self.runs:
@@ -228,26 +224,13 @@ class Problem:
     def predict_neighbours(self, groups: Sequence[Sequence[Point]]) -> list[Array]:
         """Stacked channels (n, B) of each group: a point, and others a small step away.
 
-        A group that was simulated lately is kept. A system with tangents of its own computes the
-        others from them; any other system simulates every point.
+        A system with tangents of its own computes the others from them; any other system
+        simulates every point.
         """
-        keys: list[tuple[object, ...]] = [tuple((point.base.tobytes(), *(
-            (name, *values.items()) for name, values in point.effects.items()))
-            for point in group) for group in groups]
-        found = {key: self._kept.pop(key) for key in keys if key in self._kept}
-        new = {key: group for key, group in zip(keys, groups, strict=True) if key not in found}
-        if new:
-            found.update(zip(new, self._simulated_groups(list(new.values())), strict=True))
-        self._kept.update(found)
-        while sum(answer.size for answer in self._kept.values()) > KEPT_NUMBERS:
-            del self._kept[next(iter(self._kept))]
-        return [found[key] for key in keys]
-
-    def _simulated_groups(self, groups: Sequence[Sequence[Point]]) -> list[Array]:
         ends = np.cumsum([len(group) for group in groups])
         if not isinstance(self.system, SystemWithTangents):
             answers = self.predict([point for group in groups for point in group])
-            return [part.copy() for part in np.split(answers, ends[:-1], axis=1)]
+            return np.split(answers, ends[:-1], axis=1)
         self.simulations += int(ends[-1])
         prepared = self.system.neighbourhood(groups)
         runs = [prepared.predict(run) for run in self.runs]
