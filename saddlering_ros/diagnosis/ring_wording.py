@@ -163,14 +163,14 @@ def lowered_titles(group: str) -> str:
 
 
 def headline(document: VerdictDocument) -> str:
-    """The verdict in one or two sentences."""
+    """The verdict in one sentence, and a remainder beside a cause in another."""
     verdict = document['verdict']
     if verdict == 'none':
         return ('The simulation lacks nothing that these data could show: the residual is noise, '
                 f'{_sound_words(document)}or smaller than {100.0 * quantities.MATERIAL:g} % of a '
                 "channel's range.")
     if verdict == 'unknown':
-        return ' '.join(filter(None, unknown(document)))
+        return unknown(document)[0]
     causes, rest = causes_of(document), ''
     if document.get('remainder'):
         most = document['remainder'][0]

@@ -165,8 +165,9 @@ def test_ambiguous_names_every_look_alike():
 def test_unknown_describes_the_shape_that_is_left():
     shape = {'shape': '', 'channel': 'gamma', 'coordinate': 'time', 'p_value': 1e-9,
              'share_of_range': 0.02}
-    said = headline(document('unknown', causes=[shape]))
-    assert 'gamma follows time, 2.0 % of range' in said
+    said = document('unknown', causes=[shape])
+    assert 'gamma follows time, 2.0 % of range' in document_text(said)
+    assert '. ' not in headline(said)
 
 
 def test_the_banner_of_unknown_has_one_bold_sentence_and_titles_in_place_of_ids():
