@@ -186,19 +186,20 @@ def _among_small_errors(strict: Answer) -> Answer:
         return search, publish(search, before, _residual_of(space, fit), among.process)
 
     search, published = published_of(best.fit)
-    doubts = established.doubts_among(among, search, published)
-    if not doubts and among.small:
+    main, small = established.main_among(among, published)
+    doubts = established.doubts_among(among, main, search, published)
+    if not doubts and small:
         fit = best.fit
-        for name in among.small:
+        for name in small:
             fit = space.without(fit, name)
         search, published = published_of(fit)
     doubts += [*published.doubts, *established.wrong_inputs(space, search.fit)]
     if doubts:
-        return strict.doubted([wording.suspect_words([best.main], doubts)])
+        return strict.doubted([wording.suspect_words([main], doubts)])
     # What the small errors could take of the main cause is left.
     return _answer_beside(strict, search, published, among.process, [
         wording.outlier_words(name, best.times(name)) for name in search.fit.candidate.ids],
-        1.0 - 1.0 / best.times(best.main), is_established=True)
+        1.0 - 1.0 / best.times(main), is_established=True)
 
 
 def _beside_error(strict: Answer) -> Answer:

@@ -13,6 +13,7 @@ from saddlering_ros.discrepancy import Channel, Diagnosis, Effect, Model, Parame
 from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.search import small_errors
+from saddlering_ros.discrepancy.verdict import established
 
 TIME = np.linspace(0.0, 20.0, 500)
 SHAPES = {
@@ -94,7 +95,7 @@ def test_effects_that_cancel_each_other_are_no_best_model() -> None:
     """Such a pair can fit a law that is not listed."""
     pair, alone = model_of(50.0, 0.4, gap=0.1, kink=0.1), model_of(10.0, gap=0.1)
     assert small_errors._best([pair, alone]) is alone
-    assert small_errors._best([replace(pair, joint=0.9), alone]).main == 'gap'
+    assert small_errors._best([replace(pair, joint=0.9), alone]).evidence == 50.0
 
 
 def test_a_law_that_contains_the_cause_is_no_alternative_to_it() -> None:
@@ -104,3 +105,13 @@ def test_a_law_that_contains_the_cause_is_no_alternative_to_it() -> None:
     assert among.margin('friction') == 30.0
     swapped = replace(among, best=others[0], others=[best, *others[1:]])
     assert swapped.margin('every') == 29.0
+
+
+def test_the_main_cause_takes_what_it_moves() -> None:
+    """What a base parameter imitates can move most and take nothing."""
+    best = model_of(50.0, clearance=0.06, friction=0.02, gap=0.01)
+    among = small_errors.Among(SimpleNamespace(inputs=()), np.zeros((0, 0)), best, [model_of(0.0)])
+    shares = {'clearance': 0.0, 'friction': 0.9, 'gap': 0.4}
+    published = SimpleNamespace(member_shares={
+        name: SimpleNamespace(best=share) for name, share in shares.items()})
+    assert established.main_among(among, published) == ('friction', ['clearance', 'gap'])

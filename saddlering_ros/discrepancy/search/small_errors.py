@@ -70,11 +70,6 @@ class Model:
     visible: Mapping[str, float]
     joint: float
 
-    @property
-    def main(self) -> str:
-        """The effect that moves most."""
-        return max(self.visible, key=lambda name: self.visible[name])
-
     def times(self, name: str) -> float:
         """Size of an effect over the spread of the small errors."""
         return self.visible[name] / self.spread
@@ -104,13 +99,11 @@ class Among:
         """Logarithm of the likelihood over that of the best model without an effect."""
         return self.best.evidence - self.best_without(name).evidence
 
-    @property
-    def small(self) -> list[str]:
-        """Effects beside the main one that do not stand out, or are errors of the rig file."""
-        inputs = {signature.effect.id for signature in self.space.inputs}
-        return [name for name in self.best.visible if name != self.best.main and (
-            name in inputs or self.best.times(name) < MIN_TIMES
-            or self.margin(name) < MIN_MARGIN)]
+    def stands_out(self, name: str) -> bool:
+        """Whether an effect is an outlier of the small errors, and no error of the rig file."""
+        is_input = name in {signature.effect.id for signature in self.space.inputs}
+        return (not is_input and self.best.times(name) >= MIN_TIMES
+                and self.margin(name) >= MIN_MARGIN)
 
 
 def search_among_small_errors(search: Search) -> Among | None:

@@ -226,10 +226,25 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
     return doubts
 
 
-def doubts_among(among: Among, search: Search, published: Publication) -> list[str]:
+def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:
+    """The main effect of the best model among small errors, and those that are small errors.
+
+    The main one moves most of those that take half of what the others leave: what a base
+    parameter imitates can move much and take nothing. Each that is named takes this half.
+    """
+    visible = among.best.visible
+    shares = published.member_shares
+    real = [name for name in visible if name not in shares or shares[name].best >= MAINLY]
+    main = max(real or visible, key=lambda name: visible[name])
+    return main, [name for name in visible if name != main and (
+        name not in real or not among.stands_out(name))]
+
+
+def doubts_among(
+    among: Among, name: str, search: Search, published: Publication
+) -> list[str]:
     """Reasons why the main effect of the best model among small errors is not established."""
-    best, name = among.best, among.best.main
-    taken = published.member_shares.get(name, published.shares)
+    best, taken = among.best, published.member_shares.get(name, published.shares)
     assert taken is not None
     # A view with little misfit can be worse by the size of the small errors.
     doubts = [*other_laws(search), *_unlike_in_runs(taken), *(
