@@ -183,7 +183,8 @@ def _among_small_errors(strict: Answer) -> Answer:
 
     def published_of(fit: Fit) -> tuple[Search, Publication]:
         search = replace(strict.search, space=space, fit=fit, alternatives={})
-        return search, publish(search, before, _residual_of(space, fit), among.process)
+        # Small errors can take what contact parameters imitate, so that these would be open.
+        return search, publish(search, before, _residual_of(space, fit))
 
     search, published = published_of(best.fit)
     main, small = established.main_among(among, published)
