@@ -343,7 +343,8 @@ def certainty_lines(document: VerdictDocument) -> list[str]:
 def document_text(document: VerdictDocument) -> str:
     """Verdict, next test, misfit reduction, open questions, in plain lines."""
     verdict = document['verdict']
-    lines = [wording.verdict_line(verdict), headline(document), gain_sentence(document),
+    lines = [wording.verdict_line(verdict), headline(document),
+             unknown(document)[1] if verdict == 'unknown' else '', gain_sentence(document),
              *certainty_lines(document), tried(document)]
     if document['next_test']:
         lines.append(f'next test: {document["next_test"]}')

@@ -157,8 +157,8 @@ def with_diagnosis(job: Job, document: VerdictDocument) -> Job:
     from saddlering_ros.quantities import VERDICT_WORDS
 
     verdict, following = document['verdict'], document.get('next_test')
-    lines = (unknown(document)[1] if verdict == 'unknown' else '',
-             f'Next test: {following}' if following else '', gain_sentence(document))
+    lines = (f'Next test: {following}' if following else '',
+             unknown(document)[1] if verdict == 'unknown' else '', gain_sentence(document))
     return replace(job, verdict=verdict, title=f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}',
                    words=headline(document), lines=list(filter(None, lines)))
 
