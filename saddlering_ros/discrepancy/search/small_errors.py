@@ -34,7 +34,9 @@ MIN_STRENGTH = 0.1
 
 MIN_TIMES, MIN_MARGIN = 35.0, 10.0
 """Size over the spread of the small errors, and logarithm of the likelihood over that of every
-other model, from which a cause stands out."""
+other model, from which a cause stands out. On 59 dirty rings of development true main causes had
+25 to 786 times, two of them under 35, and a logarithm of 16 and more; stand-ins for laws that were
+taken out had 5 to 34 times, but for two with 63 and 109."""
 
 MIN_JOINT = 0.8
 """Power of what effects move together over the sum of their powers, below which they cancel each
