@@ -14,7 +14,8 @@ from typing import Any
 
 from node_server import NodeServer
 import pytest
-from rosnet import wait_until
+from rosnet import Client, wait_until
+from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.bags import read_raw
@@ -99,18 +100,26 @@ os._exit(0)
 
 @pytest.mark.ros
 def test_a_reader_that_had_no_processor_still_gets_the_end_of_a_test(
-        group: NodeGroup, bag: Path, ros_domain: int) -> None:
+        group: NodeGroup, heard: Client, bag: Path, ros_domain: int) -> None:
     """The node ends while the reader is stopped; its queue of packets holds a part only."""
+    def has_heard_of_the_reader() -> bool:
+        said = heard.progress.get('hydraulic_load')
+        return said is not None and min(said.subscriptions) > 0
+
     count = len(read_raw(bag)['/rig/hydraulic_load'])
     load = group.start('hydraulic_load', {'bag': str(bag)})
+    clock = group.start('replay_clock', {
+        'bag': str(bag), 'lockstep': True, 'rate': 0.0, 'exit_at_end': True, 'start_paused': True,
+        'participants': ['hydraulic_load']})
+    wait_until(lambda: 'paused' in clock.said(), 80.0, 'the clock is ready')
     with subprocess.Popen([sys.executable, '-c', READER, str(ros_domain), str(count)],
                           stdout=subprocess.PIPE, text=True) as reader:
         assert reader.stdout is not None
         assert reader.stdout.readline() == 'matched\n'
+        # The reader may know of the node before the node knows of it, which then sends it nothing.
+        wait_until(has_heard_of_the_reader, what='the node is matched too')
         reader.send_signal(signal.SIGSTOP)
-        clock = group.start('replay_clock', {
-            'bag': str(bag), 'lockstep': True, 'rate': 0.0, 'exit_at_end': True,
-            'participants': ['hydraulic_load']})
+        assert heard.call(Trigger, '/replay_clock/play').success
         wait_until(lambda: 'at its end' in clock.said(), 80.0, 'the end of the bag')
         load.process.send_signal(signal.SIGINT)
         time.sleep(0.2)
