@@ -93,6 +93,14 @@ def shares_in_words(shares: Mapping[str, float]) -> dict[str, str]:
     return words
 
 
+def remainder_words(rest: Mapping[str, Any]) -> str:
+    """'static_50, delta_y, along load: 0.31 µm rms, 0.4 % of range, 2.5 × noise'."""
+    size = quantity(rest.get('size'), rest.get('unit') or '', digits=2)
+    share, times = percent(rest['share_of_range']), compact(rest['times_noise'], 2)
+    return (f'{rest["run"]}, {rest["channel"]}, along {rest["along"]}: {size} rms, {share} of '
+            f'range, {times} × noise')
+
+
 def signed_percent(share: float, std: float | None = None, *, is_signed: bool = True) -> str:
     """'+3.0 ± 0.2 %': a share with its error, and with a sign where both signs are possible."""
     sign = '+' if is_signed and share > 0.0 else ''

@@ -17,7 +17,14 @@ from saddlering_ros.diagnosis.rig_dimensions import certified_effects, Neighbour
 from saddlering_ros.discrepancy import Effect, Neighbourhood, Parameter, Point, RunBlocks
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
-from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, Rig, size_factor, TRUE_TO_SCALE
+from saddlering_ros.rig import (
+    MICRO_UNITS,
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    Rig,
+    size_factor,
+    TRUE_TO_SCALE,
+)
 from saddlering_ros.ring import roller_scatter
 from saddlering_ros.ring.neighbours import has_tangent, Neighbourhoods
 from saddlering_ros.ring.simulator import Additions, probe_batch
@@ -138,6 +145,10 @@ class RingSystem:
     def inputs(self) -> tuple[Effect, ...]:
         """Dimensions of the rig file, which may be wrong."""
         return rig_dimensions.dimension_effects(self.rig)
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        return {name: unit.removeprefix('µ') for name, unit in MICRO_UNITS.items()}
 
     @cached_property
     def views(self) -> Mapping[str, Array]:

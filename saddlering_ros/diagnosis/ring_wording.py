@@ -336,6 +336,7 @@ def certainty_lines(document: VerdictDocument) -> list[str]:
              for group, share in document.get('probabilities', {}).items()},
             document.get('stability', 1.0)),
         *wording.limit_lines(document.get('near_limit', [])),
+        wording.remainder_line(document.get('remainder') or ()),
         wording.influence_words([
             (one['run'], one['start'], one['end'], one['evidence']) for one in influence])))]
 

@@ -113,7 +113,10 @@ def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
         measured = np.where(present, one.run.channels * scale, 0.0)
         predictions.append(RunPrediction(
             replace(one.run, channels=measured), one.before * scale, one.after * scale))
-    return replace(diagnosis, warnings=warnings, runs=tuple(predictions))
+    remainder = tuple(
+        replace(rest, size=rest.size * float(scale[system.channel_names.index(rest.channel), 0]))
+        for rest in diagnosis.remainder)
+    return replace(diagnosis, warnings=warnings, runs=tuple(predictions), remainder=remainder)
 
 
 def _with_noise_doubts(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:

@@ -298,11 +298,12 @@ def _remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Rema
             run = problem.runs[int(np.argmax(slow.sizes[test.view]))]
             left.append((run, test.view, test.visible, test.coordinate))
             told.add(test.view)
-    remainder = []
-    for run, view, size, along in sorted(left, key=lambda place: -place[2]):
+    remainder, units = [], getattr(problem.system, 'units', {})
+    for run, view, share, along in sorted(left, key=lambda place: -place[2]):
         noise = space.metric.noise_power(run, view) ** 0.5
-        times = size * problem.view_ranges[view] / max(noise, 1e-300)
-        remainder.append(Remainder(run.name, view, size, float(np.hypot(1.0, times)), along))
+        size = share * problem.view_ranges[view]
+        remainder.append(Remainder(run.name, view, share, size / max(noise, 1e-300), along, size,
+                                   units.get(view, '')))
     return tuple(remainder)
 
 

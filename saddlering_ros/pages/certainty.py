@@ -9,7 +9,7 @@ from typing import Any
 
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.charts import AFTER, BEFORE, NOISE
-from saddlering_ros.quantities import compact, percent, shares_in_words
+from saddlering_ros.quantities import percent, remainder_words, shares_in_words
 
 OUTCOMES = {'none': 'no cause', 'unknown': 'an unknown cause'}
 MAX_ROWS, MAX_WORDS = 16, 48
@@ -36,8 +36,7 @@ def certainty(document: Mapping[str, Any], title_of: Callable[[str], str] = str)
          100.0 * item['evidence'] / total, AFTER if item['evidence'] > 0.0 else BEFORE)
         for item in sorted(stretches, key=lambda item: -abs(item['evidence']))] if total else []
     remainders = [
-        (f'{item["run"]}, {item["channel"]}, along {item["along"]}: '
-         f'{compact(item["times_noise"], 2)} × noise', 100.0 * item['share_of_range'], BEFORE)
+        (remainder_words(item), 100.0 * item['share_of_range'], BEFORE)
         for item in document.get('remainder') or ()]
     refits = (document.get('refits') or ())[:MAX_ROWS]
     first = next((one['effect'] for one in document['causes'] if 'effect' in one), '')

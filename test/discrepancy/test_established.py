@@ -18,6 +18,7 @@ from saddlering_ros.discrepancy import (
     Diagnosis,
     Effect,
     Model,
+    Noise,
     Parameter,
     probabilities_of,
     Run,
@@ -66,6 +67,16 @@ def record(number: int, friction: float, error: float, seed: int = 1) -> Run:
 def found(friction: float, error: float, model: Model = MODEL, seed: int = 1) -> Diagnosis:
     runs = [record(number, friction, error, seed) for number in range(4)]
     return diagnose(model, runs[:3], hold_out=runs[3:])
+
+
+def test_a_rest_is_stated_alike_in_units_in_shares_of_range_and_in_times_the_noise() -> None:
+    model = replace(MODEL, channels={'seen': Channel(unit='m', noise=Noise.white(STD))})
+    answer = found(0.3, 0.02, model)
+    rest = answer.remainder[0]
+    spans = [np.ptp(record(number, 0.3, 0.02).outputs['seen']) for number in range(3)]
+    assert (rest.size, rest.unit) == (pytest.approx(rest.share_of_range * max(spans)), 'm')
+    assert rest.size == pytest.approx(rest.times_noise * STD)
+    assert f'{1e3 * rest.size:.0f} mm rms' in answer.summary()
 
 
 @pytest.mark.parametrize('seed', [1, 2])

@@ -201,6 +201,10 @@ class ModelSystem:
         """Each channel by itself."""
         return dict(zip(self.channel_names, np.eye(len(self.channel_names)), strict=True))
 
+    @property
+    def units(self) -> Mapping[str, str]:
+        return {name: channel.unit for name, channel in self.model.channels.items()}
+
     def blocks(self, run: Run, *, held_out: bool) -> system.RunBlocks:
         """A run in the form of the engine: shares of range, 0 where a sample is missing."""
         missing = [name for name in self.channel_names if name not in run.outputs]

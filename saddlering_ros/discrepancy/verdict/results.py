@@ -143,9 +143,10 @@ class Residual:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What is left beyond noise in a channel of a run: rms as a share of range and over the noise.
+    """What is left beyond noise in a channel of a run.
 
-    along: the coordinate that it follows most.
+    share_of_range, times_noise: its rms over the range and over the rms noise of the channel;
+    along: the coordinate that it follows most; size: the rms itself [unit].
     """
 
     run: str
@@ -153,6 +154,8 @@ class Remainder:
     share_of_range: float
     times_noise: float
     along: str
+    size: float
+    unit: str
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Every sentence of a verdict, for a ring and for a declared model, and the latter's summary."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from saddlering_ros import quantities
 from saddlering_ros.discrepancy.problem.system import Estimate, Parameter
@@ -88,6 +89,12 @@ def share_words(fitted: float, held_out: float | None) -> str:
 def rest_words(share_of_range: float, channel: str) -> str:
     """'rest of 0.4 % of range in delta_y fits no cause'."""
     return f'rest of {percent(share_of_range)} of range in {channel} fits no cause'
+
+
+def remainder_line(remainder: Sequence[Mapping[str, Any]]) -> str:
+    """The largest rests that fit no cause, in three units; '' without a rest."""
+    words = '; '.join(map(quantities.remainder_words, remainder[:MAX_RUNS]))
+    return f'Beyond noise and causes remain: {words}.' if words else ''
 
 
 def free_test_words(evidence: Sequence[HeldOutEvidence]) -> str:
@@ -337,6 +344,7 @@ def summary_text(diagnosis: Diagnosis) -> str:
         lines.append(f'misfit reduction: {gain_words(gain.fit, gain.held_out)}')
     lines.append(certainty_words(diagnosis.probabilities, diagnosis.stability))
     lines += limit_lines(diagnosis.near_limit)
+    lines.append(remainder_line([vars(rest) for rest in diagnosis.remainder]))
     if diagnosis.causes:
         lines.append(influence_words([
             (one.run, one.start, one.end, one.evidence) for one in diagnosis.influence]))
