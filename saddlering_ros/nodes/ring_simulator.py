@@ -94,21 +94,22 @@ class RingSimulatorNode(StreamingNode):
             raise NodeError(f'{self.get_name()}: parameters_file and {next(iter(self._given))}.* '
                             'are both given: give one of them')
         if path:
-            self._in_force = parameter_file.read_parameters(path)
+            chosen = parameter_file.read_parameters(path)
         elif self._given:
-            self._in_force = parameter_file.parameters_from_mapping(
+            chosen = parameter_file.parameters_from_mapping(
                 self._given, f'parameters of {self.get_name()}')
         else:
-            self._in_force = ParameterSet(
+            chosen = ParameterSet(
                 TRUE_TO_SCALE, source=ParameterSource(method='default', note='true to scale'))
-        refuse_other_rig(self, refuse_parameters_of_other_rig, self._in_force, self._rig)
+        refuse_other_rig(self, refuse_parameters_of_other_rig, chosen, self._rig)
         bag = self.settings['bag']
         self._started_with = math.nan
         if bag and math.isnan(self.settings['elevation_deg']):
             from saddlering_ros.ros.bag_replay import bag_elevation
             self._started_with = bag_elevation(bag)
         self._take_elevation()
-        self._make(self._in_force)
+        self._make(chosen)
+        self._in_force = chosen  # from now on, news of the elevation start it anew
         # Load the compiled kernels before the first sample needs them.
         from saddlering_ros.ring import simulate
         times = [0.001 * step for step in range(10)]

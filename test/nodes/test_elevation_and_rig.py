@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosnet import ACTIVATE, ANEW, Client, client, DEACTIVATE, lead, set_parameter, wait_until
 from std_srvs.srv import Trigger
 
-from saddlering_interfaces.msg import RingParameters
+from saddlering_interfaces.msg import ReplayState, RingParameters
 from saddlering_ros.bags import write_bag
 from saddlering_ros.files import share_directory
+from saddlering_ros.nodes.ring_simulator import RingSimulatorNode
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.record.batches import Displacements
 from saddlering_ros.record.residual import ResidualStream
@@ -80,6 +82,20 @@ def latched(domain: int) -> RingParameters:
                 RingParameters, '/ring/parameters', said.append, LATCHED)
         wait_until(lambda: bool(said), what='the latched parameters')
     return said[0]
+
+
+@pytest.mark.ros
+def test_a_simulator_whose_configuration_failed_outlives_news_of_the_elevation() -> None:
+    rclpy.init(args=['', '--ros-args', '-p', 'bag:=/nowhere'])
+    node = RingSimulatorNode()
+    try:
+        node.trigger_configure()
+        assert 'nowhere' in str(node.problem)
+        node._watch._on_state(ReplayState(elevation=math.radians(70.0)))
+        assert node._watch.of_bag == pytest.approx(math.radians(70.0))
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
 
 
 def test_displacements_at_different_elevations_are_not_subtracted() -> None:
