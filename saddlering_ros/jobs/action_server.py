@@ -23,7 +23,7 @@ from saddlering_ros.progress import Progress
 from saddlering_ros.rig import Rig
 from saddlering_ros.ros import names, parameters
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, to_message
-from saddlering_ros.ros.messages import parameters_to_message
+from saddlering_ros.ros.messages import parameters_to_message, to_time
 from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import LATCHED, MANY_REQUESTS
@@ -198,7 +198,8 @@ class ActionNode(Node):
             result.status, result.message = result.SUCCEEDED, outcome.answer.words
             goal_handle.succeed()
             if (law := outcome.answer.parameters) is not None:
-                result.parameters = parameters_to_message(law, self.get_clock().now().to_msg())
+                # The newest offer counts, and the clock of a replay begins again with its bag.
+                result.parameters = parameters_to_message(law, to_time(time.time_ns()))
                 if outcome.answer.offered:
                     self._found.publish(result.parameters)
                 else:

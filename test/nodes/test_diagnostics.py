@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import time
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from rclpy.time import Time
 
 from saddlering_interfaces.action import IdentifyRing
+from saddlering_interfaces.msg import RingParameters
 from saddlering_ros.jobs.action_server import ActionNode
-from saddlering_ros.jobs.worker import FAILED, Outcome, REFUSED
+from saddlering_ros.jobs.requests import Answer
+from saddlering_ros.jobs.worker import DONE, FAILED, Outcome, REFUSED
 from saddlering_ros.monitoring.monitor import Lapse
 from saddlering_ros.nodes.replay_clock import ReplayClockNode
 from saddlering_ros.nodes.ring_alarm import RingAlarmNode
 from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.guard import load_limits, SampleGuard, Samples
-from saddlering_ros.rig import default_rig
+from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.ros.diagnostics import ERROR, Events, OK, SaturationTask, StreamTask, WARN
+from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.parameters import _rig_values, rig_words
 
 START, MS = 10**18, 1_000_000
@@ -103,3 +108,16 @@ def test_a_goal_that_cannot_be_used_is_no_fault_of_the_server() -> None:
         ActionNode._end(server, goal, Outcome(kind, None, 'why'), result)
         assert (server._level, result.message) == (level, 'why')
         assert result.status == getattr(result, kind.upper())
+
+
+def test_found_parameters_have_the_time_of_the_machine_beside_a_replay_too() -> None:
+    """Simulators take the newest offer, and the clock of a replay begins again with its bag."""
+    offered: list[RingParameters] = []
+    server: Any = SimpleNamespace(
+        get_logger=lambda: SimpleNamespace(info=lambda words: None),
+        get_clock=lambda: SimpleNamespace(now=lambda: Time(seconds=1)),
+        fill=lambda result, answer: None, _found=SimpleNamespace(publish=offered.append))
+    goal: Any = SimpleNamespace(succeed=lambda: None)
+    law = ParameterSet(TRUE_TO_SCALE, source=ParameterSource(method='default'))
+    ActionNode._end(server, goal, Outcome(DONE, Answer('found', law, {})), IdentifyRing.Result())
+    assert abs(to_stamp(offered[0].header.stamp) - time.time_ns()) < 60 * SECOND
