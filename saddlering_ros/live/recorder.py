@@ -11,6 +11,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
+from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool
 
@@ -44,7 +45,7 @@ class Recorder(StreamingNode):
     def __init__(self, bag: BagWriter, context: Any, namespace: str = '') -> None:
         super().__init__(NAME, context=context, namespace=namespace)
         self.problem_writing: Exception | None = None
-        self._bag = bag
+        self._bag, self._namespace = bag, namespace
         self._published: dict[str, int] = {}
         self._rigs: dict[str, str] = {}
         self.create_subscription(
@@ -57,7 +58,7 @@ class Recorder(StreamingNode):
         for topic, kind in {**KEPT, **OTHERS}.items():
             self.create_subscription(
                 kind, name_of(topic),
-                lambda message, topic=topic: self._keep(topic, [bytes(message)]),
+                lambda message, topic=topic: self._hear(topic, bytes(message)),
                 raw_topics.LATCHED_BY_SEVERAL if topic in KEPT
                 else raw_topics.stream_qos(depth=50),
                 raw=True)
@@ -101,6 +102,14 @@ class Recorder(StreamingNode):
     def counts(self) -> dict[str, int]:
         """Messages received of each stream, by the topic's name in the bag."""
         return {topic: flow.received for topic, flow in self._flows.items()}
+
+    def _hear(self, topic: str, message: bytes) -> None:
+        """Keep a message; of /diagnostics, which all rigs of a domain share, those of its rig."""
+        if topic == names.DIAGNOSTICS:
+            told = deserialize_message(message, DiagnosticArray).status
+            if told and all(names.is_of_another_rig(one.name, self._namespace) for one in told):
+                return
+        self._keep(topic, [message])
 
     def _keep(self, topic: str, messages: list[bytes]) -> None:
         try:

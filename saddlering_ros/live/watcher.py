@@ -348,8 +348,7 @@ class Watcher:
         now = time.monotonic()
         with self.lock:
             for status in message.status:
-                space = self._namespace
-                if not (status.name.startswith(f'{space}/') if space else status.name[:1] != '/'):
+                if names.is_of_another_rig(status.name, self._namespace):
                     continue
                 level = LEVELS[min(status.level[0], 3)]
                 self._health[status.name] = (now, {'level': level, 'words': status.message})

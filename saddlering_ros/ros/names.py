@@ -107,3 +107,14 @@ def namespace_of(text: str) -> str:
         raise NodeError(f'namespace {text!r}: give letters, digits and underscores, separated by '
                         '/ (rig1, or hall/rig1)') from problem
     return f'/{parts}'
+
+
+def is_of_another_rig(status: str, namespace: str) -> bool:
+    """Whether a status (NODE: TASK) on /diagnostics is not of the rig in a namespace ('': root).
+
+    A node of somebody else, such as a driver, may leave its namespace out of its name.
+    """
+    space, _, node = status.partition(': ')[0].rpartition('/')
+    if not namespace or not space:
+        return bool(space) or bool(namespace and node in names())
+    return not f'{space}/'.startswith(f'{namespace}/')

@@ -5,15 +5,18 @@ from __future__ import annotations
 from contextlib import ExitStack
 from pathlib import Path
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
+from rosbags.highlevel import AnyReader
 from rosnet import Client, Driver, wait_until
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, RingDisplacement
 from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.bags.wire import decode_displacements
+from saddlering_ros.live.recorder import recording
 from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import CHANNELS, default_rig, ParameterSet, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
@@ -92,6 +95,30 @@ def test_two_rigs_side_by_side_simulate_each_its_own_elevation(
     for space in bags:
         assert np.array_equal(decode_displacements(raw[space]).channels, expected[space])
         assert statuses[f'{space}/ring_simulator: zero'] == f'saddlering{space}'
+
+
+OWN, OTHERS = {
+    '': ('ring_displacement: zero', 'daq: temperature', '/daq: temperature'),
+    '/rig1': ('/rig1/ring_displacement: zero', '/rig1/left/daq: x', 'daq: temperature'),
+}, {
+    '': ('/rig1/ring_displacement: zero', '/rig2/daq: temperature'),
+    '/rig1': ('/rig10/ring_displacement: zero', '/rig2/daq: temperature', 'ring_alarm: alarm'),
+}
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('space', ['', '/rig1'])
+def test_a_bag_of_one_rig_holds_no_status_of_another(
+        space: str, ros_domain: int, tmp_path: Path) -> None:
+    with recording(tmp_path / 'bag', ros_domain, namespace=space) as recorder:
+        [flow] = [one for one in recorder.subscriptions if one.topic_name == '/diagnostics']
+        for name in (*OWN[space], *OTHERS[space]):
+            flow.callback(serialize_message(
+                DiagnosticArray(status=[DiagnosticStatus(name=name)])))
+    with AnyReader([tmp_path / 'bag']) as reader:
+        told = [reader.deserialize(data, item.msgtype).status[0].name
+                for item, _, data in reader.messages() if item.topic == '/diagnostics']
+    assert tuple(told) == OWN[space]
 
 
 @pytest.mark.ros
