@@ -60,7 +60,8 @@ UNRECORDED = {
 
 def topics_page() -> str:
     """Topics with their types, as the nodes and the recorder declare them."""
-    from saddlering_ros.live.recorder import KEPT, OTHERS, streams, type_name
+    from saddlering_ros.live.recorder import KEPT, OTHERS, streams
+    from saddlering_ros.ros.raw_topics import type_name
 
     known = {topic: type_name(kind) for topic, kind in {**streams(), **KEPT, **OTHERS}.items()}
     named = {'/' + value.lstrip('/') for name, value in vars(ros_names).items()

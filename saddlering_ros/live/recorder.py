@@ -131,11 +131,6 @@ def name_of(topic: str) -> str:
     return topic if topic == names.DIAGNOSTICS else topic.removeprefix('/')
 
 
-def type_name(kind: Any) -> str:
-    """'package/msg/Name' of a message class."""
-    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
-
-
 def definitions() -> dict[str, str]:
     """The texts of our own message definitions, by type."""
     prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
@@ -158,7 +153,8 @@ def recording(
 
     Yields the recorder. BagError if the bag cannot be written. A block that raises loses nothing.
     """
-    topics = {topic: type_name(kind) for topic, kind in {**streams(), **KEPT, **OTHERS}.items()}
+    topics = {topic: raw_topics.type_name(kind)
+              for topic, kind in {**streams(), **KEPT, **OTHERS}.items()}
     context = rclpy.Context()
     with ExitStack() as stack:
         bag = stack.enter_context(BagWriter(

@@ -1,6 +1,6 @@
 """The health of a node: small tasks, each of which watches one property."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
 from typing import Any, ClassVar, Protocol
@@ -179,14 +179,19 @@ class FunctionTask:
         return self.find()
 
 
-def sources_status(publishers: Mapping[str, int]) -> TaskStatus:
-    """One source of each topic that is read: two mixed sources cannot be separated."""
+def sources_status(publishers: Mapping[str, int], unheard: Sequence[str] = ()) -> TaskStatus:
+    """One source of each topic that is read: two mixed sources cannot be separated.
+
+    unheard: why nothing comes of other publishers, in words.
+    """
     figures = {topic: str(count) for topic, count in publishers.items()}
     several = [f'{count} publishers on {topic}' for topic, count in publishers.items()
                if count > 1]
     if several:
         return TaskStatus(WARN, f'{", ".join(several)}: their samples are mixed; '
                           'end all but one', figures)
+    if unheard:
+        return TaskStatus(WARN, '; '.join(unheard), figures)
     return TaskStatus(OK, 'one at most', figures)
 
 

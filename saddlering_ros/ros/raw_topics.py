@@ -80,6 +80,11 @@ def message_class(name: str) -> Any:
     return getattr(importlib.import_module(f'{package}.{kind}'), message)
 
 
+def type_name(kind: Any) -> str:
+    """'package/msg/Name' of a message class."""
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+
+
 class _Drained(ReentrantCallbackGroup):
     """A group that no executor serves: `RawSubscription.take` empties its subscriptions."""
 
@@ -94,6 +99,9 @@ class RawSubscription:
     is what hardware drivers often are; one that asks for best effort loses messages of a replay.
     With reliability 'auto' it is therefore reliable while every publisher is, and best effort
     otherwise; `review` looks at the publishers there are and switches over.
+
+    unheard: why nothing comes of a publisher, in words, or ''. The middleware's own line about it
+    needs an executor, which no RawSubscription has.
     """
 
     def __init__(self, node: Node, topic: str, message_type: Any, *, reliability: str = 'auto',
@@ -105,6 +113,7 @@ class RawSubscription:
         self.reliable = reliability != 'best_effort'
         self.received = self.malformed = self.last_stamp = 0
         self.newest = b''
+        self.unheard = ''
         self._open()
 
     def _open(self) -> None:
@@ -115,14 +124,19 @@ class RawSubscription:
 
     def review(self) -> bool:
         """Fit the reliability to the publishers there are; True when the subscription changed."""
-        if not self._automatic:
-            return False
-        kinds = {info.qos_profile.reliability
-                 for info in self._node.get_publishers_info_by_topic(self.topic)}
-        if not kinds:
-            return False
+        infos = self._node.get_publishers_info_by_topic(self.topic)
+        wanted = type_name(self._type)
+        others = sorted({info.topic_type for info in infos} - {wanted})
+        kinds = {info.qos_profile.reliability for info in infos if info.topic_type == wanted}
         reliable = qos.ReliabilityPolicy.BEST_EFFORT not in kinds
-        if reliable == self.reliable:
+        if others:
+            self._tell(f'is published as {others[0]}: publish {wanted}')
+        elif self.reliable and not reliable and not self._automatic:
+            self._tell('a publisher offers best effort only, of which a subscription with '
+                       'input_reliability reliable gets nothing: set input_reliability to auto')
+        else:
+            self.unheard = ''
+        if not self._automatic or not kinds or reliable == self.reliable:
             return False
         self._node.get_logger().info(
             f'{self.topic}: '
@@ -132,6 +146,11 @@ class RawSubscription:
         self.close()
         self._open()
         return True
+
+    def _tell(self, words: str) -> None:
+        before, self.unheard = self.unheard, f'{self.topic}: {words}'
+        if self.unheard != before:
+            self._node.get_logger().warning(self.unheard)
 
     def take(self) -> list[bytes]:
         """Everything that has arrived since the last call."""

@@ -172,7 +172,8 @@ class StreamingNode(LifecycleNode):
     def sources(self) -> Task:
         """The task that counts the publishers of each input topic."""
         return FunctionTask('sources', lambda: diagnostics.sources_status(
-            {flow.topic: flow.publishers() for flow in self.inputs}))
+            {flow.topic: flow.publishers() for flow in self.inputs},
+            [flow.unheard for flow in self.inputs if flow.unheard]))
 
     def events(self, counts: Callable[[], dict[str, int]], harmless: Sequence[str] = ()) -> Task:
         """The task that counts mishaps, messages that could not be read among them."""

@@ -6,7 +6,10 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
+import pytest
+from rclpy.qos import ReliabilityPolicy
 from rclpy.time import Time
 
 from saddlering_interfaces.action import IdentifyRing
@@ -24,8 +27,11 @@ from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_
 from saddlering_ros.ros.diagnostics import ERROR, Events, OK, SaturationTask, StreamTask, WARN
 from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.parameters import _rig_values, rig_words
+from saddlering_ros.ros.raw_topics import RawSubscription
+from saddlering_ros.ros.streaming_node import StreamingNode
 
 START, MS = 10**18, 1_000_000
+WRENCH = 'geometry_msgs/msg/WrenchStamped'
 
 
 def test_the_longest_gap_is_that_of_the_period_and_a_stamp_of_0_makes_none() -> None:
@@ -121,3 +127,29 @@ def test_found_parameters_have_the_time_of_the_machine_beside_a_replay_too() -> 
     law = ParameterSet(TRUE_TO_SCALE, source=ParameterSource(method='default'))
     ActionNode._end(server, goal, Outcome(DONE, Answer('found', law, {})), IdentifyRing.Result())
     assert abs(to_stamp(offered[0].header.stamp) - time.time_ns()) < 60 * SECOND
+
+
+@pytest.mark.parametrize(('wanted', 'reliability', 'kind', 'words'), [
+    ('auto', ReliabilityPolicy.BEST_EFFORT, WRENCH, ''),
+    ('reliable', ReliabilityPolicy.RELIABLE, WRENCH, ''),
+    ('reliable', ReliabilityPolicy.BEST_EFFORT, WRENCH,
+     'rig/hydraulic_load: a publisher offers best effort only, of which a subscription with '
+     'input_reliability reliable gets nothing: set input_reliability to auto'),
+    ('auto', ReliabilityPolicy.BEST_EFFORT, 'std_msgs/msg/Float64',
+     f'rig/hydraulic_load: is published as std_msgs/msg/Float64: publish {WRENCH}')])
+def test_a_publisher_that_a_node_cannot_hear_is_told_once_in_its_log_and_on_diagnostics(
+        wanted: str, reliability: ReliabilityPolicy, kind: str, words: str) -> None:
+    logged: list[str] = []
+    info = SimpleNamespace(topic_type=kind, qos_profile=SimpleNamespace(reliability=reliability))
+    subscription = SimpleNamespace(handle=None, get_publisher_count=lambda: 0)
+    node: Any = SimpleNamespace(
+        resolve_topic_name=lambda name: name, destroy_subscription=lambda _: None,
+        create_subscription=lambda *_, **options: subscription,
+        get_publishers_info_by_topic=lambda topic: [info],
+        get_logger=lambda: SimpleNamespace(warning=logged.append, info=lambda words: None))
+    node.inputs = [RawSubscription(node, 'rig/hydraulic_load', WrenchStamped, reliability=wanted)]
+    for _ in range(3):
+        node.inputs[0].review()
+    found = StreamingNode.sources(node).report(1.0)
+    assert (found.level, found.words) == ((WARN, words) if words else (OK, 'one at most'))
+    assert logged == ([words] if words else [])
