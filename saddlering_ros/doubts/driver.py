@@ -26,6 +26,9 @@ MIN_SAMPLES = 20
 RATE_TOLERANCE = 0.05
 """Share by which a rate may differ from the one wanted, and arrival from the stamps."""
 
+FRESHEST = 0.02
+"""Share of the samples of a topic that are fresher when they arrive: the last of each block."""
+
 CLOCK_LIMIT, SKEW_LIMIT = 1.0, 0.010
 """Stamps that differ from the clock of this machine, or those of a probe from the load's by the
 time of arrival, by more [s] are of another clock."""
@@ -66,8 +69,7 @@ class HeardTopic:
 
     @property
     def delay(self) -> float:
-        """Median time from stamp to arrival [s]."""
-        return float(np.median(self.arrivals - self.stamps)) / 1e9 if len(self) else math.nan
+        return delay_of(self.stamps, self.arrivals)
 
     @property
     def in_order(self) -> tuple[Stamps, Floats]:
@@ -75,6 +77,24 @@ class HeardTopic:
         kept = np.isfinite(self.values) & (self.stamps > 0)
         stamps, first = np.unique(self.stamps[kept], return_index=True)
         return stamps, self.values[kept][first]
+
+
+def delay_of(stamps: Stamps, arrivals: Stamps) -> float:
+    """Time from stamp to arrival [s] of the freshest samples of a topic; NaN if there are none."""
+    if not len(stamps):
+        return math.nan
+    return float(np.quantile(arrivals - stamps, FRESHEST)) / 1e9
+
+
+def skew_findings(delays: Mapping[str, float]) -> list[Finding]:
+    """A fault for each probe stamped by another clock than the load; delays [s] by topic."""
+    load = delays[LOAD_TOPIC]
+    skews = {name: delay - load for name, delay in delays.items() if abs(load) < CLOCK_LIMIT}
+    return [Finding(f'stamps are {abs(skew) * 1e3:.3g} ms '
+                    f'{"older" if skew > 0.0 else "younger"} than those of the load that '
+                    'arrive with them: use one clock for both, and stamp with the time of '
+                    'measurement', name, FAULT)
+            for name, skew in skews.items() if abs(skew) > SKEW_LIMIT]
 
 
 class _Findings(list[Finding]):
@@ -214,13 +234,7 @@ def _in_other_unit(findings: _Findings, rig: Rig, topic: RigTopic, values: Float
 
 def _skew(findings: _Findings, heard: Mapping[str, HeardTopic], probes: Sequence[str]) -> None:
     load = heard[LOAD_TOPIC]
-    for findings.where in probes:
-        skew = heard[findings.where].delay - load.delay
-        if abs(skew) > SKEW_LIMIT and abs(load.delay) < CLOCK_LIMIT:
-            findings.fault(f'stamps are {abs(skew) * 1e3:.3g} ms '
-                           f'{"older" if skew > 0.0 else "younger"} than those of the load that '
-                           'arrive with them: use one clock for both, and stamp with the time of '
-                           'measurement')
+    findings += skew_findings({name: heard[name].delay for name in (LOAD_TOPIC, *probes)})
     findings.where = min(probes, key=lambda name: heard[name].rate)
     slowest = heard[findings.where].rate
     if slowest < 0.5 * load.rate:

@@ -11,13 +11,14 @@ from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import RingDisplacement, ZeroRequest
 from saddlering_ros.bags.wire import encode_displacements
+from saddlering_ros.doubts.driver import skew_findings
 from saddlering_ros.monitoring.expected import ZeroNoise
 from saddlering_ros.record.batches import Displacements
 from saddlering_ros.record.displacement import DisplacementStream
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig.geometry import displaced_frame
 from saddlering_ros.ros import diagnostics, streaming_node
-from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus
+from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
 from saddlering_ros.ros.messages import to_time
 from saddlering_ros.ros.names import DISPLACEMENT, NodeError, ZERO_REQUEST
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
@@ -107,8 +108,8 @@ class RingDisplacementNode(StreamingNode):
         self.tasks = [
             diagnostics.FunctionTask('zero', self._zero_status),
             diagnostics.FunctionTask('probes', self._probes_status), *self._streams,
-            *self._saturation, self._parity, self._agreement,
-            self.sources(),
+            diagnostics.FunctionTask('clocks', self._clocks_status),
+            *self._saturation, self._parity, self._agreement, self.sources(),
             self.events(self._stream.events, harmless=('reordered',))]
 
     def connect(self) -> None:
@@ -180,6 +181,14 @@ class RingDisplacementNode(StreamingNode):
         probes = ', '.join(map(str, missing))
         return TaskStatus(ERROR, f'probe {probes} does not read, {channels} unknown: repair the '
                                  'probe, then call ~/zero; the other channels continue')
+
+    def _clocks_status(self) -> TaskStatus:
+        """By arrival, as check-driver judges it; the stamps of a replay are too old for that."""
+        found = skew_findings({one.topic: one.delay for one in self._streams})
+        if not found:
+            return TaskStatus(OK, 'no difference between load and probes is seen')
+        more = f'; {len(found) - 1} more topics likewise' if len(found) > 1 else ''
+        return TaskStatus(WARN, f'{found[0]}{more}')
 
     def _zero_status(self) -> TaskStatus:
         zero = self._stream.zero

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
+import time
 from typing import Any, ClassVar, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 
+from saddlering_ros.doubts.driver import delay_of
 from saddlering_ros.quantities import quantity
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
@@ -69,23 +71,34 @@ class StreamTask(Kept):
 
     A gap is an interval over SHORTEST_GAP and over GAP_PERIODS times the median interval: of the
     period if it has enough, else of those before. A step back is a message late, or a jump.
-    Stamps that are not set are left out.
+    Stamps that are not set are left out. delay: from stamp to arrival in the last period [s].
     """
 
     NONE = np.empty(0, np.int64)
 
     def __init__(self, topic: str, *, lowest_rate: float = 0.0) -> None:
         super().__init__()
-        self.name = f'stream {topic}'
+        self.topic, self.name = topic, f'stream {topic}'
         self.lowest_rate = lowest_rate
+        self.delay = math.nan
+        self._arrivals: list[int] = []
         self.total = self.gaps = self.late = 0
         self._median = math.nan
         self._last = self.NONE
 
+    def push(self, batch: NDArray[Any]) -> None:
+        """Keep the stamps (N,) of a batch that arrives now."""
+        if len(batch):
+            self._batches.append(batch)
+            self._arrivals.append(time.time_ns())
+
     def report(self, elapsed: float) -> TaskStatus:
         """Rate (by arrival), period (by stamps), gaps and late messages of the period."""
-        stamps = self.taken()
-        stamps = stamps[stamps > 0]
+        arrivals = np.repeat(np.array(self._arrivals, np.int64), list(map(len, self._batches)))
+        self._arrivals, stamps = [], self.taken()
+        are_set = stamps > 0
+        stamps = stamps[are_set]
+        self.delay = delay_of(stamps, arrivals[are_set])
         steps = np.diff(np.append(self._last, stamps)) / 1e9
         self._last = np.append(self._last, stamps)[-1:]
         forward = steps[steps > 0.0]

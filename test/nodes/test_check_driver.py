@@ -120,6 +120,16 @@ def test_what_cannot_be_checked_at_rest_is_noted(heard_topics: Heard) -> None:
     assert 'move it by 2.5 t' in findings(at_rest, NOTE)[0]
 
 
+def test_a_topic_that_comes_in_blocks_beside_others_is_of_the_same_clock(
+        heard_topics: Heard) -> None:
+    def in_blocks(one: HeardTopic, size: int) -> HeardTopic:
+        last = np.minimum(np.arange(len(one)) // size * size + size, len(one)) - 1
+        return replace(one, arrivals=one.arrivals[last])
+
+    blocks = {LOAD_TOPIC: in_blocks(heard_topics[LOAD_TOPIC], 50)}
+    assert findings({**heard_topics, **blocks}) == []
+
+
 def test_a_rate_other_than_the_one_wanted_is_a_fault(heard_topics: Heard) -> None:
     assert 'comes at 500 Hz, and 1000 Hz is required' in findings(heard_topics, rate=1000.0)[0]
 

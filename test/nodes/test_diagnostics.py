@@ -21,6 +21,7 @@ from saddlering_ros.monitoring.monitor import Lapse
 from saddlering_ros.nodes.replay_clock import ReplayClockNode
 from saddlering_ros.nodes.ring_alarm import RingAlarmNode
 from saddlering_ros.nodes.ring_displacement import RingDisplacementNode
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.guard import load_limits, SampleGuard, Samples
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
@@ -153,3 +154,30 @@ def test_a_publisher_that_a_node_cannot_hear_is_told_once_in_its_log_and_on_diag
     found = StreamingNode.sources(node).report(1.0)
     assert (found.level, found.words) == ((WARN, words) if words else (OK, 'one at most'))
     assert logged == ([words] if words else [])
+
+
+ONE_CLOCK = 'no difference between load and probes is seen'
+
+
+@pytest.mark.parametrize(('behind', 'apart', 'words'), [
+    (0.005, 0.0, ONE_CLOCK),
+    (0.005, 0.2, '/rig/eddy_current_1: stamps are 200 ms older than those of the load that arrive '
+                 'with them: use one clock for both, and stamp with the time of measurement; 3 '
+                 'more topics likewise'),
+    (0.005, -0.2, '/rig/eddy_current_1: stamps are 200 ms younger'),
+    (1e8, 0.2, ONE_CLOCK)])  # a replay: the time of arrival tells nothing
+def test_a_clock_of_the_probes_apart_from_that_of_the_load_is_told(
+        behind: float, apart: float, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    topics = (LOAD_TOPIC, *PROBE_TOPICS)
+    node: Any = SimpleNamespace(_streams=[StreamTask(topic) for topic in topics])
+    stamps = START + MS * np.arange(100)
+    now = iter(np.repeat(stamps + round(behind * SECOND), len(topics)).tolist())
+    monkeypatch.setattr(time, 'time_ns', lambda: next(now))
+    for stamp in stamps:
+        for topic, task in zip(topics, node._streams, strict=True):
+            task.push(np.array([stamp - (topic in PROBE_TOPICS) * round(apart * SECOND)]))
+    for task in node._streams:
+        task.report(1.0)
+    found = RingDisplacementNode._clocks_status(node)
+    assert found.words.startswith(words)
+    assert found.level == (OK if words == ONE_CLOCK else WARN)
