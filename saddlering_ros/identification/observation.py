@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -171,15 +172,16 @@ def _observe_dynamic(one: PreparedRun, noise: NoiseModel, fit_rate: float | None
     measured = one.measured
     good = np.all(np.isfinite(one.displacement), axis=0)
     first, last = int(np.argmax(good)), len(good) - int(np.argmax(good[::-1]))
-    span = slice(first, last)
-    size, per_block = prepared.block_sizes(one.interval, last - first, fit_rate)
-    time, load = measured.time[span], block_means(measured.load[span], size)
-    means = block_means(one.displacement[:, span], size)
+    inside = slice(*np.searchsorted(one.rows, [first, last]).tolist())
+    rows, time = one.rows[inside], one.time[inside]
+    size, per_block = prepared.block_sizes(one.interval, rows.size, fit_rate)
+    load = block_means(measured.load[rows], size)
+    means = block_means(np.take(one.displacement, rows, axis=1), size)
     fine = load.size * per_block
     seen = _observation(
         one, noise, block_means(time, size), load, means, np.sign(np.gradient(load)),
         np.full(load.size, size * one.interval), block_means(time, size // per_block)[:fine],
-        block_means(one.load[span], size // per_block)[:fine])
+        block_means(one.load[rows], size // per_block)[:fine])
     return replace(seen, dynamic=True, displacement=filled(means), per_block=per_block,
                    doubtful_lag=one.run.doubtful_lag)
 
@@ -208,6 +210,9 @@ def _observation(
 
 ANSWER_STEP = 2e-3
 """Longest step [s] in the response of a dynamic run to errors of its load."""
+
+PAUSE = 10.0
+"""Distance of two readings, in usual ones, from which on they are read about a pause."""
 
 
 def slow_cell_noise(
@@ -259,12 +264,22 @@ def load_errors_of(
         answers = slopes[:, :, None] * np.eye(readings, readings + 1)
         in_zero = np.eye(readings + 1)[-1]
     else:
-        interval = float(seen.time[-1] - seen.time[0]) / (readings - 1)
-        steps = readings * max(seen.per_block, int(np.ceil(interval / ANSWER_STEP)))
-        time = seen.time[0] + interval * ((np.arange(steps) + 0.5) * readings / steps - 0.5)
-        load = np.interp(time, seen.fine_time, seen.fine_load)
-        answers = load_sensitivity(rig, contact, seen.elevation, time, load, readings)
-        first, last = one.measured.time[[zero.start, zero.end - 1]]
+        apart = np.diff(seen.time)
+        pauses = np.flatnonzero(apart > PAUSE * np.median(apart))
+        going = float(seen.time[-1] - seen.time[0]) - float(apart[pauses].sum())
+        interval = going / (readings - 1 - pauses.size)
+        finer = max(seen.per_block, int(np.ceil(interval / ANSWER_STEP)))
+        answers = np.zeros((3, readings, readings))
+        edges = [0, *(pauses + 1).tolist(), readings]
+        for start, stop in pairwise(edges):
+            count, steps = stop - start, (stop - start) * finer
+            if count > 1:  # What an error before a pause moves is at rest after it.
+                time = seen.time[start] + interval * (
+                    (np.arange(steps) + 0.5) * count / steps - 0.5)
+                load = np.interp(time, seen.fine_time, seen.fine_load)
+                answers[:, start:stop, start:stop] = load_sensitivity(
+                    rig, contact, seen.elevation, time, load, count)
+        first, last = np.interp([zero.start, zero.end - 1], one.rows, one.time)
         in_zero = ((seen.time >= first) & (seen.time <= last)).astype(np.float64)
         in_zero = in_zero / max(1.0, in_zero.sum())
         covariance = noise.covariance(seen.time, np.full(readings, interval))

@@ -34,10 +34,17 @@ MAX_SIMULATED = 1 << 17
 """Largest number of load samples of one run in a fit: longer records than 8.7 min at
 `SIMULATION_RATE` are averaged further, so that the memory of a fit does not grow with them."""
 
+LONGEST_PAUSE = 10.0
+"""Time [s] to which a fit shortens a pause of a dynamic test, with samples at rest or without. The
+ring is at rest long before, and every step of a motion and its derivatives is in memory."""
+
 MIN_READINGS = 5
 MIN_SHARE_READ = 0.3
 """Smallest number of plateaus of a static run, and smallest share of a dynamic run, with readings
 of all four probes."""
+
+MAX_END = 100
+"""Largest number of samples that are the end of a record: those of a long pause do not count."""
 
 MIN_REST = 4
 """Smallest number of readings at rest that count."""
@@ -48,7 +55,10 @@ SLOW_SECONDS = 0.25
 
 @dataclass(frozen=True)
 class PreparedRun:
-    """A run with its displacement and where it is at rest (start, stop index pairs)."""
+    """A run with its displacement and where it is at rest (start, stop index pairs).
+
+    rows (M,), time (M,): samples of a fit and their times, with pauses shortened.
+    """
 
     run: Record
     measured: MeasuredRun
@@ -59,6 +69,8 @@ class PreparedRun:
     branch: Array | None  # (M,): of the plateaus of a static run
     interval: float  # [s]
     parity: Array  # (N,): as `parity_at_rest` has it
+    rows: NDArray[np.intp]
+    time: Array  # [s]
     rounding: Array | None = None  # (3, N): errors of coarse converters that rest hides
 
     def explained_by(self, rig: Rig, contact: ContactParameters) -> PreparedRun:
@@ -86,7 +98,10 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     displacement = measured.displacement.channels[:CHANNEL_COUNT]
     displacement[:, np.any(saturated(run, rig), axis=0)] = np.nan
     interval = float(np.median(np.diff(measured.time)))
-    size = 1 if run.test == 'static' else block_sizes(interval, len(run.load), fit_rate)[0]
+    stretches = [] if levels is not None else rest.stretches_at_rest(
+        measured.time, measured.load, rig.limits.rest_band)
+    rows, time = without_pauses(measured.time, stretches)
+    size = 1 if run.test == 'static' else block_sizes(interval, rows.size, fit_rate)[0]
     # Averaged over a block of the fit around each sample (an odd number: without delay). A model
     # with little damping rings with the cell's noise, and least squares would add damping against
     # it. Frequencies above a block are not compared anyway.
@@ -101,9 +116,7 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
     branch = None
     if levels is None:
         is_read = bool(np.mean(np.isfinite(displacement[0])) >= MIN_SHARE_READ)
-        rests = rest.quiet_stretches(rest.stretches_at_rest(
-            measured.time, measured.load, rig.limits.rest_band))
-        rests = rests or [(measured.zero.start, measured.zero.end)]
+        rests = rest.quiet_stretches(stretches) or [(measured.zero.start, measured.zero.end)]
     else:
         rests = list(zip(levels.start.tolist(), levels.stop.tolist(), strict=True))
         seen = [bool(np.mean(np.isfinite(displacement[0, a:b])) > 0.5) for a, b in rests]
@@ -114,7 +127,21 @@ def prepare(run: Record, rig: Rig, fit_rate: float | None) -> PreparedRun:
             f'{name}: probes are missing or at a limit of their span in most of the record: '
             'adjust their gaps and repeat the test')
     return PreparedRun(run, measured, displacement, load, explained, rests, branch, interval,
-                       parity_at_rest(measured), rounding)
+                       parity_at_rest(measured), rows, time, rounding)
+
+
+def without_pauses(time: Array, rests: rest.Stretches) -> tuple[NDArray[np.intp], Array]:
+    """Rows (M,) without the middle of long rests, and their times without long pauses."""
+    kept = np.ones(time.size, dtype=bool)
+    for start, stop in rests:
+        inside = time[start:stop]
+        aside = np.minimum(inside - inside[0], inside[-1] - inside)
+        kept[start:stop] = aside < 0.5 * LONGEST_PAUSE
+    rows = np.flatnonzero(kept)
+    steps = np.diff(time[rows])
+    if not (steps > LONGEST_PAUSE).any():
+        return rows, time[rows]
+    return rows, time[0] + np.cumsum(np.append(0.0, np.minimum(steps, LONGEST_PAUSE)))
 
 
 def block_sizes(interval: float, samples: int, fit_rate: float | None) -> tuple[int, int]:
@@ -255,7 +282,8 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
                 f'{name}: there is no unloading branch in this static run: '
                 'record the steps down to zero as well')
         return readings
-    if float(np.nanmedian(run.load[-max(1, len(run.load) // 100) :])) > 0.5 * top:
+    end = min(max(1, len(run.load) // 100), MAX_END)
+    if float(np.nanmedian(run.load[-end:])) > 0.5 * top:
         raise IdentificationError(
             f'{name}: there is no unloading branch (the record ends at '
             f'{rig.force_words(float(run.load[-1]))}): record the test until the load is removed')
