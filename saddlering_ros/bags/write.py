@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack, suppress
 from dataclasses import dataclass
+import errno
+import os
 from pathlib import Path
 import shutil
 import struct
@@ -209,8 +211,9 @@ class BagWriter:
             yield
         except OSError as problem:
             self._failed = True
+            kept = self._kept if self._kept and self._written.exists() else ''
             raise BagError(f'{self.path}: cannot be written ({problem.strerror or problem}): '
-                           f'choose another place{self._kept}') from problem
+                           f'choose another place{kept}') from problem
 
 
 def messages_of(
@@ -329,6 +332,8 @@ class McapWriter:
 
     def _write_gathered(self) -> None:
         if self._gathered:
+            if not os.fstat(self._file.fileno()).st_nlink:
+                raise FileNotFoundError(errno.ENOENT, 'it was removed meanwhile')
             self._write_chunk(bytes(self._gathered), {
                 channel: np.array(entries, dtype=INDEX_ENTRY)
                 for channel, entries in self._gathered_index.items()})

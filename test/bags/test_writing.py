@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
+import shutil
 
 from mcap.reader import make_reader
 import numpy as np
@@ -148,6 +149,20 @@ def test_what_appears_at_the_place_of_a_bag_meanwhile_is_not_replaced(
     assert {file.name for file in tmp_path.iterdir()} == {'bag', 'bag.2', 'bag.3'}
     assert (bag / 'notes.txt').read_text() == 'precious'
     assert information(tmp_path / 'bag.3')['message_count'] == 1
+
+
+def test_a_folder_removed_under_a_recording_ends_it_at_once_and_nothing_is_called_readable(
+        tmp_path):
+    topic, folder, message = TOPICS[LOAD_TOPIC], tmp_path / 'out', bytes(200)
+    with ExitStack() as writing:
+        writer = writing.enter_context(BagWriter(
+            folder / 'bag', {topic.name: topic.type}, FACTS, recorded=True, chunk_size=200))
+        writer.write_message(topic.name, 1, message)
+        shutil.rmtree(folder)
+        with pytest.raises(BagError) as refused:
+            writer.write_message(topic.name, 2, message)
+    assert str(refused.value) == (f'{folder}/bag: cannot be written (it was removed meanwhile): '
+                                  'choose another place')
 
 
 @pytest.mark.parametrize('second', [-1, 2 ** 31])
