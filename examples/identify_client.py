@@ -27,12 +27,16 @@ def main() -> None:
     interrupted: list[int] = []
     signal.signal(signal.SIGINT, lambda number, _: interrupted.append(number))
     sent = client.send_goal_async(IdentifyRing.Goal(bags=sys.argv[1:]), feedback_callback=show)
-    rclpy.spin_until_future_complete(node, sent)
+    rclpy.spin_until_future_complete(node, sent, timeout_sec=10.0)
+    if not sent.done():
+        sys.exit('no answer of /identify_ring within 10 s: ask again')
     if not sent.result().accepted:
         sys.exit('rejected: the server is busy with another goal')
     ended = sent.result().get_result_async()
     while not ended.done():
         rclpy.spin_once(node, timeout_sec=0.1)
+        if not client.server_is_ready():
+            sys.exit('the server is gone: start it again, and ask again')
         if interrupted:
             interrupted.clear()
             sent.result().cancel_goal_async()

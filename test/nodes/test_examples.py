@@ -9,13 +9,17 @@ import signal
 import subprocess
 import sys
 import threading
+from typing import Any
 
 import pytest
+from rclpy.action import ActionServer
+from rclpy.task import Future
 from ros_domains import DomainLease
 from rosnet import Client, Driver, wait_until
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from saddlering_interfaces.action import IdentifyRing
 from saddlering_ros.ros.launcher import NodeGroup, RING_NODES
 
 pytestmark = pytest.mark.ros
@@ -65,6 +69,23 @@ def test_the_client_ends_a_canceled_goal_with_its_reason(
         said, _ = client.communicate(timeout=60.0)
     assert 'canceled' in said or 'k1 = ' in said  # the latter when it was quicker
     assert 'Traceback' not in said
+
+
+def test_the_client_ends_when_its_server_is_gone(group: NodeGroup, heard: Client) -> None:
+    runs = threading.Event()
+
+    async def execute(_goal: Any) -> None:
+        runs.set()
+        await Future()
+
+    with heard.lock:
+        server = ActionServer(heard.node, IdentifyRing, '/identify_ring', execute)
+    with start(group, 'identify_client.py', 'run') as client, ended(client):
+        assert runs.wait(80.0)
+        with heard.lock:
+            server.destroy()
+        said, _ = client.communicate(timeout=60.0)
+    assert said == 'the server is gone: start it again, and ask again\n'
 
 
 def test_the_listener_prints_the_residual_each_second(
