@@ -193,3 +193,8 @@ def is_left(p_value: float | None, share_of_range: float | None) -> bool:
     """Whether a part of the misfit is neither chance nor too small to matter."""
     return (p_value is not None and p_value < CHANCE
             and share_of_range is not None and share_of_range >= MATERIAL)
+
+
+def lowered(title: str) -> str:
+    """A title in the form for the middle of a sentence."""
+    return title[:1].lower() + title[1:] if title[1:2].islower() else title

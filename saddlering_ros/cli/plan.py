@@ -42,9 +42,10 @@ def run(args: argparse.Namespace) -> int:
         return 0
     console = arguments.stdout_console()
     console.print(f'tests: {", ".join(test.name for test in plan.tests)}', highlight=False)
+    titles = {cause.effect: cause.title for cause in plan.causes}
     show_table(('cause', 'smallest size found', 'cannot be told from'), [
         (cause.title, quantity(cause.limit, cause.unit) if cause.is_testable else 'not shown',
-         ', '.join(cause.group[1:])) for cause in plan.causes], texts=3)
+         ', '.join(titles[name] for name in cause.group[1:])) for cause in plan.causes], texts=3)
     values = ', '.join(
         f'{name} {quantity(getattr(plan.contact, name), PARAMETER_UNITS[name], std)}'
         for name, std in plan.accuracy.items())

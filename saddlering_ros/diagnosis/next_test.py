@@ -15,13 +15,13 @@ import numpy as np
 from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis.records import Array, LoadGrid, LONGEST_STEP
 from saddlering_ros.diagnosis.rig_dimensions import entries_of, title_of_dimension
-from saddlering_ros.diagnosis.ring_wording import lowered, title_of
+from saddlering_ros.diagnosis.ring_wording import title_of
 from saddlering_ros.diagnosis.verdict import signature_cosines
 from saddlering_ros.discrepancy import Point, Proposal, Reading, RunBlocks
 from saddlering_ros.doubts.comparison import rig_in_words
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import RIG_TESTS, RigTest, UNCLEAR
-from saddlering_ros.quantities import is_left, MATERIAL
+from saddlering_ros.quantities import is_left, lowered, MATERIAL
 from saddlering_ros.record import Record
 from saddlering_ros.rig import Rig
 
@@ -90,8 +90,7 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
     elif not title_of_dimension(named):
         alike = look_alikes(named, signature_cosines(diagnosis))
         sentence = confirming(named, alike[:MAX_ALTERNATIVES])
-    free = discrepancy.wording.free_test_words(
-        [replace(one, title=lowered(one.title)) for one in diagnosis.held_out_evidence])
+    free = discrepancy.wording.free_test_words(diagnosis.held_out_evidence)
     return ' '.join(filter(None, (free, first, sentence)))
 
 
@@ -206,8 +205,9 @@ def repeated_laws(laws: Sequence[str], cosines: Mapping[str, Mapping[str, float]
     """One sentence for each law of the user that repeats an effect of the catalogue here."""
     alike = {name: [other for other in look_alikes(name, cosines, SAME) if other not in laws]
              for name in laws}
-    return [f'{name} changes these data in the same way as {", ".join(others)} of the catalogue: '
-            'the law and the effect are one cause in these data'
+    return [f'{title_of(name)} changes these data in the same way as an effect of the catalogue '
+            f'({", ".join(lowered(title_of(other)) for other in others)}): the law and the effect '
+            'are one cause in these data'
             for name, others in alike.items() if others]
 
 

@@ -199,7 +199,8 @@ def certificate_notes(rig: Rig, causes: Iterable[Cause]) -> list[str]:
         parameter = cause.parameters.get(CERTIFIED[name][1]) if stated is not None else None
         if parameter is not None:
             uncertainty = float(np.max(stated))
-            notes.append(f'{cause.effect} is {abs(parameter.value) / uncertainty:.1f} times the '
+            times = abs(parameter.value) / uncertainty
+            notes.append(f'{cause.definition.title} is {times:.1f} times the '
                          f'standard uncertainty of its certificate ({uncertainty:g})')
     return notes
 

@@ -13,7 +13,7 @@ from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
 from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry, wording
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.uncertainty import undetermined_words
-from saddlering_ros.quantities import percent, quantity
+from saddlering_ros.quantities import lowered, percent, quantity
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
 
 Shares = dict[str, float]
@@ -152,61 +152,51 @@ def title_of(effect_id: str) -> str:
     return effect.title if effect is not None else title_of_dimension(effect_id) or effect_id
 
 
-def lowered(title: str) -> str:
-    """A title in the form for the middle of a sentence."""
-    return title[:1].lower() + title[1:] if title[1:2].islower() else title
-
-
 def lowered_titles(group: str) -> str:
     """The titles of 'first_id or second_id', in the form for the middle of a sentence."""
     return ' or '.join(lowered(title_of(name)) for name in group.split(' or '))
 
 
 def headline(document: VerdictDocument) -> str:
-    """The verdict in one sentence, and a remainder beside a cause in another."""
+    """The verdict in one sentence."""
     verdict = document['verdict']
     if verdict == 'none':
         return ('The simulation lacks nothing that these data could show: the residual is noise, '
                 f'{_sound_words(document)}or smaller than {100.0 * quantities.MATERIAL:g} % of a '
                 "channel's range.")
     if verdict == 'unknown':
-        return unknown(document)[0]
-    causes, rest = causes_of(document), ''
-    if document.get('remainder'):
-        most = document['remainder'][0]
-        rest = f' A {wording.rest_words(most["share_of_range"], most["channel"])}.'
-    if verdict == 'ambiguous':
-        words = []
-        for cause in causes:
-            group = ' or '.join(lowered(title_of(name)) for name in cause['group'])
-            words.append(
-                f'These data cannot tell the possible causes apart: {group}.'
-                if len(cause['group']) > 1 else f'One cause is {group} ({size_of(cause)}).')
-        return f'The simulation lacks a cause. {" ".join(words)}{rest}'
-    *others, last = (f'{lowered(title_of(cause["effect"]))} ({size_of(cause)})'
-                     for cause in causes)
-    lacking = f'{", ".join(others)}{" and " * bool(others)}{last}'
+        where = _where(document)
+        return f'Something is wrong, and no cause of the catalogue is established{where}.'
+    causes = [wording.cause_words([lowered(title_of(name)) for name in cause['group']],
+                                  size_of(cause)) for cause in causes_of(document)]
     if document.get('complete', True):
-        return f'The simulation lacks {lacking}.'
+        return wording.lacking_words(causes, None, '')
+    rest = ''.join(wording.rest_words(most['share_of_range'], most['channel'])
+                   for most in document.get('remainder', [])[:1])
     gain = document['gain']
-    return (f'The simulation lacks mainly {lacking}: '
-            f'{wording.share_words(gain["fit"], gain["held_out"])}.{rest}')
+    return wording.lacking_words(causes, (gain['fit'], gain['held_out']), rest)
 
 
-def unknown(document: VerdictDocument) -> tuple[str, str]:
-    """Where the misfit is largest over the noise; then what explains a part of it, its shapes."""
+def _where(document: VerdictDocument) -> str:
+    """Where the misfit is largest over the noise; '' if it is nowhere above it."""
     cases = [(item['nrmse_before'] / item['noise_floor'],
-              f', most in {name} of {bag_name(run["bag"])}: {percent(item["nrmse_before"])} of '
-              f'range, where noise alone gives {percent(item["noise_floor"])}')
+              f'; the misfit is largest in {name} of {bag_name(run["bag"])}: '
+              f'{percent(item["nrmse_before"])} of range, where noise alone gives '
+              f'{percent(item["noise_floor"])}')
              for run in document['runs'] for name, item in run['channels'].items()
              if name != 'parity' and item['nrmse_before'] and item['noise_floor']]
     ratio, where = max(cases, default=(0.0, ''))
-    where = where if ratio > 1.0 else ''
-    partial = [f'{title_of(cause["effect"])} ({size_of(cause)}) explains a part only.'
-               for cause in causes_of(document)]
+    return where if ratio > 1.0 else ''
+
+
+def partial_words(document: VerdictDocument) -> str:
+    """What explains a part of the misfit of an `unknown`, and the shapes of its residual."""
+    if document['verdict'] != 'unknown':
+        return ''
+    words = [f'{title_of(cause["effect"])} ({size_of(cause)}) explains only a part of the misfit.'
+             for cause in causes_of(document)]
     shapes = '; '.join(shape_words(shape) for shape in shapes_of(document))
-    return (f'Something is wrong, and no cause of the catalogue is established{where}.',
-            ' '.join([*partial, *([f'The residual: {shapes}.'] if shapes else [])]))
+    return ' '.join([*words, f'Shape of the residual: {shapes}.' if shapes else '']).strip()
 
 
 def tried(document: VerdictDocument) -> str:
@@ -227,8 +217,8 @@ def _sound_words(document: VerdictDocument) -> str:
     if not cases:
         return ''
     misfit, name, sound = max(cases, key=lambda case: case[0])
-    return ('or what unequal rollers, clearances and the weight of a sound ring do '
-            f'({percent(misfit)} of range in {name}, where they may do {percent(sound)} rms), ')
+    return ('or the effect of unequal rollers, clearances and the weight of a sound ring '
+            f'({percent(misfit)} of range in {name}, where {percent(sound)} rms is expected), ')
 
 
 def gain_sentence(document: VerdictDocument) -> str:
@@ -345,16 +335,13 @@ def document_text(document: VerdictDocument) -> str:
     """Verdict, next test, misfit reduction, open questions, in plain lines."""
     verdict = document['verdict']
     lines = [wording.verdict_line(verdict), headline(document),
-             unknown(document)[1] if verdict == 'unknown' else '', gain_sentence(document),
+             partial_words(document), gain_sentence(document),
              *certainty_lines(document), tried(document)]
     if document['next_test']:
         lines.append(f'next test: {document["next_test"]}')
     lines = [*filter(None, lines), '']
     for cause in causes_of(document):
-        lines += wording.cause_lines(cause, parameter_words(cause))
-    if shapes_of(document):
-        lines.append('Misfit that no effect of the catalogue explains:')
-        lines += [f'  {shape_words(shape)}' for shape in shapes_of(document)]
+        lines += wording.cause_lines(cause, parameter_words(cause), lowered_titles)
     lines += proposal_lines(document.get('proposal'))
     is_extended = bool(causes_of(document))
     if lines[-1]:

@@ -196,10 +196,11 @@ def _among_small_errors(strict: Answer) -> Answer:
         search, published = published_of(fit)
     doubts += [*published.doubts, *established.wrong_inputs(space, search.fit)]
     if doubts:
-        return strict.doubted([wording.suspect_words([main], doubts)])
+        return strict.doubted([wording.suspect_words([space.problem.titles[main]], doubts)])
     # What the small errors could take of the main cause is left.
     return _answer_beside(strict, search, published, among.process, [
-        wording.outlier_words(name, best.times(name)) for name in search.fit.candidate.ids],
+        wording.outlier_words(space.problem.titles[name], best.times(name))
+        for name in search.fit.candidate.ids],
         1.0 - 1.0 / best.times(main), is_established=True)
 
 

@@ -120,10 +120,10 @@ class _OpenModels:
         odds = np.exp(-0.5 * (priced - priced.min()))
         answers = []
         for index, (place, less) in enumerate(zip(self.own, self.less, strict=True)):
-            effects = {effect.id: effect.title for effect, _ in self.fits[place].candidate.effects}
-            new = [name for name in effects if name not in self.fits[less].candidate.ids]
+            new = [name for name in self.fits[place].candidate.ids
+                   if name not in self.fits[less].candidate.ids]
             answers.append(HeldOutEvidence(
-                new[0], effects[new[0]], tuple(run.name for run in held_out),
+                new[0], self.space.problem.titles[new[0]], tuple(run.name for run in held_out),
                 float(whole[index] - whole.min()), float(odds[index] / odds.sum()), index in left))
         return tuple(sorted(answers, key=lambda answer: -answer.share))
 

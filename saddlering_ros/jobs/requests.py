@@ -86,8 +86,8 @@ class DiagnosisRequest:
         result = diagnose(
             self.bags, hold_out=self.hold_out, rig=self.rig, seed=self.seed,
             parameters=self.parameters_file or None, on_progress=on_progress)
-        words = result.verdict + (f': {", ".join(result.causes)}' if result.causes else '')
-        return Answer(words, result.parameters, {'verdict_json': json.dumps(result.document)})
+        return Answer(result.document['headline'], result.parameters,
+                      {'verdict_json': json.dumps(result.document)})
 
 
 def run(request: IdentificationRequest | DiagnosisRequest, on_progress: OnProgress) -> Answer:

@@ -153,12 +153,12 @@ class Action:
 def with_diagnosis(job: Job, document: VerdictDocument) -> Job:
     """The goal with the words of its verdict: headline, next test and misfit reduction."""
     # The words need the catalogue; the page is served before it is loaded.
-    from saddlering_ros.diagnosis.ring_wording import gain_sentence, headline, unknown
+    from saddlering_ros.diagnosis.ring_wording import gain_sentence, headline, partial_words
     from saddlering_ros.quantities import VERDICT_WORDS
 
     verdict, following = document['verdict'], document.get('next_test')
     lines = (f'Next test: {following}' if following else '',
-             unknown(document)[1] if verdict == 'unknown' else '', gain_sentence(document))
+             partial_words(document), gain_sentence(document))
     return replace(job, verdict=verdict, title=f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}',
                    words=headline(document), lines=list(filter(None, lines)))
 

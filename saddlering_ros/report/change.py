@@ -9,12 +9,11 @@ import numpy as np
 
 from saddlering_ros.comparison.change import Change, change_words, name_of
 from saddlering_ros.comparison.series import CHANGED, ChangeSeries
-from saddlering_ros.diagnosis.ring_wording import lowered
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import Chart, Panel
 from saddlering_ros.pages.html import Cell, code, number
-from saddlering_ros.quantities import probability, quantity
+from saddlering_ros.quantities import lowered, probability, quantity
 from saddlering_ros.report import reports
 from saddlering_ros.report.figures import axis_label, MICRO
 from saddlering_ros.rig import FORCE_UNITS, PARAMETER_UNITS

@@ -18,6 +18,7 @@ from saddlering_ros.quantities import (
     allowed_misfit,
     compact,
     is_left,
+    lowered,
     percent,
     probability,
     quantity,
@@ -40,8 +41,6 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
     The figure shows the channel whose misfit the verdict changes most, or has the largest misfit.
     """
     verdict, next_test = document['verdict'], document.get('next_test')
-    first, more = (ring_wording.unknown(document) if verdict == 'unknown' else
-                   (ring_wording.headline(document), ''))
     has_cause, shown = verdict in ('named', 'ambiguous'), {run.name: run for run in curves}
     cases = [
         (run['held_out'], (misfit['nrmse_before'] or 0.0)
@@ -51,7 +50,8 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
         for name, misfit in run['channels'].items() if name != 'parity']
     return html.verdict(
         verdict, html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
-        html.paragraph(first, 'headline'), html.paragraph(more),
+        html.paragraph(ring_wording.headline(document), 'headline'),
+        html.paragraph(ring_wording.partial_words(document)),
         html.paragraph(f'Next test: {next_test}' if next_test else '', 'next'),
         html.paragraph(ring_wording.gain_sentence(document)),
         *map(html.paragraph, ring_wording.certainty_lines(document)),
@@ -102,8 +102,8 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
         [ring_wording.title_of(name), code(name), compact(tried.get(name), 4),
          effects[name].settled_by if name in effects else ''] for name in cause['group']]
     is_alone = len(alike) == 1
-    is_next = ring_wording.lowered(title) in (document.get('next_test') or '')
-    partial = ' – explains part of the misfit only' if cause.get('partial') else ''
+    is_next = lowered(title) in (document.get('next_test') or '')
+    partial = ' – explains only a part of the misfit' if cause.get('partial') else ''
     evidence, gain = cause['evidence'], cause['gain']
     return '\n'.join([
         f'<h3>{html.escape(title)} <code>{html.escape(effect_id)}</code>{partial}</h3>',
@@ -252,8 +252,9 @@ def candidates(document: VerdictDocument) -> str:
     return html.section(
         'Evidence', *parts, html.heading('Real, but too small to matter') if small else '',
         html.bullets([
-            f'{" + ".join(model["effects"])}: {percent(model["share_of_range"])} of range, '
-            f'p {probability(model["p_value"])}' for model in small]))
+            f'{" + ".join(map(ring_wording.title_of, model["effects"]))}: '
+            f'{percent(model["share_of_range"])} of range, p {probability(model["p_value"])}'
+            for model in small]))
 
 
 def _fitted_words(model: Mapping[str, Any]) -> str:

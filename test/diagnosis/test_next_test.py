@@ -11,11 +11,12 @@ import pytest
 from saddlering_ros.diagnosis import next_test
 from saddlering_ros.diagnosis.next_test import on_slewed_ring, propose, with_swapped_probes
 from saddlering_ros.diagnosis.rig_dimensions import entries_of
-from saddlering_ros.diagnosis.ring_wording import lowered, size_of, title_of
+from saddlering_ros.diagnosis.ring_wording import size_of, title_of
 from saddlering_ros.discrepancy import Point, Separation
 from saddlering_ros.discrepancy.next_step import HeldOutEvidence
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import Outcomes, RIG_TESTS
+from saddlering_ros.quantities import lowered
 from saddlering_ros.rig import default_rig
 
 KNOWN_GROUPS = (
@@ -133,7 +134,8 @@ def test_a_law_that_repeats_an_effect_of_the_catalogue_is_reported_as_such():
     cosines = {'own_law:': {'probe_bracket:1': 0.991, 'probe_gain:1': 0.9},
                'probe_bracket:1': {'own_law:': 0.991}}
     (sentence,) = next_test.repeated_laws(['own_law'], cosines)
-    assert sentence.startswith('own_law changes these data in the same way as probe_bracket of')
+    assert sentence.startswith('own_law changes these data in the same way as an effect of the '
+                               'catalogue (probe bracket bends with load): ')
     assert next_test.repeated_laws(['own_law'], {'own_law:': {'probe_gain:1': 0.9}}) == []
 
 
@@ -197,7 +199,7 @@ def test_a_moment_arm_with_five_alternatives_is_told_the_tests_that_need_no_reco
     group = ('moment_arm', 'elevation_error', 'load_gain', 'load_offset', 'rig_trunnion_x',
              'rig_weight_x')
     cause = SimpleNamespace(effect='moment_arm', group=group)
-    evidence = [HeldOutEvidence(name, title_of(name), ('static_70',), 0.0,
+    evidence = [HeldOutEvidence(name, lowered(title_of(name)), ('static_70',), 0.0,
                                 float(name == 'moment_arm'), name == 'moment_arm')
                 for name in group]
     found = SimpleNamespace(

@@ -61,7 +61,7 @@ def test_a_cause_that_is_real_and_leaves_something_visible_is_part_of_the_cause_
     found = diagnose(MODEL, [replace(run, outputs={'seen': run.outputs['seen'] + drift})])
     assert found.verdict == 'unknown'
     assert [(cause.effect, cause.partial) for cause in found.causes] == [('bend', True)]
-    assert 'explains part of the misfit only' in found.summary()
+    assert 'explains only a part of the misfit' in found.summary()
 
 
 def test_an_extension_that_predicts_worse_has_a_negative_gain() -> None:

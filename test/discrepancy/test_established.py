@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 import itertools
+from pathlib import Path
 import sys
 from types import SimpleNamespace
 
@@ -145,7 +146,7 @@ def test_what_acts_as_another_listed_effect_does_is_not_surely_the_one_that_is_l
     answer = found(
         0.3, 0.02, replace(MODEL, simulate=alike, effects=effects, channels=channels))
     assert (answer.verdict, [cause.effect for cause in answer.causes]) == ('unknown', ['root'])
-    assert any('bent, of another size or sign' in item for item in answer.warnings)
+    assert any('Less drag, of another size or sign' in item for item in answer.warnings)
     assert answer.probabilities['unknown'] > 0.85
 
 
@@ -181,7 +182,7 @@ def test_a_cause_that_makes_a_view_worse_that_it_mainly_moves_is_not_established
 
     answer = diagnosed_in_two_views(both, run_of, Parameter(-1, 3))
     assert (answer.verdict, answer.causes[0].effect) == (verdict, 'friction')
-    assert any(item.startswith('in other, where the causes move most')
+    assert any(item.startswith('in other, which the causes change most')
                for item in answer.warnings) == (verdict == 'unknown')
 
 
@@ -231,7 +232,7 @@ def test_with_laws_that_are_not_exact_unknown_says_that_no_small_errors_remain()
     rough = replace(problem.assumptions, exact_laws=False)
     answer = diagnose_system(replace(problem, assumptions=rough))
     assert answer.verdict == 'unknown'
-    assert answer.warnings[-1].startswith('what remains is larger than small errors')
+    assert answer.warnings[-1].startswith('the residual is larger than small errors')
 
 
 @pytest.mark.parametrize(('excess', 'chance', 'is_doubted'), [
@@ -240,7 +241,8 @@ def test_a_cause_of_a_ring_leaves_a_small_part_of_what_it_takes_along_one_coordi
         excess: float, chance: float, is_doubted: bool) -> None:
     space = SimpleNamespace(
         base=SimpleNamespace(misfit=1500.0), settings=SimpleNamespace(error_rate=0.01),
-        problem=SimpleNamespace(assumptions=SimpleNamespace(exact_laws=False)))
+        problem=SimpleNamespace(assumptions=SimpleNamespace(exact_laws=False)),
+        titles_of=lambda fit: ['bracket'])
     fit = SimpleNamespace(misfit=500.0, candidate=SimpleNamespace(ids=('bracket',)))
     shape = ShapeTest('gamma', 'load', chance, excess + 12.0, 12, 0.001)
     doubts = established.shapes_left(space, fit, SimpleNamespace(shapes=(shape,)))
@@ -249,7 +251,8 @@ def test_a_cause_of_a_ring_leaves_a_small_part_of_what_it_takes_along_one_coordi
 
 def test_an_error_of_an_input_is_established_alone_only() -> None:
     system = SimpleNamespace(inputs=(SimpleNamespace(id='span'),))
-    space = SimpleNamespace(problem=SimpleNamespace(system=system))
+    space = SimpleNamespace(
+        problem=SimpleNamespace(system=system, titles={'span': 'wrong span'}))
     for names, is_doubted in ((('span', 'friction'), True), (('friction',), False)):
         fit = SimpleNamespace(candidate=SimpleNamespace(ids=names))
         assert bool(established.wrong_inputs(space, fit)) is is_doubted
@@ -288,7 +291,7 @@ def test_noise_is_not_counted_as_more_than_the_declared_model_error(
     answer = found(0.0, 0.06, replace(MODEL, channels={'seen': Channel(model_error=0.02)}))
     assert answer.verdict == 'none'
     assert answer.complete
-    assert not any('is left' in item for item in answer.warnings)
+    assert not any('range remains' in item for item in answer.warnings)
 
 
 def test_the_check_does_not_hide_a_slow_misfit_among_fast_samples() -> None:
@@ -320,7 +323,7 @@ def test_a_cause_that_predicts_other_runs_worse_has_no_name() -> None:
     assert answer.verdict == 'unknown'
     assert answer.gain.held_out is not None
     assert answer.gain.held_out < 0.0
-    assert any('on runs that it predicts' in item for item in answer.warnings)
+    assert any('reduction on predicted runs' in item for item in answer.warnings)
 
 
 def test_a_cause_that_needs_another_size_in_each_run_is_not_established() -> None:
@@ -330,7 +333,7 @@ def test_a_cause_that_needs_another_size_in_each_run_is_not_established() -> Non
         answer = diagnose(MODEL, runs, hold_out=[record(3, 0.3, 0.03)])
         assert answer.verdict == verdict
         assert answer.causes[0].effect == 'friction'
-        assert any('a size for each run' in item for item in answer.warnings) is (
+        assert any('size is fitted for each run' in item for item in answer.warnings) is (
             verdict == 'unknown')
 
 
@@ -349,7 +352,7 @@ def test_a_cause_whose_interval_includes_its_absence_has_no_name(
     monkeypatch.setattr(system, 'WIDTH_95', 1e6)
     answer = diagnose(MODEL, runs)
     assert answer.verdict == 'unknown'
-    assert any('includes its absence' in item for item in answer.warnings)
+    assert any('the effect does nothing' in item for item in answer.warnings)
 
 
 def test_a_small_second_cause_is_not_told_to_be_as_likely_as_the_first() -> None:
@@ -436,6 +439,34 @@ def test_a_verdict_with_little_evidence_says_that_it_is_near_its_limit() -> None
     assert any('near its limit: ' in line for line in answer.summary().splitlines())
 
 
+def of_ids(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    names = {'gain': 'gain', 'friction.size': 'id_1.size', 'cubic.size': 'id_2.size'}
+    return simulate({name: parameters[own] for name, own in names.items()}, run)
+
+
+@pytest.mark.parametrize(('friction', 'error', 'noise', 'words'), [
+    (0.3, 0.02, 0.0, 'Probabilities: Dry friction 97 %'),
+    (0.009, 0.0, 0.08, 'Dry friction has 1.'),
+    (0.1, 0.05, 0.0, 'explained by Dry friction'),
+    (0.03, 0.1, 0.0, 'Dry friction: a law of another shape')])
+def test_sentences_have_titles_where_machines_read_ids(
+    tmp_path: Path, friction: float, error: float, noise: float, words: str,
+) -> None:
+    model = replace(MODEL, simulate=of_ids, effects={
+        'id_1': MODEL.effects['friction'], 'id_2': MODEL.effects['cubic']})
+    random = np.random.default_rng(3)
+    answer = diagnose(model, [
+        replace(run, outputs={'seen': run.outputs['seen'] + random.normal(0, noise, TIME.size)})
+        for run in (record(number, friction, error) for number in range(3))])
+    assert words in answer.summary()
+    answer.write_report(tmp_path / 'page.html')
+    told = [*answer.summary().replace(' [id_1]', '').splitlines(), answer.headline,
+            *answer.warnings, *answer.near_limit, (tmp_path / 'page.html').read_text()]
+    assert not [line for line in told if 'id_' in line]
+    assert [cause.effect for cause in answer.causes] == ['id_1']
+    assert answer.headline.count('. ') == 0
+
+
 def two_springs(bound: float) -> Model:
     """A cubic spring, and a softer one that is alike where the drive is small."""
     def law(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
@@ -461,6 +492,8 @@ def test_held_out_runs_tell_open_alternatives_apart() -> None:
     first, second, large = (of_a_cubic_spring(*one) for one in ((0, 0.5), (1, 0.6), (2, 1.5)))
     answer = diagnose(two_springs(2.0), [first, second], hold_out=[large])
     assert answer.verdict == 'ambiguous'
+    assert 'lacks either A softer spring or A cubic spring (these data cannot tell which)' in (
+        answer.headline)
     assert [one.remains for one in answer.held_out_evidence] == [True, False]
     assert answer.held_out_evidence[0].effect == 'cubic'
     assert answer.next_test is not None

@@ -64,7 +64,7 @@ def names(found: Diagnosis) -> set[str]:
 def test_a_mixture_of_laws_of_one_kind_is_named_and_gets_no_second_name() -> None:
     found = diagnosed()
     assert (found.verdict, names(found)) == ('named', {'creep'})
-    assert any('another form' in note for note in found.warnings)
+    assert any('idealised' in note for note in found.warnings)
 
 
 def test_a_second_cause_is_named_beside_a_mixture_that_the_catalogue_does_not_have() -> None:

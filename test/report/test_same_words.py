@@ -2,11 +2,16 @@
 
 from html import unescape
 import re
+from types import SimpleNamespace
 
 from documents import document
 import pytest
 
-from saddlering_ros.diagnosis.ring_wording import document_text
+from saddlering_ros.comparison.change import Change
+from saddlering_ros.diagnosis.ring_wording import document_text, headline
+from saddlering_ros.discrepancy import Cause, Effect, Estimate, Parameter
+from saddlering_ros.discrepancy.problem.fits import Gain
+from saddlering_ros.discrepancy.verdict.wording import headline_of
 from saddlering_ros.identification.result import parameter_words
 from saddlering_ros.live.commands import Job, with_diagnosis, with_identification
 from saddlering_ros.quantities import VERDICT_WORDS
@@ -16,13 +21,16 @@ OPEN = {'value': 1.27e8, 'unit': 'N/m^n', 'std': None, 'interval': None, 'pinned
         'reason': 'the rollers may be unequal', 'at_bound': False}
 
 
-def of_verdict(verdict):
+def of_verdict(verdict, **changes):
     shape = {'shape': 'delta_x follows the load', 'channel': 'delta_x', 'coordinate': 'load',
              'share_of_range': 0.05}
-    causes = {'unknown': [shape], 'none': []}
-    titled = [{'title': 'Dry friction', **cause} for cause in document()['causes']]
-    changes = {'causes': causes.get(verdict, titled)}
-    return document(verdict, next_test='Load twice as fast.', **changes)
+    cause = {'title': 'Dry friction', **document()['causes'][0]}
+    open_cause = {**cause, 'effect': 'settling', 'group': ['settling', 'load_gain'],
+                  'title': 'Settling', 'parameters': {
+                      'amplitude': {'value': 1e-5, 'std': 1e-6, 'unit': 'm'}}}
+    causes = {'named': [cause], 'ambiguous': [cause, open_cause],
+              'unknown': [shape, {**cause, 'partial': True}], 'none': []}
+    return document(verdict, next_test='Load twice as fast.', causes=causes[verdict], **changes)
 
 
 @pytest.mark.parametrize('verdict', VERDICT_WORDS)
@@ -39,6 +47,41 @@ def test_a_verdict_has_the_same_words_everywhere(verdict):
     for line in answer.lines[1:]:
         assert line in console
         assert line in banner
+
+
+@pytest.mark.parametrize('rest', [[], [
+    {'run': 'static_70', 'channel': 'delta_y', 'share_of_range': 0.004, 'times_noise': 9.0}]])
+@pytest.mark.parametrize('verdict', VERDICT_WORDS)
+def test_a_headline_is_one_sentence_with_titles(verdict, rest):
+    said = headline(of_verdict(verdict, complete=not rest, remainder=rest))
+    assert said.endswith('.')
+    assert '. ' not in said
+    assert not re.search(r'radial_friction|load_gain', said)
+    is_established = verdict in ('named', 'ambiguous')
+    assert said.endswith('; a rest of 0.40 % of range in delta_y fits no cause.') == bool(
+        is_established and rest)
+    assert (' mainly ' in said) == bool(is_established and rest)
+
+
+@pytest.mark.parametrize('verdict', VERDICT_WORDS)
+def test_the_headline_of_any_simulator_and_of_a_change_is_one_sentence(verdict):
+    effect = Effect('Dry friction', {'size': Parameter(0.0, 1.0)}, id='friction')
+    cause = Cause('friction', effect, 0, ('friction', 'play'), {
+        'size': Estimate(0.5, 0.1, 'N')}, 1e-9, 40.0, 0.05, Gain(0.9, 0.8, 'held out'))
+    found = SimpleNamespace(
+        verdict=verdict, complete=verdict == 'none', gain=cause.gain,
+        causes=[] if verdict == 'none' else [cause],
+        title_of={'friction': 'Dry friction', 'play': 'Play'}.get,
+        remainder=[SimpleNamespace(share_of_range=0.004, channel='force')])
+    change = Change.headline.fget(SimpleNamespace(verdict=verdict, diagnosis=found))
+    for said in (headline_of(found), change):
+        assert said.endswith('.')
+        assert '. ' not in said
+    if verdict not in ('none', 'unknown'):
+        assert headline_of(found) == (
+            'The simulation lacks mainly either Dry friction or Play (these data cannot tell '
+            'which): 80 % of the misfit on held-out runs; a rest of 0.40 % of range in force fits '
+            'no cause.')
 
 
 def test_an_open_parameter_has_the_same_words_on_the_live_page():

@@ -33,6 +33,7 @@ from saddlering_ros.discrepancy.problem.system import (
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Whitener
 from saddlering_ros.progress import Watch
+from saddlering_ros.quantities import lowered
 
 ROUNDING = 1e-9
 """Share of its bounds by which a first guess may exceed them: files hold ten digits."""
@@ -126,6 +127,13 @@ class Problem:
     @property
     def held_out(self) -> list[RunBlocks]:
         return [run for run in self.all_runs if run.held_out]
+
+    @cached_property
+    def titles(self) -> dict[str, str]:
+        """Titles of effects and inputs by id, as in a sentence; a user's own are not changed."""
+        form = str if self.assumptions.exact_laws else lowered
+        return {effect.id: form(effect.title) for effect in (
+            *self.system.effects, *getattr(self.system, 'inputs', ()))}
 
     @cached_property
     def usual_simulations(self) -> float:

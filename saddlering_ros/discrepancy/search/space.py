@@ -86,6 +86,10 @@ class ModelSpace:
         self.fits[fit.candidate.key] = fit
         return fit
 
+    def titles_of(self, fit: Fit) -> list[str]:
+        """Titles of the effects of a fit, as in a sentence."""
+        return [self.problem.titles[name] for name in fit.candidate.ids]
+
     def single_effect_fits(self) -> list[Fit]:
         """Fits of one effect beside the base."""
         return [fit for fit in self.fits.values() if len(fit.candidate.effects) == 1]

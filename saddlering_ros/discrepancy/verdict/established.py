@@ -79,7 +79,7 @@ def judge_alone(
     a real and material one remains. A model without effects is established if nothing is left.
     """
     space, fit, settings = search.space, search.fit, search.space.settings
-    ids = fit.candidate.ids
+    ids, titles = fit.candidate.ids, space.titles_of(fit)
     fast = [wording.oscillation_words(after.fast)] if after.fast.is_real_and_material(
         settings) else []
     if published.shares is None:
@@ -89,13 +89,14 @@ def judge_alone(
     is_other_cause = share < settings.min_total or space.problem.assumptions.exact_laws
     if left and (is_other_cause or space.tests.slow(
             spaces.with_forms(space, fit, fit)).is_real_and_material(settings)):
-        doubts.append(wording.partial_words(ids, share, left))
+        doubts.append(wording.partial_words(titles, share, left))
     doubts += shapes_left(space, fit, after)
     doubts += wrong_inputs(space, fit) if len(ids) > 1 else []
     if crowded([Comparison(space, space.without(fit, name), fit).added for name in ids], settings):
         doubts.append(wording.crowded_words(len(ids)))
     doubts += shapes_at_bounds(space, fit)
-    open_members = [name for name in ids if search.alternatives.get(name)]
+    open_members = [title for name, title in zip(ids, titles, strict=True)
+                    if search.alternatives.get(name)]
     if open_members and len(ids) > evidence.MAX_WITH_ALTERNATIVES:
         doubts.append(wording.too_many_words(len(ids), open_members))
     sentences = [*doubts, *fast]
@@ -104,7 +105,7 @@ def judge_alone(
     more, taken = list(published.doubts), published.shares.best
     if any(space.problem.assumptions.allowed_error or ()):
         if taken < MIN_TAKEN:
-            more.append(wording.weak_words(' and '.join(ids), taken, MIN_TAKEN))
+            more.append(wording.weak_words(wording.joined(titles), taken, MIN_TAKEN))
         more += shared_directions(search)
     more += uncertain_size(space, published)
     return [*sentences, *more], not doubts and not more
@@ -125,14 +126,14 @@ def shapes_left(space: ModelSpace, fit: Fit, after: Residual) -> list[str]:
     where = '' if space.problem.assumptions.exact_laws else ' and '.join(
         f'{test.view} along {test.coordinate}' for test in after.shapes
         if test.p_value < space.settings.error_rate and test.statistic - test.dimensions > least)
-    return [wording.shape_words(fit.candidate.ids, where)] if where else []
+    return [wording.shape_words(space.titles_of(fit), where)] if where else []
 
 
 def wrong_inputs(space: ModelSpace, fit: Fit) -> list[str]:
     """A sentence on effects that are errors of the simulator's inputs, which resemble others."""
     inputs = {effect.id for effect in getattr(space.problem.system, 'inputs', ())}
-    names = [name for name in fit.candidate.ids if name in inputs]
-    return [wording.inputs_words(names)] if names else []
+    titles = [space.problem.titles[name] for name in fit.candidate.ids if name in inputs]
+    return [wording.inputs_words(titles)] if titles else []
 
 
 def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
@@ -162,7 +163,8 @@ def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
             is_stopped = is_near and bound not in (parameter.neutral, parameter.start)
             if beyond > allowed and is_stopped:
                 value = parameter.from_unit(float(theta_unit))
-                sentences.append(wording.shape_at_bound_words(effect.id, parameter, value))
+                sentences.append(wording.shape_at_bound_words(
+                    problem.titles[effect.id], parameter, value))
     return sentences
 
 
@@ -179,7 +181,8 @@ def uncertain_size(space: ModelSpace, published: Publication) -> list[str]:
     size = main.parameters[main.definition.size.name]
     low, high = size.interval or (np.inf, np.inf)
     is_open = low <= main.definition.neutral <= high
-    return [wording.uncertain_size_words(main.effect, low, high, size.unit)] if is_open else []
+    title = space.problem.titles[main.effect]
+    return [wording.uncertain_size_words(title, low, high, size.unit)] if is_open else []
 
 
 def doubts_beside_error(
@@ -210,13 +213,14 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
     assert together is not None
     main = published.main.effect if published.member_shares else ''
     if alternatives.get(main):
-        doubts.append(wording.replaced_words(main))
-    by_name = {' and '.join(fit.candidate.ids): together, **published.member_shares}
-    for name, shares in by_name.items():
+        doubts.append(wording.replaced_words(space.problem.titles[main]))
+    for name, shares in {'': together, **published.member_shares}.items():
         is_beside = name == main and any(alternatives.values())
         required = MIN_TAKEN_BESIDE if is_beside else MIN_TAKEN
         if shares.best < required:
-            doubts.append(wording.weak_words(name, shares.best, required))
+            title = (space.problem.titles[name] if name else
+                     wording.joined(space.titles_of(fit)))
+            doubts.append(wording.weak_words(title, shares.best, required))
     doubts += _unlike(together)
     members = [Comparison(space, space.without(fit, name), fit) for name in fit.candidate.ids]
     if not all(member.is_real for member in members):
@@ -245,17 +249,19 @@ def doubts_among(
 ) -> list[str]:
     """Reasons why the main effect of the best model among small errors is not established."""
     best, taken = among.best, published.member_shares.get(name, published.shares)
+    title = search.space.problem.titles[name]
     assert taken is not None
     # A view with little misfit can be worse by the size of the small errors.
     doubts = [*other_laws(search), *_unlike_in_runs(taken), *(
         wording.worse_view_words(view) for view, share in taken.fitted.items()
         if min(share, taken.predicted.get(view, share)) < 0.0)]
     if best.times(name) < MIN_TIMES:
-        doubts.append(wording.no_outlier_words(name, best.times(name), MIN_TIMES))
+        doubts.append(wording.no_outlier_words(title, best.times(name), MIN_TIMES))
     if among.margin(name) < MIN_MARGIN:
-        doubts.append(wording.close_words(name, among.best_without(name).fit.candidate.ids))
+        doubts.append(wording.close_words(
+            title, search.space.titles_of(among.best_without(name).fit)))
     if taken.best < MAINLY:
-        doubts.append(wording.weak_words(name, taken.best, MAINLY))
+        doubts.append(wording.weak_words(title, taken.best, MAINLY))
     return doubts
 
 
@@ -315,7 +321,8 @@ def shared_directions(search: Search) -> list[str]:
         share = float(shares.max())
         if share > MAX_ALIKE:
             other = tried[int(shares.argmax())][0]
-            sentences.append(wording.shared_direction_words(effect.id, other.id, share))
+            sentences.append(wording.shared_direction_words(
+                problem.titles[effect.id], problem.titles[other.id], share))
     return sentences
 
 
@@ -326,7 +333,7 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
     differ by more than model error and the stated interval explain are those of another law.
     """
     stated = {cause.effect: cause.parameters[cause.definition.size.name] for cause in causes}
-    sentences, slots = [], space.problem.slices
+    sentences, slots, titles = [], space.problem.slices, space.problem.titles
     slices = fit.candidate.slices(len(space.problem.system.base_parameters))
     changes = space.problem.changes_of_effects(fit.point, fit.prediction).T
     for (effect, _, indices), change in zip(slices, changes, strict=True):
@@ -352,7 +359,7 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
             ratio = float(apart @ weights @ apart) / freedom
             if fisher_chance(ratio, freedom, space.pairs) < space.settings.error_rate:
                 sentences.append(wording.unsteady_size_words(
-                    effect.id, kind, 1.0 + float(sizes.min()), 1.0 + float(sizes.max())))
+                    titles[effect.id], kind, 1.0 + float(sizes.min()), 1.0 + float(sizes.max())))
     return sentences
 
 
@@ -407,7 +414,7 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> list[str]:
         bent = np.linalg.norm(splines @ freed.coefficients) / np.linalg.norm(splines @ law)
         share = freed.predicted / float(wanted @ wanted)
         if share > MIN_FREED and bent > MIN_BENT:
-            sentences.append(wording.narrow_law_words(name, along, share))
+            sentences.append(wording.narrow_law_words(problem.titles[name], along, share))
     return sentences
 
 

@@ -34,7 +34,8 @@ def write_page(answer: Diagnosis, path: Path) -> None:
     causes = html.table(
         ['cause', 'parameters', 'alternatives', 'misfit reduction', number('p')],
         [[cause.definition.title + (wording.PARTIAL if cause.partial else ''),
-          wording.estimates_words(cause.parameters), ', '.join(cause.group[1:]) or '–',
+          wording.estimates_words(cause.parameters),
+          ', '.join(map(answer.title_of, cause.group[1:])) or '–',
           wording.gain_words(cause.gain.fit, cause.gain.held_out),
           number(probability(cause.p_value))] for cause in answer.causes])
     base = html.table(
@@ -43,7 +44,7 @@ def write_page(answer: Diagnosis, path: Path) -> None:
           number(wording.estimate_words(item))] for name, item in answer.base.items()])
     limits = html.table(
         ['effect', number('size found nine times in ten'), 'can be tested'],
-        [[code(item.effect), number(quantity(item.limit, item.unit)),
+        [[answer.title_of(item.effect), number(quantity(item.limit, item.unit)),
           'yes' if item.testable else 'no'] for item in answer.observability.limits])
     channels = _channels(answer)
     # The pictures of certainty read the document of a ring.
@@ -61,7 +62,7 @@ def write_page(answer: Diagnosis, path: Path) -> None:
             html.paragraph(answer.headline, 'headline'),
             html.paragraph(f'Next step: {next_step}', 'next'), _proof(answer, channels)),
         html.section('Warnings', html.bullets(answer.warnings)),
-        html.section('Causes', causes), certainty(document),
+        html.section('Causes', causes), certainty(document, answer.title_of),
         html.section('Base parameters', base), _misfit(answer, channels),
         html.section('Detection limits of these data', limits)]))
 

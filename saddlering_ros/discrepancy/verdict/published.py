@@ -169,12 +169,13 @@ def publish(
             visible=evidence.visible, gain=gain_over(less[effect.id])))
     # The causes predict other runs worse than the base, or one of them surely does.
     whole = gain_over(base)
-    gains = {' and '.join(cause.effect for cause in causes): whole}
-    gains.update({cause.effect: cause.gain for cause in causes
+    titles = problem.titles
+    gains = {wording.joined(space.titles_of(fit)): whole} if causes else {}
+    gains.update({titles[cause.effect]: cause.gain for cause in causes
                   if cause.gain.interval is not None and cause.gain.interval[1] < 0.0})
     failed = [
-        wording.worse_prediction_words(name, -gain.held_out, is_held_out=gain.how == 'held out')
-        for name, gain in gains.items() if gain.held_out is not None and gain.held_out < 0.0]
+        wording.worse_prediction_words(title, -gain.held_out, is_held_out=gain.how == 'held out')
+        for title, gain in gains.items() if gain.held_out is not None and gain.held_out < 0.0]
     count = len(parameters)
     slopes = [parameter.slope(float(u)) for parameter, u in
               zip(parameters, model.theta_unit[:count], strict=True)]
@@ -199,7 +200,7 @@ def publish(
 
 def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
     """A sentence for every effect whose size is at its bound, which is no name."""
-    return [wording.size_at_bound_words(effect.id, effect.size, value)
+    return [wording.size_at_bound_words(problem.titles[effect.id], effect.size, value)
             for effect, value in stopped_sizes(problem, fit)]
 
 
@@ -361,19 +362,21 @@ def stability_of(
     share of the misfit that causes beside model error take.
     """
     space, fit, refits = search.space, search.fit, _refits(search)
+    titles = {'': 'none', **space.problem.titles}
     others = [refit for refit in refits if not refit.is_same]
-    near = [wording.one_run_words(refit) for refit in others if refit.change.startswith(WITHOUT)]
+    near = [wording.one_run_words(refit, titles) for refit in others
+            if refit.change.startswith(WITHOUT)]
     if len(others) > (1.0 - MIN_STABLE) * len(refits):
-        near.append(wording.unstable_words(others, len(refits)))
+        near.append(wording.unstable_words(others, len(refits), titles))
     if not fit.candidate.effects:
         gain, name = max(((space.base.misfit - single.misfit, single.candidate.ids[0])
                           for single in space.single_effect_fits()), default=(0.0, ''))
         if gain > space.real_gain / NEAR:
-            near.append(wording.almost_a_cause_words(name, gain / space.real_gain))
+            near.append(wording.almost_a_cause_words(titles[name], gain / space.real_gain))
     for name in fit.candidate.ids:
         gain = space.without(fit, name).misfit - fit.misfit
         if gain < NEAR * space.real_gain:
-            near.append(wording.barely_real_words(name, gain / space.real_gain))
+            near.append(wording.barely_real_words(titles[name], gain / space.real_gain))
     if taken is not None and MIN_TAKEN <= taken < 0.5 * (1.0 + MIN_TAKEN):
         near.append(wording.barely_taken_words(taken, MIN_TAKEN))
     falls = space.base.whitened**2 - fit.whitened**2

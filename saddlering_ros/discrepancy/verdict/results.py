@@ -308,9 +308,14 @@ class Diagnosis:
         same = [refit.is_same for refit in self.refits] or [True]
         return sum(same) / len(same)
 
+    def title_of(self, group: str) -> str:
+        """Titles of the effects of 'first_id or second_id'; another outcome as it is."""
+        titles = self.fits.metric.problem.titles
+        return ' or '.join(titles.get(name, name) for name in group.split(' or '))
+
     @property
     def headline(self) -> str:
-        """The verdict in a sentence, behind a name with one on what is left."""
+        """The verdict in one sentence."""
         from saddlering_ros.discrepancy.verdict.wording import headline_of
 
         return headline_of(self)

@@ -1,6 +1,6 @@
 """Every sentence of a verdict, for a ring and for a declared model, and the latter's summary."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from saddlering_ros import quantities
@@ -10,17 +10,17 @@ from saddlering_ros.discrepancy.verdict import results
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, HeldOutEvidence, Refit, Remainder
 from saddlering_ros.quantities import percent, quantity
 
-PARTIAL = ' (explains part of the misfit only)'
+PARTIAL = ' (explains only a part of the misfit)'
 """Words behind the title of a cause that is real beside something else that is wrong."""
 
 MAX_RUNS = 4
-"""Runs whose share of the evidence is told in a line."""
+"""Runs whose share of the evidence is reported in a line."""
 
 MIN_AGAINST = 0.01
-"""Share of the evidence from which a run that speaks against the causes is told."""
+"""Share of the evidence from which a run that speaks against the causes is reported."""
 
 MAX_SURE = 0.99
-"""Largest probability that is told of alternatives."""
+"""Largest probability that is reported for alternatives."""
 
 
 def verdict_line(verdict: str) -> str:
@@ -34,17 +34,19 @@ def gain_words(fitted: float, held_out: float | None) -> str:
     return words if held_out is None else f'{words}, {percent(held_out)} on held-out runs'
 
 
-def cause_lines(cause: results.CauseEntry, values: str) -> list[str]:
+def cause_lines(
+    cause: results.CauseEntry, values: str, title_of: Callable[[str], str],
+) -> list[str]:
     """A cause with its parameters, which are `values` in words, its gain and its alternatives."""
     lines = [
-        f'  {cause["effect"]}: {cause["title"]}{PARTIAL if cause.get("partial") else ""}',
+        f'  {cause["title"]} [{cause["effect"]}]{PARTIAL if cause.get("partial") else ""}',
         f'    {values}',
         f'    misfit reduction {gain_words(cause["gain"]["fit"], cause["gain"]["held_out"])}; '
         f'p {quantities.probability(cause["evidence"]["p_value"])}',
     ]
     if len(cause['group']) > 1:
         lines.append('    alternatives that explain these data equally well: '
-                     f'{", ".join(cause["group"][1:])}')
+                     f'{", ".join(map(title_of, cause["group"][1:]))}')
     return lines
 
 
@@ -61,34 +63,43 @@ def estimates_words(estimates: Mapping[str, Estimate]) -> str:
 
 
 def headline_of(diagnosis: Diagnosis) -> str:
-    """Whether a cause is established, and what is left."""
-    rest = ''.join(rest_words(most.share_of_range, most.channel)
-                   for most in diagnosis.remainder[:1])
+    """The verdict in one sentence: whether a cause is established, and the largest remainder."""
     if diagnosis.verdict == 'none':
         return 'These data show nothing that the simulation lacks.'
+    rest = ''.join(rest_words(most.share_of_range, most.channel)
+                   for most in diagnosis.remainder[:1])
     if diagnosis.verdict == 'unknown':
-        partial = ' and '.join(cause.definition.title for cause in diagnosis.causes)
-        part = f'; {partial} explains a part only' if partial else ''
-        left = f'; a {rest}' if rest else ''
-        return f'Something is wrong, and no cause is established{part}{left}.'
-    names = ' and '.join(
-        ' or '.join(cause.group) if len(cause.group) > 1 else cause.definition.title
-        for cause in diagnosis.causes)
-    mainly = '' if diagnosis.complete else 'mainly '
-    share = share_words(diagnosis.gain.fit, diagnosis.gain.held_out)
-    left = f' A {rest}.' if rest else ''
-    return f'The simulation lacks {mainly}{names}: {share}.{left}'
+        return f'Something is wrong, and no cause is established{rest}.'
+    gain = None if diagnosis.complete else (diagnosis.gain.fit, diagnosis.gain.held_out)
+    return lacking_words([cause_words(list(map(diagnosis.title_of, cause.group)))
+                          for cause in diagnosis.causes], gain, rest)
 
 
-def share_words(fitted: float, held_out: float | None) -> str:
-    """'91 % of the misfit on held-out runs'."""
-    share, kind = (fitted, 'fitted') if held_out is None else (held_out, 'held-out')
-    return f'{percent(share)} of the misfit on {kind} runs'
+def cause_words(titles: Sequence[str], size: str = '') -> str:
+    """'dry friction (force 4.9 kN)', or 'either a or b (these data cannot tell which)'."""
+    if len(titles) > 1:
+        return f'either {" or ".join(titles)} (these data cannot tell which)'
+    return f'{titles[0]} ({size})' if size else titles[0]
+
+
+def lacking_words(
+    causes: Sequence[str], gain: tuple[float, float | None] | None, rest: str) -> str:
+    """Established causes; beside a rest with their gain on fitted and on held-out runs."""
+    if gain is None:
+        return f'The simulation lacks {joined(causes)}.'
+    share, kind = (gain[0], 'fitted') if gain[1] is None else (gain[1], 'held-out')
+    return (f'The simulation lacks mainly {joined(causes)}: {percent(share)} of the misfit on '
+            f'{kind} runs{rest}.')
 
 
 def rest_words(share_of_range: float, channel: str) -> str:
-    """'rest of 0.4 % of range in delta_y fits no cause'."""
-    return f'rest of {percent(share_of_range)} of range in {channel} fits no cause'
+    """The end of a headline: '; a rest of 0.4 % of range in delta_y fits no cause'."""
+    return f'; a rest of {percent(share_of_range)} of range in {channel} fits no cause'
+
+
+def joined(titles: Sequence[str]) -> str:
+    """'a, b and c'."""
+    return ', '.join(titles[:-1]) + ' and ' * (len(titles) > 1) + titles[-1]
 
 
 def remainder_line(remainder: Sequence[Mapping[str, Any]]) -> str:
@@ -117,12 +128,12 @@ def certainty_words(probabilities: Mapping[str, float], stability: float) -> str
     told = quantities.shares_in_words(probabilities)
     words = ', '.join(f'{name} {share}' for name, share in told.items())
     named = set(probabilities) - {'none', 'unknown'}
-    same = 'have the same first cause' if named else 'find no cause either'
+    same = 'have the same first cause' if named else 'find no cause'
     return f'Probabilities: {words}. {percent(stability)} of the refits {same}.'
 
 
 def limit_lines(near_limit: Sequence[str]) -> list[str]:
-    return [f'near its limit: {reason}' for reason in near_limit]
+    return [f'The verdict is near its limit: {reason}.' for reason in near_limit]
 
 
 def influence_words(influence: Sequence[tuple[str, float, float, float]]) -> str:
@@ -152,9 +163,10 @@ def tried_words(compared: int, refitted: int, *, has_law: bool) -> str:
     """What was tried before a verdict `unknown`; nothing if no effect was compared."""
     if not compared:
         return ''
-    law = ('A law is proposed for it.' if has_law else 'No law over load, direction, rate or time '
-           'passed the test of a cause, so that none is proposed.')
-    return f'Tried: {compared} causes compared with the misfit, {refitted} models refitted. {law}'
+    law = ('A law for the misfit is proposed.' if has_law else 'No law is proposed, because none '
+           'over load, direction, rate or time passed the test of a cause.')
+    return (f'{compared} causes were compared with the misfit, and {refitted} models were '
+            f'refitted. {law}')
 
 
 def remaining_words(explained: float) -> str:
@@ -165,28 +177,29 @@ def remaining_words(explained: float) -> str:
 
 # Warnings: why causes have no name.
 
-ONE_RUN = 'one run only: that the causes predict other runs is not shown'
+ONE_RUN = 'there is one run only, so that no prediction of another run supports the causes'
 WORSE_RUN = 'in one of the fitted runs the misfit is larger with the causes'
-NO_SMALL_ERRORS = ('what remains is larger than small errors of everything that the catalogue '
-                   'lists could be')
-AS_LARGE = 'another cause, which is not established, moves about as much: which is main is open'
-BY_CHANCE = 'an error like the one that remains could be this large by chance'
-THREE_EFFECTS = 'three effects act in one channel: so many can fit any misfit'
+NO_SMALL_ERRORS = ('the residual is larger than small errors of all effects in the catalogue '
+                   'could be')
+AS_LARGE = ('another cause, which is not established, has a large effect too: which of them is '
+            'the main cause is open')
+BY_CHANCE = 'an error as large as the one that remains could imitate a cause by chance'
+THREE_EFFECTS = 'three effects act in one channel: three effects together can fit any misfit'
 
 
-def partial_words(ids: Sequence[str], explained: float, where: str) -> str:
+def partial_words(titles: Sequence[str], explained: float, where: str) -> str:
     return (f'{remaining_words(explained)} remains, which is more than noise and model error in '
-            f'{where}: {" and ".join(ids)} can only be a part of the cause')
+            f'{where}: {joined(titles)} can explain only a part of it')
 
 
-def shape_words(ids: Sequence[str], where: str) -> str:
-    return (f'{" and ".join(ids)}: what remains is too much of one shape, {where}, for errors of '
-            'their laws or of the machine: they may stand for another cause')
+def shape_words(titles: Sequence[str], where: str) -> str:
+    return (f'{joined(titles)}: the residual follows one coordinate ({where}) more than errors of '
+            'these laws or of the machine could: the true cause may be another one')
 
 
-def inputs_words(names: Sequence[str]) -> str:
-    return (f'{" and ".join(names)}: the error of an input resembles other causes; it is '
-            'established only without another cause, and only if it leaves no more than noise')
+def inputs_words(titles: Sequence[str]) -> str:
+    return (f'{joined(titles)}: the error of an input resembles other causes, and is '
+            'established only if it is the only cause and leaves no more than noise')
 
 
 def crowded_words(count: int) -> str:
@@ -195,106 +208,108 @@ def crowded_words(count: int) -> str:
 
 
 def too_many_words(count: int, replaced: Sequence[str]) -> str:
-    return (f'{count} effects were needed, and other effects can replace '
-            f'{" and ".join(replaced)}: so many models can fit any misfit, and none of them is '
-            'certain')
+    return (f'{count} effects were needed, and other effects can replace {joined(replaced)}: so '
+            'many models can fit any misfit, and none of them is certain')
 
 
-def replaced_words(name: str) -> str:
-    return f'beside another cause, other effects can replace {name}'
+def replaced_words(title: str) -> str:
+    return f'beside the other causes, other effects explain as much as {title}'
 
 
-def shape_at_bound_words(name: str, shape: Parameter, value: float) -> str:
-    return (f'{name}: its {shape.name} is at the bound of {quantity(value, shape.unit)}: the '
-            'cause has another shape than the bounds allow, so that it is not named')
+def shape_at_bound_words(title: str, shape: Parameter, value: float) -> str:
+    return (f'{title} is not named, because its {shape.name} is at the bound of '
+            f'{quantity(value, shape.unit)}: the true cause has a shape outside the bounds')
 
 
-def size_at_bound_words(name: str, size: Parameter, value: float) -> str:
-    return (f'{name}: its {size.name} is at the bound of {quantity(value, size.unit)}: the size '
-            'exceeds the expected range, or another cause contributes, so that it is not named')
+def size_at_bound_words(title: str, size: Parameter, value: float) -> str:
+    return (f'{title} is not named, because its {size.name} is at the bound of '
+            f'{quantity(value, size.unit)}: the size exceeds the expected range, or another cause '
+            'contributes')
 
 
-def uncertain_size_words(name: str, low: float, high: float, unit: str) -> str:
-    return (f'{name}: the 95 % interval of its size, {low:.3g} to {high:.3g} {unit}'.rstrip()
-            + ', includes its absence')
+def uncertain_size_words(title: str, low: float, high: float, unit: str) -> str:
+    return (f'{title}: the 95 % interval of its size, {low:.3g} to {high:.3g} {unit}'.rstrip()
+            + ', includes the size at which the effect does nothing')
 
 
-def weak_words(name: str, taken: float, needed: float) -> str:
-    return (f'{name} takes {percent(max(taken, 0.0))} of the power of the misfit beyond noise; '
-            f'a cause is established from {percent(needed)} on, because a wrong cause can take '
-            'nearly as much')
+def weak_words(title: str, taken: float, needed: float) -> str:
+    return (f'{percent(max(taken, 0.0))} of the power of the misfit beyond noise is explained by '
+            f'{title}, and at least {percent(needed)} is required, because a wrong cause can '
+            'explain nearly as much')
 
 
-def outlier_words(name: str, times: float) -> str:
-    return (f'{name} moves {times:.0f} times as much as the small errors of everything else that '
-            'the catalogue lists; these explain what remains')
+def outlier_words(title: str, times: float) -> str:
+    return (f'{title} has {times:.0f} times the effect of the small errors of all other entries '
+            'of the catalogue; these errors explain the remainder')
 
 
-def no_outlier_words(name: str, times: float, needed: float) -> str:
-    return (f'{name} moves {times:.0f} times as much as the small errors beside it; a cause is '
-            f'established from {needed:.0f} times on')
+def no_outlier_words(title: str, times: float, needed: float) -> str:
+    return (f'{title} has {times:.0f} times the effect of the small errors beside it, and at '
+            f'least {needed:.0f} times is required')
 
 
-def close_words(name: str, others: Sequence[str]) -> str:
-    return f'without {name}, {" and ".join(others)} fit nearly as well beside small errors'
+def close_words(title: str, others: Sequence[str]) -> str:
+    return (f'beside small errors, {joined(others)} without {title} explain the misfit nearly as '
+            'well')
 
 
-def suspect_words(ids: Sequence[str], doubts: Sequence[str]) -> str:
-    return (f'if what remains is error of the model, the main cause is {" and ".join(ids)}, '
-            f'and it is not established: {"; ".join(doubts)}')
+def suspect_words(titles: Sequence[str], doubts: Sequence[str]) -> str:
+    return (f'if the remainder is model error, the best explanation is {joined(titles)}, which is '
+            f'not established: {"; ".join(doubts)}')
 
 
 def worse_view_words(view: str) -> str:
-    return f'in {view}, where the causes move most, the misfit is larger with them'
+    return f'in {view}, which the causes change most, the misfit is larger with the causes'
 
 
 def uncertain_gain_words(low: float, high: float) -> str:
-    return (f'on runs that it predicts, the reduction of the misfit is between {percent(low)} and '
-            f'{percent(high)}')
+    return (f'the misfit reduction on predicted runs is between {percent(low)} and '
+            f'{percent(high)} (95 % interval), so that there may be none')
 
 
-def worse_prediction_words(name: str, rise: float, *, is_held_out: bool) -> str:
+def worse_prediction_words(title: str, rise: float, *, is_held_out: bool) -> str:
     runs = 'held-out runs' if is_held_out else 'runs held out in turn'
-    return (f'the model with {name} predicts {runs} worse: the misfit there rises by '
-            f'{percent(rise)}, so that it is not named')
+    return (f'{title}: not named, because the model with this cause predicts {runs} worse: the '
+            f'misfit there rises by {percent(rise)}')
 
 
-def unsteady_size_words(name: str, kind: str, least: float, most: float) -> str:
-    return (f'{name}: with a size for each {kind}, it is {percent(least)} to {percent(most)} of '
-            'the fitted one, which its interval does not allow: the law is another one')
+def unsteady_size_words(title: str, kind: str, least: float, most: float) -> str:
+    return (f'{title}: if its size is fitted for each {kind}, it is {percent(least)} to '
+            f'{percent(most)} of the common size, more than its interval allows: the true cause '
+            'has another law')
 
 
-def narrow_law_words(name: str, coordinate: str, share: float) -> str:
-    return (f'{name}: a law of another shape over {coordinate} predicts {percent(share)} of what '
-            'this one leaves in other runs')
+def narrow_law_words(title: str, coordinate: str, share: float) -> str:
+    return (f'{title}: a law of another shape over {coordinate} predicts {percent(share)} of the '
+            'misfit that this law leaves in other runs')
 
 
 def unshared_words(share: float, needed: float) -> str:
-    return (f'{percent(share)} of the refits have the same first cause; an established cause has '
-            f'{percent(needed)}: in most of them another cause comes first')
+    return (f'{percent(share)} of the refits have the same first cause, and at least '
+            f'{percent(needed)} is required')
 
 
-def shared_direction_words(name: str, other: str, share: float) -> str:
-    return (f'{other}, of another size or sign, has {percent(share)} of the power of what {name} '
-            'changes beyond the base: an effect that is not in the catalogue could have as much')
+def shared_direction_words(title: str, other: str, share: float) -> str:
+    return (f'{title}: {other}, of another size or sign, has {percent(share)} of the power of its '
+            'change beyond the base, and an effect outside the catalogue could have as much')
 
 
 # Warnings beside a name.
 
 NOT_CONVERGED = ('a fit on which the verdict rests had not converged: give more rounds by '
                  'Settings(max_rounds=...), narrower bounds or better starts')
-REST_IS_ERROR = ('what remains is more than noise and fits no cause: every interval and '
-                 'comparison of causes counts it as error of the model')
+REST_IS_ERROR = ('the remainder is more than noise and fits no cause: every interval and '
+                 'comparison of causes counts the remainder as model error')
 
 
 def beyond_declared_words(name: str, rest: Remainder, declared: float) -> str:
-    return (f'{name} in {rest.run}: {percent(rest.share_of_range)} of range is left, more than '
+    return (f'{name} in {rest.run}: {percent(rest.share_of_range)} of range remains, more than '
             f'the declared model error of {percent(declared)}')
 
 
 def other_form_words(explained: float, where: str) -> str:
-    return (f'{remaining_words(explained)} remains with the extension, most of it in {where}: the '
-            'law of the cause has another form, which explains it')
+    return (f'{remaining_words(explained)} remains with the causes, most of it in {where}: the '
+            'law of a cause in the catalogue is idealised, which explains this remainder')
 
 
 def oscillation_words(fast: FastResidual) -> str:
@@ -305,26 +320,28 @@ def oscillation_words(fast: FastResidual) -> str:
 # Why a verdict is near its limit.
 
 
-def one_run_words(refit: Refit) -> str:
-    return f'{refit.change} the first cause is {refit.first or "none"}: it hangs on that run'
+def one_run_words(refit: Refit, titles: Mapping[str, str]) -> str:
+    first = titles[refit.first or '']
+    return f'{refit.change}, the first cause is {first}: the verdict depends on that run'
 
 
-def unstable_words(others: Sequence[Refit], count: int) -> str:
-    return f'{len(others)} of {count} refits end in another first cause: ' + '; '.join(
-        f'{refit.change}: {refit.first or "none"}' for refit in others[:3])
+def unstable_words(
+    others: Sequence[Refit], count: int, titles: Mapping[str, str]) -> str:
+    return (f'{len(others)} of {count} refits have another first cause: ' + '; '.join(
+        f'{refit.change}: {titles[refit.first or ""]}' for refit in others[:3]))
 
 
-def almost_a_cause_words(name: str, share: float) -> str:
-    return f'{name} reaches {percent(share)} of the evidence at which it would be a cause'
+def almost_a_cause_words(title: str, share: float) -> str:
+    return f'{title} has {percent(share)} of the evidence that a cause needs'
 
 
-def barely_real_words(name: str, times: float) -> str:
-    return f'{name} has {times:.1f} times the evidence at which a cause is real'
+def barely_real_words(title: str, times: float) -> str:
+    return f'{title} has {times:.1f} times the evidence that a cause needs'
 
 
 def barely_taken_words(taken: float, needed: float) -> str:
-    return (f'the causes take {percent(taken)} of the misfit beyond noise; with less than '
-            f'{percent(needed)} they would not be established')
+    return (f'the causes explain {percent(taken)} of the power of the misfit beyond noise, and at '
+            f'least {percent(needed)} is required')
 
 
 # The summary of a declared model.
@@ -334,7 +351,8 @@ def summary_text(diagnosis: Diagnosis) -> str:
     """Verdict, causes, misfit reduction, parameters, warnings of a declared model."""
     lines = [verdict_line(diagnosis.verdict), diagnosis.headline]
     for cause in diagnosis.causes:
-        lines += cause_lines(cause.entry(), estimates_words(cause.parameters))
+        lines += cause_lines(
+            cause.entry(), estimates_words(cause.parameters), diagnosis.title_of)
     if diagnosis.next_test:
         share = ''.join(f' The test leaves the true cause alone in {round(100 * best.share)} of '
                         '100 simulated draws.' for best in diagnosis.separations[:1])
@@ -342,7 +360,9 @@ def summary_text(diagnosis: Diagnosis) -> str:
     gain = diagnosis.gain
     if diagnosis.causes:
         lines.append(f'misfit reduction: {gain_words(gain.fit, gain.held_out)}')
-    lines.append(certainty_words(diagnosis.probabilities, diagnosis.stability))
+    lines.append(certainty_words(
+        {diagnosis.title_of(group): share for group, share in diagnosis.probabilities.items()},
+        diagnosis.stability))
     lines += limit_lines(diagnosis.near_limit)
     lines.append(remainder_line([vars(rest) for rest in diagnosis.remainder]))
     if diagnosis.causes:
