@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +96,11 @@ def names_of(effects: Mapping[str, Effect]) -> list[str]:
     return [f'{key}.{name}' for key, effect in effects.items() for name in effect.parameters]
 
 
+def about(value: float) -> tuple[float, Parameter]:
+    """A base parameter: its true value, and bounds around it."""
+    return value, Parameter(0.3 * value, 3.0 * value)
+
+
 def hides(title: str, *true: float, contains: tuple[str, ...] = (),
           **parameters: Parameter) -> tuple[Effect, tuple[float, ...]]:
     """An effect, and its true parameters where it is hidden; with none it never is."""
@@ -170,6 +176,28 @@ class Trial:
             return []
         return [replace(self, name=f'{self.name}, removed', removed=True,
                         model=without(self.model, self.truth))]
+
+
+Repetitions = Sequence[tuple[Any, ...]]
+"""What a record of a real machine is read by, for each run."""
+
+
+def recorded(
+    machine: str, seed: int, model: Model, record: Callable[..., Run | None],
+    cases: Iterable[tuple[str, tuple[str, ...], Repetitions, Repetitions]],
+) -> list[Trial]:
+    """Trials of a real machine by name, truth, fitted and held-out runs, and without the truth.
+
+    record: a run, or None for one that was not published.
+    """
+
+    def records(*parts: Repetitions) -> Records:
+        fitted, held = ([run for each in part if (run := record(*each))] for part in parts)
+        return fitted, held
+
+    whole = [Trial(machine, name, seed, model, partial(records, fitted, held), truth)
+             for name, truth, fitted, held in cases]
+    return [trial for each in whole for trial in (each, *each.without_truth())]
 
 
 def without(model: Model, effects: Sequence[str]) -> Model:

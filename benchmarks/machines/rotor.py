@@ -5,7 +5,7 @@ import numpy as np
 import ross
 from ross import faults
 
-from machines.machine import Array, Draw, hides, own_machine
+from machines.machine import about, Draw, hides, own_machine
 from saddlering_ros.discrepancy import Channel, Parameter, Run
 
 STEP, EARLY, COUNT = 1e-3, 150, 250  # s; samples from the start to the record, and of it
@@ -16,8 +16,8 @@ LEVER = np.array([[0.7, 0.3], [0.3, 0.7]])
 @nb.njit(cache=True)
 def whirl(speed, law, parts):  # type: ignore[no-untyped-def]
     """Displacements (4, N) [um] of both discs, x and y of each, from where they hang at rest."""
-    near_x, near_y, far_x, far_y, mass, damping, heavy, angle = law[:8]
-    bow, to, pull, way, tilt, mix, loss, place, push, gap, loose = law[8:]
+    near_x, near_y, far_x, far_y, mass, damping, heavy, angle, bow, to = law[:10]
+    pull, way, tilt, mix, loss, place, push, gap, loose = law[10:]
     across = np.linalg.inv(SHAFT + (LEVER / np.array([near_x, far_x])) @ LEVER)
     along = np.linalg.inv(SHAFT + (LEVER / np.array([near_y, far_y])) @ LEVER)
     seen, dt, q, v = np.empty((4, COUNT)), STEP / parts, np.zeros(2, nb.c16), np.zeros(2, nb.c16)
@@ -34,7 +34,7 @@ def whirl(speed, law, parts):  # type: ignore[no-untyped-def]
                         + 1j * np.sin(2.0 * turn + way) * np.sin(tilt))
         force = np.array([np.cos(mix) * twice + once, np.sin(mix) * twice])
         force -= 0.5 * push * max(1.0 - gap / max(abs(middle), 1e-9), 0.0) * (1.0 + 0.3j) * middle
-        held = 1.0 - loose if middle.imag > 0.0 else 1.0
+        held = 1.0 - loose * (middle.imag > 0.0)
         force -= across @ bent.real.copy() + 1j * held * (along @ bent.imag.copy())
         v += dt * (1e6 * force - damping * v) / mass
         q += dt * v
@@ -59,24 +59,18 @@ def record(draw: Draw) -> Run:
     push = 1e6 * draw.size('rub.stiffness')
     rub = faults.Rubbing(rotor, 6, 4e-5, push, 40.0 if push else 0.0, 0.3)
     rub.forces = np.zeros_like(force)
-
-    def added(step: int, disp_resp: Array, velc_resp: Array, **_: object) -> Array:
-        return rub._get_force_over_time(step, disp_resp, velc_resp, speed)
-
-    found = rotor.run_time_response(speed, force.T, time, 'newmark', add_to_RHS=added)
+    found = rotor.run_time_response(
+        speed, force.T, time, 'newmark', add_to_RHS=lambda step, disp_resp, velc_resp, **_:
+        rub._get_force_over_time(step, disp_resp, velc_resp, speed))
     seen = 1e6 * found.yout[EARLY:, [24, 25, 48, 49]].T
     return draw.run(time[EARLY:], {'speed': speed}, seen)
 
 
-def bounds(value: float) -> tuple[float, Parameter]:
-    return value, Parameter(0.3 * value, 3.0 * value)
-
-
 MACHINE = own_machine(
     'rotor', record, whirl, source='ross-rotordynamics 2.3.0', licence='MIT', base={
-    'near_x': bounds(0.85), 'near_y': bounds(1.2), 'far_x': bounds(0.5), 'far_y': bounds(0.6),
-    'mass': bounds(3.1), 'damping': (200.0, Parameter(20.0, 900.0, unit='N s/m')),
-    'unbalance': bounds(4.0), 'angle': (0.3, Parameter(-1.5, 1.5)),
+    'near_x': about(0.85), 'near_y': about(1.2), 'far_x': about(0.5), 'far_y': about(0.6),
+    'mass': about(3.1), 'damping': (200.0, Parameter(20.0, 900.0, unit='N s/m')),
+    'unbalance': about(4.0), 'angle': (0.3, Parameter(-1.5, 1.5)),
 }, effects={
     'bow': hides('Bent shaft', 4.0, force=Parameter(0.0, 20), angle=Parameter.angle()),
     'misaligned': hides('Coupling out of line', 8.0, force=Parameter(0.0, 20),
