@@ -1,0 +1,46 @@
+"""A law that acts in the right channels by the wrong shares is told from the true one."""
+
+import numpy as np
+import pytest
+
+from saddlering_ros.discrepancy import Channel, diagnose, Effect, Model, Parameter, Run
+from saddlering_ros.discrepancy.verdict import established
+
+TIME = np.linspace(0.0, 40.0, 400)
+
+
+def simulate(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    use, night = np.asarray(run.inputs['use']), np.asarray(run.inputs['night'])
+    lost = values['leak.size'] * night
+    return {'near': values['pump'] * use - lost, 'far': values['pipe'] * use - lost}
+
+
+def record(number: int, far: float) -> Run:
+    """A run with a leak that lowers the far end by a share of the near one, and a wander."""
+    random = np.random.default_rng(number)
+    one, two, three = random.uniform(0.0, 2.0 * np.pi, 3)
+    inputs = {'use': np.sin(TIME + one), 'night': np.sin(0.37 * TIME + two) ** 2}
+    night = 0.4 * inputs['night']
+    seen = {'near': 1.1 * inputs['use'] - night, 'far': 0.9 * inputs['use'] - far * night}
+    return Run(f'run {number}', TIME, inputs, {
+        name: each + 0.02 * np.sin(0.61 * TIME + three) + 0.01 * random.normal(size=400)
+        for name, each in seen.items()})
+
+
+MODEL = Model(
+    simulate, {'pump': Parameter(0.5, 2.0), 'pipe': Parameter(0.5, 2.0)},
+    {'leak': Effect('Leak', {'size': Parameter(0.0, 2.0)})},
+    {'near': Channel(offset='free'), 'far': Channel(offset='free')})
+
+
+@pytest.mark.parametrize(('far', 'verdict'), [(1.0, 'named'), (0.5, 'unknown')])
+def test_a_law_with_another_share_in_each_channel_is_not_established(
+    far: float, verdict: str, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    runs = [record(number, far) for number in range(4)]
+    answer = diagnose(MODEL, runs[:3], hold_out=runs[3:])
+    assert (answer.verdict, answer.causes[0].effect) == (verdict, 'leak')
+    refused = [words for words in answer.warnings if 'with a size for each channel' in words]
+    assert bool(refused) is (verdict == 'unknown')
+    monkeypatch.setattr(established, 'unlike_channels', lambda *_: [])
+    assert diagnose(MODEL, runs[:3], hold_out=runs[3:]).verdict == 'named'
