@@ -466,7 +466,7 @@ def unlike_channels(space: ModelSpace, fit: Fit) -> list[str]:
             fitted(unlike, every) - fitted(alike, every), change))
         bent = float(np.linalg.norm(freed) / max(float(np.linalg.norm(law)), 1e-300))
         if share > MIN_UNLIKE and bent > MIN_UNLIKE_BENT:
-            sentences.append(wording.unlike_channels_words(name, share))
+            sentences.append(wording.unlike_channels_words(problem.titles[name], share))
     return sentences
 
 

@@ -284,9 +284,9 @@ def narrow_law_words(title: str, coordinate: str, share: float) -> str:
             'misfit that this law leaves in other runs')
 
 
-def unlike_channels_words(name: str, share: float) -> str:
-    return (f'{name}: with a size for each channel it predicts {percent(share)} of what it leaves '
-            'in other runs: the law is another one')
+def unlike_channels_words(title: str, share: float) -> str:
+    return (f'{title}: with a size for each channel it predicts {percent(share)} of the misfit '
+            'that it leaves in other runs: the law is another one')
 
 
 def unshared_words(share: float, needed: float) -> str:
