@@ -90,8 +90,11 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
     elif not title_of_dimension(named):
         alike = look_alikes(named, signature_cosines(diagnosis))
         sentence = confirming(named, alike[:MAX_ALTERNATIVES])
+    places = ' '.join(
+        f'These data leave open where {lowered(title_of(cause.effect))} acts: examine each place.'
+        for cause in diagnosis.causes if cause.elsewhere)
     free = discrepancy.wording.free_test_words(diagnosis.held_out_evidence)
-    return ' '.join(filter(None, (free, first, sentence)))
+    return ' '.join(filter(None, (free, first, sentence, places)))
 
 
 def for_residual(after: discrepancy.Residual) -> str:

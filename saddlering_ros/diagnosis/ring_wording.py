@@ -237,15 +237,31 @@ def gain_sentence(document: VerdictDocument) -> str:
 
 
 def size_of(cause: CauseEntry) -> str:
-    """Place of a cause and the size of its first parameter: 'probe 2 gain +3.0 ± 0.2 %'."""
-    return ' '.join(filter(None, (place_of(cause), _fitted_words(cause)[0][1])))
+    """Place and size of a cause, and others: 'probe 2 gain +3.0 ± 0.2 % or probe 4 gain -3 %'.
+
+    The size is the first parameter.
+    """
+    words = ' '.join(filter(None, (place_of(cause), _fitted_words(cause)[0][1])))
+    return words + elsewhere_words(cause)
+
+
+def elsewhere_words(cause: CauseEntry) -> str:
+    """Every other place that these data leave open, with its size: ' or probe 4 gain -3.1 %'."""
+    effect_id, choices = cause['effect'], choices_of(cause['effect'])
+    name = next(name for name in cause['parameters'] if name not in choices)
+    unit = cause['parameters'][name]['unit']
+    return ''.join(
+        f' or {variant_words(effect_id, {choice: values[choice] for choice in choices})} {name} '
+        f'{value_words(effect_id, name, values[name], unit)}'
+        for values in cause.get('elsewhere', ()))
 
 
 def parameter_words(cause: CauseEntry) -> str:
-    """Place of a cause and all its fitted parameters, in one line."""
+    """Place of a cause and all its fitted parameters, and other open places, in one line."""
     words = [place_of(cause), *(words for size, words in _fitted_words(cause)
                                 if size['std'] or size['unit'] not in ('', '1'))]
-    return ', '.join(filter(None, words)) or size_of(cause)
+    told = ', '.join(filter(None, words))
+    return told + elsewhere_words(cause) if told else size_of(cause)
 
 
 def _fitted_words(cause: CauseEntry) -> list[tuple[SizeEntry, str]]:

@@ -55,6 +55,8 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     is_established = answer.verdict in ('named', 'ambiguous')
     unshared = established.unshared(refits) if is_established else []
     answer = answer.doubted(unshared)
+    places = {name: selection.other_places(space, fit, name) for name in fit.candidate.ids
+              if answer.verdict in ('named', 'ambiguous')}
     is_ambiguous = answer.verdict == 'ambiguous'
     if is_ambiguous:
         watch.progress('next test', 0.85)
@@ -71,7 +73,9 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     steady = (*lines, *slow_lines)
     verdict: Verdict = 'named' if steady and answer.verdict == 'none' else answer.verdict
     causes = sorted(
-        (replace(cause, partial=verdict == 'unknown') for cause in (*published.causes, *steady)),
+        (replace(cause, partial=verdict == 'unknown', elsewhere=tuple(
+            other.point.effects[cause.effect] for other in places.get(cause.effect, ())))
+         for cause in (*published.causes, *steady)),
         key=lambda cause: -cause.visible)
     # A steady line that is found takes itself whole.
     taken = answer.taken if published.causes else float(bool(steady))

@@ -92,7 +92,7 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
     effects, choices = catalogue(), ring_wording.choices_of(effect_id)
     effect, where = effects.get(effect_id), ring_wording.place_of(cause)
     words = {} if effect is None else {item.name: item.words for item in effect.parameters}
-    fitted = [['where', where, '']] if where else []
+    fitted = [['where', where + ring_wording.elsewhere_words(cause), '']] if where else []
     fitted += [[name, value_words(effect_id, name, item['value'], item['unit'], item['std']),
                 words.get(name, '')]
                for name, item in cause['parameters'].items() if name not in choices]

@@ -170,6 +170,8 @@ def test_a_size_is_said_with_its_place_its_sign_and_its_unit():
         'probe': {'value': 2.0, 'std': 0.0, 'unit': ''},
         'gain': {'value': 0.03, 'std': 0.002, 'unit': '1'}}}
     assert size_of(cause) == 'probe 2 gain +3.00 ± 0.20 %'
+    elsewhere = [{'probe': 4.0, 'gain': -0.029}]
+    assert size_of({**cause, 'elsewhere': elsewhere}).endswith(' or probe 4 gain -2.90 %')
 
 
 SWAP = 'Swap probes 2 and 4'
@@ -185,7 +187,7 @@ def test_the_rig_file_comes_before_the_probes_unless_a_hash_vouches_for_it(
         verdict, rig_hash, is_first):
     unseen = SimpleNamespace(limits=[SimpleNamespace(effect='film_creep', testable=False)],
                              labels=(), cosines=())
-    cause = SimpleNamespace(effect='radial_friction', group=('radial_friction',))
+    cause = SimpleNamespace(effect='radial_friction', group=('radial_friction',), elsewhere=())
     found = SimpleNamespace(
         verdict=verdict, causes=[cause], residual_after=AFTER, observability=unseen,
         held_out_evidence=())
@@ -198,7 +200,7 @@ def test_the_rig_file_comes_before_the_probes_unless_a_hash_vouches_for_it(
 def test_a_moment_arm_with_five_alternatives_is_told_the_tests_that_need_no_record_first():
     group = ('moment_arm', 'elevation_error', 'load_gain', 'load_offset', 'rig_trunnion_x',
              'rig_weight_x')
-    cause = SimpleNamespace(effect='moment_arm', group=group)
+    cause = SimpleNamespace(effect='moment_arm', group=group, elsewhere=())
     evidence = [HeldOutEvidence(name, lowered(title_of(name)), ('static_70',), 0.0,
                                 float(name == 'moment_arm'), name == 'moment_arm')
                 for name in group]

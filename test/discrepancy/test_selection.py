@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 
 from bench import LOAD, measured, Shapes, STEP, System
 import numpy as np
@@ -42,6 +42,33 @@ def test_a_second_variant_is_tried_unless_it_is_far_worse_or_fits_as_the_first()
 
 
 # --- look-alikes ---
+
+
+class TwoSensors(System):
+    """Two sensors of one motion, of which one may have another gain."""
+
+    channel_names = ('one', 'other')
+    views = MappingProxyType({'one': np.array([1.0, 0.0]), 'other': np.array([0.0, 1.0])})
+    effects = (Effect('gain', {'size': Parameter(-0.3, 0.3)},
+                      variants=({'sensor': 0.0}, {'sensor': 1.0})),)
+
+    def predict(self, name: str, point: Point) -> np.ndarray:
+        gain = point.effects.get('gain', {'sensor': 0.0, 'size': 0.0})
+        return point.base[0] * np.outer(
+            [1.0 + gain['size'] * (gain['sensor'] == place) for place in (0.0, 1.0)], LOAD)
+
+
+@pytest.mark.parametrize('sensor', [0.0, 1.0])
+def test_a_place_that_another_base_makes_as_good_is_told_beside_the_named_one(
+        sensor: float) -> None:
+    system = TwoSensors()
+    cause = only_cause(system, measured(
+        system, 1e-3, {'gain': {'sensor': sensor, 'size': 0.05}}))
+    (other,) = cause.elsewhere
+    places = {cause.parameters['sensor'].value: cause.parameters['size'].value,
+              other['sensor']: other['size']}
+    assert places[sensor] == pytest.approx(0.05, abs=3e-3)
+    assert places[1.0 - sensor] == pytest.approx(-0.05 / 1.05, abs=3e-3)
 
 
 def group_of_a_square(stretches: int) -> set[str]:

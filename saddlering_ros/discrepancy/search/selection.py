@@ -48,6 +48,9 @@ MAX_SILENT = 2
 MAX_CHECKS = 3
 """Rounds of alternatives: one follows each replaced member, of which there are three."""
 
+MIN_LIKE = 0.1
+"""Share of what a member takes that another effect must take to first order to be refitted."""
+
 Alternatives = Mapping[str, tuple[Fit, ...]]
 """Models that these data cannot tell from the best, by the member that they replace."""
 
@@ -250,7 +253,7 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
             # An effect that base parameters almost imitate is not searched, but may be the cause.
             scores = ranking.rank(
                 less, space.tangent_of(less).white, space.shown, [*members, name])
-            listed = ranking.shortlist(scores, 0.1 * taken, settings.refits)
+            listed = ranking.shortlist(scores, MIN_LIKE * taken, settings.refits)
             # Effects that were almost as good as the best one beside those of `less` are tried.
             tried = [trial for trial in log.candidates if set(trial.effects[:-1]) == members]
             least = spaces.CLOSE_SHARE * max((trial.delta_bic for trial in tried), default=0.0)
@@ -262,11 +265,7 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
                 other for other in spaces.fit_each(space, less, listed, [fit])
                 if name not in other.candidate.ids and not stopped_sizes(space.problem, other)
                 and Comparison(space, less, other).is_another_cause()]
-            excess = max(space.slow_residual(fit).excess, 0.0) if fits else 0.0
-            alternatives[name] = tuple(other for other in fits if evidence.indistinguishable(
-                distance=other.misfit - fit.misfit, taken=taken, excess=excess,
-                fewer=fit.theta_unit.size - other.theta_unit.size,
-                floor=evidence.alternative_floor(space.pairs, settings), settings=settings))
+            alternatives[name] = _as_good(space, fit, less, fits)
             material = [fit for fit in fits if Comparison(space, less, fit).is_material]
             if material and space.penalised(material[0]) < space.penalised(fit) - 1.0:
                 better.append(material[0])
@@ -274,6 +273,32 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
             break
         fit = prune(space, min(better, key=space.penalised), log)
     return fit, alternatives
+
+
+def other_places(space: ModelSpace, fit: Fit, name: str) -> tuple[Fit, ...]:
+    """Models that these data cannot tell from `fit` in which a member acts at another place.
+
+    A place is a variant of an effect: a probe, a row. A gain of probe 1 acts as one of the other
+    sign of probe 3 beside another stiffness.
+    """
+    less = space.without(fit, name)
+    own, variant = next(pair for pair in fit.candidate.effects if pair[0].id == name)
+    least = MIN_LIKE * (less.misfit - fit.misfit)
+    scores = [score for score in ranking.rank(
+        less, space.tangent_of(less).white, space.shown, less.candidate.ids)
+        if score.effect is own and score.variant != variant and score.gain > least]
+    return _as_good(space, fit, less, spaces.fit_each(space, less, scores, [fit]))
+
+
+def _as_good(
+    space: ModelSpace, fit: Fit, less: Fit, others: Sequence[Fit]
+) -> tuple[Fit, ...]:
+    """Models in place of `fit` that these data leave open; less: `fit` without the member."""
+    excess = max(space.slow_residual(fit).excess, 0.0) if others else 0.0
+    return tuple(other for other in others if evidence.indistinguishable(
+        distance=other.misfit - fit.misfit, taken=less.misfit - fit.misfit, excess=excess,
+        fewer=fit.theta_unit.size - other.theta_unit.size,
+        floor=evidence.alternative_floor(space.pairs, space.settings), settings=space.settings))
 
 
 def stopped_sizes(problem: Problem, fit: Fit) -> list[tuple[Effect, float]]:

@@ -48,6 +48,7 @@ class ReductionEntry(TypedDict):
 
 class _CausePartial(TypedDict, total=False):
     partial: bool
+    elsewhere: list[dict[str, float]]
     title: str
     share_of_range: float
 
@@ -70,7 +71,8 @@ class CauseEntry(_CausePartial):
 class Cause:
     """A found cause: the id of its effect, its alternatives, its evidence and its gain.
 
-    partial: the cause is real, and something else is wrong besides.
+    partial: the cause is real, and something else is wrong besides. elsewhere: the parameters at
+    every other place, such as another probe, that explains these data equally well.
     """
 
     effect: str
@@ -83,6 +85,7 @@ class Cause:
     visible: float
     gain: Gain
     partial: bool = False
+    elsewhere: tuple[Mapping[str, float], ...] = ()
 
     def entry(self) -> CauseEntry:
         """The cause as JSON has it."""
@@ -98,6 +101,8 @@ class Cause:
             'share_of_range': self.visible, 'title': self.definition.title}
         if self.partial:
             entry['partial'] = True
+        if self.elsewhere:
+            entry['elsewhere'] = [dict(values) for values in self.elsewhere]
         return entry
 
 
