@@ -6,12 +6,14 @@ from dataclasses import replace
 import json
 import math
 from pathlib import Path
+import re
 
 from made_once import MadeOnce
 import pytest
 
 from benchmarks.examiner import draw_truth, plan_run, RecordSettings, RunPlan
 from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.bags.info import bag_info
 from saddlering_ros.cli.main import main
 from saddlering_ros.doubts.on_rig import check_rig
 from saddlering_ros.rig import default_rig, load_rig, Rig, RigError
@@ -115,6 +117,21 @@ def test_an_elevation_that_is_wrong_by_20_deg_is_found(
         run = read_run(bag, rig=RIG, elevation=math.radians(stated))
         found = [*map(str, check_rig(RIG, read_raw(bag, rig=RIG), run))]
         assert any('tilt and axial motion agree with an elevation' in line for line in found), seed
+
+
+@pytest.mark.parametrize(('true', 'stated', 'is_doubtful'), [
+    (30.0, 30.0, False), (50.0, 50.0, False), (70.0, 70.0, False),
+    (30.0, 65.0, True), (50.0, 10.0, True),
+    (50.0, 70.0, False),  # `rig --check` finds it; unequal rows could do it
+    (70.0, 30.0, False)])  # the clearance is not taken up
+def test_info_doubts_an_elevation_only_where_the_data_can_tell_it(
+        true: float, stated: float, is_doubtful: bool, made_once: MadeOnce) -> None:
+    for seed in (2, 4, 7):
+        notes = bag_info(static_test(made_once, true, seed), elevation=math.radians(stated)).notes
+        found = [note for note in notes if 'tilt and axial motion agree with an elevation' in note]
+        assert len(found) == is_doubtful, (seed, notes)
+        if is_doubtful:
+            assert abs(float(re.search(r'about (\d+) deg', found[0])[1]) - true) < 5.0
 
 
 def static_test(made_once: MadeOnce, elevation: float, seed: int) -> Path:
