@@ -369,7 +369,7 @@ def summary_text(diagnosis: Diagnosis) -> str:
         {diagnosis.title_of(group): share for group, share in diagnosis.probabilities.items()},
         diagnosis.stability))
     lines += limit_lines(diagnosis.near_limit)
-    lines.append(remainder_line([vars(rest) for rest in diagnosis.remainder]))
+    lines += filter(None, [remainder_line([vars(rest) for rest in diagnosis.remainder])])
     if diagnosis.causes:
         lines.append(influence_words([
             (one.run, one.start, one.end, one.evidence) for one in diagnosis.influence]))
