@@ -188,17 +188,19 @@ def _among_small_errors(strict: Answer) -> Answer:
     def published_of(fit: Fit) -> tuple[Search, Publication]:
         search = replace(strict.search, space=space, fit=fit, alternatives={})
         # Small errors can take what contact parameters imitate, so that these would be open.
-        return search, publish(search, before, _residual_of(space, fit))
+        return search, publish(search, before, _residual_of(space, fit),
+                               known=strict.search.space.fits)
 
     search, published = published_of(best.fit)
     main, small = established.main_among(among, published)
-    doubts = established.doubts_among(among, main, search, published)
+    doubts = established.doubts_among(among, main, published)
     if not doubts and small:
         fit = best.fit
         for name in small:
             fit = space.without(fit, name)
         search, published = published_of(fit)
-    doubts += [*published.doubts, *established.wrong_inputs(space, search.fit)]
+    doubts += [*established.other_laws(search), *published.doubts,
+               *established.wrong_inputs(space, search.fit)]
     if doubts:
         return strict.doubted([wording.suspect_words([space.problem.titles[main]], doubts)])
     # What the small errors could take of the main cause is left.

@@ -6,13 +6,15 @@ error with a mean of zero and one common spread, a share of the range of the vie
 most. The spread is learnt: it is the most likely one beside the effects of a model (empirical
 Bayes). A cause is an outlier of this spread, and the logarithm of the likelihood, marginalised
 over all small errors, compares its model with those of other causes. What a stand-in leaves needs
-a larger spread than what the true cause leaves.
+a larger spread than what the true cause leaves. A few errors of a real machine are much larger
+than most. Where causes are compared, errors of any kind can therefore be larger than the common
+spread, at a price each (automatic relevance determination), but for the cause in question.
 """
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +23,7 @@ from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import nuisance_columns, Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point
 from saddlering_ros.discrepancy.search import ranking
+from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.lack_of_fit import shape_families
 from saddlering_ros.discrepancy.search.selection import in_metric, Search, stopped_sizes
 from saddlering_ros.discrepancy.search.signatures import MIN_LENGTH, Signature
@@ -32,11 +35,24 @@ SPREADS = np.geomspace(1e-4, 2e-2, 24)
 MIN_STRENGTH = 0.1
 """Error over the noise below which a direction of all the errors together is left out."""
 
-MIN_TIMES, MIN_MARGIN = 35.0, 10.0
+MIN_TIMES, MIN_MARGIN = 30.0, 10.0
 """Size over the spread of the small errors, and logarithm of the likelihood over that of every
-other model, from which a cause stands out. On 59 dirty rings of development true main causes had
-25 to 786 times, two of them under 35, and a logarithm of 16 and more; stand-ins for laws that were
-taken out had 5 to 34 times, but for two with 63 and 109."""
+other model, from which a cause stands out. On dirty rings of development true main causes had 35
+to 408 times and a logarithm of 17 and more, but for two with 7 and 10; stand-ins for laws that
+were taken out had 61 to 109 times and a logarithm of 6 and less, but for one with 41."""
+
+MIN_LEADING = 1.0
+"""Movement over the noise of an error of MATERIAL, above which errors of unequal size act along a
+direction. Chosen for cost."""
+
+MATERIAL = 1e-3
+"""Share of range that is material on a ring."""
+
+FACTORS = (3.0, 10.0, 30.0)
+"""Sizes over the common spread of errors that are larger."""
+
+MAX_LARGER, MAX_COMPARED = 10, 8
+"""Kinds of errors that are larger, and models that are compared with them, at most."""
 
 MIN_JOINT = 0.8
 """Power of what effects move together over the sum of their powers, below which they cancel each
@@ -88,24 +104,32 @@ class Among:
     process: Array
     best: Model
     others: Sequence[Model]
+    errors: SmallErrors
 
-    def best_without(self, name: str) -> Model:
-        """The best model without an effect, a law that contains it, and a law that it contains."""
+    def closest_without(self, name: str) -> tuple[Model, float]:
+        """The best model without an effect, and the logarithm of the likelihood over that of it.
+
+        A law that contains the effect, or that it contains, is no other cause. Other errors may
+        be larger than the common spread in both models.
+        """
         named = {effect.id: effect for effect, _ in self.best.fit.candidate.effects}[name]
         alike = {name, *named.contains}
-        return max((other for other in self.others if not any(
+        others = sorted((other for other in self.others if not any(
             effect.id in alike or name in effect.contains
-            for effect, _ in other.fit.candidate.effects)), key=lambda other: other.evidence)
+            for effect, _ in other.fit.candidate.effects)), key=lambda other: -other.evidence)
+        weighed = [(self.errors.weigh_unequal(self.space, other.fit, alike), number)
+                   for number, other in enumerate(others[:MAX_COMPARED])]
+        evidence, number = max(weighed)
+        best = self.errors.weigh_unequal(self.space, self.best.fit, ())
+        return others[number], best - evidence
 
     def margin(self, name: str) -> float:
         """Logarithm of the likelihood over that of the best model without an effect."""
-        return self.best.evidence - self.best_without(name).evidence
+        return self.closest_without(name)[1]
 
     def stands_out(self, name: str) -> bool:
-        """Whether an effect is an outlier of the small errors, and no error of the rig file."""
-        is_input = name in {signature.effect.id for signature in self.space.inputs}
-        return (not is_input and self.best.times(name) >= MIN_TIMES
-                and self.margin(name) >= MIN_MARGIN)
+        """Whether an effect is an outlier of the small errors."""
+        return self.best.times(name) >= MIN_TIMES and self.margin(name) >= MIN_MARGIN
 
 
 def search_among_small_errors(search: Search) -> Among | None:
@@ -140,7 +164,11 @@ def _climb(space: ModelSpace, process: Array, errors: SmallErrors, fit: Fit) -> 
             if one.candidate.key not in models and not stopped_sizes(space.problem, one):
                 models[one.candidate.key] = errors.weigh(space, one)
 
-    add([space.base, fit])
+    add([space.base, fit, *_with_another(space, space.base, MAX_TRIED)])
+    # A cause shows beside another one that hides it, and then its first-order gain is no guide.
+    singles = [model for model in models.values() if len(model.visible) == 1]
+    if singles:
+        add(_with_another(space, max(singles, key=lambda model: model.evidence).fit))
     done: set[object] = set()
     for _ in range(MAX_STEPS):
         space.watch.check()
@@ -150,17 +178,22 @@ def _climb(space: ModelSpace, process: Array, errors: SmallErrors, fit: Fit) -> 
         done.add(best.fit.candidate.key)
         names = best.fit.candidate.ids
         if len(names) < MAX_CAUSES:
-            add(_with_another(space, best.fit, names))
+            add(_with_another(space, best.fit, MAX_TRIED))
         for name in names:
             less = space.without(best.fit, name)
-            add([less, *_with_another(space, less, names)])
+            add([less, *_with_another(space, less, MAX_TRIED, names)])
     best = _best(models.values())
-    return Among(space, process, best, [model for model in models.values() if model is not best])
+    others = [model for model in models.values() if model is not best]
+    return Among(space, process, best, others, errors)
 
 
-def _with_another(space: ModelSpace, fit: Fit, excluded: Sequence[str]) -> list[Fit]:
-    scores = ranking.rank(fit, space.tangent_of(fit).white, space.shown, excluded)
-    return fit_each(space, fit, ranking.best_of_each(scores)[:MAX_TRIED])
+def _with_another(
+    space: ModelSpace, fit: Fit, most: int | None = None, excluded: Sequence[str] = ()
+) -> list[Fit]:
+    """The model of `fit` plus each of the best effects to first order; without `most`, of all."""
+    scores = ranking.rank(
+        fit, space.tangent_of(fit).white, space.shown, [*fit.candidate.ids, *excluded])
+    return fit_each(space, fit, ranking.best_of_each(scores)[:most])
 
 
 def _best(models: Iterable[Model]) -> Model:
@@ -175,34 +208,138 @@ class SmallErrors:
 
     def __init__(self, space: ModelSpace) -> None:
         self._metric = space.metric
-        columns = np.hstack([_listed(space), _smooth(space.problem)])
+        listed, names = _listed(space)
+        smooth, families = _smooth(space.problem)
+        columns = np.hstack([listed, smooth])
         white = self._metric.whiten(columns)
         values, vectors = np.linalg.eigh(white.T @ white)
         kept = values * SPREADS[-1] ** 2 > MIN_STRENGTH**2
         self.columns = columns @ vectors[:, kept]
         self._powers = values[kept]
         self._directions = white @ (vectors[:, kept] / np.sqrt(values[kept]))
+        # Errors of one kind along the directions in which they show most.
+        self._leading = self._powers * MATERIAL**2 > MIN_LEADING**2
+        along = self._directions[:, self._leading].T @ white
+        members = defaultdict[tuple[str, object], list[int]](list)
+        for column, kind in enumerate([*names, *families]):
+            members[kind].append(column)
+        self._kinds = [(name, along[:, chosen]) for (name, _), chosen in members.items()]
 
     def weigh(self, space: ModelSpace, fit: Fit) -> Model:
         """The evidence of a fit, at the spread at which it is largest."""
-        problem = space.problem
         visible, joint = _moved(space, fit)
-        white = self._metric.whiten(np.column_stack(
-            [FREE_SPREAD * space.tangent_of(fit).plain, fit.prediction - problem.measured]))
-        along, whole = self._directions.T @ white, white.T @ white
-        count = fit.theta_unit.size
-        base = len(problem.system.base_parameters)
+        seen = self._seen(space, fit)
         likelihoods = []
         for strength in np.outer(SPREADS**2, self._powers):
-            products = whole - (along.T * (strength / (1.0 + strength))) @ along
-            inner, slope = products[:-1, :-1] + np.eye(count), products[:-1, -1]
-            misfit = products[-1, -1] - slope @ np.linalg.solve(inner, slope)
-            # What the parameters of the effects may do is counted by their price.
-            volume = np.log1p(strength).sum() + np.linalg.slogdet(inner[:base, :base])[1]
-            price = (count - base) * space.log_size
-            likelihoods.append(-0.5 * float(misfit + volume + price))
+            taken = (seen.along.T * (strength / (1.0 + strength))) @ seen.along
+            likelihoods.append(seen.evidence(seen.whole - taken, float(np.log1p(strength).sum())))
         place = int(np.argmax(likelihoods))
         return Model(fit, likelihoods[place], float(SPREADS[place]), visible, joint)
+
+    def weigh_unequal(self, space: ModelSpace, fit: Fit, small: Collection[str]) -> float:
+        """The evidence of a fit if errors of some kinds are larger, each at the price of a choice.
+
+        small: effects whose errors are not.
+        """
+        return space.once(
+            f'unequal {sorted(small)}', fit, lambda: self._unequal(space, fit, small))
+
+    def _unequal(self, space: ModelSpace, fit: Fit, small: Collection[str]) -> float:
+        seen = self._seen(space, fit)
+        along = seen.along[self._leading]
+        outside = seen.whole - along.T @ along
+        common = np.diag(self._powers[self._leading])
+
+        def evidence(spread: float, powers: Array) -> float:
+            root = np.linalg.cholesky(np.eye(len(powers)) + spread**2 * powers)
+            inside = np.linalg.solve(root, along)
+            volume = 2.0 * float(np.log(np.diag(root)).sum())
+            return seen.evidence(outside + inside.T @ inside, volume)
+
+        best, spread = max((evidence(one, common), one) for one in SPREADS[::2])
+        factors, powers = np.ones(len(self._kinds)), common
+        price = float(np.log(len(self._kinds)))
+        for count in range(1, MAX_LARGER + 1):
+            gain, number, factor = self._larger(
+                seen, outside, spread, powers, factors, small)
+            if gain < price:
+                break
+            kind = self._kinds[number][1]
+            powers = powers + (factor**2 - factors[number] ** 2) * kind @ kind.T
+            factors[number] = factor
+            better, spread = max((evidence(one, powers) - count * price, one)
+                                 for one in SPREADS if spread / 2.5 < one <= spread)
+            if better <= best:
+                break
+            best = better
+        return best
+
+    def _larger(
+        self, seen: _Seen, outside: Array, spread: float, powers: Array, factors: Array,
+        small: Collection[str],
+    ) -> tuple[float, int, float]:
+        """Gain of the evidence, kind and factor of the errors that are best made larger."""
+        along = seen.along[self._leading]
+        inverse = np.linalg.inv(np.eye(len(powers)) + spread**2 * powers)
+        beside = inverse @ along
+        products = outside + along.T @ beside
+        inner = products[:-1, :-1] + np.eye(len(products) - 1)
+        columns, left = beside[:, :-1], beside[:, -1]
+        left = left - columns @ np.linalg.solve(inner, products[:-1, -1])
+        weights = inverse - columns @ np.linalg.solve(inner, columns.T)
+        tried = [(0.0, 0, 1.0)]
+        for number, (name, kind) in enumerate(self._kinds):
+            if name in small:
+                continue
+            values, vectors = np.linalg.eigh(kind.T @ weights @ kind)
+            squares = (vectors.T @ (kind.T @ left)) ** 2
+            for factor in FACTORS:
+                if factor > factors[number]:
+                    added = spread**2 * (factor**2 - factors[number] ** 2)
+                    shares = 1.0 + added * np.maximum(values, 0.0)
+                    tried.append((0.5 * float((added * squares / shares - np.log(shares)).sum()),
+                                  number, factor))
+        return max(tried)
+
+    def _seen(self, space: ModelSpace, fit: Fit) -> _Seen:
+        problem = space.problem
+        forms = _other_forms(space, fit)
+        white = self._metric.whiten(np.column_stack([
+            FREE_SPREAD * space.tangent_of(fit).plain, forms, fit.prediction - problem.measured]))
+        count, base = fit.theta_unit.size, len(problem.system.base_parameters)
+        free = np.array([*range(base), *range(count, count + forms.shape[1])])
+        price = (count - base) * space.log_size
+        return _Seen(self._directions.T @ white, white.T @ white, free, price)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Sensitivities, other forms and residual of a fit: `along` the errors (m, c), and products.
+
+    free: what counts by its volume. What the parameters of effects may do counts by its price.
+    The law of an effect errs by the share that its `form` states, which is no small error.
+    """
+
+    along: Array
+    whole: Array
+    free: Array
+    price: float
+
+    def evidence(self, products: Array, volume: float) -> float:
+        """Logarithm of the likelihood from products (c, c) in the metric of all errors."""
+        inner, slope = products[:-1, :-1] + np.eye(len(products) - 1), products[:-1, -1]
+        misfit = products[-1, -1] - slope @ np.linalg.solve(inner, slope)
+        freedom = np.linalg.slogdet(inner[np.ix_(self.free, self.free)])[1]
+        return -0.5 * float(misfit + volume + freedom + self.price)
+
+
+def _other_forms(space: ModelSpace, fit: Fit) -> Array:
+    """Columns (n, k) of the forms that the laws of a fit may have, by the share of each law."""
+    shares = np.array([effect.form for effect, _ in fit.candidate.effects])
+    if not shares.any():
+        return np.zeros((space.problem.size, 0))
+    forms, of_effect = spaces.forms_of(space, fit)
+    return np.asarray((shares[of_effect] * forms)[:, shares[of_effect] > 0.0])
 
 
 def _moved(space: ModelSpace, fit: Fit) -> tuple[dict[str, float], float]:
@@ -216,8 +353,8 @@ def _moved(space: ModelSpace, fit: Fit) -> tuple[dict[str, float], float]:
     return visible, float((joint**2).sum() / max((sizes**2).sum(), 1e-300))
 
 
-def _listed(space: ModelSpace) -> Array:
-    """The change (n, k) by every effect that shows, each of its shapes an equal part of it.
+def _listed(space: ModelSpace) -> tuple[Array, list[tuple[str, object]]]:
+    """The change (n, k) by every effect that shows, each of its shapes an equal part; its kinds.
 
     Of a shape that depends on its size every size counts.
     """
@@ -231,17 +368,19 @@ def _listed(space: ModelSpace) -> Array:
         seen = [one for one in members if one.length > MIN_LENGTH] or members[-1:]
         chosen += members if members[0].amplitude_dependent else seen[:1]
     counts = Counter(one.key for one in chosen)
-    return np.column_stack([
-        one.plain / (one.visible * np.sqrt(counts[one.key])) for one in chosen])
+    columns = [one.plain / (one.visible * np.sqrt(counts[one.key])) for one in chosen]
+    return np.column_stack(columns), [one.key for one in chosen]
 
 
-def _smooth(problem: Problem) -> Array:
-    """Smooth shapes (n, k) of every view over load, direction and time: laws that are not listed.
+def _smooth(problem: Problem) -> tuple[Array, list[tuple[str, object]]]:
+    """Smooth shapes (n, k) of every view over load, direction and time, and their kinds.
 
-    The shapes of one family together have the range of the view.
+    They are laws that are not listed. The shapes of one family together have the range of the
+    view.
     """
     columns = []
-    for family in shape_families(problem.runs, problem.assumptions).values():
+    kinds: list[tuple[str, object]] = []
+    for name, family in shape_families(problem.runs, problem.assumptions).items():
         count = 1 + max(int(index.max()) for index, _ in family)
         for view, weights in problem.system.views.items():
             pattern = problem.view_ranges[view] * weights / float(weights @ weights)
@@ -250,4 +389,5 @@ def _smooth(problem: Problem) -> Array:
                 index, shapes = family[number]
                 block[part, index] = pattern[channel] * shapes
             columns.append(block / np.sqrt(family[0][1].shape[1]))
-    return np.hstack(columns)
+            kinds += [('', (name, view))] * count
+    return np.hstack(columns), kinds

@@ -382,7 +382,9 @@ def with_forms(space: ModelSpace, fit: Fit, about: Fit) -> Fit:
     The prediction is that of the simulator to first order. The misfit counts the forms and the
     moved parameters by their prior spreads.
     """
-    forms, white_forms = space.once('forms', about, lambda: _forms(space, about))
+    forms, _ = forms_of(space, about)
+    forms = np.sqrt(space.settings.form_error) * forms
+    white_forms = space.once('white forms', about, lambda: space.metric.whiten(forms))
     tangents = space.tangent_of(fit)
     plain = np.hstack([FREE_SPREAD * tangents.plain, forms])
     white = np.hstack([FREE_SPREAD * tangents.white, white_forms])
@@ -394,12 +396,16 @@ def with_forms(space: ModelSpace, fit: Fit, about: Fit) -> Fit:
         misfit=float(whitened @ whitened + steps @ steps))
 
 
-def _forms(space: ModelSpace, fit: Fit) -> tuple[Array, Array]:
-    """Columns (n, k), each one standard deviation, for every effect of a fit; and whitened.
+def forms_of(space: ModelSpace, fit: Fit) -> tuple[Array, Array]:
+    """Other forms of the laws of a fit: columns (n, k), and the number of the effect of each (k,).
 
-    Form error is the share of the square of the change of an effect by which its law errs in
-    total. A mixture adds the changes if the law had other values of one of its shape parameters.
+    All columns of an effect together have the power of its change. A mixture adds the changes if
+    the law had other values of one of its shape parameters.
     """
+    return space.once('forms', fit, lambda: _forms(space, fit))
+
+
+def _forms(space: ModelSpace, fit: Fit) -> tuple[Array, Array]:
     problem, base = space.problem, space.problem.system.base_parameters
     owners, points = [], []
     for number, (effect, _, part) in enumerate(fit.candidate.slices(len(base))):
@@ -413,16 +419,16 @@ def _forms(space: ModelSpace, fit: Fit) -> tuple[Array, Array]:
                     points.append(fit.candidate.point(base, moved))
     mixed = problem.predict(points) - fit.prediction[:, None] if points else np.zeros((0, 0))
     columns: list[Array] = []
+    of_effect: list[int] = []
     changes = problem.changes_of_effects(fit.point, fit.prediction).T
     for number, change in enumerate(changes):
         shaped = [*(np.concatenate([part.ravel() for part in column])
                     for column in _shapes(problem, problem.by_run(change))),
                   *(other for owner, other in zip(owners, mixed.T, strict=True)
                     if owner == number and np.isfinite(other).all())]
-        scale = np.sqrt(space.settings.form_error / len(shaped))
-        columns += [scale * column for column in shaped]
-    plain = np.array(columns).reshape(-1, problem.size).T
-    return plain, space.metric.whiten(plain)
+        columns += [column / np.sqrt(len(shaped)) for column in shaped]
+        of_effect += [number] * len(shaped)
+    return np.array(columns).reshape(-1, problem.size).T, np.array(of_effect, dtype=int)
 
 
 def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:

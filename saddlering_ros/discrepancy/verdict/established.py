@@ -243,32 +243,32 @@ def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:
     """The main effect of the best model among small errors, and those that are small errors.
 
     The main one moves most of those that take half of what the others leave: what a base
-    parameter imitates can move much and take nothing. Each that is named takes this half.
+    parameter imitates can move much and take nothing. Each that is named takes this half. An error
+    of the rig file beside a cause counts as small.
     """
     visible = among.best.visible
     shares = published.member_shares
+    inputs = {signature.effect.id for signature in among.space.inputs}
     real = [name for name in visible if name not in shares or shares[name].best >= MAINLY]
     main = max(real or visible, key=lambda name: visible[name])
     return main, [name for name in visible if name != main and (
-        name not in real or not among.stands_out(name))]
+        name not in real or name in inputs or not among.stands_out(name))]
 
 
-def doubts_among(
-    among: Among, name: str, search: Search, published: Publication
-) -> list[str]:
+def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
     """Reasons why the main effect of the best model among small errors is not established."""
     best, taken = among.best, published.member_shares.get(name, published.shares)
-    title = search.space.problem.titles[name]
+    title = among.space.problem.titles[name]
     assert taken is not None
     # A view with little misfit can be worse by the size of the small errors.
-    doubts = [*other_laws(search), *_unlike_in_runs(taken), *(
+    doubts = [*_unlike_in_runs(taken), *(
         wording.worse_view_words(view) for view, share in taken.fitted.items()
         if min(share, taken.predicted.get(view, share)) < 0.0)]
     if best.times(name) < MIN_TIMES:
         doubts.append(wording.no_outlier_words(title, best.times(name), MIN_TIMES))
-    if among.margin(name) < MIN_MARGIN:
-        doubts.append(wording.close_words(
-            title, search.space.titles_of(among.best_without(name).fit)))
+    other, margin = among.closest_without(name)
+    if margin < MIN_MARGIN:
+        doubts.append(wording.close_words(title, among.space.titles_of(other.fit)))
     if taken.best < MAINLY:
         doubts.append(wording.weak_words(title, taken.best, MAINLY))
     return doubts

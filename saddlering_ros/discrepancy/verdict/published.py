@@ -107,7 +107,8 @@ class Publication:
 
 
 def publish(
-    search: Search, before: Residual, after: Residual, process: Array | None = None
+    search: Search, before: Residual, after: Residual, process: Array | None = None,
+    known: Mapping[fitting.Key, Fit] | None = None,
 ) -> Publication:
     """Refit the selected model and its base with no other freedom than the offsets of the runs.
 
@@ -122,8 +123,8 @@ def publish(
     is_persistent = problem.assumptions.is_persistent
     metric = space.metric if is_persistent else space.metric.with_offsets(process)
     less = {name: space.without(fit, name) for name in fit.candidate.ids}
-    base, model, *others = refit_full_jacobian(
-        metric, [space.base, fit, *less.values()], space.settings.max_rounds)
+    base, model, *others = _refitted(
+        space, metric, [space.base, fit, *less.values()], known or {})
     covariance = _covariance(space, fit, model, after)
     refitted = {refit.candidate.key: refit for refit in (base, model, *others)}
     plain = dict(zip(refitted, plain_fits(problem, list(refitted.values())), strict=True))
@@ -196,6 +197,22 @@ def publish(
             name: taken[other.candidate.key] for name, other in less.items()},
         doubts=(*sizes_at_bounds(problem, model), *failed[:1]), plain=plain[model.candidate.key],
         converged=all(refit.converged for refit in [*refitted.values(), *plain.values()]))
+
+
+def _refitted(
+    space: ModelSpace, metric: Metric, fits: Sequence[Fit], known: Mapping[fitting.Key, Fit]
+) -> list[Fit]:
+    """The fits in another metric, each the better of its own and of what is `known`.
+
+    A law with kinks has many minima, and one that is good beside model error can be poor alone.
+    """
+    starts = [fit for each in fits for fit in (each, known.get(each.candidate.key)) if fit]
+    best: dict[fitting.Key, Fit] = {}
+    for fit in refit_full_jacobian(metric, starts, space.settings.max_rounds):
+        stored = best.get(fit.candidate.key)
+        if stored is None or fit.misfit < stored.misfit:
+            best[fit.candidate.key] = fit
+    return [best[fit.candidate.key] for fit in fits]
 
 
 def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
