@@ -84,7 +84,7 @@ def test_a_small_cause_is_found_in_a_view_where_a_large_one_does_nothing(size: f
 def test_a_size_stopped_by_its_bound_is_said_to_be() -> None:
     assert not [note for note in diagnosed(0.0, late=0.3).warnings if 'bound' in note]
     (note,) = [note for note in diagnosed(0.0, late=0.6).warnings if 'bound' in note]
-    assert note.startswith('late: its size is at the bound of 0.5')
+    assert note.startswith('late is not named, because its size is at the bound of 0.5')
 
 
 @pytest.mark.parametrize(('p_value', 'before', 'added', 'is_new'), [
