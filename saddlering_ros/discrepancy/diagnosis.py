@@ -213,7 +213,7 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
         name, run = system.channel_names[channel], problem.runs[index]
         size = problem.mean_square(
             problem.freed(residual[index][channel], run, name), run, name) ** 0.5
-        noise = float(np.mean(metric.noise[run.name, channel].variances(run.width))) ** 0.5
+        noise = metric.noise_power(run, name) ** 0.5
         residuals.append((f'{name} in {run.name}', size / max(noise, systems.JITTER),
                           size / problem.view_ranges[name]))
     report += [f'{where}: the residual of the base fit is {ratio:.3g} times the noise, '

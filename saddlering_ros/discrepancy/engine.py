@@ -11,7 +11,7 @@ import time as clock
 import numpy as np
 
 from saddlering_ros.discrepancy.next_step import law_for, next_test_of
-from saddlering_ros.discrepancy.problem.fits import Fit
+from saddlering_ros.discrepancy.problem.fits import Fit, Tangent
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
 from saddlering_ros.discrepancy.search import selection
@@ -144,7 +144,7 @@ def _answer(search: Search) -> Answer:
     space, fit = search.space, search.fit
     before = _residual_of(space, space.base)
     is_declared = any(space.problem.assumptions.allowed_error or ())
-    if is_declared and not _exceeds_declared_error(space, before):
+    if is_declared and not _left(space, space.base, before):
         search, fit = replace(search, fit=space.base, alternatives={}), space.base
     after = _residual_of(space, fit) if fit.candidate.effects else before
     published = publish(search, before, after)
@@ -155,7 +155,7 @@ def _answer(search: Search) -> Answer:
         return _answer(replace(search, fit=less, alternatives=alternatives))
     taken = 0.0 if published.shares is None else published.shares.best
     warnings, is_established = established.judge_alone(
-        search, before, after, _left_in(space, after), published)
+        search, before, after, _left_in(space, fit, after), published)
     return Answer(
         search, _verdict(is_established, published), tuple(warnings), before, after, published,
         _remainder_of(space, fit, after),
@@ -257,8 +257,7 @@ def _answer_beside(
 ) -> Answer:
     """The answer on causes beside a process, with what they leave in the metric without it."""
     alone = strict.search.space
-    whitened = alone.metric.whiten(published.fits.after.prediction - alone.problem.measured)
-    seen = replace(published.fits.after, whitened=whitened, misfit=float(whitened @ whitened))
+    seen = _seen_in(alone, published.fits.after)
     left = _residual_of(alone, seen)
     return Answer(
         search, _verdict(is_established, published), tuple(warnings), strict.before, left,
@@ -272,40 +271,14 @@ def _residual_of(space: ModelSpace, fit: Fit) -> Residual:
     consistency = consistency_tests(
         space.metric, fit, sensitivities, slow, space.max_pairs,
     ) if space.problem.assumptions.exact_laws else []
-    shapes = space.tests.shapes(fit, sensitivities.white)
+    shapes = space.tests.shapes(fit, sensitivities)
     return Residual(slow, space.tests.fast(fit), tuple(shapes), tuple(consistency))
 
 
 def _remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Remainder, ...]:
     """What a fit leaves beyond noise and declared model error, by run and view, largest first."""
-    problem, settings = space.problem, space.settings
-    slow, allowed, names = residual.slow, problem.allowed_sizes, problem.system.channel_names
-    left: list[tuple[RunBlocks, str, float, str]] = []
-    everywhere = slow.is_real_and_material(settings)
-    for view, weights in problem.system.views.items():
-        along = min(((test.p_value, test.coordinate) for test in residual.shapes
-                     if test.view == view), default=(1.0, 'time'))[1]
-        for number, run in enumerate(problem.runs):
-            size = float(slow.sizes[view][number])
-            chance = min(slow.chances.get((names[channel], run.name), 1.0)
-                         for channel in np.flatnonzero(weights))
-            is_real = everywhere or chance < settings.error_rate
-            if size >= max(settings.materiality, allowed[view]) and is_real:
-                left.append((run, view, size, along))
-    fast = residual.fast
-    if fast.is_real_and_material(settings) and fast.visible >= allowed.get(fast.view, np.inf):
-        run = next(run for run in problem.runs if run.name == fast.run)
-        left.append((run, fast.view, fast.visible, 'time'))
-    told = {view for _, view, _, _ in left}
-    for test in (*residual.consistency, *residual.shapes):
-        # A declared error may have any smooth shape: only its size counts, which is judged above.
-        is_free = problem.assumptions.exact_laws and allowed[test.view] == 0.0
-        is_real = test.p_value < settings.error_rate and test.visible >= settings.materiality
-        if is_free and is_real and test.view not in told:
-            run = problem.runs[int(np.argmax(slow.sizes[test.view]))]
-            left.append((run, test.view, test.visible, test.coordinate))
-            told.add(test.view)
-    remainder, units = [], getattr(problem.system, 'units', {})
+    problem, remainder = space.problem, []
+    units, left = getattr(problem.system, 'units', {}), _left(space, fit, residual)
     for run, view, share, along in sorted(left, key=lambda place: -place[2]):
         noise = space.metric.noise_power(run, view) ** 0.5
         size = share * problem.view_ranges[view]
@@ -314,35 +287,77 @@ def _remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Rema
     return tuple(remainder)
 
 
-def _left_in(space: ModelSpace, after: Residual) -> str:
+def _left(
+    space: ModelSpace, fit: Fit, residual: Residual
+) -> list[tuple[RunBlocks, str, float, str]]:
+    """Run, view, share of range and coordinate of each rest beyond noise and declared error.
+
+    A declared error may have any smooth shape. A rest is therefore left if noise and declared
+    error together are not as large by chance, and if its size beyond the noise alone exceeds the
+    declared one.
+    """
+    problem, settings = space.problem, space.settings
+    slow, fast, names = residual.slow, residual.fast, problem.system.channel_names
+    allowed = problem.allowed_sizes
+    least = {view: max(settings.materiality, size) for view, size in allowed.items()}
+    sized = _by_sensors(space, fit) if any(allowed.values()) else residual
+    left: list[tuple[RunBlocks, str, float, str]] = []
+    everywhere = slow.is_real_and_material(settings)
+    for view, weights in problem.system.views.items():
+        along = min(((test.p_value, test.coordinate) for test in residual.shapes
+                     if test.view == view), default=(1.0, 'time'))[1]
+        for number, run in enumerate(problem.runs):
+            chance = min(slow.chances.get((names[channel], run.name), 1.0)
+                         for channel in np.flatnonzero(weights))
+            is_slow = everywhere or chance < settings.error_rate
+            size = float(sized.slow.sizes[view][number]) if is_slow else 0.0
+            if allowed[view] and (view, run.name) in fast.powers:
+                size = float(np.hypot(size, sized.fast.powers.get((view, run.name), 0.0) ** 0.5))
+            if size >= least[view]:
+                left.append((run, view, size, along))
+    is_fast = fast.is_real_and_material(settings) and allowed.get(fast.view) == 0.0
+    if is_fast:
+        run = next(run for run in problem.runs if run.name == fast.run)
+        left.append((run, fast.view, fast.visible, 'time'))
+    told = {view for _, view, _, _ in left}
+    # The form error of a ring's laws has shapes, too.
+    shapes = residual.shapes if problem.assumptions.exact_laws else ()
+    sizes = {(test.view, test.coordinate): test.beyond_noise for test in sized.shapes}
+    for test in (*residual.consistency, *shapes):
+        size = test.visible
+        if allowed[test.view]:
+            size = sizes.get((test.view, test.coordinate), size)
+        is_real = test.p_value < settings.error_rate and size >= least[test.view]
+        if is_real and test.view not in told:
+            run = problem.runs[int(np.argmax(slow.sizes[test.view]))]
+            left.append((run, test.view, size, test.coordinate))
+            told.add(test.view)
+    return left
+
+
+def _by_sensors(space: ModelSpace, fit: Fit) -> Residual:
+    """The residual of a fit beside the noise alone, without declared model error."""
+    sensors = space.once(
+        'sensors', space.base, lambda: replace(space, metric=space.metric.of_sensors()))
+    plain, seen = space.tangent_of(fit).plain, _seen_in(sensors, fit)
+    sensors.once('tangent', seen, lambda: Tangent(plain, sensors.metric.whiten(plain)))
+    return _residual_of(sensors, seen)
+
+
+def _seen_in(space: ModelSpace, fit: Fit) -> Fit:
+    """A fit with its misfit in the metric of another space."""
+    whitened = space.metric.whiten(fit.prediction - space.problem.measured)
+    return replace(fit, whitened=whitened, misfit=float(whitened @ whitened))
+
+
+def _left_in(space: ModelSpace, fit: Fit, after: Residual) -> str:
     """Where a real and material residual remains, in all or in one channel of one run; or ''."""
-    settings, problem, slow = space.settings, space.problem, after.slow
-    allowed, names = problem.allowed_sizes, [run.name for run in problem.runs]
-    least = {view: max(settings.materiality, size) for view, size in allowed.items()}
-    places = []
     # The laws of a ring are judged in each view, against the form error of the effects.
-    if problem.assumptions.exact_laws:
-        places = [
-            f'{channel} in {run}' for (channel, run), chance in slow.chances.items()
-            if chance < settings.error_rate
-            and slow.sizes[channel][names.index(run)] >= least[channel]]
-        places += [
-            f'{test.view} along {test.coordinate}' for test in (*after.consistency, *after.shapes)
-            if test.p_value < settings.error_rate and test.visible >= least[test.view]]
-    is_left = _exceeds_declared_error(space, after) if any(allowed.values()) else (
-        places or slow.is_real_and_material(settings) or after.fast.is_real_and_material(settings))
-    return (', '.join(places) or slow.where or after.fast.view) if is_left else ''
-
-
-def _exceeds_declared_error(space: ModelSpace, residual: Residual) -> bool:
-    """Whether a real residual is larger than the declared model error somewhere."""
-    settings, slow, fast = space.settings, residual.slow, residual.fast
-    allowed = space.problem.allowed_sizes
-    least = {view: max(settings.materiality, size) for view, size in allowed.items()}
-    is_real = min([slow.p_value, *slow.chances.values()]) < settings.error_rate
-    if is_real and any(np.max(size) >= least[view] for view, size in slow.sizes.items()):
-        return True
-    return fast.is_real_and_material(settings) and fast.visible >= least[fast.view]
+    if space.problem.assumptions.exact_laws:
+        return ', '.join(f'{view} in {run.name} along {along}'
+                         for run, view, _, along in _left(space, fit, after))
+    is_left = any(part.is_real_and_material(space.settings) for part in (after.slow, after.fast))
+    return (after.slow.where or after.fast.view) if is_left else ''
 
 
 def _weakest(shares: Mapping[str, results.Shares]) -> str | None:

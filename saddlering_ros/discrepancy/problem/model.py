@@ -16,7 +16,7 @@ from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.problem import Assumptions
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Effect, Parameter
 from saddlering_ros.estimation.process import ChannelNoise
-from saddlering_ros.estimation.record_noise import ChannelRecord, widened, with_model_error
+from saddlering_ros.estimation.record_noise import ChannelRecord, widened
 
 Outputs = Mapping[str, ArrayLike]
 
@@ -306,11 +306,9 @@ class ModelSystem:
                 for record in left or ():
                     if own[record.run].pairs < KNOWN_EXACTLY:  # Declared noise does not change.
                         own[record.run] = widened(own[record.run], record)
+            power = scale**2  # Noise as a share of the range.
             for run in runs:
-                whole = with_model_error(
-                    own[run.name], channel.model_error, scale,
-                    float(np.median(np.diff(run.time))), float(np.ptp(run.time)))
-                power = scale**2  # Noise as a share of the range.
+                whole = own[run.name]
                 noise[run.name, number] = ChannelNoise(
                     whole.white / power, whole.slow / power, whole.held / power, whole.pairs,
                     whole.time_constants, floor=whole.floor / power)

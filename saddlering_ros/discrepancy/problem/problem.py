@@ -31,6 +31,7 @@ from saddlering_ros.discrepancy.problem.system import (
     SystemWithTangents,
 )
 from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.record_noise import with_model_error
 from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Whitener
 from saddlering_ros.progress import Watch
 from saddlering_ros.quantities import lowered
@@ -326,14 +327,31 @@ class Problem:
 class Metric:
     """Noise of every run and channel, with the nuisance parameters marginalised.
 
-    shared: the nuisance parameters, which the whitened residuals share. A metric is never
-    changed: `marginalise` makes another one.
+    noise: with the declared model error; sensors: without it; shared: the nuisance parameters,
+    which the whitened residuals share. A metric is never changed: `marginalise` makes another one.
     """
 
     problem: Problem
-    noise: Mapping[tuple[str, int], ChannelNoise]
+    noise: NoiseByRun
+    sensors: NoiseByRun
     whiteners: tuple[Whitener, ...]
     shared: SharedErrors
+
+    @classmethod
+    def of(cls, problem: Problem, noise: NoiseByRun, sensors: NoiseByRun) -> Metric:
+        """The metric without nuisance parameters."""
+        jitter = float((JITTER * problem.channel_ranges.max()) ** 2)
+        whiteners = []
+        for index, channel, _ in problem.slices:
+            run = problem.runs[index]
+            present = None if run.present is None else run.present[channel]
+            whiteners.append(build_whitener(
+                noise[run.name, channel], run.time, run.width, run.hold, present, jitter))
+        return cls(problem, noise, sensors, tuple(whiteners), SharedErrors.none(problem.size))
+
+    def of_sensors(self) -> Metric:
+        """The metric of the noise without declared model error, with offsets."""
+        return Metric.of(self.problem, self.sensors, self.sensors).with_offsets()
 
     def marginalise(self, nuisances: Array) -> Metric:
         """The same noise with these nuisance parameters: columns (n, k) times their spreads."""
@@ -369,10 +387,10 @@ class Metric:
         return white
 
     def noise_power(self, run: RunBlocks, view: str) -> float:
-        """Mean square of the noise of a view in a run."""
+        """Mean square of the noise of a view in a run, without declared model error."""
         return sum(
             float(weight) ** 2
-            * float(np.mean(self.noise[run.name, channel].variances(run.width)))
+            * float(np.mean(self.sensors[run.name, channel].variances(run.width)))
             for channel, weight in enumerate(self.problem.system.views[view]) if weight)
 
     @property
@@ -387,15 +405,15 @@ def noise_metric(problem: Problem, prediction: Array | None = None) -> Metric:
     The noise is learnt from the runs and, if it is given, the residual of a prediction (n,).
     """
     residuals = None if prediction is None else problem.by_run(prediction - problem.measured)
-    noise = problem.assumptions.learn_noise(problem.runs, residuals)
-    jitter = float((JITTER * problem.channel_ranges.max()) ** 2)
-    whiteners = []
-    for index, channel, _ in problem.slices:
-        run = problem.runs[index]
-        present = None if run.present is None else run.present[channel]
-        learnt = noise[run.name, channel]
-        whiteners.append(build_whitener(learnt, run.time, run.width, run.hold, present, jitter))
-    return Metric(problem, noise, tuple(whiteners), SharedErrors.none(problem.size))
+    sensors = problem.assumptions.learn_noise(problem.runs, residuals)
+    noise = dict(sensors)
+    if problem.assumptions.allowed_error is not None:
+        for run in problem.runs:
+            step, duration = float(np.median(np.diff(run.time))), float(np.ptp(run.time))
+            for channel, share in enumerate(problem.assumptions.allowed_error):
+                noise[run.name, channel] = with_model_error(
+                    sensors[run.name, channel], share, 1.0, step, duration)
+    return Metric.of(problem, noise, sensors)
 
 
 RATE_SHAPES = 4

@@ -78,6 +78,26 @@ class BlockColumns:
             total[part] += block.plain @ weights[block.index]
         return total
 
+    def size_beyond_noise(self, view: str, root: Array, inner: Array, imitated: Array) -> float:
+        """Largest rms share of range of a fit in a run, less what noise alone would leave.
+
+        root (m, k): of the covariance of the fit; inner (k,): its whitened slopes; imitated
+        (n, m): the part of the columns that the sensitivities of the model take.
+        """
+        problem, powers = self._metric.problem, [0.0]
+        for number, run in enumerate(problem.runs):
+            seen = np.zeros((run.time.size, self.count))
+            for block in self.blocks:
+                index, channel, part = problem.slices[block.slot]
+                if index == number:
+                    weight = problem.system.views[view][channel]
+                    seen[:, block.index] += weight * block.plain
+                    seen -= weight * imitated[part]
+            fits = problem.freed(seen @ root, run, view)
+            powers.append(problem.mean_square(fits @ inner, run, view)
+                          - problem.mean_square(np.linalg.norm(fits, axis=1), run, view))
+        return max(powers) ** 0.5 / problem.view_ranges[view]
+
     @cached_property
     def _along(self) -> Array:
         """Products (m, K) with the directions of the nuisance parameters."""
@@ -107,7 +127,10 @@ WAVE_SAMPLES = 4
 
 @dataclass(frozen=True)
 class ShapeTest:
-    """One family of shapes, its size as a share of range; shape (n,): what it takes, if sure."""
+    """One family of shapes, its size as a share of range; shape (n,): what it takes, if sure.
+
+    beyond_noise: the size less what noise alone would leave, where a model error is declared.
+    """
 
     view: str
     coordinate: str
@@ -116,6 +139,7 @@ class ShapeTest:
     dimensions: int
     visible: float
     shape: Array | None = field(default=None, repr=False, compare=False)
+    beyond_noise: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -151,12 +175,14 @@ class SlowResidual(Structure):
 class FastResidual(Structure):
     """Structure too fast for `SlowResidual`: excess in all bands, and the largest real one.
 
-    The largest one has a view, a run and an approximate frequency [Hz].
+    The largest one has a view, a run and an approximate frequency [Hz]. powers: mean square of
+    all real bands beyond noise by view and run, as shares of range.
     """
 
     view: str
     run: str
     frequency: float
+    powers: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
 
 class LackOfFitTests:
@@ -217,6 +243,7 @@ class LackOfFitTests:
         left = metric.without_nuisances(fit.prediction - metric.problem.measured)
         white = metric.whiten_noise(left)
         excess, strongest_band = 0.0, FastResidual(0.0, 1.0, 0.0, '', '', 0.0)
+        powers: dict[tuple[str, str], float] = {}
         for run, band in self._bands:
             parts = band.coefficients(white)
             free = sum(part.size for part in parts)
@@ -228,12 +255,14 @@ class LackOfFitTests:
                 power = float(np.average((weights @ seen) ** 2, weights=run.width))
                 power -= float(weights**2 @ band.noise)
                 size = max(power, 0.0) ** 0.5 / self._ranges[view]
+                if p_value < MAX_CHANCE:
+                    powers[view, run.name] = powers.get((view, run.name), 0.0) + size**2
                 if p_value < MAX_CHANCE and size > strongest_band.visible:
                     strongest = int(np.argmax(np.sum([part**2 for part in parts], axis=0)))
                     frequency = 0.5 * (band.first + strongest) / band.duration
                     strongest_band = FastResidual(
                         0.0, p_value, size, view, run.name, frequency)
-        return replace(strongest_band, excess=excess)
+        return replace(strongest_band, excess=excess, powers=powers)
 
     def slow(self, fit: Fit) -> SlowResidual:
         """Slow structure of the residual as a whole."""
@@ -273,9 +302,10 @@ class LackOfFitTests:
         return np.minimum(problem.view_sizes(shape, view), problem.view_sizes(
             fit.prediction - problem.measured, view)) ** 2
 
-    def shapes(self, fit: Fit, white_columns: Array) -> list[ShapeTest]:
+    def shapes(self, fit: Fit, tangent: Tangent) -> list[ShapeTest]:
         """Every family in every view, the most significant first; p-values count their number."""
-        problem, orthogonal, tests = self._metric.problem, orthonormal(white_columns), []
+        problem, orthogonal, tests = self._metric.problem, orthonormal(tangent.white), []
+        parameters = np.linalg.pinv(orthogonal.T @ tangent.white)
         both = self._metric.shared.apply(np.column_stack([orthogonal, fit.whitened]))
         for coordinate, family in shape_families(problem.runs, problem.assumptions).items():
             for view, weights in problem.system.views.items():
@@ -299,9 +329,12 @@ class LackOfFitTests:
                 shape = columns.combined(root @ inner)
                 size = self._powers(fit, shape, view).max() ** 0.5
                 chance = fisher_chance(statistic / count, count, self._pairs) if count else 1.0
+                beyond = columns.size_beyond_noise(
+                    view, root, inner, tangent.plain @ (parameters @ shared.T)
+                ) if problem.allowed_sizes[view] and chance < MAX_CHANCE else 0.0
                 tests.append(ShapeTest(
                     view, coordinate, float(chance), statistic, max(count, 1), float(size),
-                    shape if chance < MAX_CHANCE else None))
+                    shape if chance < MAX_CHANCE else None, beyond))
         return sorted(
             (replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests),
             key=lambda test: (test.p_value, -test.statistic / test.dimensions))

@@ -89,7 +89,7 @@ def judge_alone(
     space, fit, settings = search.space, search.fit, search.space.settings
     ids, titles = fit.candidate.ids, space.titles_of(fit)
     fast = [wording.oscillation_words(after.fast)] if after.fast.is_real_and_material(
-        settings) else []
+        settings) and after.fast.visible >= space.problem.allowed_sizes[after.fast.view] else []
     if published.shares is None:
         return fast, not left
     share, doubts = before.explained_by(after), []

@@ -103,7 +103,7 @@ def _channels(answer: Diagnosis) -> list[_Channel]:
     channels = []
     for place, name in enumerate(system.channel_names):
         scale = system.scales[place] if isinstance(system, ModelSystem) else 1.0
-        noise = np.mean([np.mean(metric.noise[run.name, place].variances(run.width))
+        noise = np.mean([np.mean(metric.sensors[run.name, place].variances(run.width))
                          for run in problem.runs]) ** 0.5
         bands = {'± 2 × noise': 2.0 * scale * float(noise)}
         allowed = declared.channels[name].model_error if declared else 0.0

@@ -246,7 +246,8 @@ def shares_of(
     problem = metric.problem
     floor = np.array([
         np.mean([metric.noise_power(run, view) for run in problem.runs])
-        / problem.view_ranges[view] ** 2 for view in problem.system.views])
+        / problem.view_ranges[view] ** 2 + allowed**2
+        for view, allowed in problem.allowed_sizes.items()])
     fitted = _Powers.of(problem, floor, problem.runs, [
         problem.by_run(fit.prediction - problem.measured) for fit in (less, more)])
     touched, interval, taken = fitted.touched(), None, {}
