@@ -100,7 +100,7 @@ def fill_diagnosis(result: Any, document: Mapping[str, Any]) -> None:
     result.remainder = [
         msg.DiagnosisRemainder(
             run=str(rest['run']), channel=rest['channel'], along=rest.get('along') or '',
-            **_numbers(rest, 'share_of_range', 'times_noise'))
+            unit=rest.get('unit') or '', **_numbers(rest, 'share_of_range', 'times_noise', 'size'))
         for rest in document.get('remainder') or ()]
     result.detection_limits = [
         msg.DetectionLimit(

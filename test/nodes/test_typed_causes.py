@@ -42,7 +42,7 @@ def test_the_verdict_document_fills_every_typed_field() -> None:
         'headline': 'radial friction', 'complete': False, 'stability': None,
         'probabilities': {'radial_friction': 0.9, 'unknown': 0.1},
         'remainder': [{'run': 'a', 'channel': 'gamma', 'share_of_range': 0.01,
-                       'times_noise': 3.0, 'along': 'load'}],
+                       'times_noise': 3.0, 'along': 'load', 'size': 2e-6, 'unit': 'rad'}],
         'detection_limits': [{'effect': 'probe_lag', 'unit': 's', 'limit': 1e-3,
                               'best_limit': None, 'material_limit': 2e-3, 'testable': True}],
         'candidates': [{'effects': ['probe_lag'], 'step': 2, 'p_value': 0.5, 'misfit': 7.0}]})
@@ -52,6 +52,7 @@ def test_the_verdict_document_fills_every_typed_field() -> None:
         'radial_friction': 0.9, 'unknown': 0.1}
     assert math.isnan(result.stability)
     assert (result.remainder[0].along, result.remainder[0].times_noise) == ('load', 3.0)
+    assert (result.remainder[0].size, result.remainder[0].unit) == (2e-6, 'rad')
     assert (result.detection_limits[0].limit, result.detection_limits[0].testable) == (1e-3, True)
     assert (list(result.candidates[0].effects), result.candidates[0].step) == (['probe_lag'], 2)
 
