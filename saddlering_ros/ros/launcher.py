@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import contextlib
 from dataclasses import dataclass, field
 import fcntl
+import importlib.util
 import json
 import os
 from pathlib import Path
@@ -313,6 +314,14 @@ def is_node_program() -> bool:
     """Whether this process was started as a node: by its executable, or by `python -m`."""
     modules = {node.module for node in NODES}
     return Path(sys.argv[0]).name in names() or any(word in modules for word in sys.orig_argv)
+
+
+def check_ros() -> None:
+    """End a node in one line where ROS is missing, as in an environment of the wheel alone."""
+    for package in ('rclpy', 'saddlering_interfaces'):
+        if importlib.util.find_spec(package) is None:
+            sys.exit(f'{Path(sys.argv[0]).name}: Python package {package} is not installed here; '
+                     'docs/install.md states how ROS 2 Jazzy gets there')
 
 
 def end_at_once() -> None:

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 import shutil
 import subprocess
+import sys
 
 import pytest
 
@@ -76,3 +77,14 @@ def test_a_second_set_up_finds_nothing_to_do():
     if done.returncode == 3:
         pytest.skip(f'{done.stderr.strip()}: make setup')
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
+
+
+def test_a_node_without_ros_says_so_in_one_line():
+    """As in an environment that holds the wheel alone; it was a traceback."""
+    start = ("import sys; sys.modules['rclpy'] = None; sys.argv[0] = 'hydraulic_load'; "
+             'import saddlering_ros.nodes.hydraulic_load')
+    done = subprocess.run([sys.executable, '-c', start], text=True, capture_output=True,
+                          timeout=60, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith('hydraulic_load: Python package rclpy is not installed here')
+    assert done.stderr.count('\n') == 1
