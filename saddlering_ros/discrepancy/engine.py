@@ -227,7 +227,8 @@ def _beside_error(strict: Answer) -> Answer:
     while search.fit.candidate.effects:
         space, fit = search.space, search.fit
         before, after = _residual_of(space, space.base), _residual_of(space, fit)
-        published = publish(search, before, after, process)
+        # Model error can take what base parameters imitate, so that these would be open.
+        published = publish(search, before, after)
         sizes = {cause.effect: cause.visible for cause in published.causes}
         weak = _weakest({name: shares for name, shares in published.member_shares.items()
                          if name != published.main.effect})

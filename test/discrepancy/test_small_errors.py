@@ -161,3 +161,12 @@ def test_the_base_alone_is_published_as_for_any_other_verdict(
     monkeypatch.setattr(engine, 'search_among_small_errors', lambda search: None)
     # Refits from two starts agree to 6e-6; with the small errors in the fit it is 6e-3.
     assert diagnosed(sizes, *SHAPES).base_alone['gain'].value == pytest.approx(among, rel=1e-4)
+
+
+def test_the_base_beside_learnt_model_error_is_published_without_that_error() -> None:
+    """With the error in the fit, the gain was 4.7 of its standard deviations from the true one."""
+    runs = [record(number, {**SMALL, 'friction': 0.3}) for number in range(4)]
+    answer = diagnose_system(problem_of(model('friction', 'gap'), runs[:3], runs[3:]))
+    assert (answer.verdict, answer.causes[0].effect) == ('named', 'friction')
+    gain = answer.base['gain']
+    assert abs(gain.value - 1.2) < 3.0 * gain.std

@@ -357,10 +357,9 @@ class Metric:
         """The same noise with these nuisance parameters: columns (n, k) times their spreads."""
         return replace(self, shared=SharedErrors.of(self.whiten_noise(nuisances)))
 
-    def with_offsets(self, process: Array | None = None) -> Metric:
-        """The same noise with offsets of every run and channel, and columns of a process."""
-        offsets = offset_columns(self.problem)
-        return self.marginalise(offsets if process is None else np.hstack([offsets, process]))
+    def with_offsets(self) -> Metric:
+        """The same noise with offsets of every run and channel."""
+        return self.marginalise(offset_columns(self.problem))
 
     def with_nuisances(self, point: Point, prediction: Array) -> Metric:
         """The same noise with every nuisance parameter marginalised, evaluated at a point."""

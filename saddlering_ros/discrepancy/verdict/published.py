@@ -107,7 +107,7 @@ class Publication:
 
 
 def publish(
-    search: Search, before: Residual, after: Residual, process: Array | None = None,
+    search: Search, before: Residual, after: Residual,
     known: Mapping[fitting.Key, Fit] | None = None,
 ) -> Publication:
     """Refit the selected model and its base with no other freedom than the offsets of the runs.
@@ -115,13 +115,13 @@ def publish(
     During naming, parameters and nuisance parameters share a misfit, but a parameter file
     holds parameters only. This fit therefore gives the published values, predictions and
     gains. The part that nuisance parameters would have explained adds to the uncertainty of
-    the published values. before, after: residuals of the base and of the model; process: model
-    error in the metric of the fits, if it was learnt.
+    the published values. before, after: residuals of the base and of the model; known: fits
+    of the same models elsewhere. What model error was learnt is in none of these fits.
     """
     space, fit, problem = search.space, search.fit, search.space.problem
     parameters = problem.system.base_parameters
     is_persistent = problem.assumptions.is_persistent
-    metric = space.metric if is_persistent else space.metric.with_offsets(process)
+    metric = space.metric if is_persistent else space.metric.with_offsets()
     less = {name: space.without(fit, name) for name in fit.candidate.ids}
     base, model, *others = _refitted(
         space, metric, [space.base, fit, *less.values()], known or {})
