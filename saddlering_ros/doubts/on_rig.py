@@ -293,8 +293,6 @@ def _elevation(rig: Rig, run: Record, must_be_sure: bool = False) -> list[Findin
     angle by up to 6 degrees. The contact law, which nobody knows yet, hardly changes the shift.
     must_be_sure: nobody asked; no finding where a sound ring or a cause of the catalogue does it.
     """
-    from saddlering_ros.ring import simulate
-
     step = slice(None, None, 1 + len(run.load) // MAX_ROWS)
     load, gaps = complete_rows(run.load[step], run.gaps[:, step])
     if not len(load):
@@ -305,6 +303,9 @@ def _elevation(rig: Rig, run: Record, must_be_sure: bool = False) -> list[Findin
             measured[1] > SURE_WITHIN
             or abs(_turned(measured[0] + USUAL_SHIFT - run.elevation)) < SURE_LIMIT)):
         return []
+    # `info` of a bag without a doubt needs no simulator, whose import takes a second.
+    from saddlering_ros.ring import simulate
+
     load = np.linspace(rig.preload, float(np.nanmax(run.load)), EXPECTED_LOADS)
     time = np.arange(len(load)) * 0.1
     ring = simulate(rig, ParameterSet(TRUE_TO_SCALE), run.elevation, time, load).displacement
