@@ -400,7 +400,7 @@ def _limits_alone(
         RingSystem(rig), [record.run for record in later], discrepancy.Settings(seed=seed),
         start=start, watch=replace(watch, on_progress=None)))
     if space.leaves_misfit(space.base):
-        space, _, _ = discrepancy.space_beside_error(space, space.base)
+        space, _ = discrepancy.space_beside_error(space, space.base)
     return {effect.effect: effect.limit for effect in discrepancy.observed(space).limits}
 
 

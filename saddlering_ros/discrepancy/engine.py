@@ -51,7 +51,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     log.immaterial += immaterial
 
     refits, near_limit, influence = stability_of(
-        answer.search, None if answer.process is None else answer.taken)
+        answer.search, answer.taken if answer.is_beside_error else None)
     is_established = answer.verdict in ('named', 'ambiguous')
     unshared = established.unshared(refits) if is_established else []
     answer = answer.doubted(unshared)
@@ -116,9 +116,9 @@ def diagnose_system(problem: Problem) -> Diagnosis:
 class Answer:
     """A search, its verdict with warnings for the reader, and its published numbers.
 
-    before, after: residuals in the metric without learnt model error; process: that error, if it
-    was learnt; explained: share of the misfit that the causes explain; taken: share of the
-    misfit's power that they take in their best view.
+    before, after: residuals in the metric without learnt model error; explained: share of
+    the misfit that the causes explain; taken: share of the misfit's power that they take in their
+    best view; is_beside_error: whether the causes are judged beside learnt error of the model.
     """
 
     search: Search
@@ -130,7 +130,7 @@ class Answer:
     remainder: tuple[Remainder, ...]
     explained: float
     taken: float
-    process: Array | None = None
+    is_beside_error: bool = False
 
     def doubted(self, doubts: Sequence[str]) -> 'Answer':
         """The same with reasons, if there are any, why no cause is established."""
@@ -204,7 +204,7 @@ def _among_small_errors(strict: Answer) -> Answer:
     if doubts:
         return strict.doubted([wording.suspect_words([space.problem.titles[main]], doubts)])
     # What the small errors could take of the main cause is left.
-    return _answer_beside(strict, search, published, among.process, [
+    return _answer_beside(strict, search, published, [
         wording.outlier_words(space.problem.titles[name], best.times(name))
         for name in search.fit.candidate.ids],
         1.0 - 1.0 / best.times(main), is_established=True)
@@ -219,7 +219,7 @@ def _beside_error(strict: Answer) -> Answer:
     not, those that are established together are named, and if none are, all are told.
     """
     noise_alone = strict.search.space
-    search, process = selection.search_beside_error(strict.search)
+    search = selection.search_beside_error(strict.search)
     together: Answer | None = None
     unknown: Answer | None = None
     dropped: list[Array] = []
@@ -236,7 +236,7 @@ def _beside_error(strict: Answer) -> Answer:
             doubts, taken = established.doubts_beside_error(
                 strict.search, search, published, most_dropped)
             answer = _answer_beside(
-                strict, search, published, process, doubts or [wording.REST_IS_ERROR], taken,
+                strict, search, published, doubts or [wording.REST_IS_ERROR], taken,
                 is_established=not doubts)
             if answer.verdict == 'unknown':
                 unknown = unknown or answer
@@ -248,22 +248,22 @@ def _beside_error(strict: Answer) -> Answer:
                 return together or unknown or strict
             weak = min(sizes, key=lambda name: sizes[name])
         most_dropped = max(most_dropped, sizes[weak])
-        search, process = selection.learnt_without(noise_alone, search, weak, dropped)
+        search = selection.learnt_without(noise_alone, search, weak, dropped)
     return together or unknown or strict
 
 
 def _answer_beside(
-    strict: Answer, search: Search, published: Publication, process: Array,
-    warnings: Sequence[str], taken: float, *, is_established: bool,
+    strict: Answer, search: Search, published: Publication, warnings: Sequence[str], taken: float,
+    *, is_established: bool,
 ) -> Answer:
-    """The answer on causes beside a process, with what they leave in the metric without it."""
+    """The answer on causes beside learnt error, with what they leave in the metric without it."""
     alone = strict.search.space
     seen = _seen_in(alone, published.fits.after)
     left = _residual_of(alone, seen)
     return Answer(
         search, _verdict(is_established, published), tuple(warnings), strict.before, left,
         published, _remainder_of(alone, seen, left), strict.before.explained_by(left), taken,
-        process)
+        is_beside_error=True)
 
 
 def _residual_of(space: ModelSpace, fit: Fit) -> Residual:

@@ -97,10 +97,10 @@ def among_of(
 ) -> small_errors.Among:
     """Models whose errors are all of one size; `inputs` are errors of the rig file."""
     evidence = {id(model.fit): model.evidence for model in (best, *others)}
-    errors: Any = SimpleNamespace(weigh_unequal=lambda space, fit, small: evidence[id(fit)])
+    errors: Any = SimpleNamespace(evidence_with_larger=lambda space, fit, small: evidence[id(fit)])
     space: Any = SimpleNamespace(inputs=[
         SimpleNamespace(effect=SimpleNamespace(id=name)) for name in inputs])
-    return small_errors.Among(space, np.zeros((0, 0)), best, others, errors)
+    return small_errors.Among(space, best, others, errors)
 
 
 def test_effects_that_cancel_each_other_are_no_best_model() -> None:
@@ -148,7 +148,7 @@ def test_a_cause_that_others_replace_beside_larger_errors_is_not_established() -
     among = among_of(best, [other, model_of(0.0)])
     assert among.stands_out('friction')
     errors: Any = SimpleNamespace(
-        weigh_unequal=lambda space, fit, small: 60.0 if 'friction' in small else 65.0)
+        evidence_with_larger=lambda space, fit, small: 60.0 if 'friction' in small else 65.0)
     assert not replace(among, errors=errors).stands_out('friction')
 
 

@@ -402,22 +402,22 @@ MIN_DEGREES = 4
 """Smallest number of degrees of freedom of the level of the process."""
 
 
-def search_beside_error(search: Search) -> tuple[Search, Array]:
+def search_beside_error(search: Search) -> Search:
     """The causes that stand out against model error as large as what they leave."""
     space, fit, log = search.space, search.fit, SearchLog()
     for _ in range(MAX_LEARNT):
         learnt_from = fit.candidate.key
-        space, fit, process = space_beside_error(space, fit)
+        space, fit = space_beside_error(space, fit)
         fit = prune(space, select(space, log), log)
         if fit.candidate.key == learnt_from:
             break
     fit, alternatives = check_alternatives(space, fit, log)
-    return Search(search.begun, space, fit, alternatives, log), process
+    return Search(search.begun, space, fit, alternatives, log)
 
 
 def learnt_without(
     alone: ModelSpace, search: Search, name: str, dropped: list[Array]
-) -> tuple[Search, Array]:
+) -> Search:
     """The search without one cause, whose change is added to `dropped` and is model error.
 
     alone: the space without learnt model error. With cosines alone, the sharp part of what a
@@ -426,15 +426,15 @@ def learnt_without(
     fit = search.fit
     changes = alone.problem.changes_of_effects(fit.point, fit.prediction)
     dropped.append(changes[:, fit.candidate.ids.index(name)])
-    space, fit, process = space_beside_error(alone, search.space.without(fit, name), dropped)
+    space, fit = space_beside_error(alone, search.space.without(fit, name), dropped)
     fit, alternatives = check_alternatives(space, fit, search.log)
-    return replace(search, space=space, fit=fit, alternatives=alternatives), process
+    return replace(search, space=space, fit=fit, alternatives=alternatives)
 
 
 def space_beside_error(
     space: ModelSpace, fit: Fit, dropped: Sequence[Array] = ()
-) -> tuple[ModelSpace, Fit, Array]:
-    """A space in whose metric the residual of `fit` is model error, the fit, and the process.
+) -> tuple[ModelSpace, Fit]:
+    """A space in whose metric the residual of `fit` is model error, and the fit.
 
     dropped: changes (n,) that are model error of one standard deviation each, too.
     """
@@ -446,7 +446,7 @@ def space_beside_error(
     beside, fit = in_metric(space, metric, fit)
     beside.pairs = min(space.pairs, degrees)
     beside.max_pairs = min(space.max_pairs, degrees)
-    return beside, fit, process
+    return beside, fit
 
 
 def error_process(metric: Metric, fit: Fit) -> tuple[Array, int]:

@@ -42,11 +42,8 @@ to 408 times and a logarithm of 17 and more, but for two with 7 and 10; stand-in
 were taken out had 61 to 109 times and a logarithm of 6 and less, but for one with 41."""
 
 MIN_LEADING = 1.0
-"""Movement over the noise of an error of MATERIAL, above which errors of unequal size act along a
-direction. Chosen for cost."""
-
-MATERIAL = 1e-3
-"""Share of range that is material on a ring."""
+"""Movement over the noise of an error of a material size, above which errors of unequal size act
+along a direction. Chosen for cost."""
 
 FACTORS = (3.0, 10.0, 30.0)
 """Sizes over the common spread of errors that are larger."""
@@ -97,11 +94,10 @@ class Model:
 class Among:
     """The best model among small errors, and every other one that was tried beside it.
 
-    space: the space in whose metric they are fitted; process (n, k): the small errors there.
+    space: the space in whose metric they are fitted; errors: the small errors there.
     """
 
     space: ModelSpace
-    process: Array
     best: Model
     others: Sequence[Model]
     errors: SmallErrors
@@ -117,10 +113,10 @@ class Among:
         others = sorted((other for other in self.others if not any(
             effect.id in alike or name in effect.contains
             for effect, _ in other.fit.candidate.effects)), key=lambda other: -other.evidence)
-        weighed = [(self.errors.weigh_unequal(self.space, other.fit, alike), number)
+        evidences = [(self.errors.evidence_with_larger(self.space, other.fit, alike), number)
                    for number, other in enumerate(others[:MAX_COMPARED])]
-        evidence, number = max(weighed)
-        best = self.errors.weigh_unequal(self.space, self.best.fit, ())
+        evidence, number = max(evidences)
+        best = self.errors.evidence_with_larger(self.space, self.best.fit, ())
         return others[number], best - evidence
 
     def margin(self, name: str) -> float:
@@ -139,7 +135,7 @@ def search_among_small_errors(search: Search) -> Among | None:
     """
     alone, fit = search.space, search.fit
     errors = SmallErrors(alone)
-    spread = errors.weigh(alone, fit).spread
+    spread = errors.model_of_fit(alone, fit).spread
     if spread == SPREADS[-1]:
         return None
     for _ in range(MAX_LEARNT):
@@ -147,7 +143,7 @@ def search_among_small_errors(search: Search) -> Among | None:
         nuisances = nuisance_columns(alone.problem, fit.point, fit.prediction)
         space, fit = in_metric(
             alone, alone.metric.marginalise(np.hstack([nuisances, process])), fit)
-        among = _climb(space, process, errors, fit)
+        among = _climb(space, errors, fit)
         fit = among.best.fit
         if among.best.spread > LEARNT_AGAIN * spread:
             break
@@ -155,14 +151,14 @@ def search_among_small_errors(search: Search) -> Among | None:
     return among
 
 
-def _climb(space: ModelSpace, process: Array, errors: SmallErrors, fit: Fit) -> Among:
+def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
     """Models about the best one so far, until none is better."""
     models: dict[object, Model] = {}
 
     def add(fits: Sequence[Fit]) -> None:
         for one in fits:
             if one.candidate.key not in models and not stopped_sizes(space.problem, one):
-                models[one.candidate.key] = errors.weigh(space, one)
+                models[one.candidate.key] = errors.model_of_fit(space, one)
 
     add([space.base, fit, *_with_another(space, space.base, MAX_TRIED)])
     # A cause shows beside another one that hides it, and then its first-order gain is no guide.
@@ -184,7 +180,7 @@ def _climb(space: ModelSpace, process: Array, errors: SmallErrors, fit: Fit) -> 
             add([less, *_with_another(space, less, MAX_TRIED, names)])
     best = _best(models.values())
     others = [model for model in models.values() if model is not best]
-    return Among(space, process, best, others, errors)
+    return Among(space, best, others, errors)
 
 
 def _with_another(
@@ -218,17 +214,17 @@ class SmallErrors:
         self._powers = values[kept]
         self._directions = white @ (vectors[:, kept] / np.sqrt(values[kept]))
         # Errors of one kind along the directions in which they show most.
-        self._leading = self._powers * MATERIAL**2 > MIN_LEADING**2
+        self._leading = self._powers * space.settings.materiality**2 > MIN_LEADING**2
         along = self._directions[:, self._leading].T @ white
         members = defaultdict[tuple[str, object], list[int]](list)
         for column, kind in enumerate([*names, *families]):
             members[kind].append(column)
         self._kinds = [(name, along[:, chosen]) for (name, _), chosen in members.items()]
 
-    def weigh(self, space: ModelSpace, fit: Fit) -> Model:
+    def model_of_fit(self, space: ModelSpace, fit: Fit) -> Model:
         """The evidence of a fit, at the spread at which it is largest."""
         visible, joint = _moved(space, fit)
-        seen = self._seen(space, fit)
+        seen = self._projected(space, fit)
         likelihoods = []
         for strength in np.outer(SPREADS**2, self._powers):
             taken = (seen.along.T * (strength / (1.0 + strength))) @ seen.along
@@ -236,16 +232,16 @@ class SmallErrors:
         place = int(np.argmax(likelihoods))
         return Model(fit, likelihoods[place], float(SPREADS[place]), visible, joint)
 
-    def weigh_unequal(self, space: ModelSpace, fit: Fit, small: Collection[str]) -> float:
+    def evidence_with_larger(self, space: ModelSpace, fit: Fit, small: Collection[str]) -> float:
         """The evidence of a fit if errors of some kinds are larger, each at the price of a choice.
 
         small: effects whose errors are not.
         """
         return space.once(
-            f'unequal {sorted(small)}', fit, lambda: self._unequal(space, fit, small))
+            f'unequal {sorted(small)}', fit, lambda: self._with_larger(space, fit, small))
 
-    def _unequal(self, space: ModelSpace, fit: Fit, small: Collection[str]) -> float:
-        seen = self._seen(space, fit)
+    def _with_larger(self, space: ModelSpace, fit: Fit, small: Collection[str]) -> float:
+        seen = self._projected(space, fit)
         along = seen.along[self._leading]
         outside = seen.whole - along.T @ along
         common = np.diag(self._powers[self._leading])
@@ -275,7 +271,7 @@ class SmallErrors:
         return best
 
     def _larger(
-        self, seen: _Seen, outside: Array, spread: float, powers: Array, factors: Array,
+        self, seen: _Projected, outside: Array, spread: float, powers: Array, factors: Array,
         small: Collection[str],
     ) -> tuple[float, int, float]:
         """Gain of the evidence, kind and factor of the errors that are best made larger."""
@@ -301,7 +297,10 @@ class SmallErrors:
                                   number, factor))
         return max(tried)
 
-    def _seen(self, space: ModelSpace, fit: Fit) -> _Seen:
+    def _projected(self, space: ModelSpace, fit: Fit) -> _Projected:
+        return space.once('seen among errors', fit, lambda: self._project(space, fit))
+
+    def _project(self, space: ModelSpace, fit: Fit) -> _Projected:
         problem = space.problem
         forms = _other_forms(space, fit)
         white = self._metric.whiten(np.column_stack([
@@ -309,11 +308,11 @@ class SmallErrors:
         count, base = fit.theta_unit.size, len(problem.system.base_parameters)
         free = np.array([*range(base), *range(count, count + forms.shape[1])])
         price = (count - base) * space.log_size
-        return _Seen(self._directions.T @ white, white.T @ white, free, price)
+        return _Projected(self._directions.T @ white, white.T @ white, free, price)
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _Projected:
     """Sensitivities, other forms and residual of a fit: `along` the errors (m, c), and products.
 
     free: what counts by its volume. What the parameters of effects may do counts by its price.
