@@ -525,6 +525,20 @@ def test_a_slow_simulator_reports_its_progress_with_the_time_left(monkeypatch) -
     assert any(detail.startswith('about ') and detail.endswith(' s left') for detail in details)
 
 
+def test_a_cause_whose_published_size_is_zero_needs_no_size_by_run(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple] = []
+    real = established.unsteady_sizes
+    monkeypatch.setattr(
+        established, 'unsteady_sizes', lambda *args: seen.append(args) or real(*args))
+    diagnose(MODEL, [record(number, 0.3, 0.2) for number in range(3)])
+    space, fit, causes = seen[-1]
+    zero = [replace(cause, parameters={
+        name: replace(size, value=0.0) for name, size in cause.parameters.items()})
+        for cause in causes]
+    assert established.unsteady_sizes(space, fit, zero) == []
+
+
 def test_a_fitted_run_that_gets_worse_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(established, 'other_laws', lambda *_: [])
     space, fit = SimpleNamespace(problem=None, settings=None), SimpleNamespace(

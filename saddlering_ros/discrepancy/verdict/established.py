@@ -347,7 +347,8 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
     changes = space.problem.changes_of_effects(fit.point, fit.prediction).T
     for (effect, _, indices), change in zip(slices, changes, strict=True):
         size = stated[effect.id]
-        interval = size.std / max(abs(size.value - effect.neutral), 1e-300)
+        # A published size of zero allows any.
+        interval = size.std / max(abs(size.value - effect.neutral), 1e-6 * size.std, 1e-300)
         others = np.delete(space.tangent_of(fit).white, indices.start, axis=1)
         for kind, place in (('run', 0), ('channel', 1)):
             # Sizes (k,) by which the cause exceeds its fit there, as shares of it.
