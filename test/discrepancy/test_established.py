@@ -8,6 +8,7 @@ import itertools
 from pathlib import Path
 import sys
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from saddlering_ros.discrepancy import (
     diagnose,
     Diagnosis,
     Effect,
+    engine,
     Model,
     Noise,
     Parameter,
@@ -537,6 +539,22 @@ def test_a_cause_whose_published_size_is_zero_needs_no_size_by_run(
         name: replace(size, value=0.0) for name, size in cause.parameters.items()})
         for cause in causes]
     assert established.unsteady_sizes(space, fit, zero) == []
+
+
+def test_a_refit_may_end_in_any_model_that_was_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A smaller cause beside a larger one is the same in a model of both."""
+    seen: list[Any] = []
+    real = engine.stability_of
+    monkeypatch.setattr(
+        engine, 'stability_of', lambda search, taken: seen.append(search) or real(search, taken))
+    runs = [replace(run, outputs={'seen': run.outputs['seen'] + 0.5 * run.inputs['drive'] ** 3})
+            for run in (record(number, 0.2, 0.0) for number in range(3))]
+    assert {cause.effect for cause in diagnose(MODEL, runs).causes} == {'friction', 'cubic'}
+    space = seen[-1].space
+    friction = next(fit for fit in space.single_effect_fits()
+                    if fit.candidate.ids == ('friction',))
+    refits = real(replace(seen[-1], fit=friction, alternatives={}), None)[0]
+    assert all(refit.is_same and refit.first == 'friction' for refit in refits)
 
 
 def test_a_fitted_run_that_gets_worse_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -244,12 +244,13 @@ def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:
 
     The main one moves most of those that take half of what the others leave: what a base
     parameter imitates can move much and take nothing. Each that is named takes this half. An error
-    of the rig file beside a cause counts as small.
+    of the rig file counts as small beside a cause that moves more.
     """
     visible = among.best.visible
     shares = published.member_shares
     inputs = {signature.effect.id for signature in among.space.inputs}
-    real = [name for name in visible if name not in shares or shares[name].best >= MAINLY]
+    real = [name for name in visible
+            if name not in shares or name in inputs or shares[name].best >= MAINLY]
     main = max(real or visible, key=lambda name: visible[name])
     return main, [name for name in visible if name != main and (
         name not in real or name in inputs or not among.stands_out(name))]

@@ -415,8 +415,7 @@ def _refits(search: Search) -> tuple[Refit, ...]:
     """
     space = search.space
     group = [search.fit, *(other for fits in search.alternatives.values() for other in fits)]
-    models = {fit.candidate.key: fit for fit in (
-        space.base, *space.single_effect_fits(), *group)}
+    models = {fit.candidate.key: fit for fit in (space.base, *space.fits.values(), *group)}
     answers = []
     wanted = {name for fit in group for name in fit.candidate.ids}
     narrower = {name for fit in group for effect, _ in fit.candidate.effects
@@ -440,7 +439,9 @@ def _refits(search: Search) -> tuple[Refit, ...]:
                 effects = [effect for effect, _ in best.fit.candidate.effects]
                 is_same = any(effect.id in wanted | narrower or wanted & set(effect.contains)
                               for effect in effects) if effects else not wanted
-                answers.append(Refit(change, effects[0].id if effects else None, is_same))
+                first = min((effect.id for effect in effects), default=None, key=lambda name: (
+                    name not in wanted))
+                answers.append(Refit(change, first, is_same))
     return tuple(answers)
 
 
