@@ -1,5 +1,7 @@
 """A law that acts in the right channels by the wrong shares is told from the true one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,3 +46,23 @@ def test_a_law_with_another_share_in_each_channel_is_not_established(
     assert bool(refused) is (verdict == 'unknown')
     monkeypatch.setattr(established, 'unlike_channels', lambda *_: [])
     assert diagnose(MODEL, runs[:3], hold_out=runs[3:]).verdict == 'named'
+
+
+def simulate_with_gauge(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    seen = simulate(values, run)
+    return {**seen, 'far': seen['far'] + values['gauge.size'] * np.asarray(run.inputs['night'])}
+
+
+def test_a_cause_in_one_channel_does_not_patch_the_law_of_the_main_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = replace(MODEL, simulate=simulate_with_gauge, effects={
+        **MODEL.effects, 'gauge': Effect('Gauge', {'size': Parameter(-1.0, 1.0)})})
+    runs = [record(number, 0.5) for number in range(4)]
+    answer = diagnose(model, runs[:3], hold_out=runs[3:])
+    assert answer.verdict == 'unknown'
+    assert any('with a size for each channel' in words for words in answer.warnings)
+    monkeypatch.setattr(established, 'unlike_channels_unpatched', lambda *_: [])
+    answer = diagnose(model, runs[:3], hold_out=runs[3:])
+    assert answer.verdict == 'named'
+    assert [cause.effect for cause in answer.causes] == ['leak', 'gauge']

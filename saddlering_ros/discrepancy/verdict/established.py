@@ -27,7 +27,12 @@ from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.discrepancy.search.small_errors import Among, MIN_MARGIN, MIN_TIMES
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
-from saddlering_ros.discrepancy.verdict.published import MAINLY, Publication, sizes_at_bounds
+from saddlering_ros.discrepancy.verdict.published import (
+    MAINLY,
+    plain_fits,
+    Publication,
+    sizes_at_bounds,
+)
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.estimation.statistics import fisher_chance
@@ -50,6 +55,9 @@ SAME_SIZE = 0.02
 """Share by which the sizes of one law may differ from run to run and from channel to channel: no
 machine keeps its size better. Without it, a true law of 94 to 103 % was refused. Up to 0.03 all
 stand-ins of development, which differ by 40 to 60 %, are refused; with 0.05 one of four is not."""
+
+ONE_CHANNEL = 0.99
+"""Share of the power of what a cause changes that is in one channel. A gauge's error has all."""
 
 MIN_REPEATED = 0.95
 """Share of the power of what a cause changes that one curve over a coordinate repeats, for the
@@ -206,7 +214,8 @@ def doubts_beside_error(
     assert published.shares is not None
     narrow = narrow_laws(alone.space, published.plain)
     doubts = [*doubts_of(search, published), *unsteady_sizes(space, fit, published.causes),
-              *narrow, *unlike_channels(alone.space, published.plain),
+              *narrow, *(unlike_channels(alone.space, published.plain)
+                         or unlike_channels_unpatched(alone.space, search, main.effect)),
               *uncertain_size(space, published)]
     # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
     most = MAINLY if main.group == (main.effect,) else 1.0 - MIN_TAKEN
@@ -470,6 +479,17 @@ def unlike_channels(space: ModelSpace, fit: Fit) -> list[str]:
         if share > MIN_UNLIKE and bent > MIN_UNLIKE_BENT:
             sentences.append(wording.unlike_channels_words(problem.titles[name], share))
     return sentences
+
+
+def unlike_channels_unpatched(alone: ModelSpace, search: Search, main: str) -> list[str]:
+    """The same of the main cause without those in one channel, which can make up for its law."""
+    problem, fit = alone.problem, search.fit
+    squares = problem.in_views(problem.changes_of_effects(fit.point, fit.prediction)) ** 2
+    powers = squares.reshape(len(problem.system.views), -1, squares.shape[1]).sum(axis=1)
+    for name, power in zip(search.fit.candidate.ids, powers.T, strict=True):
+        if name != main and power.max() > ONE_CHANNEL * power.sum():
+            fit = search.space.without(fit, name)
+    return [] if fit is search.fit else unlike_channels(alone, *plain_fits(problem, [fit]))
 
 
 def unshared(refits: Sequence[Refit]) -> list[str]:
