@@ -344,7 +344,7 @@ def certainty_lines(document: VerdictDocument) -> list[str]:
         *wording.limit_lines(document.get('near_limit', [])),
         wording.remainder_line(document.get('remainder') or ()),
         wording.influence_words([
-            (one['run'], one['start'], one['end'], one['evidence']) for one in influence])))]
+            (one['run'], one['start'], one['end'], one['evidence']) for one in influence], 's')))]
 
 
 def document_text(document: VerdictDocument) -> str:

@@ -36,17 +36,23 @@ class RingJudgement:
         return len(self.reasons) + min(math.log10(max(self.e_value, 1.0)), 99.0) / 100.0
 
     @property
+    def titles(self) -> dict[str, str]:
+        """Titles of the causes by their ids."""
+        return {name: title for session in self.sessions for name, title in session.titles.items()}
+
+    @property
     def reasons(self) -> tuple[str, ...]:
         """Why the ring needs a person, in words; none if it does not."""
         answer = []
         if self.finding:
-            names = sorted({name for session in self.sessions for name in session.causes})
-            answer.append('finding: ' + (', '.join(names).replace('_', ' ') or 'cause unknown'))
+            names = sorted({history.words_of([name], self.titles)
+                            for session in self.sessions for name in session.causes})
+            answer.append(f'finding: {", ".join(names) or "cause unknown"}')
         if self.unlike is not None and self.unlike.stands:
             strongest = COORDINATES[int(np.argmax(np.abs(self.unlike.z_scores)))]
-            answer.append(f'unlike the other rings in {history.words_of([strongest])}')
+            answer.append(f'unlike the other rings in {history.words_of([strongest], {})}')
         if self.drift is not None:
-            answer.append(f'drifts: {history.words_of(self.drift.group)}')
+            answer.append(f'drifts: {history.words_of(self.drift.group, self.titles)}')
         answer += filter(None, [self.sessions[-1].change])
         return tuple(answer)
 

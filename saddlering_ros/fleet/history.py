@@ -166,9 +166,10 @@ class RemainingLife:
     high: float
 
 
-def words_of(group: Sequence[str]) -> str:
-    """A group of coordinates or causes as a person reads it."""
-    return ' or '.join(NAMES.get(name, name.replace('_', ' ')) for name in group)
+def words_of(group: Sequence[str], titles: Mapping[str, str]) -> str:
+    """A group of coordinates or causes as a person reads it; titles: of causes by their ids."""
+    return ' or '.join(titles.get(name) or NAMES.get(name) or name.replace('_', ' ')
+                       for name in group)
 
 
 def follow(series: TimeSeries) -> History | None:

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 import math
+from textwrap import fill
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from saddlering_ros.pages import charts, html
 
 MAX_DRAWN = 12
 """Rings whose histories are drawn, those of most concern first."""
+
+MAX_TITLE = 22
+"""Letters of a line above a picture of a history."""
 
 EPOCH = 1970.0
 """Year from which the calendar time of a history counts (`SessionFigures.time`)."""
@@ -28,8 +32,8 @@ def fleet_page(fleet: Fleet, failures: Sequence[tuple[str, str]]) -> str:
     """The page; failures: name of a session without a verdict, and the reason."""
     flagged = [ring for ring in fleet.rings if ring.reasons]
     verdicts = Counter(session.verdict for session in fleet.sessions).most_common()
-    rigs = [f'Rig {drift.owner}: most of its rings drift together ({words_of(drift.group)}). The '
-            f'rig is at fault, not the rings. {drift.next_test}' for drift in fleet.rigs]
+    rigs = [f'Rig {drift.owner}: most of its rings drift together ({words_of(drift.group, {})}). '
+            f'The rig is at fault, not the rings. {drift.next_test}' for drift in fleet.rigs]
     pictures = [
         html.picture(history_chart(ring), f'history_{ring.ring}', f'Ring {ring.ring}.')
         for ring in [ring for ring in fleet.rings if ring.history.of][:MAX_DRAWN]]
@@ -117,5 +121,6 @@ def history_chart(ring: RingJudgement) -> charts.Chart:
                 charts.strokes(time, low, high, width=0.9),
                 charts.line(time, level, charts.AFTER),
                 charts.markers(time, value, 'o', charts.MEASURED, size=3.0)),
-            title=name.replace('_', ' ') + ' / %' * is_relative, shows_y_label=False))
+            title=fill(ring.titles.get(name, name.replace('_', ' ')), MAX_TITLE)
+            + ' / %' * is_relative, shows_y_label=False))
     return charts.Chart(tuple(panels), width=11.4, height=2.1, columns=len(panels))

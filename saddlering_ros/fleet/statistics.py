@@ -12,7 +12,7 @@ known covariance: T by restricted maximum likelihood (Patterson and Thompson, Bi
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 from typing import Any
 
@@ -22,6 +22,7 @@ from scipy.optimize import minimize
 from scipy.stats import chi2, false_discovery_control
 
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.quantities import lowered
 
 Array = NDArray[np.float64]
 
@@ -57,8 +58,8 @@ class SessionFigures:
     """One session: value (6,) and covariance (6, 6) of COORDINATES, NaN where not measured.
 
     time [s since 1970] and service_hours of the test, NaN if unknown; causes: size and standard
-    deviation of every effect named, by its id; change: what changed since the base measurement of
-    the ring in one sentence, '' if nothing did.
+    deviation of every effect named, by its id; titles: of these effects; change: what changed
+    since the base measurement of the ring in one sentence, '' if nothing did.
     """
 
     key: str
@@ -76,6 +77,7 @@ class SessionFigures:
     next_test: str = ''
     report: str = ''
     change: str = ''
+    titles: Mapping[str, str] = field(default_factory=dict)
 
 
 def figures_of(task: Mapping[str, Any], result: Mapping[str, Any], p_value: float
@@ -88,18 +90,19 @@ def figures_of(task: Mapping[str, Any], result: Mapping[str, Any], p_value: floa
         value, covariance = to_coordinates(
             np.array([float(after[name]) for name in PARAMETERS]),
             np.asarray(result['covariance'], dtype=float))
+    named = [cause for cause in document.get('causes') or []
+             if 'effect' in cause and not cause.get('partial')]
     causes = {
         cause['effect']: (float(size['value']), float(size['std'] or math.nan))
-        for cause in document.get('causes') or []
-        if 'effect' in cause and not cause.get('partial')
-        for size in list((cause.get('parameters') or {}).values())[:1]}
+        for cause in named for size in list((cause.get('parameters') or {}).values())[:1]}
     time, service_hours = (float(math.nan if task[name] is None else task[name])
                            for name in ('time', 'service_hours'))
     return SessionFigures(
         result['key'], task['name'], task['ring'], task['bench'], time, service_hours,
         bool(task['maintenance']), document.get('verdict') or 'failed', p_value, value, covariance,
         causes, document.get('next_test') or '', result.get('report') or '',
-        '' if change.get('verdict') in (None, 'none') else change['headline'].rstrip('.'))
+        '' if change.get('verdict') in (None, 'none') else change['headline'].rstrip('.'),
+        {cause['effect']: lowered(cause['title']) for cause in named if cause.get('title')})
 
 
 def to_coordinates(parameters: Array, covariance: Array) -> tuple[Array, Array]:

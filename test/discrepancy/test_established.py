@@ -391,10 +391,20 @@ def test_a_cause_without_a_rival_is_stable_and_its_evidence_is_told_by_run() -> 
 
 def test_no_run_holds_more_than_all_of_the_evidence() -> None:
     words = wording.influence_words(
-        [('up', 0, 1, 30.0), ('up', 1, 2, 70.0), ('down', 0, 1, -15.0)])
+        [('up', 0, 1, 30.0), ('up', 1, 2, 70.0), ('down', 0, 1, -15.0)], 's')
     assert words == ('Evidence by run: up 100 % (most of it from 1 to 2 s); '
                      'against the causes: down.')
-    assert not wording.influence_words([('down', 0, 1, -15.0)])
+    assert not wording.influence_words([('down', 0, 1, -15.0)], 's')
+
+
+@pytest.mark.parametrize(('unit', 'frequency'), [
+    ('s', '4.0 Hz'), ('h', '4.0 per h'), ('', '4.0 per unit of time')])
+def test_a_sentence_states_the_unit_of_time_of_the_model(unit, frequency) -> None:
+    answer = found(0.3, 0.0, replace(MODEL, time_unit=unit))
+    line = next(one for one in answer.summary().splitlines() if 'Evidence by run' in one)
+    assert f'0 to 4.97 {unit}'.strip() + ')' in line
+    fast = SimpleNamespace(view='seen', frequency=4.0, run='a', visible=0.01)
+    assert f'at about {frequency} in a' in wording.oscillation_words(fast, unit)
 
 
 def test_a_stand_in_that_most_refits_replace_is_not_established(monkeypatch) -> None:

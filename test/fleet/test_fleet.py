@@ -77,6 +77,23 @@ def test_a_change_since_the_base_measurement_is_a_reason_for_attention():
     assert ring.concern >= 1.0
 
 
+def test_a_finding_and_a_drift_show_the_title_of_a_cause():
+    cause = {'effect': 'radial_friction', 'title': 'Dry friction in the radial row',
+             'parameters': {'force': {'value': 5e3, 'std': 50.0}}}
+    found = figures_of(
+        {'name': '', 'ring': 'SR-1', 'bench': '', 'time': 0.0, 'service_hours': None,
+         'maintenance': False},
+        {'key': '', 'verdict': {'verdict': 'named', 'causes': [cause]}}, 1e-9)
+    sessions = [replace(session, p_value=1e-9, titles=found.titles,
+                        causes={'radial_friction': (1e3 + 500.0 * number, 50.0)})
+                for number, session in enumerate(sessions_of('SR-1', STILL))]
+    ring, = judge_fleet(sessions).rings
+    assert ring.reasons == ('finding: dry friction in the radial row',
+                            'drifts: dry friction in the radial row')
+    assert 'dry friction in the\nradial row' in [
+        panel.title for panel in history_chart(ring).panels]
+
+
 def test_restricted_likelihood_finds_the_spread_of_rings():
     chance = np.random.default_rng(3)
     between = np.array([[4.0, 1.0], [1.0, 2.0]]) * 1e-2

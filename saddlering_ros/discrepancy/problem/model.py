@@ -108,7 +108,7 @@ class Model:
     simulate(parameters, run) returns every channel at run.time. The parameters hold the base
     by name and those of every effect as 'effect.parameter', neutral if the effect is not in
     the model. simulate_many(list of parameters, run) replaces `simulate` if it is given.
-    time_unit: of the time axes of the page.
+    time_unit: of run.time, on the page and in sentences.
     """
 
     simulate: Simulate
@@ -191,6 +191,7 @@ class ModelSystem:
         self.base_parameters: tuple[Parameter, ...] = tuple(model.base.values())
         self.effects: tuple[Effect, ...] = tuple(model.effects.values())
         self.scales = np.array([_range(name, fitted) for name in model.channels])
+        self.time_unit = model.time_unit
         self.failures: Counter[str] = Counter()
         self.failed_at: dict[str, str] = {}
         self.calls = 0

@@ -136,6 +136,11 @@ class Problem:
         return {effect.id: form(effect.title) for effect in (
             *self.system.effects, *getattr(self.system, 'inputs', ()))}
 
+    @property
+    def time_unit(self) -> str:
+        """Unit of the time of runs; '' if a model does not state it."""
+        return str(getattr(self.system, 'time_unit', 's'))
+
     @cached_property
     def usual_simulations(self) -> float:
         """Number of points that a search simulates until a cause is named, roughly."""

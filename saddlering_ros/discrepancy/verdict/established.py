@@ -96,7 +96,8 @@ def judge_alone(
     """
     space, fit, settings = search.space, search.fit, search.space.settings
     ids, titles = fit.candidate.ids, space.titles_of(fit)
-    fast = [wording.oscillation_words(after.fast)] if after.fast.is_real_and_material(
+    fast = [wording.oscillation_words(
+        after.fast, space.problem.time_unit)] if after.fast.is_real_and_material(
         settings) and after.fast.visible >= space.problem.allowed_sizes[after.fast.view] else []
     if published.shares is None:
         return fast, not left

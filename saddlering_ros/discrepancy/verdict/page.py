@@ -49,7 +49,7 @@ def write_page(answer: Diagnosis, path: Path) -> None:
     channels = _channels(answer)
     # The pictures of certainty read the document of a ring.
     document = {
-        'time_unit': channels[0].time_unit,
+        'time_unit': answer.fits.metric.problem.time_unit,
         'probabilities': answer.probabilities, 'stability': answer.stability,
         'near_limit': answer.near_limit,
         'causes': [{'effect': cause.effect} for cause in answer.causes],
@@ -111,7 +111,7 @@ def _channels(answer: Diagnosis) -> list[_Channel]:
             bands['± 2 × noise and declared model error'] = 2.0 * scale * float(
                 np.hypot(noise, allowed))
         channels.append(_Channel(name, declared.channels[name].unit if declared else '',
-                                 declared.time_unit if declared else '', bands))
+                                 problem.time_unit, bands))
     return channels
 
 

@@ -136,8 +136,10 @@ def limit_lines(near_limit: Sequence[str]) -> list[str]:
     return [f'The verdict is near its limit: {reason}.' for reason in near_limit]
 
 
-def influence_words(influence: Sequence[tuple[str, float, float, float]]) -> str:
-    """Which runs and stretches hold the evidence: run, start, end [s] and evidence of each.
+def influence_words(
+    influence: Sequence[tuple[str, float, float, float]], time_unit: str,
+) -> str:
+    """Which runs and stretches hold the evidence: run, start, end [time_unit], evidence of each.
 
     Shares count from what speaks for the causes, as on the page. Nothing without such a run.
     """
@@ -153,7 +155,7 @@ def influence_words(influence: Sequence[tuple[str, float, float, float]]) -> str
         _, start, end = max(runs[run])
         if sums[run] > 0.0:
             words.append(f'{run} {percent(sums[run] / whole)} (most of it from {start:.3g} to '
-                         f'{end:.3g} s)')
+                         + f'{end:.3g} {time_unit}'.rstrip() + ')')
     against = [run for run, share in sums.items() if share < -MIN_AGAINST * whole]
     more = f'; against the causes: {", ".join(against)}' if against else ''
     return f'Evidence by run: {", ".join(words)}{more}.'
@@ -317,8 +319,9 @@ def other_form_words(explained: float, where: str) -> str:
             'law of a cause in the catalogue is idealised, which explains this remainder')
 
 
-def oscillation_words(fast: FastResidual) -> str:
-    return (f'{fast.view} oscillates at about {quantity(fast.frequency, "Hz", digits=2)} in '
+def oscillation_words(fast: FastResidual, time_unit: str) -> str:
+    unit = 'Hz' if time_unit == 's' else f'per {time_unit or "unit of time"}'
+    return (f'{fast.view} oscillates at about {quantity(fast.frequency, unit, digits=2)} in '
             f'{fast.run} ({percent(fast.visible)} of range), which no cause explains')
 
 
@@ -372,7 +375,8 @@ def summary_text(diagnosis: Diagnosis) -> str:
     lines += filter(None, [remainder_line([vars(rest) for rest in diagnosis.remainder])])
     if diagnosis.causes:
         lines.append(influence_words([
-            (one.run, one.start, one.end, one.evidence) for one in diagnosis.influence]))
+            (one.run, one.start, one.end, one.evidence) for one in diagnosis.influence],
+            diagnosis.fits.metric.problem.time_unit))
     if diagnosis.verdict == 'unknown':
         lines.append(tried_words(
             len(diagnosis.observability.limits), len(diagnosis.search.candidates),
