@@ -14,7 +14,7 @@ from saddlering_ros.discrepancy import Channel, Diagnosis, Effect, engine, Model
 from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.search import small_errors
-from saddlering_ros.discrepancy.verdict import established
+from saddlering_ros.discrepancy.verdict import established, wording
 
 TIME = np.linspace(0.0, 20.0, 500)
 SHAPES = {
@@ -173,3 +173,11 @@ def test_the_base_beside_learnt_model_error_is_published_without_that_error() ->
     assert (answer.verdict, answer.causes[0].effect) == ('named', 'friction')
     gain = answer.base['gain']
     assert abs(gain.value - 1.2) < 3.0 * gain.std
+
+
+def test_a_cause_that_small_errors_alone_explain_nearly_as_well_is_told_so() -> None:
+    """The closest model without the cause has no effect, and so no title."""
+    assert wording.close_words('dry friction', []) == (
+        'small errors alone explain the misfit nearly as well as dry friction')
+    assert wording.close_words('dry friction', ['creep']) == (
+        'beside small errors, creep without dry friction explain the misfit nearly as well')

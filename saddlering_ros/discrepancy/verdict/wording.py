@@ -251,6 +251,8 @@ def no_outlier_words(title: str, times: float, needed: float) -> str:
 
 
 def close_words(title: str, others: Sequence[str]) -> str:
+    if not others:
+        return f'small errors alone explain the misfit nearly as well as {title}'
     return (f'beside small errors, {joined(others)} without {title} explain the misfit nearly as '
             'well')
 
