@@ -95,6 +95,20 @@ def test_an_effect_that_the_base_almost_imitates_is_tried_as_an_alternative() ->
     assert cause.effect == 'almost'
 
 
+def test_alternatives_are_those_of_the_model_that_the_last_round_leads_to(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Those of a replaced member are no alternatives to the model without it."""
+    monkeypatch.setattr(selection, 'MAX_CHECKS', 1)
+    system = Shapes(square=LOAD**2, cube=LOAD**3)
+    space = prepare(Problem(system, [measured(system, 1e-3, {'cube': {'size': 0.1}})]))
+    scores = [score for score in space.scores(space.base) if score.effect.id == 'square']
+    wrong = fit_each(space, space.base, scores)[0]
+    fit, alternatives = selection.check_alternatives(space, wrong, SearchLog())
+    assert fit.candidate.ids == ('cube',)
+    assert alternatives == {'cube': ()}
+
+
 # --- one cause for two, two causes for none ---
 
 

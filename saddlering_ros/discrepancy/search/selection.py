@@ -46,7 +46,7 @@ MAX_SILENT = 2
 """Immaterial effects in the model during a search: each takes part of a later cause's."""
 
 MAX_CHECKS = 3
-"""Rounds of alternatives: one follows each replaced member, of which there are three."""
+"""Members replaced at most: a round of alternatives follows each of them."""
 
 MIN_LIKE = 0.1
 """Share of what a member takes that another effect must take to first order to be refitted."""
@@ -244,7 +244,7 @@ def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
 def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit, Alternatives]:
     """Alternatives to every member; a better alternative replaces the member."""
     alternatives, settings = dict[str, tuple[Fit, ...]](), space.settings
-    for _ in range(MAX_CHECKS):
+    for further in reversed(range(MAX_CHECKS + 1)):
         alternatives, better = {}, []
         for name in fit.candidate.ids:
             space.watch.check()
@@ -269,7 +269,7 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
             material = [fit for fit in fits if Comparison(space, less, fit).is_material]
             if material and space.penalised(material[0]) < space.penalised(fit) - 1.0:
                 better.append(material[0])
-        if not better:
+        if not (better and further):
             break
         fit = prune(space, min(better, key=space.penalised), log)
     return fit, alternatives
