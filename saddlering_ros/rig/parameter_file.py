@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 import yaml
 
-from saddlering_ros.errors import did_you_mean, refuse_unknown_keys, SaddleringError
+from saddlering_ros.errors import did_you_mean, plain_number, refuse_unknown_keys, SaddleringError
 from saddlering_ros.files import Origin, write_text
 from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.rig.units import stiffness_per_millimetre
@@ -89,7 +89,8 @@ def unfold(
             if name in place:
                 kind = 'as a value and as a section' if isinstance(place[name], dict) else 'twice'
                 raise error(f'{where}: {full} is given {kind}: remove one')
-            place[name] = _as_ros_reads(value)
+            is_text = above == 'source.' and name not in ('covariance', 'objective')
+            place[name] = value if is_text else _as_ros_reads(value)  # a bag may be named 1e5
 
     put(result, parameters, '')
     return result
@@ -100,7 +101,7 @@ def _as_ros_reads(value: Any) -> Any:
     if isinstance(value, list):
         return [_as_ros_reads(entry) for entry in value]
     try:
-        return float(value) if isinstance(value, str) else value
+        return plain_number(value) if isinstance(value, str) else value
     except ValueError:
         return value
 

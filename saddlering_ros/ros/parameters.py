@@ -1,6 +1,7 @@
 """Node parameters declared once: default, range and words, for ROS, the checks and the docs."""
 
 from collections.abc import Callable, Mapping, Sequence
+import contextlib
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 import math
@@ -10,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from rcl_interfaces import msg
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.utilities import remove_ros_args
 import yaml
 
-from saddlering_ros.errors import did_you_mean, SaddleringError
+from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError
 from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.rig import default_rig, load_rig, PARAMETER_NAMES, Rig, rig_from_parameters
 from saddlering_ros.rig.instruments import instruments_from
@@ -46,9 +46,9 @@ class NodeParameter:
     while_inactive: bool = False
 
     def descriptor(self) -> msg.ParameterDescriptor:
-        """Text of `ros2 param describe`."""
+        """Text of `ros2 param describe`; `refusal` judges the type, and says what to give."""
         descriptor = msg.ParameterDescriptor(
-            name=self.name, description=self.words,
+            name=self.name, description=self.words, dynamic_typing=True,
             read_only=not (self.changeable or self.while_inactive))
         if self.choices:
             descriptor.additional_constraints = f'one of: {", ".join(self.choices)}'
@@ -63,16 +63,31 @@ class NodeParameter:
 
     def refusal(self, value: Any) -> str:
         """Why `value` cannot be taken, in one line; empty if it can."""
+        if type(value) is not type(self.default):
+            return f'{self.name} is {value!r}: give {_KINDS[type(self.default)]}'
         if self.choices and value not in self.choices:
             return f'{self.name} is {value!r}: give one of {", ".join(self.choices)}'
         if self.nan_allowed and isinstance(value, float) and math.isnan(value):
             return ''
-        if isinstance(self.default, float) and not math.isfinite(value):
+        if isinstance(value, float) and not math.isfinite(value):
             return f'{self.name} is {value}: give a finite number'
         if isinstance(value, (int, float)) and not isinstance(value, bool) \
                 and not self.low <= value <= self.high:
             return f'{self.name} is {value:g}: give a number from {self.low:g} to {self.high:g}'
         return ''
+
+    def as_declared(self, given: RosParameter) -> RosParameter:
+        """`given` as a float, if it is to be one: `ros2 param set` sends 50 as a whole number.
+
+        It sends 1e-6 as the text that YAML 1.1 makes of it.
+        """
+        value = given.value
+        if isinstance(self.default, float) and type(value) in (int, str):
+            with contextlib.suppress(ValueError):
+                return RosParameter(given.name, value=plain_number(str(value)))
+        if value is None and isinstance(self.default, list):  # rclpy has no empty list
+            return RosParameter(given.name, value=[''])
+        return given
 
 
 HARDWARE_ID = NodeParameter(
@@ -101,6 +116,10 @@ def declare(node: Node, parameters: Sequence[NodeParameter]) -> dict[str, Any]:
     settings = {one.name: _stripped(_declare_one(node, one)) for one in parameters}
     by_name = {parameter.name: parameter for parameter in parameters}
 
+    def as_declared(changes: list[RosParameter]) -> list[RosParameter]:
+        return [by_name[change.name].as_declared(change) if change.name in by_name else change
+                for change in changes]
+
     def judge(changes: list[RosParameter]) -> msg.SetParametersResult:
         for change in changes:
             parameter = by_name.get(change.name)
@@ -111,6 +130,8 @@ def declare(node: Node, parameters: Sequence[NodeParameter]) -> dict[str, Any]:
                 reason = (f'{parameter.name} can change only while the node is inactive: ros2 '
                           f'lifecycle set {node.get_fully_qualified_name()} deactivate first')
             if reason:
+                kept = node.get_parameter(change.name).type_  # rclpy has described the new type
+                node.describe_parameter(change.name).type = kept.value
                 return msg.SetParametersResult(successful=False, reason=reason)
         return msg.SetParametersResult(successful=True)
 
@@ -118,6 +139,7 @@ def declare(node: Node, parameters: Sequence[NodeParameter]) -> dict[str, Any]:
         settings.update({change.name: _stripped(change.value) for change in changes
                          if change.name in by_name})
 
+    node.add_pre_set_parameters_callback(as_declared)
     node.add_on_set_parameters_callback(judge)
     node.add_post_set_parameters_callback(keep)
     return settings
@@ -129,24 +151,12 @@ def _stripped(value: Any) -> Any:
 
 def _declare_one(node: Node, parameter: NodeParameter) -> Any:
     overrides: dict[str, RosParameter] = node._parameter_overrides
-    given, kind = overrides.get(parameter.name), type(parameter.default)
-    if given is not None and kind is float and given.type_ == RosParameter.Type.INTEGER:
-        given = overrides[parameter.name] = RosParameter(parameter.name, value=float(given.value))
-    if given is not None and given.value is None and kind is list:  # rclpy has no empty list
-        given = overrides[parameter.name] = RosParameter(parameter.name, value=[''])
-    if given is not None and isinstance(given.value, kind):
+    if parameter.name in overrides:
+        given = overrides[parameter.name] = parameter.as_declared(overrides[parameter.name])
         reason = parameter.refusal(given.value)
         if reason:
             raise NodeError(f'{node.get_name()}: parameter {reason}')
-    try:
-        return node.declare_parameter(
-            parameter.name, parameter.default, parameter.descriptor()).value
-    except InvalidParameterTypeException as problem:
-        value = None if given is None else given.value
-        raise NodeError(f'{node.get_name()}: parameter {parameter.name} is {value!r}: give '
-                        f'{_KINDS[kind]}') from problem
-    except InvalidParameterValueException as problem:
-        raise NodeError(f'{node.get_name()}: parameter {problem}') from problem
+    return node.declare_parameter(parameter.name, parameter.default, parameter.descriptor()).value
 
 
 _KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text',
@@ -170,12 +180,14 @@ def declare_rig(node: Node) -> Rig:
     nested = given_sections(node, ('rig', 'bounds'))
     is_given = 'rig' in nested
     project = default_rig() if is_given else load_rig()
-    for name, default in _rig_values(project).items():
-        if not node.has_parameter(name):
-            node.declare_parameter(name, default, _descriptor_of(name))
-            if not is_given:
-                _put(nested, name.split('.'), default)
-    rig = rig_from_parameters(nested, f'parameters of {node.get_name()}')
+    defaults = {name: default for name, default in _rig_values(project).items()
+                if not node.has_parameter(name)}
+    for name, default in defaults.items():
+        node.declare_parameter(name, default, _descriptor_of(name))
+    where = f'parameters of {node.get_name()}'
+    if not is_given:
+        nested = unfold(nested | defaults, where, NodeError)
+    rig = rig_from_parameters(nested, where)
     return rig if is_given else replace(
         rig, instruments=project.instruments, wear_limits=project.wear_limits)
 
@@ -221,14 +233,11 @@ def _descriptor_of(name: str) -> msg.ParameterDescriptor:
 
 def given_sections(node: Node, sections: Sequence[str]) -> dict[str, Any]:
     """Start values under `sections`, nested; only given ones are declared (read only)."""
-    nested: dict[str, Any] = {}
     overrides: dict[str, RosParameter] = node._parameter_overrides
-    for name in sorted(overrides):
-        if name.partition('.')[0] not in sections:
-            continue
-        value = node.declare_parameter(name, overrides[name].value, _descriptor_of(name)).value
-        _put(nested, name.split('.'), value)
-    return nested
+    given = {name: node.declare_parameter(name, overrides[name].value, _descriptor_of(name)).value
+             for name in sorted(overrides) if name.partition('.')[0] in sections}
+    return unfold({name: value if isinstance(value, (int, float, str)) else list(value)
+                   for name, value in given.items()}, node.get_name(), NodeError)
 
 
 def refuse_undeclared(node: Node) -> None:
@@ -290,12 +299,6 @@ def _with_certificates(file: str) -> str:
     place = os.memfd_create('parameters')
     os.write(place, yaml.safe_dump(document).encode())
     return f'/proc/self/fd/{place}'
-
-
-def _put(nested: dict[str, Any], path: Sequence[str], value: Any) -> None:
-    for section in path[:-1]:
-        nested = nested.setdefault(section, {})
-    nested[path[-1]] = value if isinstance(value, (int, float, str)) else list(value)
 
 
 def root_folder(node: Any, parameter: str, default: Path) -> Path:

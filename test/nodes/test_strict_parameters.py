@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+import contextlib
 from importlib import util
+import json
 import os
 from pathlib import Path
 
 from forked_nodes import endings
 import pytest
 import rclpy
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 import yaml
 
 from saddlering_ros.files import share_directory
@@ -16,11 +21,30 @@ from saddlering_ros.nodes.ring_residual import RingResidualNode
 from saddlering_ros.rig import load_rig, RigError
 from saddlering_ros.ros.launcher import ros_arguments
 from saddlering_ros.ros.names import NodeError
-from saddlering_ros.ros.parameters import declare_rig, refuse_undeclared, strict_arguments
+from saddlering_ros.ros.parameters import (
+    declare,
+    declare_rig,
+    given_sections,
+    NodeParameter,
+    refuse_undeclared,
+    strict_arguments,
+)
 from saddlering_ros.ros.streaming_node import run_streaming
 
 BAG = Path(__file__).parents[2] / 'bags' / 'static_50'
 pytestmark = pytest.mark.ros
+
+
+@contextlib.contextmanager
+def node_with(*arguments: str) -> Iterator[Node]:
+    context = rclpy.Context()
+    rclpy.init(context=context, args=['program', *arguments])
+    node = rclpy.create_node('listener', context=context)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
 
 
 def refusals(*cases: list[str]) -> list[str]:
@@ -143,16 +167,9 @@ def test_a_rig_file_reaches_a_node_with_its_certificates_and_limits_of_wear(
     file.write_text(yaml.dump(document))
     if is_project:
         monkeypatch.setenv('SADDLERING_RIG', str(file))
-    context = rclpy.Context()
-    rclpy.init(context=context, args=['program', *ros_arguments(
-        files=[] if is_project else [file])])
-    node = rclpy.create_node('ring_identification', context=context)
-    try:
+    with node_with(*ros_arguments(files=[] if is_project else [file])) as node:
         assert declare_rig(node) == load_rig(file)
         refuse_undeclared(node)
-    finally:
-        node.destroy_node()
-        rclpy.shutdown(context=context)
 
 
 CERTIFICATE = """<digitalCalibrationCertificate><quantity id="sensitivity"><real>
@@ -171,16 +188,10 @@ def test_a_node_finds_certificates_beside_its_rig_file_as_a_command_does(
     file = tmp_path / 'rig.yaml'
     file.write_text(yaml.dump(document))
     monkeypatch.chdir('/')
-    context = rclpy.Context()
-    rclpy.init(context=context, args=['program', *strict_arguments(ros_arguments(files=[file]))])
-    node = rclpy.create_node('ring_alarm', context=context)
-    try:
+    with node_with(*strict_arguments(ros_arguments(files=[file]))) as node:
         assert declare_rig(node) == load_rig(file)
         assert load_rig(file).instruments.probe_gain == (0.001, 0.002, 0.003, 0.001)
         refuse_undeclared(node)
-    finally:
-        node.destroy_node()
-        rclpy.shutdown(context=context)
 
 
 def test_a_certificate_that_is_not_there_is_refused_with_its_place(tmp_path: Path) -> None:
@@ -202,3 +213,66 @@ def test_a_number_reaches_a_node_as_it_was_given(value: float) -> None:
     finally:
         node.destroy_node()
         rclpy.shutdown(context=context)
+
+
+CHANGEABLE = (
+    NodeParameter('window', 2.0, 'a number', low=1e-6, high=100.0, changeable=True),
+    NodeParameter('elevation_deg', 3.0, 'a number', low=-10.0, high=90.0, changeable=True,
+                  nan_allowed=True),
+    NodeParameter('name', 'a', 'a text', changeable=True),
+    NodeParameter('fixed', 1.0, 'a number'))
+
+
+@pytest.mark.parametrize(('name', 'given', 'kept'), [
+    ('window', 50, 50.0), ('window', '1e-6', 1e-6), ('window', '5E1', 50.0),
+    ('elevation_deg', 'nan', float('nan'))])
+def test_a_number_is_taken_as_ros2_param_set_sends_it(
+        name: str, given: int | str, kept: float) -> None:
+    """It sends 50 as a whole number, and 1e-6 as the text that YAML 1.1 makes of it."""
+    with node_with() as node:
+        settings = declare(node, CHANGEABLE)
+        answer = node.set_parameters_atomically([Parameter(name, value=given)])
+        assert (answer.successful, answer.reason) == (True, '')
+        assert repr(settings[name]) == repr(node.get_parameter(name).value) == repr(kept)
+
+
+@pytest.mark.parametrize(('name', 'given', 'words'), [
+    ('window', 101, 'out of range'), ('window', '1e-7', 'out of range'),
+    ('window', 'inf', 'out of range'), ('elevation_deg', '91', 'from -10 to 90'),
+    ('window', 'wide', "window is 'wide': give a number"),
+    ('window', '1_0', "window is '1_0': give a number"),
+    ('window', True, 'window is True: give a number'),
+    ('window', None, 'window is None: give a number'),
+    ('window', [1.0], 'window is [1.0]: give a number'),
+    ('name', 50, 'name is 50: give a text'), ('fixed', 2, 'read-only parameter: fixed')])
+def test_any_other_value_is_refused_in_a_line_that_says_what_to_give(
+        name: str, given: object, words: str) -> None:
+    with node_with() as node:
+        before = dict(declare(node, CHANGEABLE))
+        answer = node.set_parameters_atomically([Parameter(name, value=given)])
+        assert not answer.successful
+        assert words in answer.reason
+        assert '\n' not in answer.reason
+        assert {one.name: node.get_parameter(one.name).value for one in CHANGEABLE} == before
+        assert node.describe_parameter(name).type == node.get_parameter(name).type_.value
+
+
+def test_numbers_that_a_launch_file_wrote_as_texts_are_numbers(tmp_path: Path) -> None:
+    """YAML 1.1 reads 1e-6 as text, and some writers of YAML quote it then."""
+    document = yaml.safe_load((share_directory() / 'config' / 'rig.yaml').read_text())
+    given = document['/**']['ros__parameters']
+    given['rig']['preload'] = '1e4'
+    given |= {'window': '1e-6', 'contact': {'K1': '1e8'}, 'source': {'bags': ['20250101']}}
+    file = tmp_path / 'launch_params_z'
+    file.write_text(json.dumps(document))
+    with node_with('--ros-args', '--params-file', str(file)) as node:
+        assert declare(node, CHANGEABLE)['window'] == 1e-6
+        assert declare_rig(node).preload == 1e4
+        assert given_sections(node, ('contact', 'source')) == {
+            'contact': {'K1': 1e8}, 'source': {'bags': ['20250101']}}
+
+
+def test_a_text_at_the_start_that_is_no_number_ends_the_node() -> None:
+    with node_with('--ros-args', '-p', 'window:=wide') as node, pytest.raises(
+            NodeError, match="listener: parameter window is 'wide': give a number"):
+        declare(node, CHANGEABLE)

@@ -111,3 +111,9 @@ def test_a_hash_that_begins_like_a_binary_number_is_read_again(tmp_path):
     source = ParameterSource(method='given', bags=('a',), sha256=(digest,))
     write_parameters(tmp_path / 'p.yaml', ParameterSet(TRUE_TO_SCALE, {}, source))
     assert read_parameters(tmp_path / 'p.yaml').source.sha256 == (digest,)
+
+
+def test_names_of_digits_come_back_from_a_file_as_they_were(tmp_path: Path) -> None:
+    source = ParameterSource('diagnose', ('20250101', '1e5'), note='7')
+    write_parameters(tmp_path / 'found.yaml', ParameterSet(TRUE_TO_SCALE, {}, source))
+    assert read_parameters(tmp_path / 'found.yaml').source == source
