@@ -97,21 +97,26 @@ def fill_diagnosis(result: Any, document: Mapping[str, Any]) -> None:
     probabilities = document.get('probabilities') or {}
     result.outcomes = list(probabilities)
     result.probabilities = list(_numbers(probabilities, *probabilities).values())
-    result.remainder = [
-        msg.DiagnosisRemainder(
-            run=str(rest['run']), channel=rest['channel'], along=rest.get('along') or '',
-            unit=rest.get('unit') or '', **_numbers(rest, 'share_of_range', 'times_noise', 'size'))
-        for rest in document.get('remainder') or ()]
-    result.detection_limits = [
-        msg.DetectionLimit(
-            effect=limit['effect'], unit=limit['unit'], testable=bool(limit['testable']),
-            **_numbers(limit, 'limit', 'best_limit', 'material_limit'))
-        for limit in document.get('detection_limits') or ()]
-    result.candidates = [
-        msg.DiagnosisCandidate(
-            effects=list(model['effects']), step=int(model['step']),
-            **_numbers(model, 'p_value', 'delta_bic', 'misfit', 'share_of_range'))
-        for model in document.get('candidates') or ()]
+    result.near_limit = list(document.get('near_limit') or ())
+    for name, kind in _LISTED.items():
+        setattr(result, name, [_filled(kind, entry) for entry in document.get(name) or ()])
+
+
+_LISTED = {
+    'remainder': msg.DiagnosisRemainder, 'detection_limits': msg.DetectionLimit,
+    'candidates': msg.DiagnosisCandidate, 'refits': msg.DiagnosisRefit,
+    'influence': msg.DiagnosisInfluence, 'held_out_evidence': msg.DiagnosisHeldOut}
+"""Lists of the document whose entries have the fields of these messages."""
+
+
+def _filled(kind: Any, values: Mapping[str, Any]) -> Any:
+    """A message of `kind` with these values; null: NaN, or else nothing."""
+    message = kind()
+    for name in message.get_fields_and_field_types():
+        value, make = values.get(name), type(getattr(message, name))
+        if value is not None or make is float:
+            setattr(message, name, make(math.nan if value is None else value))
+    return message
 
 
 def _numbers(values: Mapping[str, float | None], *names: str) -> dict[str, float]:

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 import math
 
 from builtin_interfaces.msg import Time
+import pytest
 
 from saddlering_interfaces.action import DiagnoseRing
+from saddlering_interfaces.msg import (
+    DiagnosisHeldOut,
+    DiagnosisInfluence,
+    DiagnosisRefit,
+    DiagnosisRemainder,
+)
+from saddlering_ros.discrepancy.verdict.results import HeldOutEvidence, Influence, Refit, Remainder
 from saddlering_ros.rig import ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.ros.messages import (
     fill_diagnosis,
@@ -45,7 +54,11 @@ def test_the_verdict_document_fills_every_typed_field() -> None:
                        'times_noise': 3.0, 'along': 'load', 'size': 2e-6, 'unit': 'rad'}],
         'detection_limits': [{'effect': 'probe_lag', 'unit': 's', 'limit': 1e-3,
                               'best_limit': None, 'material_limit': 2e-3, 'testable': True}],
-        'candidates': [{'effects': ['probe_lag'], 'step': 2, 'p_value': 0.5, 'misfit': 7.0}]})
+        'candidates': [{'effects': ['probe_lag'], 'step': 2, 'p_value': 0.5, 'misfit': 7.0}],
+        'refits': [vars(Refit('without a', None, False))], 'near_limit': ['it falls with a'],
+        'influence': [vars(Influence('a', 0.0, 2.5, 31.0))],
+        'held_out_evidence': [vars(HeldOutEvidence(
+            'probe_lag', 'lag of a probe', ('b', 'c'), 12.0, 0.02, False))]})
     assert (result.verdict, result.headline, result.complete) == (
         'named', 'radial friction', False)
     assert dict(zip(result.outcomes, result.probabilities, strict=True)) == {
@@ -55,6 +68,19 @@ def test_the_verdict_document_fills_every_typed_field() -> None:
     assert (result.remainder[0].size, result.remainder[0].unit) == (2e-6, 'rad')
     assert (result.detection_limits[0].limit, result.detection_limits[0].testable) == (1e-3, True)
     assert (list(result.candidates[0].effects), result.candidates[0].step) == (['probe_lag'], 2)
+    assert math.isnan(result.candidates[0].delta_bic)
+    assert result.refits == [DiagnosisRefit(change='without a')]
+    assert list(result.near_limit) == ['it falls with a']
+    assert result.influence == [DiagnosisInfluence(run='a', end=2.5, evidence=31.0)]
+    assert result.held_out_evidence == [DiagnosisHeldOut(
+        effect='probe_lag', title='lag of a probe', runs=['b', 'c'], distance=12.0, share=0.02)]
+
+
+@pytest.mark.parametrize(('message', 'entry'), [
+    (DiagnosisHeldOut, HeldOutEvidence), (DiagnosisInfluence, Influence),
+    (DiagnosisRefit, Refit), (DiagnosisRemainder, Remainder)])
+def test_a_message_has_every_field_of_its_entry(message: type, entry: type) -> None:
+    assert set(message.get_fields_and_field_types()) == {one.name for one in fields(entry)}
 
 
 def test_a_document_without_the_newer_fields_leaves_them_empty() -> None:
