@@ -53,9 +53,6 @@ STEEP, MAX_STEEP = 3.0, 20
 """Steepness of a block, in usual ones, from which the noise of the load counts; and their largest
 number in a run."""
 
-CURVATURE = 1.5
-"""Approximate standard deviation of the square of a standard normal number."""
-
 KEPT_POINTS = 4096
 """Number of stored extensions, because every run is simulated at the same effects."""
 
@@ -231,12 +228,10 @@ class RingSystem:
             parts.append(roller_scatter.scatter_columns(
                 self.rig, point.base, grid.elevation, grid.zero_load, load, run.time, contacts,
                 static=static)[self.seen])
-            sides = [
-                [replace(self, rig=rig).predict_many(run, [point])[0] for rig in pair]
-                for pair in roller_scatter.known_rigs(self.rig)]
+            above, below = ([replace(self, rig=rig).predict_many(run, [point])[0] for rig in rigs]
+                            for rigs in zip(*roller_scatter.known_rigs(self.rig), strict=True))
             known.append(np.stack([
-                *(0.5 * (above - below) for above, below in sides),
-                *(CURVATURE * (0.5 * (above + below) - usual) for above, below in sides),
+                *roller_scatter.two_sided(list(zip(above, below, strict=True)), usual),
                 *self.instrument_errors(run, point.base)], axis=-1))
         joined = roller_scatter.compressed(
             np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))

@@ -26,7 +26,7 @@ from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.prepared import prepare, PreparedRun, warnings_of
 from saddlering_ros.identification.result import Identification
 from saddlering_ros.identification.settings import Bounds, StopReason, SwarmSettings
-from saddlering_ros.identification.uncertainty import assess, UNDETERMINED
+from saddlering_ros.identification.uncertainty import assess, MAX_SOUND, UNDETERMINED
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Progress, SearchStep
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, ParameterSource, Rig
@@ -36,8 +36,8 @@ STATIC_NAMES = ('K1', 'n1', 'K2', 'n2')
 DAMPING_NAMES = ('D1', 'D2')
 
 MISFIT_ADVICE = {
-    'default': 'diagnose finds the cause',
-    'paper': 'use the default method, which fits closer, or find the cause with diagnose'}
+    'default': 'diagnose looks for the cause',
+    'paper': 'use the default method, which fits closer, or look for the cause with diagnose'}
 """Remedy for a misfit, by method."""
 
 STALLED_AFTER, STALLED_GAIN = 4, 0.05
@@ -348,10 +348,11 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
     bags = tuple(one.name for one in observations)
     open_names = [name for name in PARAMETER_NAMES if not trust.determined[name]]
     words = []
-    if trust.reduced_chi_square > 2.0:
+    if trust.sound_factor > MAX_SOUND:
         words.append(
-            f'the misfit is {np.sqrt(trust.reduced_chi_square):.1f} times the noise: intervals '
-            f'are widened and may be biased ({advice})')
+            f'the misfit is {np.sqrt(trust.reduced_chi_square):.2f} times the noise, and '
+            f'{trust.sound_factor:.2f} times what noise and small errors of a sound ring leave: '
+            f'intervals are widened and may be biased ({advice})')
     if open_names:
         words.append(f'{UNDETERMINED}: {", ".join(open_names)}')
     status = '; '.join(words) or 'identified'

@@ -193,18 +193,6 @@ class WeightedObjective:
             shared.apply(residuals.T).T
             for residuals, shared in zip(self._plainly_white(raw), self.shared, strict=True)]
 
-    def combined(self, weights: Array, raw: Sequence[Array]) -> Array:
-        """Products (F, B) of weights (F, R) with whitened residuals of raw ones (B, 3, N).
-
-        The removal of shared errors is symmetric and is applied to the few weights.
-        """
-        total, start = np.zeros((len(weights), len(raw[0]))), 0
-        for white, shared in zip(self._plainly_white(raw), self.shared, strict=True):
-            stop = start + white.shape[1]
-            total += shared.apply(weights[:, start:stop].T).T @ white.T
-            start = stop
-        return total
-
     def _plainly_white(self, raw: Sequence[Array]) -> list[Array]:
         """The same without errors of load and zero."""
         channels = list(self.channels)

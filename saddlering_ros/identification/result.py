@@ -49,7 +49,7 @@ class Identification(uncertainty.Uncertainty):
             'bags': list(self.parameters.source.bags),
             **{name: getattr(self, name) for name in (
                 'objective', 'chi_square', 'degrees_of_freedom', 'reduced_chi_square',
-                'noise_factor', 'evaluations', 'elapsed')},
+                'noise_factor', 'sound_factor', 'evaluations', 'elapsed')},
             'parameters': {
                 name: self.parameter_entry(index, name)
                 for index, name in enumerate(PARAMETER_NAMES)},
@@ -113,7 +113,8 @@ def identification_text(identification: Identification) -> str:
         f'    chi square          = {quantity(identification.chi_square, digits=6)}',
         f'    reduced chi square  = {quantity(identification.reduced_chi_square, digits=4)}'
         f' ({identification.degrees_of_freedom} degrees of freedom)',
-        f'    rms misfit          = {identification.noise_factor:.2f} times the noise',
+        f'    rms misfit          = {identification.noise_factor:.2f} times the noise, '
+        f'{identification.sound_factor:.2f} times noise and small errors of a sound ring',
         '[[Parameters]]',
         *(f'    {parameter_words(name, identification.parameter_entry(index, name))}'
           for index, name in enumerate(PARAMETER_NAMES)),

@@ -22,7 +22,7 @@ from saddlering_ros.identification.objective import predict, Refinement, Weighte
 from saddlering_ros.quantities import compact, WIDTH_95
 from saddlering_ros.rig import Displacement, PARAMETER_NAMES, Rig
 from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement, with_absent
-from saddlering_ros.ring.roller_scatter import scatter_columns
+from saddlering_ros.ring.roller_scatter import known_rigs, scatter_columns, two_sided
 
 
 @dataclass(frozen=True)
@@ -129,6 +129,7 @@ class Uncertainty:
     reasons: dict[str, str]  # why a parameter is open, by name
     collinearity: dict[str, float]  # by subset of names ('K1,n1')
     reduced_chi_square: float  # per degree of freedom, 1 if the misfit equals the noise
+    sound_factor: float  # rms misfit over that of noise and small errors of a sound ring together
     budget: dict[str, dict[str, float]]  # per free parameter the share of its variance by source
     joint: dict[str, dict[str, Any]]  # by 'K1,n1', 'K2,n2': `joint_axes`, bounds
 
@@ -154,7 +155,9 @@ def assess(
     at_noise = covariance(best.jacobian)
     by_noise = at_noise * widening + np.outer(late, late)
     inverse = np.asarray(np.linalg.pinv(best.jacobian, rcond=1e-9), dtype=np.float64)
-    moved = objective.combined(inverse, roller_effects(objective, best.contact))
+    rollers = np.concatenate(
+        objective.whiten(roller_effects(objective, best.contact)), axis=1)
+    moved = inverse @ rollers.T
     by_rollers = moved @ moved.T
     of_instruments = {name: shift[space.free] for name, shift in certified.items()}
     inner = by_noise + by_rollers + sum(
@@ -187,6 +190,7 @@ def assess(
         reasons=reasons,
         collinearity=collinearity(best.jacobian, space.names),
         reduced_chi_square=float(reduced),
+        sound_factor=_sound_factor(objective, best, rollers, freedom),
         budget={name: {source: float(variance[position] / total[position])
                        for source, variance in variances.items()}
                 for position, name in enumerate(space.names)},
@@ -316,6 +320,28 @@ def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
     return effects
 
 
+def _sound_factor(
+    objective: WeightedObjective, best: Refinement, rollers: Array, freedom: int
+) -> float:
+    """Rms misfit over that of noise and small errors of a sound ring together.
+
+    rollers: whitened residuals (M, R) by unequal rollers; clearances and the weight are added.
+    The parameters are fitted beside them: r' (I + S S')^-1 r, with S less what parameters imitate.
+    """
+    contact, known = best.contact[None, :], []
+    for one, usual in zip(objective.observations, objective.increments(contact), strict=True):
+        sides = [(predict(above, contact, one)[0], predict(below, contact, one)[0])
+                 for above, below in known_rigs(objective.rig)]
+        known.append(np.stack(two_sided(sides, usual[0])))
+    errors = np.vstack([rollers, np.concatenate(objective.whiten(known), axis=1)])
+    slopes, _ = np.linalg.qr(best.jacobian)
+    errors -= (errors @ slopes) @ slopes.T
+    along = errors @ objective.residuals(contact)[0]
+    inner = np.eye(len(errors)) + errors @ errors.T
+    left = best.chi_square - along @ np.linalg.solve(inner, along)
+    return math.sqrt(max(float(left), 0.0) / freedom)
+
+
 MAX_HALF_WIDTH = {'K': float(np.log(1.5)), 'n': 0.5 * (10.0 / 9.0 - 1.0), 'D': float(np.log(2.0))}
 """Widest half 95 % interval, in (ln K, n, ln D), of a parameter that counts as determined.
 
@@ -364,6 +390,11 @@ def reason_open(
     return (f'{name} from one elevation depends on the curvature only: {imperfection} would '
             f'change it by {moved}; add a run at another elevation')
 
+
+MAX_SOUND = 1.1
+"""Rms misfit, over that of noise and small errors of a sound ring, up to which nothing else shows.
+Of 16 sound rings of the virtual rig 14 have 0.94 to 1.04, and two with 0.1 µm of noise 1.12 and
+1.17."""
 
 UNDETERMINED = 'not determined by these data'
 

@@ -6,6 +6,7 @@ penetration by (delta_x, delta_y, gamma), k_i its tangent stiffness and S the su
 Both are averaged over the scatter, because a roller that is about to touch is partly in contact.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +29,8 @@ GRID = 70
 with 1120. Single columns of a dynamic run, narrow where a roller touches, settle on no grid."""
 SOUND_LOADS = 25
 """The same for `sound_deviation`, which 200 loads change by 5 %."""
+CURVATURE = 1.5
+"""Approximate standard deviation of the square of a standard normal number."""
 COLUMNS = 60
 """Directions kept of the scatter; of a dynamic run they leave out 2e-7 of its variance."""
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
@@ -104,6 +107,15 @@ def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
          replace(rig, carriage=replace(carriage, weight=carriage.weight * (1.0 + sign * share))))
         for sign in (1.0, -1.0)]
     return list(zip(*sides, strict=True))
+
+
+def two_sided(sides: Sequence[tuple[Floats, Floats]], usual: Floats) -> list[Floats]:
+    """Changes of a prediction by one standard deviation of each quantity, and by its square.
+
+    sides: predictions above and below, in the order of `known_rigs`; usual: at the value itself.
+    """
+    return [*(0.5 * (above - below) for above, below in sides),
+            *(CURVATURE * (0.5 * (above + below) - usual) for above, below in sides)]
 
 
 def sound_deviation(

@@ -7,11 +7,11 @@ import pytest
 
 from saddlering_ros.bags import read_run
 from saddlering_ros.diagnosis.records import build_record
-from saddlering_ros.diagnosis.ring_system import CURVATURE, LOAD_WANDER, MAX_STEEP, RingSystem
+from saddlering_ros.diagnosis.ring_system import LOAD_WANDER, MAX_STEEP, RingSystem
 from saddlering_ros.discrepancy import Point, RunBlocks
 from saddlering_ros.effects import FOLDER_VARIABLE
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE, units
-from saddlering_ros.ring.roller_scatter import CLEARANCE_UNKNOWN, scatter_columns
+from saddlering_ros.ring.roller_scatter import CLEARANCE_UNKNOWN, CURVATURE, scatter_columns
 
 BASE = TRUE_TO_SCALE.to_array()
 KNOWN = 6

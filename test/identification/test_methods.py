@@ -395,6 +395,6 @@ def test_a_misfit_that_leaves_a_parameter_open_is_named_with_its_remedy():
     beside = (0.0, '', 2, MISFIT_ADVICE['paper'])
     assert reason_open('K2', [wide, narrow, narrow], *beside) == (
         'K2 is known only within a factor 2.66 (95 %), because the misfit exceeds the noise: use '
-        'the default method, which fits closer, or find the cause with diagnose')
+        'the default method, which fits closer, or look for the cause with diagnose')
     assert 'add more or longer runs' in reason_open('K2', [wide, wide, wide], *beside)
     assert reason_open('K2', [narrow, narrow, narrow], *beside) is None

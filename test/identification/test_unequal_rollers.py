@@ -1,19 +1,23 @@
 """Claims about the intervals on rings of unequal rollers, as every real ring is."""
 
+from dataclasses import replace
+
 from identification_records import observe
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from benchmarks.examiner import draw_truth
 from saddlering_ros.bags import read_run
 from saddlering_ros.identification import IdentificationSettings, identify, SwarmSettings
 from saddlering_ros.identification.objective import WeightedObjective
-from saddlering_ros.identification.uncertainty import roller_effects
+from saddlering_ros.identification.uncertainty import MAX_SOUND, roller_effects
 from saddlering_ros.quantities import WIDTH_95
 from saddlering_ros.rig import default_rig, PARAMETER_NAMES
 
 SEED = 4
 RIG = default_rig()
+SHORT = IdentificationSettings(swarm=SwarmSettings(particles=10, iterations=10))
 FITTED = ('static_50', 'dynamic_50', 'static_70')
 
 
@@ -24,8 +28,7 @@ def runs_fixture(campaign):
 
 @pytest.fixture(name='found', scope='module')
 def found_fixture(runs):
-    return identify(runs, RIG, IdentificationSettings(
-        swarm=SwarmSettings(particles=10, iterations=10)))
+    return identify(runs, RIG, SHORT)
 
 
 def off(found):
@@ -47,6 +50,24 @@ def test_the_covariance_of_the_parameter_file_counts_noise_alone(found):
     correlated = added / np.sqrt(np.outer(np.diag(added), np.diag(added)))
     assert np.linalg.eigvalsh(correlated).min() > -1e-6
     assert np.diag(found.covariance) == pytest.approx(found.std**2)
+
+
+def test_unequal_rollers_explain_a_misfit_that_noise_does_not(found):
+    assert found.sound_factor < MAX_SOUND
+    assert found.sound_factor < found.noise_factor
+    assert 'times what noise' not in found.status
+
+
+def test_a_lag_that_hides_in_the_damping_is_more_than_unequal_rollers_explain(runs, found):
+    share = 1.0 - np.exp(-1e-3 / 0.015)  # A low-pass of 15 ms at 1000 Hz.
+    late = [run if run.test == 'static' else replace(run, gaps=lfilter(
+        [share], [1.0, share - 1.0], run.gaps - run.gaps[:, :1], axis=1) + run.gaps[:, :1])
+        for run in runs]
+    answer = identify(late, RIG, SHORT)
+    assert answer.noise_factor < 2.0  # No more than the rollers of some sound rings.
+    assert answer.parameters.contact.D2 > 1.1 * found.parameters.contact.D2
+    assert answer.sound_factor > MAX_SOUND
+    assert 'times what noise and small errors of a sound ring leave' in answer.status
 
 
 def whitened_effects(objective, contact):
