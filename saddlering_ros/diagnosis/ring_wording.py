@@ -166,7 +166,8 @@ def headline(document: VerdictDocument) -> str:
                 "channel's range.")
     if verdict == 'unknown':
         where = _where(document)
-        return f'Something is wrong, and no cause of the catalogue is established{where}.'
+        doubt = wording.doubt_words(document.get('probabilities', {}))
+        return f'{doubt}, and no cause of the catalogue is established{where}.'
     causes = [wording.cause_words([lowered(title_of(name)) for name in cause['group']],
                                   size_of(cause)) for cause in causes_of(document)]
     if document.get('complete', True):

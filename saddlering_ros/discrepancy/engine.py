@@ -80,6 +80,11 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     # A steady line that is found takes itself whole.
     taken = answer.taken if published.causes else float(bool(steady))
     is_other = verdict == 'unknown' and bool(unshared or established.other_laws(answer.search))
+    # A misfit that small errors of a sound machine explain is no sign of a cause.
+    is_sound = verdict == 'unknown' and not any(
+        part.is_real_and_material(space.settings)
+        for part in (answer.before.slow, answer.before.fast))
+    nothing = float(np.mean([refit.first is None for refit in refits])) if is_sound else 0.0
     return Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
@@ -104,7 +109,8 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         seconds=clock.monotonic() - began,
         complete=not answer.remainder and verdict != 'unknown',
         remainder=answer.remainder,
-        probabilities=results.probabilities_of(verdict, causes, 0.0 if is_other else taken),
+        probabilities=results.probabilities_of(
+            verdict, causes, 0.0 if is_other else taken, nothing),
         refits=refits,
         near_limit=near_limit,
         influence=influence,

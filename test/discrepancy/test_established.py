@@ -371,6 +371,18 @@ def test_a_small_second_cause_is_not_told_to_be_as_likely_as_the_first() -> None
     assert probabilities_of('unknown', [first], 0.2)['unknown'] > 0.75
 
 
+def test_a_misfit_that_refits_explain_without_a_cause_may_be_none() -> None:
+    cause = Cause('a', Effect('a', {'size': Parameter(0, 1)}), 0, ('a',), {}, 0.0, 0.0, 0.1,
+                  Gain(0.5, 0.5, ''))
+    surely, perhaps = (probabilities_of('unknown', [cause], 0.5, share) for share in (0.0, 0.6))
+    assert surely['none'] == 0.0
+    assert 0.5 < perhaps['none'] < 0.6
+    assert perhaps['a'] == pytest.approx(0.4 * surely['a'])
+    assert sum(perhaps.values()) == pytest.approx(1.0)
+    assert wording.doubt_words(surely) == 'Something is wrong'
+    assert wording.doubt_words(perhaps).startswith('Perhaps nothing is wrong')
+
+
 def test_a_cause_that_is_not_established_is_less_sure_than_any_that_is() -> None:
     cause = Cause('a', Effect('a', {'size': Parameter(0, 1)}), 0, ('a',), {}, 0.0, 0.0, 0.1,
                   Gain(0.5, 0.5, ''))

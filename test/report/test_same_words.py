@@ -70,7 +70,7 @@ def test_the_headline_of_any_simulator_and_of_a_change_is_one_sentence(verdict):
         'size': Estimate(0.5, 0.1, 'N')}, 1e-9, 40.0, 0.05, Gain(0.9, 0.8, 'held out'))
     found = SimpleNamespace(
         verdict=verdict, complete=verdict == 'none', gain=cause.gain,
-        causes=[] if verdict == 'none' else [cause],
+        causes=[] if verdict == 'none' else [cause], probabilities={},
         title_of={'friction': 'Dry friction', 'play': 'Play'}.get,
         remainder=[SimpleNamespace(share_of_range=0.004, channel='force')])
     change = Change.headline.fget(SimpleNamespace(verdict=verdict, diagnosis=found))

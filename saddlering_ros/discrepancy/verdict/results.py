@@ -361,7 +361,7 @@ NOTHING = 0.97
 
 
 def probabilities_of(
-    verdict: Verdict, causes: Sequence[Cause] = (), taken: float = 0.0
+    verdict: Verdict, causes: Sequence[Cause] = (), taken: float = 0.0, nothing: float = 0.0
 ) -> dict[str, float]:
     """Probability of each cause or group, of none, and of a cause not listed; they sum to 1.
 
@@ -369,6 +369,8 @@ def probabilities_of(
     (1 less `taken`), of at most what they may leave beside model error: if they leave noise alone,
     the held-out runs may have none. That of others is smaller and rises in proportion to `taken`,
     which is 0 where their law may be another. Several share by the power that each moves.
+    nothing: share of the refits that find no cause in a misfit which a sound machine can have; the
+    causes of an `unknown` count in the others only.
     """
     if verdict == 'none':
         return {'none': NOTHING, 'unknown': 1.0 - NOTHING}
@@ -380,5 +382,7 @@ def probabilities_of(
     answer: dict[str, float] = {}
     for cause, power in zip(causes, powers, strict=True):
         name = ' or '.join(cause.group)
-        answer[name] = answer.get(name, 0.0) + chance * power / max(sum(powers), 1e-300)
-    return {**answer, 'none': 0.0, 'unknown': 1.0 - sum(answer.values())}
+        answer[name] = answer.get(name, 0.0) + (
+            chance * (1.0 - nothing) * power / max(sum(powers), 1e-300))
+    none = NOTHING * nothing
+    return {**answer, 'none': none, 'unknown': 1.0 - none - sum(answer.values())}

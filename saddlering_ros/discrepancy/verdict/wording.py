@@ -69,10 +69,17 @@ def headline_of(diagnosis: Diagnosis) -> str:
     rest = ''.join(rest_words(most.share_of_range, most.channel)
                    for most in diagnosis.remainder[:1])
     if diagnosis.verdict == 'unknown':
-        return f'Something is wrong, and no cause is established{rest}.'
+        return f'{doubt_words(diagnosis.probabilities)}, and no cause is established{rest}.'
     gain = None if diagnosis.complete else (diagnosis.gain.fit, diagnosis.gain.held_out)
     return lacking_words([cause_words(list(map(diagnosis.title_of, cause.group)))
                           for cause in diagnosis.causes], gain, rest)
+
+
+def doubt_words(probabilities: Mapping[str, float]) -> str:
+    """The start of the headline of an `unknown`, which may hold a sound machine for possible."""
+    if probabilities.get('none'):
+        return 'Perhaps nothing is wrong, because noise and small errors can leave this misfit'
+    return 'Something is wrong'
 
 
 def cause_words(titles: Sequence[str], size: str = '') -> str:
