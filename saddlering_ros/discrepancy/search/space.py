@@ -137,11 +137,19 @@ class ModelSpace:
         """Misfit plus the penalty of its parameters (BIC)."""
         return fit.misfit + fit.theta_unit.size * self.log_size
 
-    def continued(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
-        """The same fits after further rounds."""
+    def continued(
+        self, fits: Sequence[Fit], rounds: int, about: Fit | None = None
+    ) -> list[Fit]:
+        """The same fits after further rounds.
+
+        about: fit whose base parameters were stopped, so that those of fits that begin elsewhere
+        have far to go, and their columns are differenced at every step.
+        """
         count = len(self.problem.system.base_parameters)
         return run_refits(self.metric, [
-            refit(self.metric, fit.candidate, fit.theta_unit, fit.jacobian[:, :count],
+            refit(self.metric, fit.candidate, fit.theta_unit,
+                  fit.jacobian[:, :count] if about is None or np.array_equal(
+                      fit.theta_unit[:count], about.theta_unit[:count]) else None,
                   rounds=rounds, known_start=fit)
             for fit in fits
         ])
@@ -159,7 +167,7 @@ class ModelSpace:
         freed = fit.theta_unit.copy()
         freed[: len(base)][stopped] = fitting.declared_start(base)[stopped]
         # Without rounds, the columns of what is in the model are not needed at each start.
-        known = len(base) if rounds else fit.theta_unit.size
+        known = len(base) if rounds or stopped.any() else fit.theta_unit.size
         columns = self.tangent_of(fit).white[:, :known] if trials else None
         wanted: list[fitting.Asking] = []
         for score, starts in trials:
@@ -272,16 +280,13 @@ def _raced(
 ) -> list[Fit]:
     """The model of `fit` plus each candidate from each start, after a few rounds or none.
 
-    A candidate receives no rounds if these are hopeless. Base parameters at their bounds have no
-    first-order gain at the start. In that case all candidates receive the rounds.
+    A candidate receives no rounds if these are hopeless.
     """
-    if space.stopped_base(fit).any():
-        return space.started(fit, trials, RACE_ROUNDS)
     screened = space.started(fit, trials, rounds=0)
     going, resting = _split(space, fit, screened, beside, SCREENED_SHARE)
     if len(going) > MAX_RACED:  # A model whose refit has not ended promises a gain with anything.
         going.sort(key=space.foreseen)
-    return [*resting, *going[MAX_RACED:], *space.continued(going[:MAX_RACED], RACE_ROUNDS)]
+    return [*resting, *going[MAX_RACED:], *space.continued(going[:MAX_RACED], RACE_ROUNDS, fit)]
 
 
 def _split(
