@@ -26,7 +26,7 @@ from saddlering_ros.estimation.noise import noise_alone
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import identify
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
-from saddlering_ros.quantities import finite_json, quantity
+from saddlering_ros.quantities import finite_json, lowered, quantity
 from saddlering_ros.record import displacement_of_run, Plateaus, plateaus, Record
 from saddlering_ros.record.batches import Floats
 from saddlering_ros.rig import instruments, PARAMETER_NAMES, Rig
@@ -203,9 +203,7 @@ class Change:
     def to_json(self) -> dict[str, Any]:
         found, misfits = self.diagnosis, _misfits(self.diagnosis)
         return dict(finite_json({
-            'verdict': self.verdict, 'headline': self.headline, 'complete': found.complete,
-            'remainder': [vars(rest) for rest in found.remainder],
-            'probabilities': found.probabilities, 'stability': found.stability,
+            'verdict': self.verdict, 'headline': self.headline, **found.certainty(),
             'causes': [] if self.verdict == 'none' else [cause.entry() for cause in found.causes],
             'runs': [
                 {'bag': str(record.test_run.path), 'session': session, 'held_out': False,
@@ -237,13 +235,18 @@ def name_of(effect_id: str) -> str:
     return 'Change of a contact parameter' if effect_id == CONTACT_CHANGE else title_of(effect_id)
 
 
+def lowered_names(group: str) -> str:
+    """The titles of 'first_id or second_id', in the form for the middle of a sentence."""
+    return ' or '.join(lowered(name_of(name)) for name in group.split(' or '))
+
+
 def change_words(cause: Cause) -> str:
     """A cause with the change of its size: 'dry friction ..., force by +1.50 ± 0.16 kN'."""
     name, size = next(iter(cause.parameters.items()))
-    others = ' or '.join(name_of(effect) for effect in cause.group if effect != cause.effect)
+    others = ' or '.join(effect for effect in cause.group if effect != cause.effect)
     words = (f'{cause.definition.title.lower()}, {name} by {"+" * (size.value > 0.0)}'
              f'{quantity(size.value, size.unit, size.std)}')
-    return f'{words} (or {others.lower()})' if others else words
+    return f'{words} (or {lowered_names(others)})' if others else words
 
 
 def compare_records(

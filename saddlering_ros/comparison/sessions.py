@@ -236,7 +236,7 @@ def with_main_cause(diagnosis: Diagnosis, left: float) -> Diagnosis:
     """
     largest = max([left, *(cause.visible for cause in diagnosis.causes)])
     if diagnosis.verdict == 'unknown' and largest < SETTINGS.materiality:
-        return replace(diagnosis, verdict='none', causes=(), complete=True, remainder=())
+        return diagnosis.as_none()
     if len(diagnosis.causes) != 1 or diagnosis.verdict == 'none':
         return diagnosis
     cause = diagnosis.causes[0]
@@ -247,15 +247,19 @@ def with_main_cause(diagnosis: Diagnosis, left: float) -> Diagnosis:
     name, size = next(iter(cause.parameters.items()))
     std = math.hypot(size.std, abs(size.value) * math.hypot(left / cause.visible, DEFINITION))
     widened = {**cause.parameters, name: replace(size, std=std)}
-    return replace(diagnosis, verdict='named' if len(cause.group) == 1 else 'ambiguous',
-                   causes=(replace(cause, parameters=widened, partial=False),),
-                   complete=left < SETTINGS.materiality)
+    complete = left < SETTINGS.materiality
+    stated = replace(diagnosis, verdict='named' if len(cause.group) == 1 else 'ambiguous',
+                     causes=(replace(cause, parameters=widened, partial=False),),
+                     complete=complete, remainder=() if complete else diagnosis.remainder)
+    return replace(stated, probabilities=discrepancy.probabilities_of(
+        stated.verdict, stated.causes, share))
 
 
 def in_doubt(diagnosis: Diagnosis) -> Diagnosis:
     """The verdict if the sessions differ in more than the ring: no cause is established."""
     partial = tuple(replace(cause, partial=True) for cause in diagnosis.causes)
-    return replace(diagnosis, verdict='unknown', causes=partial, complete=False)
+    return replace(diagnosis, verdict='unknown', causes=partial, complete=False,
+                   probabilities=discrepancy.probabilities_of('unknown', partial))
 
 
 def left_between(diagnosis: Diagnosis, system: TwoSessions) -> float:

@@ -82,8 +82,7 @@ def diagnose_ring(
     if diagnosis.verdict == 'unknown' and is_coarse and all(
             misfit.nrmse_before <= misfit.noise_floor
             for run in figures for misfit in run.channels.values()):
-        diagnosis = replace(diagnosis, verdict='none', causes=(), complete=True, remainder=(),
-                            probabilities=probabilities_of('none'))
+        diagnosis = diagnosis.as_none()
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '
                      'coarse probes')
     sentence = ' '.join(filter(None, (

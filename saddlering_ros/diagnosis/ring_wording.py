@@ -334,26 +334,12 @@ def shape_words(shape: ShapeEntry) -> str:
     return f'{shape["channel"]} {words}, {percent(shape["share_of_range"])} of range rms'
 
 
-def certainty_lines(document: VerdictDocument) -> list[str]:
-    """Probabilities and stability, why the verdict is near its limit, which runs it rests on."""
-    influence = document.get('influence', []) if causes_of(document) else []
-    return [*filter(None, (
-        wording.certainty_words(
-            {lowered_titles(group): share
-             for group, share in document.get('probabilities', {}).items()},
-            document.get('stability', 1.0)),
-        *wording.limit_lines(document.get('near_limit', [])),
-        wording.remainder_line(document.get('remainder') or ()),
-        wording.influence_words([
-            (one['run'], one['start'], one['end'], one['evidence']) for one in influence], 's')))]
-
-
 def document_text(document: VerdictDocument) -> str:
     """Verdict, next test, misfit reduction, open questions, in plain lines."""
     verdict = document['verdict']
     lines = [wording.verdict_line(verdict), headline(document),
              partial_words(document), gain_sentence(document),
-             *certainty_lines(document), tried(document)]
+             *wording.certainty_lines(document, lowered_titles), tried(document)]
     if document['next_test']:
         lines.append(f'next test: {document["next_test"]}')
     lines = [*filter(None, lines), '']

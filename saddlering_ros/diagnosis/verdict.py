@@ -187,14 +187,7 @@ class Verdict:
                 for figures in self.runs],
             'parameters': _parameters_entry(self.contact_law),
             'next_test': self.next_test,
-            'complete': diagnosis.complete,
-            'remainder': [vars(rest) for rest in diagnosis.remainder],
-            'probabilities': diagnosis.probabilities,
-            'stability': diagnosis.stability,
-            'refits': [vars(refit) for refit in diagnosis.refits],
-            'near_limit': list(diagnosis.near_limit),
-            'influence': [vars(stretch) for stretch in diagnosis.influence],
-            'held_out_evidence': [vars(one) for one in diagnosis.held_out_evidence],
+            **diagnosis.certainty(),
             'simulated_tests': [
                 {'test': one.proposal.sentence, 'kind': one.proposal.kind, 'draws': one.draws,
                  'share_alone': one.share, 'interval_95': list(one.interval),
@@ -277,7 +270,9 @@ def _cause_entries(diagnosis: Diagnosis) -> list[discrepancy.CauseEntry | ShapeE
     """The causes; with `unknown`, first the shapes that no cause explains."""
     if diagnosis.verdict == 'none':
         return []
-    causes = [cause.entry() for cause in diagnosis.causes]
+    causes: list[discrepancy.CauseEntry] = [
+        {**cause.entry(), 'titles': [ring_wording.title_of(name) for name in cause.group]}
+        for cause in diagnosis.causes]
     if diagnosis.verdict != 'unknown':
         return [*causes]
     after, fast = diagnosis.residual_after, diagnosis.residual_after.fast

@@ -45,7 +45,7 @@ class RingJudgement:
         """Why the ring needs a person, in words; none if it does not."""
         answer = []
         if self.finding:
-            names = sorted({history.words_of([name], self.titles)
+            names = sorted({history.words_of([name], session.titles)
                             for session in self.sessions for name in session.causes})
             answer.append(f'finding: {", ".join(names) or "cause unknown"}')
         if self.unlike is not None and self.unlike.stands:

@@ -58,8 +58,8 @@ class SessionFigures:
     """One session: value (6,) and covariance (6, 6) of COORDINATES, NaN where not measured.
 
     time [s since 1970] and service_hours of the test, NaN if unknown; causes: size and standard
-    deviation of every effect named, by its id; titles: of these effects; change: what changed
-    since the base measurement of the ring in one sentence, '' if nothing did.
+    deviation of every effect named, by its id; titles: of each and its alternatives; change: what
+    changed since the base measurement of the ring in one sentence, '' if nothing did.
     """
 
     key: str
@@ -102,7 +102,8 @@ def figures_of(task: Mapping[str, Any], result: Mapping[str, Any], p_value: floa
         bool(task['maintenance']), document.get('verdict') or 'failed', p_value, value, covariance,
         causes, document.get('next_test') or '', result.get('report') or '',
         '' if change.get('verdict') in (None, 'none') else change['headline'].rstrip('.'),
-        {cause['effect']: lowered(cause['title']) for cause in named if cause.get('title')})
+        {cause['effect']: ' or '.join(map(lowered, cause['titles']))
+         for cause in named if cause.get('titles')})
 
 
 def to_coordinates(parameters: Array, covariance: Array) -> tuple[Array, Array]:

@@ -41,9 +41,9 @@ def certainty(document: Mapping[str, Any], title_of: Callable[[str], str] = str)
     refits = (document.get('refits') or ())[:MAX_ROWS]
     first = next((one['effect'] for one in document['causes'] if 'effect' in one), '')
     tried = rows_down(
-        [one['change'] if one['first'] == first else f'{one["change"]}: ' + (
+        [one['change'] if one['is_same'] else f'{one["change"]}: ' + (
             title_of(one['first']) if one['first'] else 'no cause') for one in refits],
-        [charts.markers([1.0], [row], 'o', AFTER, size=7.0) if one['first'] == first else
+        [charts.markers([1.0], [row], 'o', AFTER, size=7.0) if one['is_same'] else
          charts.markers([0.0], [row], 'D', BEFORE, size=7.0) for row, one in enumerate(refits)],
         'first cause', (-0.5, 1.5), charts.Ticks((0.0, 1.0), ('another', 'the same')))
     pictures = [

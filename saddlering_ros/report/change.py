@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from saddlering_ros.comparison.change import Change, change_words, name_of
+from saddlering_ros.comparison.change import Change, change_words, lowered_names, name_of
 from saddlering_ros.comparison.series import CHANGED, ChangeSeries
+from saddlering_ros.discrepancy import wording
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import Chart, Panel
 from saddlering_ros.pages.html import Cell, code, number
-from saddlering_ros.quantities import lowered, probability, quantity
+from saddlering_ros.quantities import probability, quantity
 from saddlering_ros.report import reports
 from saddlering_ros.report.figures import axis_label, MICRO
 from saddlering_ros.rig import FORCE_UNITS, PARAMETER_UNITS
@@ -24,7 +25,9 @@ def change_text(change: Change) -> str:
     """The comparison as the command prints it."""
     lines = [f'verdict: {change.verdict}', change.headline, *(
         f'  p {probability(cause.p_value)}: {change_words(cause)}'
-        for cause in change.diagnosis.causes), 'contact law, before, after and change:']
+        for cause in change.diagnosis.causes)]
+    lines += wording.certainty_lines(wording.certainty_document(change.diagnosis), lowered_names)
+    lines += ['contact law, before, after and change:']
     lines += [f'  {name}: ' + ', '.join(
         quantity(number.value, PARAMETER_UNITS[name], number.std) for number in numbers)
         for name, numbers in change.contact.items()]
@@ -114,7 +117,7 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
             change.verdict, html.paragraph(f'Verdict: {change.verdict}', 'soft'),
             html.paragraph(change.headline, 'headline'),
             html.paragraph(f'Next: {change.next_test}' if change.next_test else '', 'next')),
-        certainty(change.to_json(), lambda name: lowered(name_of(name))),
+        certainty(change.to_json(), lowered_names),
         html.section('Change of the later runs', html.picture(
             change_chart(change), 'change',
             'Measured minus simulated in the later session, over the load. Errors that both '

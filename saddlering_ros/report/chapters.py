@@ -8,7 +8,7 @@ import numpy as np
 
 from saddlering_ros.diagnosis import ring_wording
 from saddlering_ros.diagnosis.ring_wording import bag_name, causes_of, value_words, VerdictDocument
-from saddlering_ros.discrepancy import CauseEntry
+from saddlering_ros.discrepancy import CauseEntry, wording
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.result import INTERVALS
 from saddlering_ros.identification.uncertainty import UNDETERMINED
@@ -54,7 +54,7 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
         html.paragraph(ring_wording.partial_words(document)),
         html.paragraph(f'Next test: {next_test}' if next_test else '', 'next'),
         html.paragraph(ring_wording.gain_sentence(document)),
-        *map(html.paragraph, ring_wording.certainty_lines(document)),
+        *map(html.paragraph, wording.certainty_lines(document, ring_wording.lowered_titles)),
         html.paragraph(ring_wording.tried(document)),
         proof_picture(*max(cases, key=lambda case: case[:2])[2:]) if cases else '')
 

@@ -36,8 +36,10 @@ from saddlering_ros.comparison.sessions import (
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.ring_wording import title_of
 from saddlering_ros.discrepancy import Point
+from saddlering_ros.discrepancy.verdict.results import NOTHING
 from saddlering_ros.errors import BagError
 from saddlering_ros.pages.certainty import certainty
+from saddlering_ros.pages.html import pictures_of
 from saddlering_ros.report.change import change_chart, change_text, wear_words, write_change_page
 from saddlering_ros.rig import Instruments, TRUE_TO_SCALE
 
@@ -135,6 +137,25 @@ def test_a_series_stands_in_the_document_and_on_the_page(grown, tmp_path):
         ('load / t', 'δx / µm')}
 
 
+def test_a_change_tells_how_certain_it_is(grown, tmp_path):
+    group = ('radial_friction', CONTACT_CHANGE)
+    cause = replace(grown.diagnosis.causes[0], group=group)
+    change = replace(grown, diagnosis=replace(
+        grown.diagnosis, causes=(cause,), near_limit=('it falls with a run',),
+        probabilities={' or '.join(group): 0.9, 'none': 0.0, 'unknown': 0.1}))
+    document, text = change.to_json(), change_text(change)
+    words = 'dry friction in the radial row or change of a contact parameter'
+    assert f'Probabilities: {words} 90 %, ' in text
+    assert f'{round(100 * document["stability"])} % of the refits have the same' in text
+    assert 'The verdict is near its limit: it falls with a run.' in text
+    assert 'Evidence by run: after ' in text
+    assert len(document['refits']) > 10
+    write_change_page(change, tmp_path / 'change.html')
+    page = (tmp_path / 'change.html').read_text()
+    assert {'refits', 'influence'} <= set(pictures_of(page))
+    assert ' or contact_change' not in page
+
+
 @pytest.mark.filterwarnings('error')
 def test_the_words_of_a_group_leave_room_for_its_bar():
     group = 'tilt_friction or cylinder_friction or radial_friction'
@@ -147,6 +168,8 @@ def test_a_main_cause_that_leaves_a_rest_is_named_with_a_wider_error(grown):
     unsure = replace(grown.diagnosis, verdict='unknown')
     stated = with_main_cause(unsure, 0.2 * cause.visible)
     assert (stated.verdict, stated.complete) == ('named', False)
+    assert stated.probabilities['radial_friction'] > 0.9
+    assert in_doubt(stated).probabilities['radial_friction'] < 0.2
     force, wider = (one.parameters['force'] for one in (cause, stated.causes[0]))
     assert wider.std == pytest.approx(np.hypot(force.std, np.hypot(0.2, DEFINITION) * force.value))
     exact = replace(cause, parameters={'force': replace(force, std=1e-3 * force.value)})
@@ -160,7 +183,9 @@ def test_a_main_cause_that_leaves_a_rest_is_named_with_a_wider_error(grown):
 def test_a_misfit_that_both_sessions_have_is_no_change(grown):
     """Ring 20 of benchmarks/changes.py left 1.8 % of range in both, and was `unknown`."""
     silent = replace(grown.diagnosis, verdict='unknown', causes=())
-    assert with_main_cause(silent, 5e-4).verdict == 'none'
+    same = with_main_cause(silent, 5e-4)
+    assert (same.verdict, same.probabilities['none']) == ('none', NOTHING)
+    assert 'refits' not in change_text(replace(grown, diagnosis=same))
     assert with_main_cause(silent, 5e-3).verdict == 'unknown'
     tiny = replace(grown.diagnosis.causes[0], visible=7e-5, p_value=1.0)
     assert with_main_cause(replace(silent, causes=(tiny,)), 0.0).verdict == 'none'

@@ -14,12 +14,13 @@ import scipy.signal
 from shared_pictures import DRAWN, shared_drawn
 
 from saddlering_ros.diagnosis.ring_wording import (
-    certainty_lines,
     document_text,
     gain_sentence,
     headline,
+    lowered_titles,
     tried,
 )
+from saddlering_ros.discrepancy import wording
 from saddlering_ros.discrepancy.verdict.wording import remaining_words
 from saddlering_ros.files import write_csv
 from saddlering_ros.pages import charts, html
@@ -366,11 +367,11 @@ def test_certainty_is_shown_as_pictures():
                     remainder=[{'run': 'static_50', 'channel': 'gamma', 'share_of_range': 0.01,
                                 'times_noise': 4.0, 'along': 'time', 'size': 3e-6,
                                 'unit': 'rad'}],
-                    refits=[{'change': 'without static_50', 'first': 'settling'}])
+                    refits=[{'change': 'without a', 'first': 'settling', 'is_same': False}])
     assert set(pictures_of(certainty(said))) == {
         'probabilities', 'refits', 'influence', 'remainder'}
     assert any('static_50, gamma, along time: 3.0 µrad rms, 1.0 % of range, 4 × noise' in line
-               for line in certainty_lines(said))
+               for line in wording.certainty_lines(said, lowered_titles))
     assert certainty(document(probabilities={})) == ''
 
 

@@ -1,7 +1,7 @@
 """A diagnosis as one HTML page: verdict, causes, misfit by run and channel, curves."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -47,22 +47,14 @@ def write_page(answer: Diagnosis, path: Path) -> None:
         [[answer.title_of(item.effect), number(quantity(item.limit, item.unit)),
           'yes' if item.testable else 'no'] for item in answer.observability.limits])
     channels = _channels(answer)
-    # The pictures of certainty read the document of a ring.
-    document = {
-        'time_unit': answer.fits.metric.problem.time_unit,
-        'probabilities': answer.probabilities, 'stability': answer.stability,
-        'near_limit': answer.near_limit,
-        'causes': [{'effect': cause.effect} for cause in answer.causes],
-        'remainder': list(map(asdict, answer.remainder)),
-        'influence': list(map(asdict, answer.influence)),
-        'refits': list(map(asdict, answer.refits))}
     html.write_page(path, html.page(title, [
         html.verdict(
             answer.verdict, html.paragraph(title, 'soft'),
             html.paragraph(answer.headline, 'headline'),
             html.paragraph(f'Next step: {next_step}', 'next'), _proof(answer, channels)),
         html.section('Warnings', html.bullets(answer.warnings)),
-        html.section('Causes', causes), certainty(document, answer.title_of),
+        html.section('Causes', causes), certainty(
+            wording.certainty_document(answer), answer.title_of),
         html.section('Base parameters', base), _misfit(answer, channels),
         html.section('Detection limits of these data', limits)]))
 

@@ -1,10 +1,10 @@
 """A diagnosis as numbers and arrays, for console, JSON and report."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
-from typing import Literal, TypedDict
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 
@@ -50,14 +50,15 @@ class _CausePartial(TypedDict, total=False):
     partial: bool
     elsewhere: list[dict[str, float]]
     title: str
+    titles: list[str]
     share_of_range: float
 
 
 class CauseEntry(_CausePartial):
     """A cause, of a ring and of a declared model alike, as JSON has it.
 
-    group: every id that these data cannot separate from the effect. partial: the cause is real,
-    and something else is wrong besides.
+    group: every id that these data cannot separate from the effect; titles: of each, for a ring.
+    partial: the cause is real, and something else is wrong besides.
     """
 
     effect: str
@@ -312,6 +313,23 @@ class Diagnosis:
         """Share of the refits that end in the same first cause; 1 without refits."""
         same = [refit.is_same for refit in self.refits] or [True]
         return sum(same) / len(same)
+
+    def certainty(self) -> dict[str, Any]:
+        """What is left, and how certain the verdict is, as JSON has it."""
+        return {
+            'complete': self.complete,
+            'remainder': [vars(rest) for rest in self.remainder],
+            'probabilities': self.probabilities,
+            'stability': self.stability,
+            'refits': [vars(refit) for refit in self.refits],
+            'near_limit': list(self.near_limit),
+            'influence': [vars(stretch) for stretch in self.influence],
+            'held_out_evidence': [vars(one) for one in self.held_out_evidence]}
+
+    def as_none(self) -> 'Diagnosis':
+        """The same data with the verdict `none`: what is left is no fault of the machine."""
+        return replace(self, verdict='none', causes=(), complete=True, remainder=(), refits=(),
+                       near_limit=(), influence=(), probabilities=probabilities_of('none'))
 
     def title_of(self, group: str) -> str:
         """Titles of the effects of 'first_id or second_id'; another outcome as it is."""

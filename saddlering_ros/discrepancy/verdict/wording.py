@@ -128,19 +128,45 @@ def free_test_words(evidence: Sequence[HeldOutEvidence]) -> str:
             f'best ({certain} of their probability).')
 
 
-def certainty_words(probabilities: Mapping[str, float], stability: float) -> str:
-    """Probabilities and stability of a verdict in one line; nothing without probabilities."""
+def certainty_lines(document: Mapping[str, Any], title_of: Callable[[str], str]) -> list[str]:
+    """How certain a verdict is, in lines, from the document of a ring or of a declared model.
+
+    Its probabilities and stability, why it is near its limit, what is left, and its evidence.
+    """
+    influence = document.get('influence', []) if any(
+        'effect' in cause for cause in document['causes']) else []
+    return [*filter(None, (
+        certainty_words(
+            {title_of(group): share for group, share in document.get('probabilities', {}).items()},
+            document.get('stability', 1.0) if document.get('refits', True) else None),
+        *(f'The verdict is near its limit: {reason}.'
+          for reason in document.get('near_limit', [])),
+        remainder_line(document.get('remainder') or ()),
+        influence_words([
+            (one['run'], one['start'], one['end'], one['evidence']) for one in influence],
+            document.get('time_unit', 's'))))]
+
+
+def certainty_document(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What lines and pictures of certainty read, for a diagnosis without a document of its own."""
+    return {'time_unit': diagnosis.fits.metric.problem.time_unit,
+            'causes': [{'effect': cause.effect} for cause in diagnosis.causes],
+            **diagnosis.certainty()}
+
+
+def certainty_words(probabilities: Mapping[str, float], stability: float | None) -> str:
+    """Probabilities and stability of a verdict in one line; nothing without probabilities.
+
+    stability: None without refits.
+    """
     if not probabilities:
         return ''
     told = quantities.shares_in_words(probabilities)
     words = ', '.join(f'{name} {share}' for name, share in told.items())
     named = set(probabilities) - {'none', 'unknown'}
     same = 'have the same first cause' if named else 'find no cause'
-    return f'Probabilities: {words}. {percent(stability)} of the refits {same}.'
-
-
-def limit_lines(near_limit: Sequence[str]) -> list[str]:
-    return [f'The verdict is near its limit: {reason}.' for reason in near_limit]
+    refits = '' if stability is None else f' {percent(stability)} of the refits {same}.'
+    return f'Probabilities: {words}.{refits}'
 
 
 def influence_words(
@@ -377,15 +403,7 @@ def summary_text(diagnosis: Diagnosis) -> str:
     gain = diagnosis.gain
     if diagnosis.causes:
         lines.append(f'misfit reduction: {gain_words(gain.fit, gain.held_out)}')
-    lines.append(certainty_words(
-        {diagnosis.title_of(group): share for group, share in diagnosis.probabilities.items()},
-        diagnosis.stability))
-    lines += limit_lines(diagnosis.near_limit)
-    lines += filter(None, [remainder_line([vars(rest) for rest in diagnosis.remainder])])
-    if diagnosis.causes:
-        lines.append(influence_words([
-            (one.run, one.start, one.end, one.evidence) for one in diagnosis.influence],
-            diagnosis.fits.metric.problem.time_unit))
+    lines += certainty_lines(certainty_document(diagnosis), diagnosis.title_of)
     if diagnosis.verdict == 'unknown':
         lines.append(tried_words(
             len(diagnosis.observability.limits), len(diagnosis.search.candidates),
