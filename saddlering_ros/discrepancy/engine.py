@@ -80,11 +80,9 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     # A steady line that is found takes itself whole.
     taken = answer.taken if published.causes else float(bool(steady))
     is_other = verdict == 'unknown' and bool(unshared or established.other_laws(answer.search))
-    # A misfit that small errors of a sound machine explain is no sign of a cause.
-    is_sound = verdict == 'unknown' and not any(
-        part.is_real_and_material(space.settings)
-        for part in (answer.before.slow, answer.before.fast))
-    nothing = float(np.mean([refit.first is None for refit in refits])) if is_sound else 0.0
+    # A misfit that noise and small errors of a sound machine explain is no sign of a cause.
+    is_sound = not _left_in(search.space, search.space.base, answer.before)
+    nothing = float(np.mean([refit.first is None for refit in refits])) if is_sound else None
     return Diagnosis(
         verdict=verdict,
         causes=tuple(causes),

@@ -379,6 +379,8 @@ def test_a_misfit_that_refits_explain_without_a_cause_may_be_none() -> None:
     assert 0.5 < perhaps['none'] < 0.6
     assert perhaps['a'] == pytest.approx(0.4 * surely['a'])
     assert sum(perhaps.values()) == pytest.approx(1.0)
+    assert probabilities_of('none', nothing=0.8)['none'] == pytest.approx(0.8 * results.NOTHING)
+    assert probabilities_of('named', [cause], 0.9, 0.5) == probabilities_of('named', [cause], 0.9)
     assert wording.doubt_words(surely) == 'Something is wrong'
     assert wording.doubt_words(perhaps).startswith('Perhaps nothing is wrong')
 

@@ -379,7 +379,8 @@ NOTHING = 0.97
 
 
 def probabilities_of(
-    verdict: Verdict, causes: Sequence[Cause] = (), taken: float = 0.0, nothing: float = 0.0
+    verdict: Verdict, causes: Sequence[Cause] = (), taken: float = 0.0,
+    nothing: float | None = None,
 ) -> dict[str, float]:
     """Probability of each cause or group, of none, and of a cause not listed; they sum to 1.
 
@@ -387,20 +388,21 @@ def probabilities_of(
     (1 less `taken`), of at most what they may leave beside model error: if they leave noise alone,
     the held-out runs may have none. That of others is smaller and rises in proportion to `taken`,
     which is 0 where their law may be another. Several share by the power that each moves.
-    nothing: share of the refits that find no cause in a misfit which a sound machine can have; the
-    causes of an `unknown` count in the others only.
+    nothing: share of the refits that find no cause, of a misfit which a sound machine can have:
+    the chance of none is in proportion, and the causes of an `unknown` count in the others only.
     """
     if verdict == 'none':
-        return {'none': NOTHING, 'unknown': 1.0 - NOTHING}
+        none = NOTHING if nothing is None else NOTHING * nothing
+        return {'none': none, 'unknown': 1.0 - none}
     left = float(np.clip(1.0 - taken, 0.0, 1.0 - MIN_TAKEN))
     chance = SUREST / (1.0 + (left / HALF_LEFT) ** STEEPNESS)
     if verdict == 'unknown':
         chance = MIN_RIGHT + SHARE_RIGHT * min(max(taken, 0.0), 1.0)
+        chance *= 1.0 - (nothing or 0.0)
     powers = [cause.visible**2 for cause in causes]
     answer: dict[str, float] = {}
     for cause, power in zip(causes, powers, strict=True):
         name = ' or '.join(cause.group)
-        answer[name] = answer.get(name, 0.0) + (
-            chance * (1.0 - nothing) * power / max(sum(powers), 1e-300))
-    none = NOTHING * nothing
+        answer[name] = answer.get(name, 0.0) + chance * power / max(sum(powers), 1e-300)
+    none = NOTHING * (nothing or 0.0) if verdict == 'unknown' else 0.0
     return {**answer, 'none': none, 'unknown': 1.0 - none - sum(answer.values())}
