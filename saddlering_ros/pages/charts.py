@@ -26,6 +26,9 @@ AFTER = '#1f6fb2'
 NOISE = '#9aa5b1'
 UP, DOWN = '#c77700', '#00798c'
 
+DARK, LIGHT = 0.45, 0.2
+"""Opacities of a band of noise, and of a wider one that holds it."""
+
 MAIN, STRIP = 3.0, 1.25
 """Heights of a channel and of its misfit below."""
 
@@ -74,7 +77,7 @@ class ShadedBand:
 
     low: float
     high: float
-    opacity: float = 0.3
+    opacity: float = DARK
     name: str = ''
 
 

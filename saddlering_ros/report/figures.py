@@ -281,7 +281,7 @@ def _bands(run: RunCurves, channel: str) -> tuple[ShadedBand, ...]:
     if channel not in run.sound:
         return bands
     wide = 2.0 * MICRO * run.sound[channel]
-    return (ShadedBand(-wide, wide, opacity=0.12, name='± 2 × noise and sound ring'), *bands)
+    return (ShadedBand(-wide, wide, charts.LIGHT, name='± 2 × noise and sound ring'), *bands)
 
 
 def of_run(run: RunCurves) -> Chart:

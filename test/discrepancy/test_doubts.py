@@ -232,7 +232,7 @@ def test_the_page_of_a_model_shows_measured_and_simulated_curves_with_units_and_
     found = diagnose(model, [record('a')], hold_out=[record('b', seed=2)])
     found.write_report(tmp_path / 'report.html')
     assert {'proof', 'misfit_1', 'misfit_2'} <= set(charts)
-    upper, below = charts['proof'].panels
+    upper, below, left = charts['proof'].panels
     assert (below.x_label, upper.y_label, below.y_label) == ('time / h', 'seen / mm', 'misfit\nmm')
     assert [item.name for item in charts['proof'].named] == [
         'measured', 'simulated, without causes', 'simulated, with the causes', '± 2 × noise',
@@ -240,7 +240,10 @@ def test_the_page_of_a_model_shows_measured_and_simulated_curves_with_units_and_
     stretches = charts['influence'].panels[0].y_ticks
     assert stretches is not None
     assert all(words.endswith(' h') for words in stretches.words)
-    inside = np.abs(below.series[1].y) < below.bands[0].high
+    assert (left.y_label, left.bands) == ('with causes\nmm', below.bands)
+    assert len({band.opacity for band in left.bands}) == 2
+    (rest,) = left.series
+    inside = np.abs(rest.y) < left.bands[0].high
     assert 0.9 < inside.mean() < 1.0
 
 

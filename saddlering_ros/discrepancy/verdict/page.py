@@ -1,7 +1,7 @@
 """A diagnosis as one HTML page: verdict, causes, misfit by run and channel, curves."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +46,7 @@ def write_page(answer: Diagnosis, path: Path) -> None:
         ['effect', number('size found nine times in ten'), 'can be tested'],
         [[answer.title_of(item.effect), number(quantity(item.limit, item.unit)),
           'yes' if item.testable else 'no'] for item in answer.observability.limits])
-    channels = _channels(answer)
+    channels = channels_of(answer)
     html.write_page(path, html.page(title, [
         html.verdict(
             answer.verdict, html.paragraph(title, 'soft'),
@@ -82,12 +82,12 @@ class _Channel:
                       f'{self.name} / {self.unit}' if self.unit else self.name,
                       (charts.line(run.time[kept], measured, charts.MEASURED, 'measured',
                                    width=3.5, opacity=0.4),))
-        bands = tuple(ShadedBand(-size, size, opacity=0.18, name=name)
-                      for name, size in self.bands.items())
+        bands = tuple(ShadedBand(-size, size, opacity, name) for opacity, (name, size) in zip(
+            (charts.DARK, charts.LIGHT), self.bands.items(), strict=False))
         return charts.compared(upper, self.unit, run.time[kept], measured, versions, bands)
 
 
-def _channels(answer: Diagnosis) -> list[_Channel]:
+def channels_of(answer: Diagnosis) -> list[_Channel]:
     """Every channel with its unit, and its bands of noise and of declared model error."""
     metric = answer.fits.metric
     problem, system = metric.problem, metric.problem.system
@@ -119,8 +119,12 @@ def _proof(answer: Diagnosis, channels: Sequence[_Channel]) -> str:
 
     prediction, place = max(
         ((one, row) for one in answer.runs for row in range(len(channels))), key=size)
-    chart = Chart(channels[place].panels(prediction, place, 0), width=9.4, height=4.4,
-                  heights=(MAIN, STRIP), shares_x=True)
+    panels = list(channels[place].panels(prediction, place, 0))
+    if len(panels[-1].series) > 1:  # the bands are narrow beside the misfit without causes
+        panels.append(replace(panels[-1], row=2, series=panels[-1].series[1:],
+                              y_label=f'with causes\n{channels[place].unit}'.rstrip()))
+    chart = Chart(tuple(panels), width=9.4, height=3.0 + 1.4 * (len(panels) - 1),
+                  heights=(MAIN, *(STRIP,) * (len(panels) - 1)), shares_x=True)
     return html.picture(chart, 'proof', f'{channels[place].name} in {_place(prediction)}: '
                         'measured and simulated; below, the misfit with its bands.')
 

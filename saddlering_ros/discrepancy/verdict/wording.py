@@ -194,14 +194,19 @@ def influence_words(
     return f'Evidence by run: {", ".join(words)}{more}.'
 
 
-def tried_words(compared: int, refitted: int, *, has_law: bool) -> str:
-    """What was tried before a verdict `unknown`; nothing if no effect was compared."""
+def tried_words(compared: int, refitted: int, *, has_law: bool | None) -> str:
+    """What was tried before a verdict `unknown`; nothing if no effect was compared.
+
+    has_law: None where no law is looked for.
+    """
     if not compared:
         return ''
-    law = ('A law for the misfit is proposed.' if has_law else 'No law is proposed, because none '
-           'over load, direction, rate or time passed the test of a cause.')
-    return (f'{compared} causes were compared with the misfit, and {refitted} models were '
-            f'refitted. {law}')
+    law = {True: ' A law for the misfit is proposed.', None: '',
+           False: ' No law is proposed, because none over load, direction, rate or time passed '
+                  'the test of a cause.'}[has_law]
+    causes, models = (f'{count} {what} {"was" if count == 1 else "were"}' for count, what in (
+        (compared, 'cause' + 's' * (compared != 1)), (refitted, 'model' + 's' * (refitted != 1))))
+    return f'{causes} compared with the misfit, and {models} refitted.{law}'
 
 
 def remaining_words(explained: float) -> str:
@@ -407,7 +412,8 @@ def summary_text(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == 'unknown':
         lines.append(tried_words(
             len(diagnosis.observability.limits), len(diagnosis.search.candidates),
-            has_law=diagnosis.law is not None))
+            has_law=diagnosis.law is not None
+            if diagnosis.fits.metric.problem.assumptions.proposes_law else None))
         after = diagnosis.residual_after
         tests = sorted((*after.consistency, *after.shapes), key=lambda test: test.p_value)
         lines += [
