@@ -24,7 +24,7 @@ from examiner import draw_truth, DrawSettings, RecordSettings, write_campaign
 from saddlering_ros import diagnose
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.extension import STAGES
-from saddlering_ros.pages.charts import AFTER, BEFORE, drawing, NOISE
+from saddlering_ros.pages.charts import AFTER, BEFORE, DARK, drawing, LIGHT, NOISE
 from saddlering_ros.pages.html import png
 from saddlering_ros.report.figures import curves_of, MICRO, RunCurves, SYMBOLS
 from saddlering_ros.rig import CHANNELS, MICRO_UNITS
@@ -65,7 +65,8 @@ def case(name: str, cache: Path) -> Case:
     over = run.load_in_unit if run.test == 'static' else run.time
     made = {
         'cause': name, 'verdict': found.verdict, 'causes': list(found.causes),
-        'words': found.document['headline'], 'run': run.name, 'channel': channel,
+        'words': found.document['headline'], 'run': run.name,
+        'channel': f'{SYMBOLS[channel]} / {MICRO_UNITS[channel]}',
         'over': 'load / t' if run.test == 'static' else 'time / s',
         'at': over.tolist(), 'noise': MICRO * run.noise[channel],
         'before': (MICRO * (run.measured - run.before)[row]).tolist(),
@@ -85,26 +86,28 @@ def _most_changed(runs: Sequence[RunCurves], is_established: bool) -> tuple[RunC
                key=lambda pair: worth(*pair))
 
 
-def sheet(cases: Sequence[Case]) -> Figure:
+def sheet(cases: Sequence[Case], columns: int = COLUMNS, alone: str = 'contact law alone'
+          ) -> Figure:
     """One panel a case: title, misfit without and with the causes, words of the verdict."""
-    rows = -(-len(cases) // COLUMNS)
+    rows = -(-len(cases) // columns)
     with drawing():
         figure = Figure(figsize=(10.5, 2.55 * rows + 0.3), layout='constrained')
-        grid = figure.subplots(rows, COLUMNS, squeeze=False)
+        grid = figure.subplots(rows, columns, squeeze=False)
         for axes in grid.flat[len(cases):]:
             axes.axis('off')
         for axes, one in zip(grid.flat, cases, strict=False):
-            unit = MICRO_UNITS[one['channel']]
-            axes.axhspan(-2 * one['noise'], 2 * one['noise'], color=NOISE, alpha=0.3, lw=0)
-            axes.plot(one['at'], one['before'], color=BEFORE, lw=0.9, label='contact law alone')
+            for opacity, size in ((DARK, one['noise']), (LIGHT, one.get('allowed', 0.0))):
+                axes.axhspan(-2 * size, 2 * size, color=NOISE, alpha=opacity, lw=0)
+            axes.plot(one['at'], one['before'], color=BEFORE, lw=0.9, label=alone)
             if one['verdict'] in ('named', 'ambiguous'):
                 axes.plot(one['at'], one['after'], color=AFTER, lw=0.9, label='with the cause')
             effect = catalogue().get(one['cause'])
             axes.set_title(effect.title if effect else one['title'], fontsize=9, weight='bold')
-            axes.set_ylabel(f'misfit {SYMBOLS[one["channel"]]} / {unit}', fontsize=7.5)
+            axes.set_ylabel(f'misfit {one["channel"]}', fontsize=7.5)
             axes.tick_params(labelsize=7)
             words = textwrap.fill(
-                f'{one["verdict"]}: {one["words"]}', 60, max_lines=5, placeholder=' …')
+                f'{one["verdict"]}: {one["words"]}', 156 // columns, max_lines=5,
+                placeholder=' …')
             axes.set_xlabel(f'{one["run"]}, {one["over"]}\n{words}', fontsize=6.8, loc='left')
         named = max((axes.get_legend_handles_labels() for axes in grid.flat),
                     key=lambda pair: len(pair[0]))

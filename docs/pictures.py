@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from html import escape
 from pathlib import Path
+import re
 
+from gallery import sheet
 from matplotlib.figure import Figure
 import numpy as np
 
+from saddlering_ros import discrepancy
+from saddlering_ros.discrepancy.verdict.page import channels_of
 from saddlering_ros.pages.charts import AFTER, BEFORE, drawing, MEASURED, NOISE
 from saddlering_ros.pages.html import png
 from saddlering_ros.rig import default_rig, ParameterSet, TONNE, TRUE_TO_SCALE
 from saddlering_ros.ring import simulate
 
 IMAGES = Path(__file__).resolve().parent / 'images'
+AXIS_PAGE = IMAGES.parent / 'own_simulator.md'
 CHANNELS = (('delta_x', 'δx / µm'), ('delta_y', 'δy / µm'), ('gamma', 'γ / µrad'))
 ELEVATION = np.radians(50.0)
 
@@ -81,6 +86,30 @@ def look_alikes() -> Figure:
             place.set_ylabel('added to δx / µm')
         grid[0][0].legend()
         return figure
+
+
+def inexact() -> Figure:
+    """Four cases of the axis of own_simulator.md, made by the code of that page."""
+    code = re.findall(r'^```python\n(.*?)^```', AXIS_PAGE.read_text(encoding='utf-8'),
+                      re.DOTALL | re.MULTILINE)[1]
+    axis = {'np': np, **vars(discrepancy)}
+    exec(code, axis)
+    cases = []
+    for friction, declared in ((0.0, 0.0), (0.0, 0.002), (1.0, 0.0), (1.0, 0.01)):
+        true = {**axis['sound'], 'coulomb.force': friction}
+        answer = discrepancy.diagnose(
+            axis['axis'](declared), [axis['record'](*run, true) for run in (
+                ('slow', 1.0), ('fast', 2.5))], hold_out=[axis['record']('other', 1.7, true)])
+        shown, (noise, *allowed) = answer.runs[-1], channels_of(answer)[0].bands.values()
+        measured = shown.run.channels[0]
+        cases.append({
+            'cause': '', 'verdict': answer.verdict, 'words': answer.headline,
+            'title': f'{f"friction of {friction:g} N" if friction else "sound"}, '
+                     f'{f"{100 * declared:g} % declared" if declared else "nothing declared"}',
+            'run': shown.run.name, 'over': 'time / s', 'at': shown.run.time, 'noise': noise / 2.0,
+            'allowed': sum(allowed) / 2.0, 'channel': 'force / N',
+            'before': measured - shown.before[0], 'after': measured - shown.after[0]})
+    return sheet(cases, 2, 'without friction')
 
 
 BOXES = {
@@ -158,4 +187,5 @@ if __name__ == '__main__':
     IMAGES.mkdir(exist_ok=True)
     (IMAGES / 'model.png').write_bytes(png(model()))
     (IMAGES / 'look_alikes.png').write_bytes(png(look_alikes()))
+    (IMAGES / 'inexact.png').write_bytes(png(inexact()))
     (IMAGES / 'architecture.svg').write_text(architecture(), encoding='utf-8')
