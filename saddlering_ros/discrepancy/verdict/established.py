@@ -57,7 +57,7 @@ machine keeps its size better. Without it, a true law of 94 to 103 % was refused
 stand-ins of development, which differ by 40 to 60 %, are refused; with 0.05 one of four is not."""
 
 ONE_CHANNEL = 0.99
-"""Share of the power of what a cause changes that is in one channel. A gauge's error has all."""
+"""Share of the power of what a cause changes that is in one channel: a gauge's error has all."""
 
 MIN_REPEATED = 0.95
 """Share of the power of what a cause changes that one curve over a coordinate repeats, for the
@@ -120,6 +120,8 @@ def judge_alone(
     if after.slow.is_real_and_material(settings) and not doubts:
         sentences.insert(0, wording.other_form_words(share, after.slow.where))
     more, taken = list(published.doubts), published.shares.best
+    if space.problem.assumptions.exact_laws and len(ids) > 1:
+        more += unlike_channels_unpatched(space, search, published.main.effect)
     if any(space.problem.assumptions.allowed_error or ()):
         if taken < MIN_TAKEN:
             more.append(wording.weak_words(wording.joined(titles), taken, MIN_TAKEN))
@@ -197,9 +199,8 @@ def uncertain_size(space: ModelSpace, published: Publication) -> list[str]:
     main = published.main
     size = main.parameters[main.definition.size.name]
     low, high = size.interval or (np.inf, np.inf)
-    is_open = low <= main.definition.neutral <= high
-    title = space.problem.titles[main.effect]
-    return [wording.uncertain_size_words(title, low, high, size.unit)] if is_open else []
+    words = wording.uncertain_size_words(space.problem.titles[main.effect], low, high, size.unit)
+    return [words] if low <= main.definition.neutral <= high else []
 
 
 def doubts_beside_error(
