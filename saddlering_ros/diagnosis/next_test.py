@@ -70,13 +70,12 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
     if diagnosis.verdict == 'none':
         limits = diagnosis.observability.limits
         return for_unseen([limit.effect for limit in limits if not limit.testable])
+    free = discrepancy.wording.free_test_words(diagnosis.held_out_evidence)
     if diagnosis.verdict == 'unknown':
-        for_rest = for_residual(diagnosis.residual_after)
-        if all(run.rig_hash == rig.digest for run in runs):
-            return for_rest
-        return (f'First compare the rig file with the ring ({rig_in_words(rig)}): saddlering rig '
-                '--check BAG and its drawing show a wrong dimension, span, polarity or '
-                f'elevation. {for_rest}')
+        first = '' if all(run.rig_hash == rig.digest for run in runs) else (
+            f'First compare the rig file with the ring ({rig_in_words(rig)}): saddlering rig '
+            '--check BAG and its drawing show a wrong dimension, span, polarity or elevation.')
+        return ' '.join(filter(None, (free, first, for_residual(diagnosis.residual_after))))
     entries = entries_of(rig, diagnosis.causes)
     first = ('First compare the rig file with the drawing and the ring: '
              f'{", ".join(entries)}.') if entries else ''
@@ -93,7 +92,6 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
     places = ' '.join(
         f'These data leave open where {lowered(title_of(cause.effect))} acts: examine each place.'
         for cause in diagnosis.causes if cause.elsewhere)
-    free = discrepancy.wording.free_test_words(diagnosis.held_out_evidence)
     return ' '.join(filter(None, (free, first, sentence, places)))
 
 

@@ -61,7 +61,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     if is_ambiguous:
         watch.progress('next test', 0.85)
     separations, by_held_out = next_test_of(
-        space, fit, answer.search.alternatives if is_ambiguous else {})
+        answer.search, is_ambiguous=is_ambiguous, is_beside_error=answer.is_beside_error)
     published, law = answer.published, None
     if answer.verdict == 'unknown' and problem.assumptions.proposes_law:
         watch.progress('search for a law', 0.9)

@@ -32,15 +32,19 @@ from saddlering_ros.discrepancy.problem.system import (
     RunBlocks,
     SystemWithTangents,
 )
-from saddlering_ros.discrepancy.search.evidence import alternative_floor, indistinguishable
+from saddlering_ros.discrepancy.search.evidence import alternative_floor, open_distance
 from saddlering_ros.discrepancy.search.lack_of_fit import Block, BlockColumns
-from saddlering_ros.discrepancy.search.selection import Alternatives
-from saddlering_ros.discrepancy.search.space import ModelSpace
+from saddlering_ros.discrepancy.search.selection import error_process, Search
+from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.verdict.published import plain_fits
 from saddlering_ros.discrepancy.verdict.results import HeldOutEvidence, Separation
 
 DRAWS = 100
 """Number of draws with each model as the truth: a share is known to 10 % at worst (95 %)."""
+
+JOINT_FITS = 2
+"""Fits of open models to all runs: the noise is learnt from a model that does not know the
+held-out runs, and then from the best one that does."""
 
 DIRECTION_BAND = 0.01
 """Smallest return of the drive that changes its direction, as a share of its range. Chosen
@@ -48,11 +52,15 @@ between the ripple of a load and the smallest reversal of a test."""
 
 
 def next_test_of(
-    space: ModelSpace, fit: Fit, alternatives: Alternatives
+    search: Search, *, is_ambiguous: bool, is_beside_error: bool
 ) -> tuple[tuple[Separation, ...], tuple[HeldOutEvidence, ...]]:
-    """Tests, the best first, and held-out runs that part a model and its alternatives."""
+    """Tests of an ambiguous verdict, the best first, and what held-out runs say of any open one.
+
+    is_beside_error: whether the models are judged beside learnt error of the model.
+    """
+    space, fit = search.space, search.fit
     others = [(other, space.without(fit, name))
-              for name, models in alternatives.items() for other in models]
+              for name, models in search.alternatives.items() for other in models]
     if not others:
         return (), ()
     pairs = [(fit, others[0][1]), *others]
@@ -64,7 +72,8 @@ def next_test_of(
         space, fits, own, less, np.array([fits[place].theta_unit.size for place in own]),
         floor=alternative_floor(space.pairs, space.settings),
         excess=max(space.slow_residual(fit).excess, 0.0))
-    return models.separations(), models.judged_by_held_out()
+    return (models.separations() if is_ambiguous else (),
+            models.judged_by_held_out(is_beside_error=is_beside_error))
 
 
 @dataclass(frozen=True)
@@ -86,7 +95,7 @@ class _OpenModels:
     def separations(self) -> tuple[Separation, ...]:
         """Each proposed test with each model as the truth in turn, the best test first."""
         answers, random = [], np.random.default_rng(self.space.settings.seed)
-        for proposal, _, forecasts in self._forecast_each(self.space.problem.proposals):
+        for proposal, forecasts in self._forecast_each(self.space.problem.proposals):
             alone, kept, by_truth = 0, 0, {}
             for truth, place in enumerate(self.own):
                 results = forecasts[place].drawn(random, DRAWS)
@@ -101,50 +110,62 @@ class _OpenModels:
             answers.append(Separation(proposal, DRAWS * len(self.own), alone, kept, by_truth))
         return tuple(sorted(answers, key=lambda answer: (-answer.alone, -answer.kept)))
 
-    def judged_by_held_out(self) -> tuple[HeldOutEvidence, ...]:
-        """The models judged by the held-out runs, the most likely first.
-
-        Each predicts them with its parameters as the fitted runs leave them.
-        """
-        held_out = self.space.problem.held_out
+    def judged_by_held_out(self, *, is_beside_error: bool) -> tuple[HeldOutEvidence, ...]:
+        """The models fitted to the held-out runs too, the most likely first."""
+        problem, fits, best = self.space.problem, self.fits, self.fits[self.own[0]]
+        held_out = tuple(run.name for run in problem.held_out)
         if not held_out:
             return ()
-        proposals = [Proposal(run.name, replace(run, held_out=False), 'held_out')
-                     for run in held_out]
-        misfits = np.array([fit.misfit for fit in self.fits])
-        for proposal, whiten, forecasts in self._forecast_each(proposals):
-            white = whiten(proposal.run.channels.ravel()[:, None])
-            misfits = misfits + [float(forecast.misfits(white)[0]) for forecast in forecasts]
-        left, whole = self._left(misfits), misfits[list(self.own)]
-        priced = whole + self.space.log_size * self.sizes
-        odds = np.exp(-0.5 * (priced - priced.min()))
+        joint = problem.with_runs([replace(run, held_out=False) for run in problem.all_runs])
+        best = replace(best, prediction=joint.predict([best.point])[:, 0])
+        if not np.isfinite(best.prediction).all():
+            return ()
+        for _ in range(JOINT_FITS):
+            metric = problems.noise_metric(joint, best.prediction)
+            nuisances = problems.nuisance_columns(joint, best.point, best.prediction)
+            if is_beside_error:
+                process, _ = error_process(metric.marginalise(nuisances), best)
+                nuisances = np.hstack([nuisances, process])
+            fits = refit_full_jacobian(
+                metric.marginalise(nuisances), fits, problem.settings.rounds)
+            misfits = np.array([fit.misfit for fit in fits])
+            best = fits[self.own[self._best(misfits)]]
+        behind, limits = self._behind(misfits)
+        priced = misfits[list(self.own)] + self.space.log_size * self.sizes
+        # At its limit, a model is as likely as it is that the true one is beyond it by chance.
+        wider = np.maximum(limits / (-2.0 * math.log(self.space.settings.alternative_rate)), 1.0)
+        odds = np.exp(-0.5 * (priced - priced.min()) / wider)
         answers = []
         for index, (place, less) in enumerate(zip(self.own, self.less, strict=True)):
             new = [name for name in self.fits[place].candidate.ids
                    if name not in self.fits[less].candidate.ids]
             answers.append(HeldOutEvidence(
-                new[0], self.space.problem.titles[new[0]], tuple(run.name for run in held_out),
-                float(whole[index] - whole.min()), float(odds[index] / odds.sum()), index in left))
+                new[0], problem.titles[new[0]], held_out, float(behind[index] - behind.min()),
+                float(odds[index] / odds.sum()), bool(behind[index] <= limits[index])))
         return tuple(sorted(answers, key=lambda answer: -answer.share))
 
     def _left(self, misfits: Array) -> list[int]:
         """Models that stay in the group at these misfits of all fits, in order."""
+        return np.flatnonzero(np.less_equal(*self._behind(misfits))).tolist()
+
+    def _best(self, misfits: Array) -> int:
+        return int(np.argmin(misfits[list(self.own)] + self.space.log_size * self.sizes))
+
+    def _behind(self, misfits: Array) -> tuple[Array, Array]:
+        """Misfit of each model beyond that of the best, and the largest that leaves it open."""
         whole, less = misfits[list(self.own)], misfits[list(self.less)]
-        best = int(np.argmin(whole + self.space.log_size * self.sizes))
-        left = []
-        for number, size in enumerate(self.sizes):
-            # The first model stands for no particular cause; another one names its own.
-            taken = less[best if number == 0 else number] - whole[best]
-            if number == best or indistinguishable(
-                    distance=whole[number] - whole[best], taken=taken, excess=self.excess,
-                    fewer=int(self.sizes[best] - size), floor=self.floor,
-                    settings=self.space.settings):
-                left.append(number)
-        return left
+        best = self._best(misfits)
+        # The first model stands for no particular cause; another one names its own.
+        less[0] = less[best]
+        limits = [open_distance(
+            taken=taken, excess=self.excess, fewer=int(self.sizes[best] - size), floor=self.floor,
+            settings=self.space.settings)
+            for taken, size in zip(less - whole[best], self.sizes, strict=True)]
+        return whole - whole[best], np.maximum(limits, self.floor)
 
     def _forecast_each(
         self, proposals: Sequence[Proposal]
-    ) -> Iterator[tuple[Proposal, Whiten, list[_Forecast]]]:
+    ) -> Iterator[tuple[Proposal, list[_Forecast]]]:
         """Each proposal with its expected noise and its prediction by every fit."""
         if not proposals:
             return
@@ -181,7 +202,7 @@ class _OpenModels:
                 forecasts.append(_Forecast(
                     white[:, 0] + inner @ mean, spread,
                     cholesky(np.eye(spread.shape[1]) + spread.T @ spread, lower=True)))
-            yield proposal, whiten, forecasts
+            yield proposal, forecasts
 
     def _known(self, fit: Fit, nuisances: Array) -> tuple[Array, Array]:
         """What the old data know of parameters and nuisance parameters: mean (k,), root (k, k).

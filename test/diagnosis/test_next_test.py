@@ -8,12 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from saddlering_ros.diagnosis import next_test
+from saddlering_ros.bags import read_run
+from saddlering_ros.diagnosis import diagnose_ring, next_test
 from saddlering_ros.diagnosis.next_test import on_slewed_ring, propose, with_swapped_probes
 from saddlering_ros.diagnosis.rig_dimensions import entries_of
 from saddlering_ros.diagnosis.ring_wording import size_of, title_of
 from saddlering_ros.discrepancy import Point, Separation
 from saddlering_ros.discrepancy.next_step import HeldOutEvidence
+from saddlering_ros.discrepancy.verdict.wording import free_test_words
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import Outcomes, RIG_TESTS
 from saddlering_ros.quantities import lowered
@@ -197,6 +199,31 @@ def test_the_rig_file_comes_before_the_probes_unless_a_hash_vouches_for_it(
     assert sentence.startswith('First compare the rig file') == is_first
 
 
+@pytest.mark.slow
+def test_a_large_group_of_one_elevation_is_told_the_run_that_parts_it(campaign):
+    """The free one first, and then to record one at another elevation."""
+    fitted, held_out = (read_run(bag) for bag in campaign(
+        'moment_arm', 0.06, 'offset', runs=('static_50', 'static_70')))
+    found = diagnose_ring([fitted], [held_out], rig=default_rig())
+    assert len(found.diagnosis.causes[0].group) >= 5
+    record = found.diagnosis.separations[0].proposal.sentence
+    assert record.endswith((' 30 deg.', ' 70 deg.'))
+    assert found.next_test.startswith('Fit static_70 too: ')
+    assert record in found.next_test
+
+
+@pytest.mark.parametrize('remain', [('moment_arm', 'load_gain'), ('moment_arm',)])
+def test_held_out_runs_state_the_best_alternative_and_those_that_they_exclude(remain):
+    evidence = [HeldOutEvidence(name, lowered(title_of(name)), ('static_70',), 0.0, share,
+                                name in remain)
+                for name, share in (('moment_arm', 0.7), ('moment_arm', 0.2), ('load_gain', 0.1))]
+    words = ('the model with wrong moment arm predicts static_70 best (90 % of the probability of '
+             'the alternatives)')
+    assert free_test_words(evidence) == (
+        f'Held-out static_70 cannot separate the alternatives: {words}.' if len(remain) == 2 else
+        f'Fit static_70 too: {words}, and this excludes load gain error.')
+
+
 def test_a_moment_arm_with_five_alternatives_is_told_the_tests_that_need_no_record_first():
     group = ('moment_arm', 'elevation_error', 'load_gain', 'load_offset', 'rig_trunnion_x',
              'rig_weight_x')
@@ -208,7 +235,7 @@ def test_a_moment_arm_with_five_alternatives_is_told_the_tests_that_need_no_reco
         verdict='ambiguous', causes=[cause], held_out_evidence=evidence, separations=())
     sentence = next_test.next_test(found, [], default_rig())
     free, drawing, record = (sentence.index(words) for words in (
-        'Fit static_70 too: of the alternatives, the model with wrong moment arm predicts',
+        'Fit static_70 too: the model with wrong moment arm predicts static_70 best (over 99 %',
         'First compare the rig file with the drawing and the ring: ', ' means '))
     assert free < drawing < record
     assert 'rig.trunnion.x, rig.carriage.weight_x' in sentence

@@ -25,6 +25,7 @@ from saddlering_ros.discrepancy import (
     Parameter,
     probabilities_of,
     Run,
+    Settings,
     ShapeTest,
 )
 from saddlering_ros.discrepancy.diagnosis import problem_of
@@ -524,6 +525,21 @@ def test_held_out_runs_tell_open_alternatives_apart() -> None:
     assert answer.held_out_evidence[0].effect == 'cubic'
     assert answer.next_test is not None
     assert answer.next_test.startswith('Fit run 2 too: ')
+
+
+@pytest.mark.parametrize('size', [1.3, 1.5])
+def test_held_out_runs_foretell_the_group_of_a_diagnosis_that_fits_them(size: float) -> None:
+    """At 1.3 the rule of groups keeps both, and the share of the second is not 0."""
+    runs = [of_a_cubic_spring(*one) for one in ((0, 0.5), (1, 0.6), (2, size))]
+    foretold = diagnose(two_springs(2.0), runs[:2], hold_out=runs[2:])
+    (cause,) = diagnose(two_springs(2.0), runs).causes
+    assert {one.effect for one in foretold.held_out_evidence if one.remains} == set(cause.group)
+    least = min(one.share for one in foretold.held_out_evidence)
+    assert (least > Settings().alternative_rate) == ('soft' in cause.group)
+    begin = ('Held-out run 2 cannot separate the alternatives: ' if 'soft' in cause.group else
+             'Fit run 2 too: ') + 'the model with A cubic spring predicts run 2 best (over 99 %'
+    assert foretold.next_test is not None
+    assert foretold.next_test.startswith(begin)
 
 
 @pytest.mark.parametrize(('bound', 'group'), [(2.0, ('cubic', 'soft')), (0.8, ('cubic',))])

@@ -295,8 +295,8 @@ def _as_good(
 ) -> tuple[Fit, ...]:
     """Models in place of `fit` that these data leave open; less: `fit` without the member."""
     excess = max(space.slow_residual(fit).excess, 0.0) if others else 0.0
-    return tuple(other for other in others if evidence.indistinguishable(
-        distance=other.misfit - fit.misfit, taken=less.misfit - fit.misfit, excess=excess,
+    return tuple(other for other in others if other.misfit - fit.misfit <= evidence.open_distance(
+        taken=less.misfit - fit.misfit, excess=excess,
         fewer=fit.theta_unit.size - other.theta_unit.size,
         floor=evidence.alternative_floor(space.pairs, space.settings), settings=space.settings))
 

@@ -200,8 +200,9 @@ class PublishedFits:
 class HeldOutEvidence:
     """An open alternative judged by held-out runs.
 
-    distance: misfit of fitted and held-out runs beyond that of the best; share: of the
-    probability of all alternatives; remains: whether the rule of groups keeps it.
+    distance: misfit beyond that of the best, fitted to all runs; share: of the probability of all
+    alternatives, of which the rule of groups takes as much as an inexact law or unsure noise may
+    explain; remains: whether this rule keeps it.
     """
 
     effect: str

@@ -116,16 +116,23 @@ def remainder_line(remainder: Sequence[Mapping[str, Any]]) -> str:
 
 
 def free_test_words(evidence: Sequence[HeldOutEvidence]) -> str:
-    """What held-out runs say about open alternatives, as the test that needs no record; or ''."""
-    kept = [one for one in evidence if one.remains]
-    if not kept or len(kept) == len(evidence):
+    """What held-out runs say about open alternatives, as the test that needs no record; or ''.
+
+    evidence: the most likely alternative first.
+    """
+    if not evidence:
         return ''
-    runs = ' and '.join(evidence[0].runs)
-    names = ' or '.join(one.title for one in kept)
-    share = sum(one.share for one in kept)
-    certain = f'{"over " if share > MAX_SURE else ""}{percent(min(share, MAX_SURE))}'
-    return (f'Fit {runs} too: of the alternatives, the model with {names} predicts {runs} '
-            f'best ({certain} of their probability).')
+    best, runs = evidence[0], joined(evidence[0].runs)
+    kept, gone = (list(dict.fromkeys(one.title for one in evidence if one.remains is remains))
+                  for remains in (True, False))
+    share = sum(one.share for one in evidence if one.title == best.title)
+    words = (f'the model with {best.title} predicts {runs} best '
+             f'({"over " if share > MAX_SURE else ""}{percent(min(share, MAX_SURE))} of the '
+             'probability of the alternatives)')
+    excluded = [title for title in gone if title not in kept]
+    if not excluded:
+        return f'Held-out {runs} cannot separate the alternatives: {words}.'
+    return f'Fit {runs} too: {words}, and this excludes {joined(excluded)}.'
 
 
 def certainty_lines(document: Mapping[str, Any], title_of: Callable[[str], str]) -> list[str]:
