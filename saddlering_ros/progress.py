@@ -73,11 +73,18 @@ TELL_EVERY, TELL_LEFT_FROM = 0.5, 5.0
 """Seconds between two reports of one stage, and after which the time left is estimated."""
 
 
+LAST_SHARE, STAGE_LEFT = 0.97, 0.5
+"""Share that work in a stage leads towards, and the work after which half of the way to it is
+done in the first stage, in usual amounts; in a later one, what was done before it is added."""
+
+
 @dataclass
 class Watch:
     """The caller of one task: who gets its reports and may cancel it.
 
-    stage, share: as reported last; began, told: times of the task and of that report [s].
+    stage, share: as reported last; began, told: times of the task and of that report [s]; worked:
+    work of the task and of the stage, in the usual amount of the task; entered: share at the
+    begin of the stage.
     """
 
     task: str
@@ -87,11 +94,20 @@ class Watch:
     share: float = field(default=0.0, init=False)
     began: float = field(default_factory=lambda: clock.monotonic(), init=False)
     told: float = field(default=0.0, init=False)
+    worked: tuple[float, float] = field(default=(0.0, 0.0), init=False)
+    entered: float = field(default=0.0, init=False)
 
     def progress(self, stage: str, share: float) -> None:
         """Report a new stage and the share of the task that is done."""
         self.stage, self.told = stage, -TELL_EVERY
         self.advance(share)
+        self.entered, self.worked = self.share, (self.worked[0], 0.0)
+
+    def work(self, amount: float) -> None:
+        """Advance by work, in the usual amount of the task, in a stage whose end is not known."""
+        whole, own = (before + amount for before in self.worked)
+        self.worked = whole, own
+        self.advance(self.entered + (LAST_SHARE - self.entered) * own / (whole + STAGE_LEFT))
 
     def advance(self, share: float) -> None:
         """Report a share within the stage, with the time left, if the last report is old."""

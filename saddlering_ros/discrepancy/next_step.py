@@ -230,7 +230,7 @@ def _seen_by(
     if isinstance(problem.system, SystemWithTangents):
         answers = problem.system.neighbourhood(made).predict(proposal.run)
     else:
-        answers = [problem.system.predict_many(proposal.run, group) for group in made]
+        answers = [problem.simulate(proposal.run, group) for group in made]
     views = []
     for fit, (group, steps), answer in zip(fits, asked, answers, strict=True):
         # A direct reading shows the size of an effect minus its neutral size.
@@ -327,7 +327,7 @@ def law_for(space: ModelSpace, subject: Fit) -> LawProposal | None:
     held: dict[str, tuple[float, float]] = {}
     for run in problem.all_runs:
         seen = _plain(problem, run, beside)
-        both = problem.system.predict_many(run, [subject.point, beside.point])
+        both = problem.simulate(run, [subject.point, beside.point])
         outcomes = held if run.held_out else fitted
         outcomes[run.name] = (
             problem.squared_misfit([run], [run.channels - both[0]]),
@@ -346,7 +346,7 @@ def _law_about(space: ModelSpace, fit: Fit) -> LawProposal | None:
     points, steps = around(fit, problem.system.base_parameters)
     held = []
     for run in problem.held_out:
-        answers = problem.system.predict_many(run, points)
+        answers = problem.simulate(run, points)
         slope = (answers[1:] - answers[:1]) / np.array(steps)[:, None, None]
         held.append(_observed(problem, run, fit.point, run.channels - answers[0],
                               np.moveaxis(slope, 0, -1)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 import sys
@@ -10,7 +10,20 @@ import sys
 import numpy as np
 import pytest
 
-from saddlering_ros.discrepancy import diagnose_system, Diagnosis, Point, Problem, RunBlocks
+from saddlering_ros.discrepancy import (
+    Channel,
+    check,
+    diagnose,
+    diagnose_system,
+    Diagnosis,
+    Effect,
+    Model,
+    Point,
+    Problem,
+    Run,
+    RunBlocks,
+)
+from saddlering_ros.progress import Progress
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'examples'))
 
@@ -65,3 +78,69 @@ def test_a_simulator_of_the_wrong_shape_is_told_so() -> None:
 
     with pytest.raises(ValueError, match='wrong shape'):
         diagnose_system(Problem(Wrong(), [second_system.measure(1, {}, 3.0)]))
+
+
+class SlowAxis:
+    """The axis as a declared model, of which a run takes so many seconds of a clock of its own."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, each: float, *missing: str) -> None:
+        self.now, self.each = 0.0, each
+        monkeypatch.setattr('time.monotonic', lambda: self.now)
+        axis = Short(*missing)
+        self.model = Model(
+            self.simulate, {item.name: item for item in axis.base_parameters},
+            {item.id: Effect(item.title, item.parameters) for item in axis.effects},
+            {name: Channel('m') for name in axis.channel_names})
+
+    def simulate(self, values: Mapping[str, float], run: Run) -> dict[str, np.ndarray]:
+        self.now += self.each
+        effects: dict[str, dict[str, float]] = {}
+        for name, value in values.items():
+            effect, _, parameter = name.rpartition('.')
+            effects.setdefault(effect, {})[parameter] = value
+        base = effects.pop('')
+        point = Point(np.array([base['stiffness'], base['damping']]), effects)
+        # Time and inputs are all that the axis reads of a run.
+        seen = Short().predict_many(run, [point])[0]  # type: ignore[arg-type]
+        return dict(zip(Short.channel_names, seen, strict=True))
+
+    def runs(self, hidden: Mapping[str, Mapping[str, float]]) -> list[Run]:
+        blocks = [second_system.measure(100 + k, dict(hidden), period)
+                  for k, period in enumerate((3.0, 6.0))]
+        return [Run(one.name, one.time, one.inputs, dict(zip(
+            Short.channel_names, one.channels, strict=True))) for one in blocks]
+
+
+@pytest.mark.parametrize(('hidden', 'missing', 'verdict'), [
+    ({}, (), 'none'),
+    ({'friction': {'force': 2.0}}, (), 'named'),
+    ({'encoder_gain': {'gain': 0.02}}, (), 'named'),
+    ({'friction': {'force': 4.0}}, ('friction',), 'unknown'),
+])
+def test_a_diagnosis_takes_about_the_time_that_the_check_states(
+    monkeypatch: pytest.MonkeyPatch, hidden: Mapping, missing: Sequence[str], verdict: str,
+) -> None:
+    slow = SlowAxis(monkeypatch, 0.045, *missing)
+    line = next(line for line in check(slow.model, slow.runs(hidden)) if ' s in all' in line)
+    stated = float(line.split('about ')[1].split(' s in all')[0])
+    if verdict == 'unknown':
+        stated *= float(line.split(', ')[1].split(' times')[0])
+    began = slow.now
+    assert diagnose(slow.model, slow.runs(hidden)).verdict == verdict
+    assert 0.4 * stated < slow.now - began < 2.5 * stated
+
+
+def test_a_search_without_a_cause_reports_every_few_simulations(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    slow, reports = SlowAxis(monkeypatch, 0.3, 'friction'), []
+
+    def hear(report: Progress) -> None:
+        reports.append((slow.now, report.share))
+
+    diagnose(slow.model, slow.runs({'friction': {'force': 4.0}}), on_progress=hear)
+    times, shares = np.array([(0.0, 0.0), *reports, (slow.now, 1.0)]).T
+    assert np.diff(times).max() < 2.0
+    assert (np.diff(shares) >= 0.0).all()
+    # No share stays for a tenth of the time.
+    assert max(np.ptp(times[shares == share]) for share in shares) < 0.1 * slow.now

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+import time as clock
 
 import numpy as np
 
@@ -33,7 +34,7 @@ from saddlering_ros.discrepancy.problem.system import (
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.estimation.record_noise import with_model_error
 from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Whitener
-from saddlering_ros.progress import Watch
+from saddlering_ros.progress import TELL_EVERY, Watch
 from saddlering_ros.quantities import lowered
 
 ROUNDING = 1e-9
@@ -85,13 +86,10 @@ class Assumptions:
         return self.offsets is None or self.offsets[channel] >= FREE_OFFSET
 
 
-SEARCHED = 25.0
-"""Simulated points of a search that ends with a name, for each parameter of the model and each
-effect, two more effects counted. Eight machines needed 10 to 38 (median 21), 7 to 12 where nothing
-is wrong, and 22 to 137 (median 81) where no cause fits."""
-
-LAST_SHARE = 0.95
-"""Largest share of a search that is reported before its end, since the number is a rough one."""
+SEARCHED = 60.0
+"""Simulated points of a search that ends with a name, for each parameter and each effect. Ten
+machines needed 30 to 194 (median 77), 21 to 48 where nothing is wrong, 31 to 539 where no cause
+fits (median 148)."""
 
 
 @dataclass(eq=False)
@@ -111,6 +109,7 @@ class Problem:
     proposals: Sequence[Proposal] = ()
     watch: Watch = field(default_factory=lambda: Watch('diagnose'))
     simulations: int = field(default=0, init=False)
+    _at_once: int = field(default=1, init=False)
 
     def __post_init__(self) -> None:
         if not self.runs:
@@ -144,9 +143,8 @@ class Problem:
     @cached_property
     def usual_simulations(self) -> float:
         """Number of points that a search simulates until a cause is named, roughly."""
-        effects = self.system.effects
-        freedom = len(self.system.base_parameters) + sum(len(one.parameters) for one in effects)
-        return SEARCHED * freedom * (len(effects) + 2)
+        return SEARCHED * (len(self.system.base_parameters) + sum(
+            1 + len(effect.parameters) for effect in self.system.effects))
 
     def first_guess(self) -> Array | None:
         """First guesses of base parameters, bound-scaled; None if none are given.
@@ -222,16 +220,24 @@ class Problem:
         return {view: max(declared[channel] for channel in np.flatnonzero(weights))
                 for view, weights in self.system.views.items()}
 
+    def simulate(self, run: RunBlocks, points: Sequence[Point]) -> Array:
+        """Channels (B, C, N) of a run at `points`, in batches that are short enough to report."""
+        answer, done = np.empty((len(points), *run.channels.shape)), 0
+        while done < len(points):
+            self.watch.check()
+            part, began = points[done : done + self._at_once], clock.monotonic()
+            batch = self.system.predict_many(run, part)
+            if batch.shape != (len(part), *run.channels.shape):
+                raise DiscrepancyError(f'simulator: wrong shape {batch.shape} for run {run.name}')
+            answer[done : done + len(part)] = batch
+            each, done = (clock.monotonic() - began) / len(part), done + len(part)
+            self._at_once = int(np.clip(TELL_EVERY / max(each, 1e-9), 1, 1e9))
+            self.watch.work(len(part) / (len(self.runs) * self.usual_simulations))
+        return answer
+
     def predict(self, points: Sequence[Point]) -> Array:
         """Stacked channels (n, B) at `points`."""
-        parts: list[Array] = []
-        for run in self.runs:
-            batch = self.system.predict_many(run, points)
-            done = self.simulations + len(points) * (len(parts) + 1) / len(self.runs)
-            self.watch.advance(min(done / self.usual_simulations, LAST_SHARE))
-            if batch.shape != (len(points), *run.channels.shape):
-                raise DiscrepancyError(f'simulator: wrong shape {batch.shape} for run {run.name}')
-            parts.append(batch.reshape(len(points), -1))
+        parts = [self.simulate(run, points).reshape(len(points), -1) for run in self.runs]
         self.simulations += len(points)
         return np.ascontiguousarray(np.concatenate(parts, axis=1).T)
 
@@ -248,7 +254,7 @@ class Problem:
         self.simulations += int(ends[-1])
         prepared = self.system.neighbourhood(groups)
         runs = [prepared.predict(run) for run in self.runs]
-        self.watch.advance(0.0)
+        self.watch.work(int(ends[-1]) / self.usual_simulations)
         return [np.concatenate([answer.reshape(len(answer), -1) for answer in parts], axis=1).T
                 for parts in zip(*runs, strict=True)]
 
@@ -264,12 +270,9 @@ class Problem:
 
     def by_run(self, stacked: Array) -> list[Array]:
         """A stacked vector (n,) or columns (n, B) as one (C, N) or (C, N, B) block per run."""
-        blocks, start = [], 0
-        for run in self.runs:
-            part = stacked[start : start + run.channels.size]
-            blocks.append(part.reshape(*run.channels.shape, *stacked.shape[1:]))
-            start += run.channels.size
-        return blocks
+        ends = np.cumsum([run.channels.size for run in self.runs])[:-1]
+        return [part.reshape(*run.channels.shape, *stacked.shape[1:])
+                for part, run in zip(np.split(stacked, ends), self.runs, strict=True)]
 
     def sample_weights(self, run: RunBlocks, view: str) -> Array:
         """Weight (N,) of each sample in a view as a time; 0 if one of its channels is missing."""

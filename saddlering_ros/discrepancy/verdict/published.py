@@ -188,7 +188,7 @@ def publish(
         gain=whole,
         runs=tuple(
             results.RunPrediction(
-                run, *problem.system.predict_many(run, [base.point, model.point]))
+                run, *problem.simulate(run, [base.point, model.point]))
             for run in problem.all_runs),
         fits=results.PublishedFits(
             metric, base, model, covariance[:count, :count] * np.outer(slopes, slopes)),
@@ -348,7 +348,7 @@ def predicted_residuals(problem: Problem, fit: Fit) -> list[Array]:
     Such a run is predicted from the others by one Gauss-Newton step.
     """
     if problem.held_out:
-        return [problem.system.predict_many(run, [fit.point])[0] - run.channels
+        return [problem.simulate(run, [fit.point])[0] - run.channels
                 for run in problem.held_out]
     if len(problem.runs) < 2:
         return []

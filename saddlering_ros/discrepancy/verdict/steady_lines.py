@@ -430,7 +430,7 @@ def find_slow_lines(
     fitted = dict(zip([run.name for run in problem.runs], problem.by_run(left), strict=True))
     residuals = [
         fitted[run.name] if run.name in fitted
-        else problem.system.predict_many(run, [base.point])[0] - run.channels for run in kept]
+        else problem.simulate(run, [base.point])[0] - run.channels for run in kept]
     causes: list[Cause] = []
     while len(causes) < MAX_LINES:
         stretches = _stretches_of(kept, residuals)
