@@ -232,7 +232,7 @@ def _waiting(
             waiting.append(task)
             continue
         if document['status'] == 'failed':
-            is_whole = not retry and document.get('kind') != 'changed'
+            is_whole = not retry and document.get('kind') not in ('changed', 'unwritten')
         else:
             is_whole = (not task.reports or document['task']['reports']
                         or document['verdict']['verdict'] == 'none')

@@ -19,6 +19,7 @@ from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.campaign.sessions import base_of, FIT, HOLD_OUT, Session
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import sha256_of_file, versions_in_use
+from saddlering_ros.pages.html import ReportError
 from saddlering_ros.progress import OnProgress
 from saddlering_ros.rig import default_rig, Rig
 
@@ -184,7 +185,10 @@ def session_verdict(task: SessionTask) -> dict[str, Any]:
     report = ''
     if task.reports and result.verdict != 'none':
         place = Path(task.reports) / f'{task.key}.html'
-        result.write_report(place)
+        try:
+            result.write_report(place)
+        except ReportError as problem:
+            return failure('unwritten', f'{problem}: run the campaign again')
         report = f'{place.parent.name}/{place.name}'
     covariance = result.parameters.source.covariance
     return {

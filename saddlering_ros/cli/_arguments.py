@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from saddlering_ros import Bag, Rig
-    from saddlering_ros.api.results import Result
+    from saddlering_ros.api.results import ParametricResult, Result
     from saddlering_ros.progress import Progress
     from saddlering_ros.record import Record
     from saddlering_ros.rig import ParameterSet
@@ -378,17 +378,31 @@ def tell_json(args: argparse.Namespace, told: Any) -> bool:
     return False
 
 
-def finish(args: argparse.Namespace, result: Result, *written: Path | None) -> int:
-    """Write the report; print a result of the API as JSON, or as summary and files; the status."""
-    pages = () if args.report is None else result.write_report(
-        args.report, command=args.command_line)
-    if args.json is not None and tell_json(args, result.to_json()):
-        return 0
-    print(result.summary())
-    for path in (*written, *pages):
-        if path is not None:
-            print(f'written: {path}')
+def finish(args: argparse.Namespace, result: Result,
+           save: Callable[[], Iterable[Path | str]] = tuple) -> int:
+    """Print a result of the API as JSON or as summary, then write and list its files; the status.
+
+    It is told first, so that it is not lost if a file cannot be written. save: writes files of
+    one command; their paths.
+    """
+    if args.json != '-':
+        print(result.summary(), flush=True)
+    is_json_alone = args.json is not None and tell_json(args, result.to_json())
+    written = [*save()]
+    if args.report is not None:
+        written += result.write_report(args.report, command=args.command_line)
+    for path in [] if is_json_alone else written:
+        print(f'written: {path}')
     return 0
+
+
+def finish_with_parameters(args: argparse.Namespace, result: ParametricResult) -> int:
+    """The same of a result whose parameters --out names a file for."""
+    def save() -> Iterable[Path]:
+        if args.out is not None:
+            result.save_parameters(args.out)
+            yield args.out
+    return finish(args, result, save)
 
 
 class Bar:

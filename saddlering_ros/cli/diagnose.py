@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Bar, Command, finish, option
+from saddlering_ros.cli._arguments import Bar, Command, finish_with_parameters, option
 
 COMMANDS = (Command(
     'diagnose', 'name the cause that the simulation lacks',
@@ -44,6 +44,4 @@ def run(args: argparse.Namespace) -> int:
         folder = file.with_name(f'{file.stem}_effects')
     if folder is not None:
         result = result.with_effect_files(folder)
-    if args.out is not None:
-        result.save_parameters(args.out)
-    return finish(args, result, args.out)
+    return finish_with_parameters(args, result)

@@ -3,7 +3,7 @@
 import argparse
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Bar, Command, finish, option
+from saddlering_ros.cli._arguments import Bar, Command, finish_with_parameters, option
 from saddlering_ros.errors import plain_number
 
 COMMANDS = (Command(
@@ -57,6 +57,4 @@ def run(args: argparse.Namespace) -> int:
             log_stiffness=args.log_stiffness, use_delta_y=True if args.use_delta_y else None,
             seed=args.seed, trust_rig=args.trust_rig,
             on_progress=bar.tell)
-    if args.out is not None:
-        result.save_parameters(args.out)
-    return finish(args, result, args.out)
+    return finish_with_parameters(args, result)

@@ -43,4 +43,4 @@ def run(args: argparse.Namespace) -> int:
         result = validate(bags, parameters=args.params, rig=args.rig,
                          trust_rig=args.trust_rig, on_progress=bar.tell)
     plots = getattr(args, 'plots', None)
-    return finish(args, result, *([] if plots is None else result.save_plots(plots)))
+    return finish(args, result, tuple if plots is None else lambda: result.save_plots(plots))

@@ -12,14 +12,17 @@ import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 from campaign_stubs import marks, tasks, write_bag
 import pyarrow.parquet
 import pytest
 
-from saddlering_ros.campaign.running import local_workers, run_campaign, Workers
+from saddlering_ros.campaign.running import document_of, local_workers, run_campaign, Workers
 from saddlering_ros.campaign.store import CampaignError, CampaignInterruptedError, Store
 from saddlering_ros.campaign.tables import write_tables
+from saddlering_ros.campaign.task import session_verdict
+from saddlering_ros.pages.html import ReportError
 
 HERE = Path(__file__).resolve().parent
 
@@ -254,6 +257,22 @@ def test_reports_that_were_not_asked_for_before_are_written_by_a_second_run(work
     for expected in (1, 0):  # the one session whose verdict is not `none`
         with local_workers(2) as workers:
             assert run_campaign(asked, store, workers).computed == expected
+
+
+def test_a_session_whose_report_cannot_be_written_is_judged_again(works, tmp_path, monkeypatch):
+    def full(_):
+        raise ReportError('page.html: cannot be written (No space left on device)')
+    monkeypatch.setattr('saddlering_ros.diagnose', lambda *_, **__: SimpleNamespace(
+        verdict='named', write_report=full))
+    store, task = Store(tmp_path / 'store'), tasks(works)[0]
+    answer = session_verdict(replace(task, reports=str(store.reports)))
+    assert answer['kind'] == 'unwritten'
+    assert 'No space left on device' in answer['reason']
+    store.prepare()
+    store.write_result(document_of(task, 0.0, answer))
+    with local_workers(1) as workers:
+        count = run_campaign([task], store, workers)
+    assert (count.computed, count.failed) == (1, 0)
 
 
 def finished(store):

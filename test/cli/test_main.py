@@ -8,10 +8,12 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 
 from saddlering_ros.cli import main as command
+from saddlering_ros.cli._arguments import finish
 from saddlering_ros.errors import SaddleringError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -172,3 +174,15 @@ def test_with_standard_output_closed_a_command_still_ends_well(tmp_path):
                           check=False)
     assert (done.returncode, done.stderr) == (0, '')
     assert json.loads((tmp_path / 'info.json').read_text())
+
+
+@pytest.mark.parametrize('place', [None, '-'])
+def test_a_result_is_told_before_a_file_that_cannot_be_written(place, capsys):
+    def full(*_, **__):
+        raise SaddleringError('r.html: cannot be written (No space left on device)')
+    result = SimpleNamespace(
+        summary=lambda: 'verdict', to_json=lambda: {'verdict': 'none'}, write_report=full)
+    args = argparse.Namespace(json=place, report=Path('r.html'), command_line='')
+    with pytest.raises(SaddleringError, match='No space left'):
+        finish(args, result)
+    assert 'verdict' in capsys.readouterr().out
