@@ -151,14 +151,21 @@ class Action:
 
 
 def with_diagnosis(job: Job, document: VerdictDocument) -> Job:
-    """The goal with the words of its verdict: headline, next test and misfit reduction."""
+    """The goal with its verdict: headline, next test, misfit reduction and certainty."""
     # The words need the catalogue; the page is served before it is loaded.
-    from saddlering_ros.diagnosis.ring_wording import gain_sentence, headline, partial_words
+    from saddlering_ros.diagnosis.ring_wording import (
+        gain_sentence,
+        headline,
+        lowered_titles,
+        partial_words,
+    )
+    from saddlering_ros.discrepancy import wording
     from saddlering_ros.quantities import VERDICT_WORDS
 
     verdict, following = document['verdict'], document.get('next_test')
     lines = (f'Next test: {following}' if following else '',
-             partial_words(document), gain_sentence(document))
+             partial_words(document), gain_sentence(document),
+             *wording.certainty_lines(document, lowered_titles))
     return replace(job, verdict=verdict, title=f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}',
                    words=headline(document), lines=list(filter(None, lines)))
 

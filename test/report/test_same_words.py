@@ -35,7 +35,9 @@ def of_verdict(verdict, **changes):
 
 @pytest.mark.parametrize('verdict', VERDICT_WORDS)
 def test_a_verdict_has_the_same_words_everywhere(verdict):
-    said = of_verdict(verdict)
+    said = of_verdict(verdict, near_limit=['it falls with a run'], remainder=[
+        {'run': 'static_70', 'channel': 'delta_y', 'share_of_range': 0.004, 'times_noise': 9.0,
+         'along': 'load', 'size': 2e-6, 'unit': 'm'}])
     answer = with_diagnosis(Job('goal'), said)
     console = document_text(said)
     banner = ' '.join(unescape(re.sub(r'<[^>]+>', ' ', chapters.verdict_banner(said))).split())
@@ -44,6 +46,8 @@ def test_a_verdict_has_the_same_words_everywhere(verdict):
         assert VERDICT_WORDS[verdict] in place
         assert answer.words in place
         assert 'Load twice as fast.' in place
+    assert 'The verdict is near its limit: it falls with a run.' in answer.lines
+    assert answer.lines[-1].startswith('Beyond noise and causes remain: static_70, delta_y')
     for line in answer.lines[1:]:
         assert line in console
         assert line in banner
