@@ -233,7 +233,8 @@ def simpler(space: ModelSpace, fit: Fit, log: SearchLog) -> Fit:
         return fit
     untried = [score for score in ranking.best_of_each(space.scores(space.base))
                if Candidate().plus(score.effect, score.variant).key not in space.fits]
-    begun = space.started(space.base, ranking.starts_of_each(untried), spaces.COARSE_ROUNDS)
+    begun = spaces.raced_from(
+        space, space.base, ranking.starts_of_each(untried), (), spaces.COARSE_ROUNDS)
     coarse = sorted(spaces.best_fit_of_each(begun), key=space.penalised)
     refined = space.refine(coarse[: space.settings.refits])
     singles = sorted(map(space.keep, refined), key=space.penalised)

@@ -105,6 +105,11 @@ class ModelSpace:
         """All sensitivities of a fit, computed once."""
         return self.once('tangent', fit, lambda: tangent(self.metric, fit))
 
+    def changes_of(self, fit: Fit) -> Array:
+        """Change (n, E) of the prediction of a fit by each of its effects, computed once."""
+        return self.once('changes', fit, lambda: self.problem.changes_of_effects(
+            fit.point, fit.prediction))
+
     def slow_residual(self, fit: Fit) -> SlowResidual:
         """The slow structure of the residual of a fit."""
         return self.once('slow', fit, lambda: self.tests.slow(fit))
@@ -263,7 +268,7 @@ def fit_each(
     candidates = [fit.candidate.plus(score.effect, score.variant) for score in scores]
     wanted = [score for candidate, score in zip(candidates, scores, strict=True)
               if candidate.key not in space.fits]
-    raced = _raced(space, fit, starts_of_each(wanted), beside)
+    raced = raced_from(space, fit, starts_of_each(wanted), beside, RACE_ROUNDS)
     going, behind = _split(space, fit, raced, beside, CLOSE_SHARE)
     going = best_fit_of_each(space.continued(going, COARSE_ROUNDS - RACE_ROUNDS))
     followed = {one.candidate.key for one in going}
@@ -275,10 +280,10 @@ def fit_each(
     return sorted(fits, key=space.penalised)
 
 
-def _raced(
-    space: ModelSpace, fit: Fit, trials: Sequence[Trial], beside: Sequence[Fit]
+def raced_from(
+    space: ModelSpace, fit: Fit, trials: Sequence[Trial], beside: Sequence[Fit], rounds: int
 ) -> list[Fit]:
-    """The model of `fit` plus each candidate from each start, after a few rounds or none.
+    """The model of `fit` plus each candidate from each start, after these rounds or none.
 
     A candidate receives no rounds if these are hopeless.
     """
@@ -286,7 +291,7 @@ def _raced(
     going, resting = _split(space, fit, screened, beside, SCREENED_SHARE)
     if len(going) > MAX_RACED:  # A model whose refit has not ended promises a gain with anything.
         going.sort(key=space.foreseen)
-    return [*resting, *going[MAX_RACED:], *space.continued(going[:MAX_RACED], RACE_ROUNDS, fit)]
+    return [*resting, *going[MAX_RACED:], *space.continued(going[:MAX_RACED], rounds, fit)]
 
 
 def _split(
@@ -330,7 +335,8 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
         others = [(score, [score.start]) for score in scores
                   if all(score is not tried for tried in listed) and
                   current.candidate.plus(score.effect, score.variant).key not in space.fits]
-        coarse = sorted(_raced(space, current, others, first), key=space.foreseen)
+        raced = raced_from(space, current, others, first, RACE_ROUNDS)
+        coarse = sorted(raced, key=space.foreseen)
         leading: dict[str, Fit] = {}
         for other in _split(space, current, coarse, first, CLOSE_SHARE)[0]:
             leading.setdefault(other.candidate.ids[-1], other)
@@ -425,8 +431,7 @@ def _forms(space: ModelSpace, fit: Fit) -> tuple[Array, Array]:
     mixed = problem.predict(points) - fit.prediction[:, None] if points else np.zeros((0, 0))
     columns: list[Array] = []
     of_effect: list[int] = []
-    changes = problem.changes_of_effects(fit.point, fit.prediction).T
-    for number, change in enumerate(changes):
+    for number, change in enumerate(space.changes_of(fit).T):
         shaped = [*(np.concatenate([part.ravel() for part in column])
                     for column in _shapes(problem, problem.by_run(change))),
                   *(other for owner, other in zip(owners, mixed.T, strict=True)
@@ -455,15 +460,17 @@ def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:
                 for index in range(len(runs))]
     factors += [[chosen[:, None]] * len(runs) for chosen in np.eye(change[0].shape[0])]
     shapes = [[part * factor for part, factor in zip(change, own, strict=True)] for own in factors]
-    return shapes + [
-        [_lagged(part, run, lag) - part for part, run in zip(change, runs, strict=True)]
-        for lag in LAGS]
+    lagged = [_lagged(part, run) for part, run in zip(change, runs, strict=True)]
+    return shapes + [[slow[number] - part for slow, part in zip(lagged, change, strict=True)]
+                     for number in range(len(LAGS))]
 
 
-def _lagged(change: Array, run: RunBlocks, lag: float) -> Array:
-    """A change (C, N) delayed by a first-order lag of a share of the duration of the run."""
-    slow = change.copy()
-    decay = np.exp(-np.diff(run.time) / (lag * max(float(np.ptp(run.time)), 1e-300)))
-    for number, kept in enumerate(decay, start=1):
-        slow[:, number] = kept * slow[:, number - 1] + (1.0 - kept) * change[:, number]
-    return slow
+def _lagged(change: Array, run: RunBlocks) -> Array:
+    """A change (C, N) delayed by first-order lags (L, C, N), shares of the run's duration."""
+    lags = np.array(LAGS)[:, None] * max(float(np.ptp(run.time)), 1e-300)
+    decay = np.exp(-np.diff(run.time) / lags).T[:, :, None]
+    reached = (1.0 - decay) * change.T[1:, None]
+    slow = np.repeat(change.T[:, None], len(LAGS), axis=1)
+    for number, kept in enumerate(decay):
+        slow[number + 1] = kept * slow[number] + reached[number]
+    return slow.transpose(1, 2, 0)
