@@ -9,7 +9,7 @@ from typing import Any
 
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.charts import AFTER, BEFORE, NOISE
-from saddlering_ros.quantities import percent, remainder_words, shares_in_words
+from saddlering_ros.quantities import percent, remainder_words, shares_in_words, span
 
 OUTCOMES = {'none': 'no cause', 'unknown': 'an unknown cause'}
 MAX_ROWS, MAX_WORDS = 16, 48
@@ -32,7 +32,7 @@ def certainty(document: Mapping[str, Any], title_of: Callable[[str], str] = str)
     stretches, unit = document.get('influence') or (), document.get('time_unit', 's')
     total = sum(max(item['evidence'], 0.0) for item in stretches)
     influences = [
-        (f'{item["run"]}, {item["start"]:.3g} to {item["end"]:.3g} {unit}'.strip(),
+        (f'{item["run"]}, {span(item["start"], item["end"], unit)}',
          100.0 * item['evidence'] / total, AFTER if item['evidence'] > 0.0 else BEFORE)
         for item in sorted(stretches, key=lambda item: -abs(item['evidence']))] if total else []
     remainders = [

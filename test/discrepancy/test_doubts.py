@@ -229,7 +229,9 @@ def test_the_page_of_a_model_shows_measured_and_simulated_curves_with_units_and_
     monkeypatch.setattr(html, 'picture', lambda chart, name, _: charts.update({name: chart}) or '')
     channel = Channel('mm', offset='free', model_error=0.001)
     model = replace(MODEL, channels={'seen': channel}, time_unit='h')
-    found = diagnose(model, [record('a')], hold_out=[record('b', seed=2)])
+    paused = np.where((TIME > 4.0) & (TIME < 6.0), np.nan, record('b', seed=2).outputs['seen'])
+    found = diagnose(model, [record('a')], hold_out=[replace(record('b'), outputs={
+        'seen': paused})])
     found.write_report(tmp_path / 'report.html')
     assert {'proof', 'misfit_1', 'misfit_2'} <= set(charts)
     upper, below, left = charts['proof'].panels
@@ -240,10 +242,13 @@ def test_the_page_of_a_model_shows_measured_and_simulated_curves_with_units_and_
     stretches = charts['influence'].panels[0].y_ticks
     assert stretches is not None
     assert all(words.endswith(' h') for words in stretches.words)
+    measured = upper.series[0]  # no line across the pause
+    breaks = np.flatnonzero(np.isnan(measured.y))
+    assert [round(measured.x[place - 1]) for place in breaks] == [4]
     assert (left.y_label, left.bands) == ('with causes\nmm', below.bands)
     assert len({band.opacity for band in left.bands}) == 2
     (rest,) = left.series
-    inside = np.abs(rest.y) < left.bands[0].high
+    inside = np.abs(rest.y[~np.isnan(rest.y)]) < left.bands[0].high
     assert 0.9 < inside.mean() < 1.0
 
 

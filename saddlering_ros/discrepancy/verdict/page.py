@@ -15,6 +15,9 @@ from saddlering_ros.pages.charts import Chart, MAIN, Panel, ShadedBand, STRIP, V
 from saddlering_ros.pages.html import code, number
 from saddlering_ros.quantities import probability, quantity, VERDICT_WORDS
 
+PAUSE = 10.0
+"""Times the usual step between two samples above which their line is broken."""
+
 MAX_POINTS = 600
 """Largest number of drawn samples of a curve."""
 
@@ -73,18 +76,20 @@ class _Channel:
         run = prediction.run
         there = np.ones(run.time.size, bool) if run.present is None else run.present[place]
         kept = np.flatnonzero(there)[::max(1, int(there.sum()) // MAX_POINTS)]
-        measured, before, after = (
-            values[place, kept] for values in (run.channels, prediction.before, prediction.after))
+        steps = np.diff(run.time[kept])  # a line across a pause would show what was not measured
+        pauses = 1 + np.flatnonzero(steps > PAUSE * np.median(np.append(steps, 0.0)))
+        time, measured, before, after = (np.insert(values[kept], pauses, np.nan) for values in (
+            run.time, run.channels[place], prediction.before[place], prediction.after[place]))
         versions = [Version(before, charts.BEFORE, 'simulated, without causes')]
-        if not np.array_equal(before, after):
+        if not np.array_equal(before, after, equal_nan=True):
             versions.append(Version(after, charts.AFTER, 'simulated, with the causes', '--'))
         upper = Panel(row, 0, f'time / {self.time_unit}' if self.time_unit else 'time',
                       f'{self.name} / {self.unit}' if self.unit else self.name,
-                      (charts.line(run.time[kept], measured, charts.MEASURED, 'measured',
-                                   width=3.5, opacity=0.4),))
+                      (charts.line(time, measured, charts.MEASURED, 'measured', width=3.5,
+                                   opacity=0.4),))
         bands = tuple(ShadedBand(-size, size, opacity, name) for opacity, (name, size) in zip(
             (charts.DARK, charts.LIGHT), self.bands.items(), strict=False))
-        return charts.compared(upper, self.unit, run.time[kept], measured, versions, bands)
+        return charts.compared(upper, self.unit, time, measured, versions, bands)
 
 
 def channels_of(answer: Diagnosis) -> list[_Channel]:

@@ -194,8 +194,8 @@ def influence_words(
     for run in sorted(sums, key=lambda name: -sums[name])[:MAX_RUNS]:
         _, start, end = max(runs[run])
         if sums[run] > 0.0:
-            words.append(f'{run} {percent(sums[run] / whole)} (most of it from {start:.3g} to '
-                         + f'{end:.3g} {time_unit}'.rstrip() + ')')
+            words.append(f'{run} {percent(sums[run] / whole)} (most of it from '
+                         f'{quantities.span(start, end, time_unit)})')
     against = [run for run, share in sums.items() if share < -MIN_AGAINST * whole]
     more = f'; against the causes: {", ".join(against)}' if against else ''
     return f'Evidence by run: {", ".join(words)}{more}.'
