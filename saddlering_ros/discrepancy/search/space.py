@@ -142,19 +142,11 @@ class ModelSpace:
         """Misfit plus the penalty of its parameters (BIC)."""
         return fit.misfit + fit.theta_unit.size * self.log_size
 
-    def continued(
-        self, fits: Sequence[Fit], rounds: int, about: Fit | None = None
-    ) -> list[Fit]:
-        """The same fits after further rounds.
-
-        about: fit whose base parameters were stopped, so that those of fits that begin elsewhere
-        have far to go, and their columns are differenced at every step.
-        """
+    def continued(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
+        """The same fits after further rounds."""
         count = len(self.problem.system.base_parameters)
         return run_refits(self.metric, [
-            refit(self.metric, fit.candidate, fit.theta_unit,
-                  fit.jacobian[:, :count] if about is None or np.array_equal(
-                      fit.theta_unit[:count], about.theta_unit[:count]) else None,
+            refit(self.metric, fit.candidate, fit.theta_unit, fit.jacobian[:, :count],
                   rounds=rounds, known_start=fit)
             for fit in fits
         ])
@@ -165,26 +157,42 @@ class ModelSpace:
         gram = fit.jacobian.T @ fit.jacobian + np.eye(slope.size)
         return self.penalised(fit) - float(slope @ np.linalg.solve(gram, slope))
 
-    def started(self, fit: Fit, trials: Sequence[Trial], rounds: int) -> list[Fit]:
-        """The model of `fit` plus each candidate after so many rounds, from each of its starts."""
-        base = self.problem.system.base_parameters
+    def started(self, fit: Fit, trials: Sequence[Trial]) -> list[Fit]:
+        """The model of `fit` plus each candidate at each of its starts, not refitted.
+
+        Beside stopped base parameters it begins also from their declared starts. The columns of
+        what is in the model are not needed at each start.
+        """
+        places = [(fit.theta_unit, self.tangent_of(fit).white)] if trials else []
         stopped = self.stopped_base(fit)
-        freed = fit.theta_unit.copy()
-        freed[: len(base)][stopped] = fitting.declared_start(base)[stopped]
-        # Without rounds, the columns of what is in the model are not needed at each start.
-        known = len(base) if rounds or stopped.any() else fit.theta_unit.size
-        columns = self.tangent_of(fit).white[:, :known] if trials else None
-        wanted: list[fitting.Asking] = []
-        for score, starts in trials:
-            candidate = fit.candidate.plus(score.effect, score.variant)
-            wanted += [refit(self.metric, candidate, np.concatenate([fit.theta_unit, start]),
-                             columns, rounds=rounds, fresh_base=score.amplitude_dependent)
-                       for start in starts]
-            if stopped.any():
-                wanted += [
-                    refit(self.metric, candidate, np.concatenate([freed, start]), rounds=rounds)
-                    for start in starts]
-        return [begun for begun in run_refits(self.metric, wanted) if np.isfinite(begun.misfit)]
+        if stopped.any() and trials:
+            base, freed = self.problem.system.base_parameters, fit.theta_unit.copy()
+            freed[: len(base)][stopped] = fitting.declared_start(base)[stopped]
+            begun = run_refits(self.metric, [refit(self.metric, fit.candidate, freed, rounds=0)])
+            places.append((freed, begun[0].jacobian))
+        begun = run_refits(self.metric, [
+            refit(self.metric, fit.candidate.plus(score.effect, score.variant),
+                  np.concatenate([theta, start]), columns, rounds=0,
+                  fresh_base=score.amplitude_dependent)
+            for score, starts in trials for theta, columns in places for start in starts])
+        return [one for one in begun if np.isfinite(one.misfit)]
+
+    def followed(
+        self, fit: Fit, trials: Sequence[Trial], starts: Sequence[Fit], rounds: int
+    ) -> list[Fit]:
+        """Models `started` beside stopped base parameters, after so many rounds.
+
+        A declared start is far from where it leads: there all columns are differenced.
+        """
+        count = len(self.problem.system.base_parameters)
+        columns = self.tangent_of(fit).white[:, :count]
+        fresh = {fit.candidate.plus(score.effect, score.variant).key for score, _ in trials
+                 if score.amplitude_dependent}
+        near = [np.array_equal(one.theta_unit[:count], fit.theta_unit[:count]) for one in starts]
+        return run_refits(self.metric, [
+            refit(self.metric, one.candidate, one.theta_unit, columns if is_near else None,
+                  rounds=rounds, fresh_base=is_near and one.candidate.key in fresh)
+            for one, is_near in zip(starts, near, strict=True)])
 
     def stopped_base(self, fit: Fit) -> Array:
         """Mask (B,) of base parameters at a bound, which may imitate an effect.
@@ -287,11 +295,13 @@ def raced_from(
 
     A candidate receives no rounds if these are hopeless.
     """
-    screened = space.started(fit, trials, rounds=0)
+    screened = space.started(fit, trials)
     going, resting = _split(space, fit, screened, beside, SCREENED_SHARE)
     if len(going) > MAX_RACED:  # A model whose refit has not ended promises a gain with anything.
         going.sort(key=space.foreseen)
-    return [*resting, *going[MAX_RACED:], *space.continued(going[:MAX_RACED], rounds, fit)]
+    raced = (space.followed(fit, trials, going[:MAX_RACED], rounds)
+             if space.stopped_base(fit).any() else space.continued(going[:MAX_RACED], rounds))
+    return [*resting, *going[MAX_RACED:], *raced]
 
 
 def _split(
