@@ -159,7 +159,7 @@ def finite_json(value: Any) -> Any:
 
 
 VERDICT_WORDS = {
-    'none': 'these data show no misfit beyond noise', 'named': 'the cause is identified',
+    'none': 'these data show no cause', 'named': 'the cause is identified',
     'ambiguous': 'several causes explain the misfit',
     'unknown': 'no known cause explains the misfit',
 }

@@ -63,7 +63,8 @@ def proof_picture(run: RunCurves, channel: str) -> str:
     """One channel of one run, large, with its residual below."""
     return html.picture(
         figures.proof(run, channel), 'proof', f'{run.label}, {SYMBOLS[channel]}: measured and '
-        'simulated; below, the residual, with a band of twice the noise floor.')
+        'simulated; below, the residual, with bands of twice the noise floor and, where known, '
+        'of a sound ring.')
 
 
 def causes(document: VerdictDocument) -> str:
@@ -124,6 +125,8 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
 
 OFFSETS = 'A constant offset of each probe is fitted. '
 FROM_ZERO = 'Counted from the zero of the live nodes. '
+RED = ('Red: more than twice what noise and small errors of a sound ring leave, and more than '
+       '0.1 % of range. ')
 
 
 def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
@@ -133,8 +136,9 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
     for run in runs:
         for name, channel in run['channels'].items():
             floor = channel['noise_floor']
+            allowed = allowed_misfit(floor, channel.get('sound'))
             shares = [number(percent(value), '' if value is None or floor is None else
-                             'bad' if value > allowed_misfit(floor) else 'good')
+                             'bad' if value > allowed else 'good')
                       for value in (channel['nrmse_before'], channel['nrmse_after'])]
             rows.append([
                 bag_name(run['bag']), run['test'], f'{run["elevation_deg"]:g}°',
@@ -144,13 +148,12 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
         'Misfit by run and channel',
         html.picture(
             figures.misfit(runs, is_extended=is_extended), 'misfit', 'Rms misfit of each channel '
-            f'in each run, beside noise alone. {counted}'),
+            f'in each run, beside noise alone and a sound ring. {counted}'),
         html.folded('Table of the figure', html.table(
             ['run', 'test', number('elevation'), 'role', 'channel', number('contact law alone'),
              number('extended model'), number('noise floor')], rows,
             f"Rms misfit over the channel's range in that run. {counted}Parity is zero for a "
-            'rigid ring: its range is noise, so that its shares are large. Red: more than twice '
-            'the noise floor and more than 0.1 % of range.')),
+            f'rigid ring: its range is noise, so that its shares are large. {RED}')),
     )
 
 
@@ -169,7 +172,8 @@ def paper_split(curves: Sequence[RunCurves]) -> str:
             parts.append(html.picture(
                 figures.comparison(list(chosen.values())[:3]), f'comparison_{test}',
                 f'{test.capitalize()} tests {words}: δx, δy and γ, measured and simulated; below '
-                'each, measured minus simulated, with a band of twice the noise floor.'))
+                'each, measured minus simulated, with bands of twice the noise floor and, where '
+                'known, of a sound ring.'))
     return html.section('Simulation and measurement', *parts)
 
 

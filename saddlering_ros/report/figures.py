@@ -308,19 +308,23 @@ def over_time(time: Array, channels: Mapping[str, Array], title: str) -> Chart:
 
 
 def misfit(runs: Sequence[Mapping[str, Any]], *, is_extended: bool = True) -> Chart:
-    """Misfit before and after against the noise floor, for the `runs` of a verdict's JSON."""
+    """Misfit before and after, noise and a sound ring, for the `runs` of a verdict's JSON."""
     height, heights, words, series = 0.0, [], [], []
     for run in runs:
         for name in [name for name in SHOWN if name in run['channels']]:
             channel = run['channels'][name]
-            before, after, floor = (100.0 * max(channel[key] or 0.0, 1e-6) for key in
-                                    ('nrmse_before', 'nrmse_after', 'noise_floor'))
+            before, after, floor, sound = (
+                100.0 * max(channel.get(key) or 0.0, 1e-6)
+                for key in ('nrmse_before', 'nrmse_after', 'noise_floor', 'sound'))
             drawn = [
                 charts.line([before, after], [height, height], '#cbd2d9', width=2.0),
                 markers([floor], [height], '|', charts.NOISE, 'noise floor', size=12.0),
                 markers([before], [height], 'o', charts.BEFORE, 'contact law alone', size=6.5),
                 markers([after], [height], 'D', charts.AFTER, 'extended model', size=4.5)]
             series += drawn if is_extended else drawn[1:3]
+            if channel.get('sound'):
+                series.append(markers([float(np.hypot(floor, sound))], [height], '|', '#7b8794',
+                                      'noise and sound ring', size=12.0))
             heights.append(height)
             words.append(f'{bag_name(run["bag"])}{" (held out)" if run.get("held_out") else ""}'
                          f'   {SYMBOLS[name]}')

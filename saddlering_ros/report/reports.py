@@ -122,11 +122,12 @@ def curves_of_validation(
 def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
     """Whether every channel is within its noise, and the one that is predicted worst."""
     cases = [(run, name, run.channels[name]) for run in validation.runs for name in CHANNELS[:3]]
-    run, name, channel = max(cases, key=lambda case: (case[2].nrmse or 0.0) / max(
-        case[2].noise_floor or 0.0, 1e-4))
+    run, name, channel = max(cases, key=lambda case: (case[2].nrmse or 0.0) / allowed_misfit(
+        case[2].noise_floor, case[2].sound))
     misfit, floor = channel.nrmse or 0.0, channel.noise_floor or 0.0
-    is_good = misfit <= allowed_misfit(floor)
-    said = ('These parameters predict every channel of every run within its noise.' if is_good
+    is_good = misfit <= allowed_misfit(floor, channel.sound)
+    said = ('These parameters predict every channel of every run within its noise and the small '
+            'errors of a sound ring.' if is_good
             else f'The misfit of {SYMBOLS[name]} in {Path(run.name).name} is '
             f'{percent(misfit)} of its range; noise alone would give {percent(floor)}.')
     shown = [one for one in curves if one.name == Path(run.name).name]
@@ -143,7 +144,8 @@ def _figures(validation: Validation) -> str:
         for name, channel in run.channels.items():
             misfit = channel.nrmse
             mark = '' if misfit is None or name == 'parity' else (
-                'bad' if misfit > allowed_misfit(channel.noise_floor) else 'good')
+                'bad' if misfit > allowed_misfit(channel.noise_floor, channel.sound)
+                else 'good')
             rows.append([
                 Path(run.name).name, run.test, f'{np.degrees(run.elevation):g}°', code(name),
                 quantity(channel.rmse, channel.unit), number(percent(misfit), mark),
@@ -155,8 +157,8 @@ def _figures(validation: Validation) -> str:
         ['run', 'test', number('elevation'), 'channel', *map(number, (
             'rms misfit', 'of range', 'noise', 'largest', 'bias', 'slope ratio', 'loop', 'shift',
             'ISO 18571', 'E / u_val'))], rows,
-        'Red: more than twice the noise floor and more than 0.1 % of range. Loop: missing '
-        'area over load, as a share of load range times channel range. E / u_val: comparison '
+        f'{chapters.RED}Loop: missing area over load, as a share of load range times channel '
+        'range. E / u_val: comparison '
         'error over validation uncertainty (ASME V&V 20).'))
 
 
@@ -284,7 +286,8 @@ def _reduction_words(channel: Mapping[str, float | None]) -> str:
     if not before or after is None:
         return '–'
     words = f'{round(100.0 * (1.0 - after / before))} %'
-    return f'({words})' if before <= allowed_misfit(channel.get('noise_floor')) else words
+    return f'({words})' if before <= allowed_misfit(
+        channel.get('noise_floor'), channel.get('sound')) else words
 
 
 def reproduction(document: Mapping[str, Any], command: str = '', curves_file: str = '') -> str:
