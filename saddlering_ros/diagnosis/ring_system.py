@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros import effects as catalogue_of_effects
-from saddlering_ros.diagnosis import rig_dimensions
+from saddlering_ros.diagnosis import rig_dimensions, ring_wording
 from saddlering_ros.diagnosis.records import LoadGrid
 from saddlering_ros.diagnosis.rig_dimensions import certified_effects, NeighbourhoodsByRig
 from saddlering_ros.discrepancy import Effect, Neighbourhood, Parameter, Point, RunBlocks
@@ -142,6 +142,11 @@ class RingSystem:
     def inputs(self) -> tuple[Effect, ...]:
         """Dimensions of the rig file, which may be wrong."""
         return rig_dimensions.dimension_effects(self.rig)
+
+    @staticmethod
+    def variant_words(effect_id: str, choices: Mapping[str, float]) -> str:
+        """The place of an effect; '' if it has one."""
+        return ring_wording.variant_words(effect_id, choices)
 
     @property
     def units(self) -> Mapping[str, str]:

@@ -21,6 +21,7 @@ from saddlering_ros.discrepancy.search.signatures import observed
 from saddlering_ros.discrepancy.search.small_errors import search_among_small_errors
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
+from saddlering_ros.discrepancy.verdict.parts import causes_of_some_runs
 from saddlering_ros.discrepancy.verdict.published import Publication, publish, stability_of
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, Remainder, Residual, Verdict
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
@@ -94,7 +95,8 @@ def diagnose_system(problem: Problem) -> Diagnosis:
             wording.free_test_words(by_held_out),
             separations[0].proposal.sentence if separations else ''))) or None,
         separations=separations,
-        warnings=answer.warnings,
+        warnings=(*answer.warnings, *(
+            causes_of_some_runs(search.space, search.fit) if answer.verdict != 'none' else ())),
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.runs,
         fits=published.fits,

@@ -340,6 +340,24 @@ def test_a_cause_that_needs_another_size_in_each_run_is_not_established() -> Non
             verdict == 'unknown')
 
 
+@pytest.mark.parametrize(('sizes', 'runs'), [
+    ((0.3, 0.0, 0.0), 'run 0'), ((0.0, 0.3, 0.3), 'run 1 and run 2'), ((0.1, 0.2, 0.3), ''),
+    ((0.3, 0.3, 0.3), ''), ((0.0, 0.0, 0.0), '')])
+def test_a_cause_that_acts_in_some_runs_only_is_told_with_these_runs(
+        sizes: tuple[float, ...], runs: str) -> None:
+    model = replace(MODEL, channels={'seen': Channel(noise=Noise.white(STD))})
+    answer = diagnose(model, [record(number, size, 0.0) for number, size in enumerate(sizes)])
+    told = [words for words in answer.warnings if ' only (size ' in words]
+    assert bool(told) == bool(runs)
+    for words in told:
+        assert words.startswith(f'Dry friction acts in {runs} only (size 0.')
+        size, elsewhere = words.partition('(size ')[2].split(' there, ')
+        assert float(size.split()[0]) == pytest.approx(0.3, abs=0.01)
+        assert abs(float(elsewhere.split()[0])) < 1.0
+        assert ' % of it elsewhere): something changed between the runs' in elsewhere
+        assert answer.verdict == 'unknown'
+
+
 def test_a_size_at_its_bound_is_no_name() -> None:
     narrow = {**MODEL.effects, 'friction': Effect('Dry friction', {'size': Parameter(-0.2, 0.2)})}
     answer = found(0.3, 0.0, replace(MODEL, effects=narrow))

@@ -16,7 +16,7 @@ import numpy as np
 from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits, tangent
 from saddlering_ros.discrepancy.problem.problem import Metric, noise_metric, Problem
-from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
+from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
 from saddlering_ros.discrepancy.search import signatures as shown_by
 from saddlering_ros.discrepancy.search.lack_of_fit import LackOfFitTests, SlowResidual
 from saddlering_ros.discrepancy.search.ranking import rank, Score, shortlist, starts_of_each, Trial
@@ -89,6 +89,13 @@ class ModelSpace:
     def titles_of(self, fit: Fit) -> list[str]:
         """Titles of the effects of a fit, as in a sentence."""
         return [self.problem.titles[name] for name in fit.candidate.ids]
+
+    def title_at(self, effect: Effect, variant: int) -> str:
+        """Title of an effect with its place, such as a probe, if the system has words for it."""
+        words = getattr(self.problem.system, 'variant_words', lambda *_: '')(
+            effect.id, effect.variants[variant])
+        title = self.problem.titles[effect.id]
+        return f'{title} ({words})' if words else title
 
     def single_effect_fits(self) -> list[Fit]:
         """Fits of one effect beside the base."""

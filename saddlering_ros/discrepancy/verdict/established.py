@@ -27,15 +27,15 @@ from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.discrepancy.search.small_errors import Among, MIN_MARGIN, MIN_TIMES
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
+from saddlering_ros.discrepancy.verdict.parts import unsteady_sizes
 from saddlering_ros.discrepancy.verdict.published import (
     MAINLY,
     plain_fits,
     Publication,
     sizes_at_bounds,
 )
-from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
+from saddlering_ros.discrepancy.verdict.results import MIN_TAKEN, Refit, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
-from saddlering_ros.estimation.statistics import fisher_chance
 
 MAX_ONE_SHAPE = 0.02
 """Share of what the causes of a ring take that may remain along one coordinate of a view. Right
@@ -50,11 +50,6 @@ MAX_ALIKE = 0.9
 """Share of the power of what a cause changes beyond the base from which another listed effect
 acts as it does: on development draws, such effects had 94 to 99 % of that of stand-ins, and up to
 88 % of that of true laws, but for one of 96 %."""
-
-SAME_SIZE = 0.02
-"""Share by which the sizes of one law may differ from run to run and from channel to channel: no
-machine keeps its size better. Without it, a true law of 94 to 103 % was refused. Up to 0.03 all
-stand-ins of development, which differ by 40 to 60 %, are refused; with 0.05 one of four is not."""
 
 ONE_CHANNEL = 0.99
 """Share of the power of what a cause changes that is in one channel: a gauge's error has all."""
@@ -344,44 +339,6 @@ def shared_directions(search: Search) -> list[str]:
             other = tried[int(shares.argmax())][0]
             sentences.append(wording.shared_direction_words(
                 problem.titles[effect.id], problem.titles[other.id], share))
-    return sentences
-
-
-def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list[str]:
-    """A sentence for every cause that needs another size in each run, or in each channel.
-
-    A law has one size wherever it acts. The size of a stand-in follows the conditions. Sizes that
-    differ by more than model error and the stated interval explain are those of another law.
-    """
-    stated = {cause.effect: cause.parameters[cause.definition.size.name] for cause in causes}
-    sentences, slots, titles = [], space.problem.slices, space.problem.titles
-    slices = fit.candidate.slices(len(space.problem.system.base_parameters))
-    changes = space.problem.changes_of_effects(fit.point, fit.prediction).T
-    for (effect, _, indices), change in zip(slices, changes, strict=True):
-        size = stated[effect.id]
-        # A published size of zero allows any.
-        interval = size.std / max(abs(size.value - effect.neutral), 1e-6 * size.std, 1e-300)
-        others = np.delete(space.tangent_of(fit).white, indices.start, axis=1)
-        for kind, place in (('run', 0), ('channel', 1)):
-            # Sizes (k,) by which the cause exceeds its fit there, as shares of it.
-            owners = [(run, channel)[place] for run, channel, _ in slots]
-            columns = np.zeros((change.size, 1 + max(owners)))
-            for (_, _, rows), owner in zip(slots, owners, strict=True):
-                columns[rows, owner] = change[rows]
-            jacobian = np.hstack([space.metric.whiten(columns), others])
-            errors = covariance(jacobian, 1.0 / spaces.FREE_SPREAD)
-            sizes = -(errors @ (jacobian.T @ fit.whitened))[: columns.shape[1]]
-            # Those that these data do not show are left out.
-            shown = np.flatnonzero(np.diag(errors)[: sizes.size] < 1.0)
-            sizes, errors = sizes[shown], errors[np.ix_(shown, shown)]
-            allowed = interval**2 + SAME_SIZE**2
-            weights = np.linalg.inv(errors + allowed * np.eye(sizes.size))
-            apart = sizes - (weights @ sizes).sum() / max(weights.sum(), 1e-300)
-            freedom = max(sizes.size - 1, 1)
-            ratio = float(apart @ weights @ apart) / freedom
-            if fisher_chance(ratio, freedom, space.pairs) < space.settings.error_rate:
-                sentences.append(wording.unsteady_size_words(
-                    titles[effect.id], kind, 1.0 + float(sizes.min()), 1.0 + float(sizes.max())))
     return sentences
 
 

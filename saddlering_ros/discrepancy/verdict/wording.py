@@ -328,6 +328,17 @@ def unsteady_size_words(title: str, kind: str, least: float, most: float) -> str
             'has another law')
 
 
+def some_runs_words(
+    title: str, runs: Sequence[str], size: tuple[float, float], unit: str,
+    elsewhere: tuple[float, float],
+) -> str:
+    """size: in these runs; elsewhere: share of it in the others; both with deviation."""
+    there = quantities.signed_percent(*size) if unit == '1' else quantity(size[0], unit, size[1])
+    left = quantities.signed_percent(*elsewhere, is_signed=False)
+    return (f'{title} acts in {joined(runs)} only (size {there} there, {left} of it elsewhere): '
+            'something changed between the runs, or the law depends on what differs between them')
+
+
 def narrow_law_words(title: str, coordinate: str, share: float) -> str:
     return (f'{title}: a law of another shape over {coordinate} predicts {percent(share)} of the '
             'misfit that this law leaves in other runs')
