@@ -5,6 +5,7 @@ read. Sentences that serve a declared model too stand in discrepancy/verdict/wor
 """
 
 from collections.abc import Collection, Mapping
+import math
 from typing import Any, cast, TypedDict
 
 from saddlering_ros import quantities
@@ -168,8 +169,11 @@ def headline(document: VerdictDocument) -> str:
         where = _where(document)
         doubt = wording.doubt_words(document.get('probabilities', {}))
         return f'{doubt}, and no cause of the catalogue is established{where}.'
-    causes = [wording.cause_words([lowered(title_of(name)) for name in cause['group']],
-                                  size_of(cause)) for cause in causes_of(document)]
+    sizes: dict[tuple[str, ...], list[str]] = {}
+    for cause in causes_of(document):
+        sizes.setdefault(tuple(cause['group']), []).append(size_of(cause))
+    causes = [wording.cause_words([lowered(title_of(name)) for name in group], wording.joined(own))
+              for group, own in sizes.items()]
     if document.get('complete', True):
         return wording.lacking_words(causes, None, '')
     rest = ''.join(wording.rest_words(most['share_of_range'], most['channel'])
@@ -240,9 +244,12 @@ def gain_sentence(document: VerdictDocument) -> str:
 def size_of(cause: CauseEntry) -> str:
     """Place and size of a cause, and others: 'probe 2 gain +3.0 ± 0.2 % or probe 4 gain -3 %'.
 
-    The size is the first parameter.
+    The size is the first parameter; that of a steady line: 'amplitude 2.10 µm at 50.0 Hz'.
     """
-    words = ' '.join(filter(None, (place_of(cause), _fitted_words(cause)[0][1])))
+    fitted = sizes_of(cause)
+    words = ' '.join(filter(None, (place_of(cause), _size_words(cause['effect'], fitted)[0])))
+    if AMPLITUDE in fitted:
+        words += f' at {quantity(fitted["frequency"]["value"], fitted["frequency"]["unit"])}'
     return words + elsewhere_words(cause)
 
 
@@ -259,18 +266,31 @@ def elsewhere_words(cause: CauseEntry) -> str:
 
 def parameter_words(cause: CauseEntry) -> str:
     """Place of a cause and all its fitted parameters, and other open places, in one line."""
-    words = [place_of(cause), *(words for size, words in _fitted_words(cause)
-                                if size['std'] or size['unit'] not in ('', '1'))]
-    told = ', '.join(filter(None, words))
+    fitted = {name: size for name, size in sizes_of(cause).items()
+              if size['std'] or size['unit'] not in ('', '1')}
+    told = ', '.join(filter(None, (place_of(cause), *_size_words(cause['effect'], fitted))))
     return told + elsewhere_words(cause) if told else size_of(cause)
 
 
-def _fitted_words(cause: CauseEntry) -> list[tuple[SizeEntry, str]]:
-    """Each fitted parameter with its value and error, in a suitable unit and with its sign."""
-    effect_id, choices = cause['effect'], choices_of(cause['effect'])
-    return [(size, f'{name} ' + value_words(
-        effect_id, name, size['value'], size['unit'], size['std']))
-        for name, size in cause['parameters'].items() if name not in choices]
+AMPLITUDE = 'amplitude'
+
+
+def sizes_of(cause: CauseEntry) -> dict[str, SizeEntry]:
+    """The fitted parameters of a cause by name; a steady line has an amplitude and a frequency."""
+    effect, choices = catalogue().get(cause['effect']), choices_of(cause['effect'])
+    sizes = {name: size for name, size in cause['parameters'].items() if name not in choices}
+    if effect is None or not effect.line:
+        return sizes
+    cosine, sine, frequency = sizes.values()
+    value = math.hypot(cosine['value'], sine['value'])
+    # The phase of a line is free, so that its two parts have the same error.
+    return {AMPLITUDE: {**cosine, 'value': value}, 'frequency': frequency}
+
+
+def _size_words(effect_id: str, sizes: Mapping[str, SizeEntry]) -> list[str]:
+    """Parameters with their values and errors, in a suitable unit and with their signs."""
+    return [f'{name} ' + value_words(effect_id, name, size['value'], size['unit'], size['std'])
+            for name, size in sizes.items()]
 
 
 def value_words(

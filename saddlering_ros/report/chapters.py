@@ -90,13 +90,13 @@ def simulated_tests(document: VerdictDocument) -> str:
 
 def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
     effect_id, title = cause['effect'], ring_wording.title_of(cause['effect'])
-    effects, choices = catalogue(), ring_wording.choices_of(effect_id)
-    effect, where = effects.get(effect_id), ring_wording.place_of(cause)
+    effects, where = catalogue(), ring_wording.place_of(cause)
+    effect = effects.get(effect_id)
     words = {} if effect is None else {item.name: item.words for item in effect.parameters}
     fitted = [['where', where + ring_wording.elsewhere_words(cause), '']] if where else []
     fitted += [[name, value_words(effect_id, name, item['value'], item['unit'], item['std']),
                 words.get(name, '')]
-               for name, item in cause['parameters'].items() if name not in choices]
+               for name, item in ring_wording.sizes_of(cause).items()]
     tried = {item['effects'][-1]: item['delta_bic'] for item in reversed(
         document.get('candidates') or []) if item['effects']}
     alike: list[list[str | Cell]] = [

@@ -12,7 +12,7 @@ from saddlering_ros.bags import read_run
 from saddlering_ros.diagnosis import diagnose_ring, next_test
 from saddlering_ros.diagnosis.next_test import on_slewed_ring, propose, with_swapped_probes
 from saddlering_ros.diagnosis.rig_dimensions import entries_of
-from saddlering_ros.diagnosis.ring_wording import size_of, title_of
+from saddlering_ros.diagnosis.ring_wording import headline, parameter_words, size_of, title_of
 from saddlering_ros.discrepancy import Point, Separation
 from saddlering_ros.discrepancy.next_step import HeldOutEvidence
 from saddlering_ros.discrepancy.verdict.wording import free_test_words
@@ -174,6 +174,21 @@ def test_a_size_is_said_with_its_place_its_sign_and_its_unit():
     assert size_of(cause) == 'probe 2 gain +3.00 ± 0.20 %'
     elsewhere = [{'probe': 4.0, 'gain': -0.029}]
     assert size_of({**cause, 'elsewhere': elsewhere}).endswith(' or probe 4 gain -2.90 %')
+
+
+def a_line(cosine: float, sine: float, frequency: float) -> dict:
+    sizes = {'cosine': (cosine, 'm'), 'sine': (sine, 'm'), 'frequency': (frequency, 'Hz'),
+             'probe': (2.0, '')}
+    return {'effect': 'mains_pickup', 'group': ['mains_pickup'], 'parameters': {
+        name: {'value': value, 'std': 0.0, 'unit': unit} for name, (value, unit) in sizes.items()}}
+
+
+def test_lines_are_told_in_one_phrase_with_amplitudes_and_frequencies():
+    causes = [a_line(1.2e-6, 1.6e-6, 50.0), a_line(-3.58e-7, 0.0, 100.0)]
+    assert headline({'verdict': 'named', 'causes': causes}) == (
+        'The simulation lacks mains pickup (probe 2 amplitude 2.00 µm at 50.0 Hz and '
+        'probe 2 amplitude 358 nm at 100 Hz).')
+    assert parameter_words(causes[0]) == 'probe 2, amplitude 2.00 µm, frequency 50.0 Hz'
 
 
 SWAP = 'Swap probes 2 and 4'

@@ -69,6 +69,12 @@ def test_a_cause_beside_the_line_is_named_too() -> None:
     assert {cause.effect for cause in found.causes} == {'pickup', 'bend'}
 
 
+def test_two_lines_of_one_effect_have_one_name_in_the_headline() -> None:
+    found = diagnose_system(Problem(Bench(), two_runs(line() + line(5.3))))
+    assert [cause.effect for cause in found.causes] == ['pickup', 'pickup']
+    assert found.headline == 'The simulation lacks pickup.'
+
+
 @pytest.mark.parametrize('swing', [
     line() * np.exp(-((TIME - 4.0) % 8.0) / 1.0),
     line() * (LOAD > 0.0) * 2.0,

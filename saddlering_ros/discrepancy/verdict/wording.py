@@ -71,8 +71,9 @@ def headline_of(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == 'unknown':
         return f'{doubt_words(diagnosis.probabilities)}, and no cause is established{rest}.'
     gain = None if diagnosis.complete else (diagnosis.gain.fit, diagnosis.gain.held_out)
-    return lacking_words([cause_words(list(map(diagnosis.title_of, cause.group)))
-                          for cause in diagnosis.causes], gain, rest)
+    causes = dict.fromkeys(
+        cause_words(list(map(diagnosis.title_of, cause.group))) for cause in diagnosis.causes)
+    return lacking_words(list(causes), gain, rest)
 
 
 def doubt_words(probabilities: Mapping[str, float]) -> str:
