@@ -248,7 +248,7 @@ def size_of(cause: CauseEntry) -> str:
     """
     fitted = sizes_of(cause)
     words = ' '.join(filter(None, (place_of(cause), _size_words(cause['effect'], fitted)[0])))
-    if AMPLITUDE in fitted:
+    if _is_line(cause['effect']):
         words += f' at {quantity(fitted["frequency"]["value"], fitted["frequency"]["unit"])}'
     return words + elsewhere_words(cause)
 
@@ -272,19 +272,21 @@ def parameter_words(cause: CauseEntry) -> str:
     return told + elsewhere_words(cause) if told else size_of(cause)
 
 
-AMPLITUDE = 'amplitude'
+def _is_line(effect_id: str) -> bool:
+    effect = catalogue().get(effect_id)
+    return effect is not None and effect.line
 
 
 def sizes_of(cause: CauseEntry) -> dict[str, SizeEntry]:
     """The fitted parameters of a cause by name; a steady line has an amplitude and a frequency."""
-    effect, choices = catalogue().get(cause['effect']), choices_of(cause['effect'])
+    choices = choices_of(cause['effect'])
     sizes = {name: size for name, size in cause['parameters'].items() if name not in choices}
-    if effect is None or not effect.line:
+    if not _is_line(cause['effect']):
         return sizes
     cosine, sine, frequency = sizes.values()
     value = math.hypot(cosine['value'], sine['value'])
     # The phase of a line is free, so that its two parts have the same error.
-    return {AMPLITUDE: {**cosine, 'value': value}, 'frequency': frequency}
+    return {'amplitude': {**cosine, 'value': value}, 'frequency': frequency}
 
 
 def _size_words(effect_id: str, sizes: Mapping[str, SizeEntry]) -> list[str]:
