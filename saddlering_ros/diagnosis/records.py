@@ -152,11 +152,12 @@ def _static(rig: Rig, test_run: Record, time: Array, load: Array, quiet: Array) 
 
 
 def _dynamic(rig: Rig, _: Record, time: Array, load: Array, quiet: Array) -> _Blocks:
-    """Even blocks of a dynamic run."""
+    """Even blocks of a dynamic run; one that lacks half of its length is divided there."""
     step = float(np.median(np.diff(time)))
     length = max(SHORTEST_BLOCK, float(time[-1] - time[0]) / DYNAMIC_BLOCKS, step)
     number = np.floor((time - time[0]) / length + 1e-9).astype(np.int64)
-    starts = np.flatnonzero(np.diff(number, prepend=-1))
+    is_pause = np.diff(time, prepend=time[0]) > max(0.5 * length, 1.5 * step)
+    starts = np.flatnonzero(np.diff(number, prepend=-1).astype(bool) | is_pause)
     stops = np.append(starts[1:], time.size)
     rests = stretches_at_rest(time, load, rig.limits.rest_band)
     rest = [RestSegment(quiet[:, begin:end], step) for begin, end in quiet_stretches(rests)]

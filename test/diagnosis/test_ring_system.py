@@ -24,6 +24,23 @@ def run(campaign):
     return build_record(default_rig(), read_run(bag), held_out=False).run
 
 
+def test_no_block_of_a_long_dynamic_run_lies_across_a_gap_of_its_data(campaign):
+    bag = next(bag for bag in campaign() if bag.name == 'dynamic_50')
+    record = read_run(bag)
+    # 300 times slower, so that a block has 4 s, and the gap is 3 s in the middle of one.
+    slow = replace(record, stamps=300 * record.stamps, time=300.0 * record.time, spikes=None,
+                   used=None, published=None, probe_marks=None, load_marks=None)
+    centre = build_record(default_rig(), slow, held_out=False).run.time[250]
+    kept = abs(slow.time - centre) > 1.4
+    cut = replace(slow, stamps=slow.stamps[kept], time=slow.time[kept], load=slow.load[kept],
+                  gaps=slow.gaps[:, kept])
+    grid = build_record(default_rig(), cut, held_out=False).run.payload
+    steps = [np.diff(grid.time[first:last]).max(initial=0.0)
+             for first, last in zip(grid.first, grid.last, strict=True)]
+    assert np.diff(grid.time).max() > 2.5
+    assert max(steps) < 2.5
+
+
 @pytest.mark.parametrize('name', ['carriage_resonance', 'probe_saturation'])
 def test_every_start_an_effect_holds_worth_trying_is_tried(name):
     effect = catalogue()[name]
