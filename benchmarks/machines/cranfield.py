@@ -13,7 +13,7 @@ from machines.machine import Array, recorded, Trial
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
 STEP, LOADS = 0.04, (20, 40, -40)  # s, kgf
-ASSEMBLIES = 0.022  # Spread of the current from one assembly to the next [A], of about 1 A.
+ASSEMBLIES, PLACES = 0.022, 0.14  # Spread of sound repetitions 1 to 5: current [A], error [mm].
 # Early stages have no name, as for the authors. Late spalling takes friction away: no effect does.
 UNNAMED = ('normal', 'backlash1', *(f'spalling{stage}' for stage in range(1, 9)))
 NAMED = ('backlash2', 'lackLubrication1', 'lackLubrication2')
@@ -73,7 +73,7 @@ MODEL = Model(simulate, {
         **ADDED, 'width': Parameter(3, 20, unit='mm'), 'place': Parameter(20, 140, unit='mm')}),
     'efficiency': Effect('Efficiency of the screw', {'current': Parameter(-0.3, 0.3, unit='A')}),
     'play': Effect('Play of the nut', {'width': Parameter(-1, 1, unit='mm')}),
-}, {'current': Channel('A', model_error=ASSEMBLIES), 'error': Channel('mm')})
+}, {'current': Channel('A', model_error=ASSEMBLIES), 'error': Channel('mm', model_error=PLACES)})
 
 
 def trials(number: int) -> list[Trial]:

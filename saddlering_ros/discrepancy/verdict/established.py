@@ -214,9 +214,7 @@ def doubts_beside_error(
               *narrow, *(unlike_channels(alone.space, published.plain)
                          or unlike_channels_unpatched(alone.space, search, main.effect)),
               *uncertain_size(space, published)]
-    # Of several laws beside another cause, some pair fits a cause that is in no catalogue.
-    most = MAINLY if main.group == (main.effect,) else 1.0 - MIN_TAKEN
-    if most_dropped**2 > most * main.visible**2:
+    if most_dropped**2 > MAINLY * main.visible**2:
         doubts.append(wording.AS_LARGE)
     return doubts, 0.0 if narrow else published.shares.best
 
