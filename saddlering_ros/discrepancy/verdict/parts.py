@@ -24,9 +24,9 @@ machine keeps its size better. Without it, a true law of 94 to 103 % was refused
 stand-ins of development, which differ by 40 to 60 %, are refused; with 0.05 one of four is not."""
 
 PRESENT, ABSENT = 0.5, 0.25
-"""Shares of the largest size of a cause by run: from the first on the cause is present in a run.
-Up to the second it is absent, if two standard deviations more are below the first. Chosen, with a
-gap between them for sizes that follow the conditions of the runs."""
+"""Shares of the largest size of a cause by run: from the first on the cause is present in a run,
+and up to the second it is absent, if two standard deviations do not reach the other one. Chosen,
+with a gap between them for sizes that follow the conditions of the runs."""
 
 MAX_FREED = 8
 """Models whose cause receives a size for each run: the best ones. Chosen for cost."""
@@ -65,9 +65,16 @@ class _Parts:
         """Mask (k,) of the parts with the cause if the others are without it, else None."""
         largest = self.sizes[np.argmax(np.abs(self.sizes))]
         shares, deviations = self.sizes / largest, np.sqrt(np.diag(self.errors)) / abs(largest)
-        present = shares > PRESENT
+        present = (shares > PRESENT) & (shares - 2.0 * deviations > ABSENT)
         absent = (np.abs(shares) < ABSENT) & (np.abs(shares) + 2.0 * deviations < PRESENT)
         return present if absent.any() and bool((present | absent).all()) else None
+
+    def fall_confined_to(self, present: NDArray[np.bool_]) -> float:
+        """Fall of the misfit if the cause has one size in these parts and none in the others."""
+        weights = np.linalg.inv(self.errors)
+        size = (weights @ self.sizes)[present].sum() / weights[np.ix_(present, present)].sum()
+        apart = self.sizes - size * present
+        return self.fall - float(apart @ weights @ apart)
 
     def mean(self, chosen: NDArray[np.bool_]) -> tuple[float, float]:
         """Mean size of some parts and its standard deviation."""
@@ -104,19 +111,20 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
 
 
 def causes_of_some_runs(space: ModelSpace, selected: Fit) -> list[str]:
-    """A sentence if the cause of the best model with a size for each run acts in some runs only.
+    """A sentence if the best model has a cause that acts in some runs only.
 
     Such a cause leaves much of the misfit, so that another one can be selected. Every model with
-    one effect is therefore tried beside the `selected` one. The best must be better than this one,
-    surely and by more than its further sizes cost.
+    one effect that is better than the base is therefore tried beside the `selected` one, with a
+    size for each run, or with one size in some of them. The best must be better than the selected
+    one, surely and by more than its sizes or the choice of the runs cost.
     """
-    problem, sentence = space.problem, ''
-    further = len(problem.runs) - 1
-    if not further:
+    problem, sentence, count = space.problem, '', len(space.problem.runs)
+    if count < 2:
         return []
     least = space.penalised(selected) - space.real_gain
-    singles = sorted(space.single_effect_fits(), key=space.penalised)[:MAX_FREED]
-    tried = {fit.candidate.key: fit for fit in (*singles, selected)}
+    singles = sorted((fit for fit in space.single_effect_fits() if fit.misfit < space.base.misfit),
+                     key=space.penalised)
+    tried = {fit.candidate.key: fit for fit in (*singles[:MAX_FREED], selected)}
     for fit in tried.values():
         slices = fit.candidate.slices(len(problem.system.base_parameters))
         changes = problem.changes_of_effects(fit.point, fit.prediction).T
@@ -124,10 +132,14 @@ def causes_of_some_runs(space: ModelSpace, selected: Fit) -> list[str]:
             if not change.any():
                 continue
             parts = _Parts.by(0, space, fit, indices.start, change)
-            penalised = space.penalised(fit) - parts.fall + further * space.log_size
-            if penalised > least or parts.sizes.size < 2:
+            if parts.sizes.size < 2:
                 continue
-            least, sentence, present = penalised, '', parts.acts_in()
+            present, worth = parts.acts_in(), parts.fall - (count - 1) * space.log_size
+            if present is not None:
+                worth = max(worth, parts.fall_confined_to(present) - 2.0 * count * np.log(2.0))
+            if space.penalised(fit) - worth > least:
+                continue
+            least, sentence = space.penalised(fit) - worth, ''
             if present is not None:
                 common = fit.point.effects[effect.id][effect.size.name] - effect.neutral
                 (mean, std), (left, error) = parts.mean(present), parts.mean(~present)
