@@ -21,7 +21,7 @@ from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Diagnosis, Effect, Parameter, Point, RunBlocks
 from saddlering_ros.effects import catalogue
-from saddlering_ros.rig import Instruments, PARAMETER_NAMES
+from saddlering_ros.rig import Instruments, PARAMETER_NAMES, Rig
 
 Array = NDArray[np.float64]
 
@@ -87,6 +87,10 @@ class TwoSessions:
         return self.ring.channel_names
 
     @property
+    def units(self) -> Mapping[str, str]:
+        return self.ring.units
+
+    @property
     def base_parameters(self) -> tuple[Parameter, ...]:
         return self.ring.base_parameters
 
@@ -150,7 +154,7 @@ class TwoSessions:
         renewed = replace(self.ring, rig=replace(self.ring.rig, instruments=self.renewed))
         columns = []
         for run, here, usual in zip(runs, seen, self.ring.nuisances_at(runs, seen), strict=True):
-            errors = [beside(here, error) for error in self.persistent]
+            errors = [beside(here, error, self.ring.rig) for error in self.persistent]
             predicted = self.ring.predict_many(
                 run, [here, Point(here.base), *(larger for _, larger in errors)])
             persistent = predicted[2:] - predicted[[int(one is not here) for one, _ in errors]]
@@ -209,21 +213,25 @@ def seen_in(session: float, point: Point) -> Point:
     return Point(base, effects)
 
 
-def beside(point: Point, error: Mapping[str, Mapping[str, float]]) -> tuple[Point, Point]:
+def beside(
+    point: Point, error: Mapping[str, Mapping[str, float]], rig: Rig,
+) -> tuple[Point, Point]:
     """The point without and with one more error.
 
-    An error adds to the size of a cause of its own kind. A point holds one variant of an effect,
-    so that the error of another variant stands without the cause.
+    An error adds to the size of a cause of its own kind, or takes from one near its bound: the
+    sign of an error is not known. A point holds one variant of an effect, so that the error of
+    another variant stands without the cause.
     """
     (name, values), = error.items()
     cause, effect = point.effects.get(name), catalogue()[name]
     if cause is None:
         return point, Point(point.base, {**point.effects, **error})
-    size = effect.parameters[0]
+    size = effect.parameters_on(rig)[0]
     if size.neutral or any(cause[key] != values[key] for key in effect.variants[0].values):
         return Point(point.base), Point(point.base, error)
-    larger = {**cause, size.name: cause[size.name] + values[size.name]}
-    return point, Point(point.base, {**point.effects, name: larger})
+    before, change = cause[size.name], values[size.name]
+    other = before + (change if before + change <= size.high else -change)
+    return point, Point(point.base, {**point.effects, name: {**cause, size.name: other}})
 
 
 def with_main_cause(diagnosis: Diagnosis, left: float) -> Diagnosis:

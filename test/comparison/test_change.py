@@ -251,12 +251,25 @@ def test_an_error_of_both_sessions_counts_beside_the_cause_of_the_later_one(grow
 
 def test_an_error_of_the_kind_of_a_cause_adds_to_its_size():
     point = Point(TRUE_TO_SCALE.to_array(), {'probe_gain': {'gain': 0.02, 'probe': 2.0}})
-    same, larger = beside(point, {'probe_gain': {'gain': 0.01, 'probe': 2.0}})
+    same, larger = beside(point, {'probe_gain': {'gain': 0.01, 'probe': 2.0}}, RIG)
     assert same is point
     assert larger.effects['probe_gain'] == {'gain': pytest.approx(0.03), 'probe': 2.0}
-    without, other = beside(point, {'probe_gain': {'gain': 0.01, 'probe': 1.0}})
+    without, other = beside(point, {'probe_gain': {'gain': 0.01, 'probe': 1.0}}, RIG)
     assert without.effects == {}
     assert other.effects['probe_gain']['probe'] == 1.0
+
+
+def test_an_error_beside_a_cause_at_its_bound_stays_within_the_bounds():
+    system = TwoSessions(RingSystem(RIG), frozenset())
+    error = next(one for one in system.persistent if 'worn_sector_radial' in one)
+    worn = {**error['worn_sector_radial'], 'wear': 1.0}
+    _, other = beside(Point(TRUE_TO_SCALE.to_array(), {'worn_sector_radial': worn}), error, RIG)
+    assert system.ring.extension(other)
+
+
+def test_a_remainder_of_a_change_has_the_units_of_the_ring():
+    system = TwoSessions(RingSystem(RIG), frozenset())
+    assert system.units == {'delta_x': 'm', 'delta_y': 'm', 'gamma': 'rad', 'parity': 'm'}
 
 
 def test_sessions_that_are_no_pair_are_refused_in_one_line(before):
