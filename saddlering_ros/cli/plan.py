@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
     """Compute and print, write or emit the plan."""
     from saddlering_ros import load_rig
     from saddlering_ros.diagnosis.plan import plan_tests, PlanError, planned_test
-    from saddlering_ros.quantities import quantity
+    from saddlering_ros.quantities import percent, quantity
     from saddlering_ros.rig import PARAMETER_UNITS, TRUE_TO_SCALE
 
     tests = [planned_test(text) for text in args.test]
@@ -44,7 +44,8 @@ def run(args: argparse.Namespace) -> int:
     console.print(f'tests: {", ".join(test.name for test in plan.tests)}', highlight=False)
     titles = {cause.effect: cause.title for cause in plan.causes}
     show_table(('cause', 'smallest size found', 'cannot be told from'), [
-        (cause.title, quantity(cause.limit, cause.unit) if cause.is_testable else 'not shown',
+        (cause.title, 'not shown' if not cause.is_testable else
+         percent(cause.limit, 3) if cause.unit == '1' else quantity(cause.limit, cause.unit),
          ', '.join(titles[name] for name in cause.group[1:])) for cause in plan.causes], texts=3)
     values = ', '.join(
         f'{name} {quantity(getattr(plan.contact, name), PARAMETER_UNITS[name], std)}'

@@ -229,7 +229,9 @@ def _sound_words(document: VerdictDocument) -> str:
 def gain_sentence(document: VerdictDocument) -> str:
     """The misfit reduction of the extension, with that on held-out runs if there are some."""
     gain = document.get('gain')
-    if not causes_of(document) or gain is None or gain.get('fit') is None:
+    # A steady line is no part of the model: its own gain is told with the cause.
+    if (not causes_of(document) or gain is None or gain.get('fit') is None
+            or gain.get('how') == 'none'):
         return ''
     fitted = percent(gain['fit'])
     if gain.get('held_out') is None:

@@ -315,8 +315,8 @@ FOLLOWS = {
                ' was not at rest'),
     'one direction': (
         'the difference is an offset while the load moves in one direction',
-        'friction or play in a row, hysteresis of the load cell, or a probe that slipped: the '
-        'load has moved in one direction only since then'),
+        'friction or play in a row, hysteresis of the load cell, or a probe that slipped (they '
+        'can be told apart when the load has turned)'),
     'unclear': (
         'the difference follows neither load, rate, direction nor time',
         'none of load, rate, direction and time alone: record the test and run `saddlering '

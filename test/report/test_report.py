@@ -135,6 +135,11 @@ def test_none_is_said_plainly_and_without_a_gain():
     assert gain_sentence(said) == ''
 
 
+def test_a_line_beside_a_sound_model_has_no_gain_of_the_model():
+    said = {**document('named'), 'gain': {'fit': 0.0, 'held_out': 0.0, 'how': 'none'}}
+    assert gain_sentence(said) == ''
+
+
 def test_a_verdict_without_a_cause_mentions_no_extended_model(monkeypatch):
     monkeypatch.setattr(DRAWN, lambda chart: b'')  # the words alone
     for verdict in ('none', 'unknown'):
