@@ -63,10 +63,10 @@ IsCancelled = Callable[[], bool]
 """Asked between steps; once it returns True the computation raises `Cancelled`."""
 
 
-def check(is_cancelled: IsCancelled | None, task: str, partial: object = None) -> None:
+def check(is_cancelled: IsCancelled | None, task: str) -> None:
     """Raise `Cancelled` if the caller has asked for it."""
     if is_cancelled is not None and is_cancelled():
-        raise Cancelled(f'{task}: cancelled', partial)
+        raise Cancelled(f'{task}: cancelled')
 
 
 TELL_EVERY, TELL_LEFT_FROM = 0.5, 5.0
