@@ -237,8 +237,7 @@ def gain_sentence(document: VerdictDocument) -> str:
     if gain.get('held_out') is None:
         return (f'The extended model reduces the misfit by {fitted} on fitted runs. No run was '
                 'held out to check this.')
-    how = {'held out': 'held-out runs',
-           'held out in turn': 'runs held out in turn'}.get(gain.get('how', ''), 'other runs')
+    how = wording.PREDICTED.get(gain.get('how', ''), 'other runs')
     return (f'The extended model reduces the misfit by {percent(gain["held_out"])} on {how}, and '
             f'by {fitted} on fitted runs.')
 
@@ -368,7 +367,8 @@ def document_text(document: VerdictDocument) -> str:
         lines.append(f'next test: {document["next_test"]}')
     lines = [*filter(None, lines), '']
     for cause in causes_of(document):
-        lines += wording.cause_lines(cause, parameter_words(cause), lowered_titles)
+        lines += wording.cause_lines(
+            cause, parameter_words(cause), lowered_titles, document['gain'].get('how', ''))
     lines += proposal_lines(document.get('proposal'))
     is_extended = bool(causes_of(document))
     if lines[-1]:

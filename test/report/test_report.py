@@ -415,3 +415,12 @@ def test_a_logarithmic_axis_has_a_number_at_each_of_its_ticks():
     (charts.BEFORE, charts.AFTER), (charts.NOISE, charts.BEFORE), (charts.UP, charts.DOWN)])
 def test_the_colour_blind_tell_the_curves_of_a_report_apart(pair):
     assert smallest_difference(*pair) >= APART
+
+
+def test_a_gain_on_runs_held_out_in_turn_is_told_as_such_with_its_cause_too():
+    said = document('named')
+    told = document_text({
+        **said, 'causes': [{**cause, 'title': 'Dry friction'} for cause in said['causes']],
+        'gain': {**said['gain'], 'how': 'held out in turn'}})
+    assert told.count('runs held out in turn') == 2
+    assert 'held-out runs' not in told

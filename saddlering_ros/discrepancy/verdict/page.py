@@ -39,7 +39,7 @@ def write_page(answer: Diagnosis, path: Path) -> None:
         [[cause.definition.title + (wording.PARTIAL if cause.partial else ''),
           wording.estimates_words(cause.parameters),
           ', '.join(map(answer.title_of, cause.group[1:])) or '–',
-          wording.gain_words(cause.gain.fit, cause.gain.held_out),
+          wording.gain_words(cause.gain.fit, cause.gain.held_out, cause.gain.how),
           number(probability(cause.p_value))] for cause in answer.causes])
     base = html.table(
         ['parameter', number('alone'), number('with the causes')],

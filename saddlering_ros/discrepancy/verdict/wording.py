@@ -28,20 +28,25 @@ def verdict_line(verdict: str) -> str:
     return f'verdict: {verdict} ({quantities.VERDICT_WORDS[verdict]})'
 
 
-def gain_words(fitted: float, held_out: float | None) -> str:
-    """Misfit reductions as percentages."""
-    words = f'{percent(fitted)} on fitted runs'
-    return words if held_out is None else f'{words}, {percent(held_out)} on held-out runs'
+PREDICTED = {'held out': 'held-out runs', 'held out in turn': 'runs held out in turn'}
+"""Runs that a gain was measured on beside the fitted ones, by `Gain.how`."""
+
+
+def gain_words(fitted: float, held_out: float | None, how: str = 'held out') -> str:
+    """Misfit reductions as percentages; how: of `Gain`."""
+    words, others = f'{percent(fitted)} on fitted runs', PREDICTED.get(how, 'held-out runs')
+    return words if held_out is None else f'{words}, {percent(held_out)} on {others}'
 
 
 def cause_lines(
-    cause: results.CauseEntry, values: str, title_of: Callable[[str], str],
+    cause: results.CauseEntry, values: str, title_of: Callable[[str], str], how: str,
 ) -> list[str]:
     """A cause with its parameters, which are `values` in words, its gain and its alternatives."""
+    gain = cause['gain']
     lines = [
         f'  {cause["title"]} [{cause["effect"]}]{PARTIAL if cause.get("partial") else ""}',
         f'    {values}',
-        f'    misfit reduction {gain_words(cause["gain"]["fit"], cause["gain"]["held_out"])}; '
+        f'    misfit reduction {gain_words(gain["fit"], gain["held_out"], how)}; '
         f'p {quantities.probability(cause["evidence"]["p_value"])}',
     ]
     if len(cause['group']) > 1:
@@ -419,14 +424,15 @@ def summary_text(diagnosis: Diagnosis) -> str:
     lines = [verdict_line(diagnosis.verdict), diagnosis.headline]
     for cause in diagnosis.causes:
         lines += cause_lines(
-            cause.entry(), estimates_words(cause.parameters), diagnosis.title_of)
+            cause.entry(), estimates_words(cause.parameters), diagnosis.title_of,
+            diagnosis.gain.how)
     if diagnosis.next_test:
         share = ''.join(f' The test leaves the true cause alone in {round(100 * best.share)} of '
                         '100 simulated draws.' for best in diagnosis.separations[:1])
         lines.append(f'next test: {diagnosis.next_test}{share}')
     gain = diagnosis.gain
     if diagnosis.causes:
-        lines.append(f'misfit reduction: {gain_words(gain.fit, gain.held_out)}')
+        lines.append(f'misfit reduction: {gain_words(gain.fit, gain.held_out, gain.how)}')
     lines += certainty_lines(certainty_document(diagnosis), diagnosis.title_of)
     if diagnosis.verdict == 'unknown':
         lines.append(tried_words(
