@@ -215,15 +215,17 @@ def tried(document: VerdictDocument) -> str:
 
 def _sound_words(document: VerdictDocument) -> str:
     """Where small errors of a sound ring explain the residual: the channel with the largest."""
-    cases = [(channel['nrmse_before'] or 0.0, name, channel.get('sound') or 0.0)
+    cases = [(channel['nrmse_before'] or 0.0, name, channel['noise_floor'],
+              channel.get('sound') or 0.0)
              for run in document['runs'] for name, channel in run['channels'].items()
              if name != 'parity' and (channel['nrmse_before'] or 0.0)
              > quantities.allowed_misfit(channel['noise_floor'])]
     if not cases:
         return ''
-    misfit, name, sound = max(cases, key=lambda case: case[0])
+    misfit, name, floor, sound = max(cases, key=lambda case: case[0])
+    but = 'where' if misfit <= quantities.allowed_misfit(floor, sound) else 'although only'
     return ('or the effect of unequal rollers, clearances and the weight of a sound ring '
-            f'({percent(misfit)} of range in {name}, where {percent(sound)} rms is expected), ')
+            f'({percent(misfit)} of range in {name}, {but} {percent(sound)} rms is expected), ')
 
 
 def gain_sentence(document: VerdictDocument) -> str:

@@ -21,7 +21,7 @@ from saddlering_ros.discrepancy.search.signatures import observed
 from saddlering_ros.discrepancy.search.small_errors import search_among_small_errors
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
-from saddlering_ros.discrepancy.verdict.parts import causes_of_some_runs
+from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs
 from saddlering_ros.discrepancy.verdict.published import Publication, publish, stability_of
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, Remainder, Residual, Verdict
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
@@ -55,7 +55,11 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         answer.search, answer.taken if answer.is_beside_error else None)
     is_established = answer.verdict in ('named', 'ambiguous')
     unshared = established.unshared(refits) if is_established else []
-    answer = answer.doubted(unshared)
+    confined, sentence = cause_of_some_runs(
+        search.space, search.fit) if answer.verdict != 'none' else ('', [])
+    is_better = confined and not answer.is_beside_error and not any(
+        confined in cause.group for cause in answer.published.causes)
+    answer = answer.doubted(unshared + sentence if is_better else unshared)
     places = {name: selection.other_places(space, fit, name) for name in fit.candidate.ids
               if answer.verdict in ('named', 'ambiguous')}
     is_ambiguous = answer.verdict == 'ambiguous'
@@ -80,7 +84,8 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         key=lambda cause: -cause.visible)
     # A steady line that is found takes itself whole.
     taken = answer.taken if published.causes else float(bool(steady))
-    is_other = verdict == 'unknown' and bool(unshared or established.other_laws(answer.search))
+    is_other = verdict == 'unknown' and bool(
+        unshared or is_better or established.other_laws(answer.search))
     # A misfit that noise and small errors of a sound machine explain is no sign of a cause.
     is_sound = not _left_in(search.space, search.space.base, answer.before)
     nothing = float(np.mean([refit.first is None for refit in refits])) if is_sound else None
@@ -95,8 +100,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
             wording.free_test_words(by_held_out),
             separations[0].proposal.sentence if separations else ''))) or None,
         separations=separations,
-        warnings=(*answer.warnings, *(
-            causes_of_some_runs(search.space, search.fit) if answer.verdict != 'none' else ())),
+        warnings=answer.warnings if is_better else (*answer.warnings, *sentence),
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.runs,
         fits=published.fits,

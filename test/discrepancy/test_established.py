@@ -357,6 +357,29 @@ def test_a_cause_that_acts_in_some_runs_only_is_told_with_these_runs(
         assert answer.verdict == 'unknown'
 
 
+@pytest.mark.parametrize(('confined', 'verdict'), [('cubic', 'unknown'), ('friction', 'named')])
+def test_another_cause_that_fits_better_in_some_runs_takes_the_name(
+    confined: str, verdict: str, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(engine, 'cause_of_some_runs', lambda *_: (confined, ['in run 1 only']))
+    answer = diagnose(MODEL, [record(number, 0.3, 0.0) for number in range(3)])
+    assert answer.verdict == verdict
+    assert answer.warnings.count('in run 1 only') == 1
+
+
+@pytest.mark.parametrize('exact', [True, False])
+def test_no_cause_whose_size_may_be_nothing_has_a_name(exact: bool) -> None:
+    size = system.Estimate(4.7e-12, 4.6e-12, 'm/N')
+    cause = Cause('a', Effect('a', {'size': Parameter(0, 1)}), 0, ('a',), {'size': size}, 0.0, 0.0,
+                  0.1, Gain(0.5, 0.5, ''))
+    space: Any = SimpleNamespace(problem=SimpleNamespace(
+        assumptions=SimpleNamespace(exact_laws=exact), allowed_sizes={'seen': 0.0},
+        titles={'a': 'A'}))
+    published: Any = SimpleNamespace(causes=(cause,), main=cause)
+    words, = established.uncertain_size(space, published)
+    assert 'the effect does nothing' in words
+
+
 def test_a_size_at_its_bound_is_no_name() -> None:
     narrow = {**MODEL.effects, 'friction': Effect('Dry friction', {'size': Parameter(-0.2, 0.2)})}
     answer = found(0.3, 0.0, replace(MODEL, effects=narrow))

@@ -187,9 +187,7 @@ def uncertain_size(space: ModelSpace, published: Publication) -> list[str]:
 
     A declared model error is all in that interval, and has a limit of its own.
     """
-    if not space.problem.assumptions.exact_laws or any(space.problem.allowed_sizes.values()):
-        return []
-    if not published.causes:
+    if any(space.problem.allowed_sizes.values()) or not published.causes:
         return []
     main = published.main
     size = main.parameters[main.definition.size.name]

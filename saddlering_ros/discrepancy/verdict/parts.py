@@ -110,17 +110,17 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
     return sentences
 
 
-def causes_of_some_runs(space: ModelSpace, selected: Fit) -> list[str]:
-    """A sentence if the best model has a cause that acts in some runs only.
+def cause_of_some_runs(space: ModelSpace, selected: Fit) -> tuple[str, list[str]]:
+    """The cause and a sentence if the best model has one that acts in some runs only.
 
     Such a cause leaves much of the misfit, so that another one can be selected. Every model with
     one effect that is better than the base is therefore tried beside the `selected` one, with a
     size for each run, or with one size in some of them. The best must be better than the selected
     one, surely and by more than its sizes or the choice of the runs cost.
     """
-    problem, sentence, count = space.problem, '', len(space.problem.runs)
+    problem, name, sentence, count = space.problem, '', '', len(space.problem.runs)
     if count < 2:
-        return []
+        return '', []
     least = space.penalised(selected) - space.real_gain
     singles = sorted((fit for fit in space.single_effect_fits() if fit.misfit < space.base.misfit),
                      key=space.penalised)
@@ -139,8 +139,9 @@ def causes_of_some_runs(space: ModelSpace, selected: Fit) -> list[str]:
                 worth = max(worth, parts.fall_confined_to(present) - 2.0 * count * np.log(2.0))
             if space.penalised(fit) - worth > least:
                 continue
-            least, sentence = space.penalised(fit) - worth, ''
+            least, name, sentence = space.penalised(fit) - worth, '', ''
             if present is not None:
+                name = effect.id
                 common = fit.point.effects[effect.id][effect.size.name] - effect.neutral
                 (mean, std), (left, error) = parts.mean(present), parts.mean(~present)
                 sentence = wording.some_runs_words(
@@ -148,4 +149,4 @@ def causes_of_some_runs(space: ModelSpace, selected: Fit) -> list[str]:
                     [problem.runs[run].name for run in parts.shown[present]],
                     (effect.neutral + common * mean, abs(common) * std), effect.size.unit,
                     (left / mean, error / abs(mean)))
-    return [sentence] if sentence else []
+    return name, [sentence] if sentence else []
