@@ -210,7 +210,8 @@ def _among_small_errors(strict: Answer) -> Answer:
             fit = space.without(fit, name)
         search, published = published_of(fit)
     doubts += [*established.other_laws(search), *published.doubts,
-               *established.wrong_inputs(space, search.fit)]
+               *established.wrong_inputs(space, search.fit),
+               *established.uncertain_size(space, published)]
     if doubts:
         return strict.doubted([wording.suspect_words([space.problem.titles[main]], doubts)])
     # What the small errors could take of the main cause is left.

@@ -13,6 +13,7 @@ import pytest
 from saddlering_ros.discrepancy import Channel, Diagnosis, Effect, engine, Model, Parameter, Run
 from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
+from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.search import small_errors
 from saddlering_ros.discrepancy.verdict import established, wording
 
@@ -76,6 +77,15 @@ def test_a_large_cause_is_named_among_small_errors_of_everything_that_is_listed(
 def test_without_the_law_of_the_large_cause_nothing_is_named(main: str) -> None:
     listed = [name for name in SHAPES if name != main]
     assert diagnosed({**SMALL, main: 0.3}, *listed).verdict == 'unknown'
+
+
+def test_a_cause_among_small_errors_whose_size_may_be_nothing_has_no_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(system, 'WIDTH_95', 1e4)
+    answer = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES)
+    assert answer.verdict == 'unknown'
+    assert 'not established: friction: the 95 % interval' in answer.warnings[-1]
 
 
 def test_small_errors_alone_have_no_main_cause() -> None:
