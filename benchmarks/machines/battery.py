@@ -18,10 +18,14 @@ SPREAD = 0.03  # of sound discharges, as a share of the range: 0.014 to 0.026 of
 read = cache(loadmat)
 
 
+def discharges(cell: str) -> list[dict[str, Array]]:
+    cycles = read(f'{os.environ["BATTERIES"]}/{cell}.mat', simplify_cells=True)[cell]['cycle']
+    return [each['data'] for each in cycles if each['type'] == 'discharge']
+
+
 def discharge(cell: str, number: int) -> tuple[Array, Array, Array]:
     """Time [s], charge [A h] and voltage, down to 3 V, at which a cell is empty."""
-    cycles = read(f'{os.environ["BATTERIES"]}/{cell}.mat', simplify_cells=True)[cell]['cycle']
-    data = [each['data'] for each in cycles if each['type'] == 'discharge'][number]
+    data = discharges(cell)[number]
     volts, current = data['Voltage_measured'], -data['Current_measured']
     loaded = np.flatnonzero(current > 0.5)
     loaded = loaded[: np.argmax(volts[loaded] < 3.0) or None]
@@ -61,5 +65,6 @@ def trials(number: int) -> list[Trial]:
     return recorded('battery', number, MODEL, record, [
         (f'{cell} {state} {first}', truth, [(cell, first), (cell, first + 1)], [(cell, first + 2)])
         for state, truth, span in (('sound', (), (8, 11)),
-                                   ('aged', ('capacity', 'resistance'), (20, 66)))
+                                   ('aged', ('capacity', 'resistance'),
+                                    (20, min(66, len(discharges(cell)) - 2))))
         for first in [int(random.integers(*span))]])
