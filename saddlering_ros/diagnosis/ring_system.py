@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import compress
 
 import numpy as np
@@ -233,10 +233,9 @@ class RingSystem:
             parts.append(roller_scatter.scatter_columns(
                 self.rig, point.base, grid.elevation, grid.zero_load, load, run.time, contacts,
                 static=static)[self.seen])
-            above, below = ([replace(self, rig=rig).predict_many(run, [point])[0] for rig in rigs]
-                            for rigs in zip(*roller_scatter.known_rigs(self.rig), strict=True))
             known.append(np.stack([
-                *roller_scatter.two_sided(list(zip(above, below, strict=True)), usual),
+                *roller_scatter.known_errors(
+                    self.rig, partial(self._predict_by, run, point), usual),
                 *self.instrument_errors(run, point.base)], axis=-1))
         joined = roller_scatter.compressed(
             np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts]))
@@ -245,6 +244,10 @@ class RingSystem:
             np.concatenate([block.reshape(*run.channels.shape, -1), load, own], axis=2)
             for run, block, load, own in zip(
                 runs, blocks, self._load_noise(runs, points), known, strict=True)]
+
+    def _predict_by(self, run: RunBlocks, point: Point, rig: Rig) -> Array:
+        """Channels (C, N) of a run if the ring had the dimensions of another rig."""
+        return np.asarray(replace(self, rig=rig).predict_many(run, [point])[0])
 
     def instrument_errors(self, run: RunBlocks, base: Array) -> list[Array]:
         """Changes (C, N) of a run by one standard uncertainty of each stated instrument."""

@@ -55,11 +55,14 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         answer.search, answer.taken if answer.is_beside_error else None)
     is_established = answer.verdict in ('named', 'ambiguous')
     unshared = established.unshared(refits) if is_established else []
-    confined, sentence = cause_of_some_runs(
-        search.space, search.fit) if answer.verdict != 'none' else ('', [])
-    is_better = confined and not answer.is_beside_error and not any(
-        confined in cause.group for cause in answer.published.causes)
-    answer = answer.doubted(unshared + sentence if is_better else unshared)
+    answer = answer.doubted(unshared)
+    confined = None if answer.verdict == 'none' else cause_of_some_runs(search.space, search.fit)
+    is_better = False
+    if confined is not None:
+        name, sentence = confined
+        is_better = not answer.is_beside_error and not any(
+            name in cause.group for cause in answer.published.causes)
+        answer = answer.doubted([sentence]) if is_better else answer.noted(sentence)
     places = {name: selection.other_places(space, fit, name) for name in fit.candidate.ids
               if answer.verdict in ('named', 'ambiguous')}
     is_ambiguous = answer.verdict == 'ambiguous'
@@ -100,7 +103,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
             wording.free_test_words(by_held_out),
             separations[0].proposal.sentence if separations else ''))) or None,
         separations=separations,
-        warnings=answer.warnings if is_better else (*answer.warnings, *sentence),
+        warnings=answer.warnings,
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.runs,
         fits=published.fits,
@@ -147,6 +150,10 @@ class Answer:
         if not doubts:
             return self
         return replace(self, verdict='unknown', warnings=(*self.warnings, *doubts))
+
+    def noted(self, sentence: str) -> 'Answer':
+        """The same with a sentence for the reader."""
+        return replace(self, warnings=(*self.warnings, sentence))
 
 
 def _answer(search: Search) -> Answer:

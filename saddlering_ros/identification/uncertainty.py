@@ -22,7 +22,7 @@ from saddlering_ros.identification.objective import predict, Refinement, Weighte
 from saddlering_ros.quantities import compact, WIDTH_95
 from saddlering_ros.rig import Displacement, PARAMETER_NAMES, Rig
 from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement, with_absent
-from saddlering_ros.ring.roller_scatter import known_rigs, scatter_columns, two_sided
+from saddlering_ros.ring.roller_scatter import known_errors, scatter_columns
 
 
 @dataclass(frozen=True)
@@ -328,11 +328,11 @@ def _sound_factor(
     rollers: whitened residuals (M, R) by unequal rollers; clearances and the weight are added.
     The parameters are fitted beside them: r' (I + S S')^-1 r, with S less what parameters imitate.
     """
-    contact, known = best.contact[None, :], []
-    for one, usual in zip(objective.observations, objective.increments(contact), strict=True):
-        sides = [(predict(above, contact, one)[0], predict(below, contact, one)[0])
-                 for above, below in known_rigs(objective.rig)]
-        known.append(np.stack(two_sided(sides, usual[0])))
+    contact = best.contact[None, :]
+    known = [
+        np.concatenate(known_errors(
+            objective.rig, partial(predict, contacts=contact, observation=one), usual))
+        for one, usual in zip(objective.observations, objective.increments(contact), strict=True)]
     errors = np.vstack([rollers, np.concatenate(objective.whiten(known), axis=1)])
     slopes, _ = np.linalg.qr(best.jacobian)
     errors -= (errors @ slopes) @ slopes.T

@@ -6,7 +6,7 @@ penetration by (delta_x, delta_y, gamma), k_i its tangent stiffness and S the su
 Both are averaged over the scatter, because a roller that is about to touch is partly in contact.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -109,11 +109,14 @@ def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
     return list(zip(*sides, strict=True))
 
 
-def two_sided(sides: Sequence[tuple[Floats, Floats]], usual: Floats) -> list[Floats]:
-    """Changes of a prediction by one standard deviation of each quantity, and by its square.
+def known_errors(
+    rig: Rig, predict: Callable[[Rig], Floats], usual: Floats
+) -> list[Floats]:
+    """Changes of a prediction by one standard deviation of each quantity of `known_rigs`.
 
-    sides: predictions above and below, in the order of `known_rigs`; usual: at the value itself.
+    The changes by the square of each follow. usual: the prediction for `rig` itself.
     """
+    sides = [(predict(above), predict(below)) for above, below in known_rigs(rig)]
     return [*(0.5 * (above - below) for above, below in sides),
             *(CURVATURE * (0.5 * (above + below) - usual) for above, below in sides)]
 

@@ -361,7 +361,7 @@ def test_a_cause_that_acts_in_some_runs_only_is_told_with_these_runs(
 def test_another_cause_that_fits_better_in_some_runs_takes_the_name(
     confined: str, verdict: str, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(engine, 'cause_of_some_runs', lambda *_: (confined, ['in run 1 only']))
+    monkeypatch.setattr(engine, 'cause_of_some_runs', lambda *_: (confined, 'in run 1 only'))
     answer = diagnose(MODEL, [record(number, 0.3, 0.0) for number in range(3)])
     assert answer.verdict == verdict
     assert answer.warnings.count('in run 1 only') == 1

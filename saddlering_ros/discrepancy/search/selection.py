@@ -425,8 +425,7 @@ def learnt_without(
     secondary cause changes would be evidence, and a sharp law would replace the main cause.
     """
     fit = search.fit
-    changes = alone.problem.changes_of_effects(fit.point, fit.prediction)
-    dropped.append(changes[:, fit.candidate.ids.index(name)])
+    dropped.append(search.space.changes_of(fit)[:, fit.candidate.ids.index(name)])
     space, fit = space_beside_error(alone, search.space.without(fit, name), dropped)
     fit, alternatives = check_alternatives(space, fit, search.log)
     return replace(search, space=space, fit=fit, alternatives=alternatives)

@@ -351,7 +351,7 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> list[str]:
     ranges = np.ptp(np.hstack([run.channels for run in runs]), axis=1)[:, None, None]
     stacked = problem.by_run(np.column_stack([
         problem.measured - fit.prediction, fit.prediction, tangent(space.metric, fit).plain,
-        problem.changes_of_effects(fit.point, fit.prediction),
+        space.changes_of(fit),
         error_process(space.metric, fit)[0]]))
     ends = np.cumsum([1, 1, fit.theta_unit.size, len(fit.candidate.effects)])
     left, seen, slopes, changes, errors = zip(*(
@@ -412,7 +412,7 @@ def unlike_channels(space: ModelSpace, fit: Fit) -> list[str]:
         owners[rows] = run
     rest = weights * (problem.measured - fit.prediction)
     alike = weights[:, None] * tangent(space.metric, fit).plain
-    changes = weights[:, None] * problem.changes_of_effects(fit.point, fit.prediction)
+    changes = weights[:, None] * space.changes_of(fit)
     base, sentences = orthonormal(alike[:, :settled]), []
 
     def fitted(columns: Array, others: Array) -> Array:
@@ -439,7 +439,7 @@ def unlike_channels(space: ModelSpace, fit: Fit) -> list[str]:
 def unlike_channels_unpatched(alone: ModelSpace, search: Search, main: str) -> list[str]:
     """The same of the main cause without those in one channel, which can make up for its law."""
     problem, fit = alone.problem, search.fit
-    squares = problem.in_views(problem.changes_of_effects(fit.point, fit.prediction)) ** 2
+    squares = problem.in_views(search.space.changes_of(fit)) ** 2
     powers = squares.reshape(len(problem.system.views), -1, squares.shape[1]).sum(axis=1)
     for name, power in zip(search.fit.candidate.ids, powers.T, strict=True):
         if name != main and power.max() > ONE_CHANNEL * power.sum():

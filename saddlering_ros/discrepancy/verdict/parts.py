@@ -92,8 +92,7 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
     stated = {cause.effect: cause.parameters[cause.definition.size.name] for cause in causes}
     sentences, titles = [], space.problem.titles
     slices = fit.candidate.slices(len(space.problem.system.base_parameters))
-    changes = space.problem.changes_of_effects(fit.point, fit.prediction).T
-    for (effect, _, indices), change in zip(slices, changes, strict=True):
+    for (effect, _, indices), change in zip(slices, space.changes_of(fit).T, strict=True):
         size = stated[effect.id]
         # A published size of zero allows any.
         interval = size.std / max(abs(size.value - effect.neutral), 1e-6 * size.std, 1e-300)
@@ -110,25 +109,25 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
     return sentences
 
 
-def cause_of_some_runs(space: ModelSpace, selected: Fit) -> tuple[str, list[str]]:
-    """The cause and a sentence if the best model has one that acts in some runs only.
+def cause_of_some_runs(space: ModelSpace, selected: Fit) -> tuple[str, str] | None:
+    """The cause and a sentence if the best model has one that acts in some runs only, else None.
 
     Such a cause leaves much of the misfit, so that another one can be selected. Every model with
     one effect that is better than the base is therefore tried beside the `selected` one, with a
     size for each run, or with one size in some of them. The best must be better than the selected
     one, surely and by more than its sizes or the choice of the runs cost.
     """
-    problem, name, sentence, count = space.problem, '', '', len(space.problem.runs)
+    problem, found, count = space.problem, None, len(space.problem.runs)
     if count < 2:
-        return '', []
+        return None
     least = space.penalised(selected) - space.real_gain
     singles = sorted((fit for fit in space.single_effect_fits() if fit.misfit < space.base.misfit),
                      key=space.penalised)
     tried = {fit.candidate.key: fit for fit in (*singles[:MAX_FREED], selected)}
     for fit in tried.values():
         slices = fit.candidate.slices(len(problem.system.base_parameters))
-        changes = problem.changes_of_effects(fit.point, fit.prediction).T
-        for (effect, variant, indices), change in zip(slices, changes, strict=True):
+        for (effect, variant, indices), change in zip(
+                slices, space.changes_of(fit).T, strict=True):
             if not change.any():
                 continue
             parts = _Parts.by(0, space, fit, indices.start, change)
@@ -139,14 +138,13 @@ def cause_of_some_runs(space: ModelSpace, selected: Fit) -> tuple[str, list[str]
                 worth = max(worth, parts.fall_confined_to(present) - 2.0 * count * np.log(2.0))
             if space.penalised(fit) - worth > least:
                 continue
-            least, name, sentence = space.penalised(fit) - worth, '', ''
+            least, found = space.penalised(fit) - worth, None
             if present is not None:
-                name = effect.id
                 common = fit.point.effects[effect.id][effect.size.name] - effect.neutral
                 (mean, std), (left, error) = parts.mean(present), parts.mean(~present)
-                sentence = wording.some_runs_words(
+                found = effect.id, wording.some_runs_words(
                     space.title_at(effect, variant),
                     [problem.runs[run].name for run in parts.shown[present]],
                     (effect.neutral + common * mean, abs(common) * std), effect.size.unit,
                     (left / mean, error / abs(mean)))
-    return name, [sentence] if sentence else []
+    return found

@@ -392,18 +392,15 @@ def probabilities_of(
     nothing: share of the refits that find no cause, of a misfit which a sound machine can have:
     the chance of none is in proportion, and the causes of an `unknown` count in the others only.
     """
-    if verdict == 'none':
-        none = NOTHING if nothing is None else NOTHING * nothing
-        return {'none': none, 'unknown': 1.0 - none}
+    sound = nothing if nothing is not None else float(verdict == 'none')
+    none = NOTHING * sound if verdict in ('none', 'unknown') else 0.0
     left = float(np.clip(1.0 - taken, 0.0, 1.0 - MIN_TAKEN))
     chance = SUREST / (1.0 + (left / HALF_LEFT) ** STEEPNESS)
     if verdict == 'unknown':
-        chance = MIN_RIGHT + SHARE_RIGHT * min(max(taken, 0.0), 1.0)
-        chance *= 1.0 - (nothing or 0.0)
+        chance = (MIN_RIGHT + SHARE_RIGHT * min(max(taken, 0.0), 1.0)) * (1.0 - sound)
     powers = [cause.visible**2 for cause in causes]
     answer: dict[str, float] = {}
     for cause, power in zip(causes, powers, strict=True):
         name = ' or '.join(cause.group)
         answer[name] = answer.get(name, 0.0) + chance * power / max(sum(powers), 1e-300)
-    none = NOTHING * (nothing or 0.0) if verdict == 'unknown' else 0.0
     return {**answer, 'none': none, 'unknown': 1.0 - none - sum(answer.values())}
