@@ -424,6 +424,9 @@ def test_a_misfit_that_refits_explain_without_a_cause_may_be_none() -> None:
     assert probabilities_of('named', [cause], 0.9, 0.5) == probabilities_of('named', [cause], 0.9)
     assert wording.doubt_words(surely) == 'Something is wrong'
     assert wording.doubt_words(perhaps).startswith('Perhaps nothing is wrong')
+    hardly = probabilities_of('unknown', [cause], 0.5, 0.1)
+    assert 0.0 < hardly['none'] < hardly['a']
+    assert wording.doubt_words(hardly) == 'Something is wrong'
 
 
 def test_a_cause_that_is_not_established_is_less_sure_than_any_that_is() -> None:

@@ -82,8 +82,8 @@ def headline_of(diagnosis: Diagnosis) -> str:
 
 
 def doubt_words(probabilities: Mapping[str, float]) -> str:
-    """The start of the headline of an `unknown`, which may hold a sound machine for possible."""
-    if probabilities.get('none'):
+    """The start of the headline of an `unknown`, of which `none` may be the likeliest outcome."""
+    if probabilities and max(probabilities.values()) == probabilities.get('none'):
         return 'Perhaps nothing is wrong, because noise and small errors can leave this misfit'
     return 'Something is wrong'
 
