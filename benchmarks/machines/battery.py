@@ -1,45 +1,17 @@
-"""Cells that age, as NASA Ames recorded them (Saha and Goebel 2007): discharges of 1 A at 4 °C.
+"""Cells that age, as NASA Ames recorded them: discharges of 1 A at 4 °C.
 
-BATTERIES is the folder of B0045.mat to B0048.mat and B0053.mat. The model is the mean of early
-discharges of the same cell. Cell B0046 is for development, the others are sealed.
+The model is the mean of early discharges of the same cell. Cell B0046 is for development, the
+others are sealed.
 """
 
-from functools import cache
-import os
-
 import numpy as np
-from scipy.io import loadmat
 
 from machines.machine import Array, recorded, Trial
+from machines.recordings import discharge, discharges
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
 CELLS = {161000: ('B0045', 'B0053'), 154000: ('B0047', 'B0048'), 0: ('B0046', 'B0046')}
 SPREAD = 0.03  # of sound discharges, as a share of the range: 0.014 to 0.026 of B0046
-read = cache(loadmat)
-
-
-def discharges(cell: str) -> list[dict[str, Array]]:
-    cycles = read(f'{os.environ["BATTERIES"]}/{cell}.mat', simplify_cells=True)[cell]['cycle']
-    return [each['data'] for each in cycles if each['type'] == 'discharge']
-
-
-def discharge(cell: str, number: int) -> tuple[Array, Array, Array]:
-    """Time [s], charge [A h] and voltage, down to 3 V, at which a cell is empty."""
-    data = discharges(cell)[number]
-    volts, current = data['Voltage_measured'], -data['Current_measured']
-    loaded = np.flatnonzero(current > 0.5)
-    loaded = loaded[: np.argmax(volts[loaded] < 3.0) or None]
-    time = data['Time'][loaded] - data['Time'][loaded[0]]
-    return time, time * current[loaded].mean() / 3600.0, volts[loaded]
-
-
-def record(cell: str, number: int) -> Run:
-    time, charge, volts = discharge(cell, number)
-    even, known = np.linspace(120.0, time[-1], 200), np.linspace(0.02, 1.6, 300)
-    curve = np.mean([np.interp(known, *discharge(cell, new)[1:]) for new in range(4, 8)], axis=0)
-    drawn = np.interp(even, time, charge)
-    return Run(f'discharge {number}', even, {'charge': drawn, 'known': known, 'curve': curve},
-               {'voltage': np.interp(even, time, volts)}, {'charge': drawn})
 
 
 def simulate(p: dict[str, float], run: Run) -> dict[str, Array]:
@@ -62,7 +34,7 @@ def trials(number: int) -> list[Trial]:
     """A sound and an aged cell: two discharges, and the one after them held out."""
     cell = next(cells for first, cells in CELLS.items() if number >= first)[number % 2]
     random = np.random.default_rng([number, 3])
-    return recorded('battery', number, MODEL, record, [
+    return recorded('battery', number, MODEL, discharge, [
         (f'{cell} {state} {first}', truth, [(cell, first), (cell, first + 1)], [(cell, first + 2)])
         for state, truth, span in (('sound', (), (8, 11)),
                                    ('aged', ('capacity', 'resistance'),

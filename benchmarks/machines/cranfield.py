@@ -1,52 +1,21 @@
-"""Records of Cranfield's ball screw with seeded faults (doi 10.17862/cranfield.rd.5097649).
+"""Cranfield's ball screw with seeded faults.
 
-CRANFIELD is the folder of its csv files. The model is the mean of sound repetitions, and what each
-fault does to a screw by its description. Repetitions 6 to 10 are sealed.
+The model is the mean of sound repetitions, and what each fault does to a screw by its description.
+Repetitions 6 to 10 are sealed.
 """
-
-from functools import cache
-import os
 
 import numpy as np
 
 from machines.machine import Array, recorded, Trial
+from machines.recordings import after, repetition
 from saddlering_ros.discrepancy import Channel, Effect, Model, Parameter, Run
 
-STEP, LOADS = 0.04, (20, 40, -40)  # s, kgf
+LOADS = (20, 40, -40)  # kgf
 ASSEMBLIES, PLACES = 0.022, 0.14  # Spread of sound repetitions 1 to 5: current [A], error [mm].
 # Early stages have no name, as for the authors. Late spalling takes friction away: no effect does.
 UNNAMED = ('normal', 'backlash1', *(f'spalling{stage}' for stage in range(1, 9)))
 NAMED = ('backlash2', 'lackLubrication1', 'lackLubrication2')
 FRICTION = ('lubrication', 'balls')  # Either is right for these.
-read = cache(np.genfromtxt)
-
-
-def repetition(state: str, load: int, number: int) -> Array:
-    """Set point [mm], position error [mm] and current [A] (3, 5, 324)."""
-    table = read(f'{os.environ["CRANFIELD"]}/{state}.csv', delimiter=',', skip_header=1,
-                 usecols=(0, 1, 2, 4, 5))
-    own = (table[:, 3] == load) & (table[:, 4] == number)
-    return np.asarray(table[own, :3].T.reshape(3, -1, 324))
-
-
-def after(number: int) -> int:
-    """The repetition that is held out, of the same half."""
-    return number + 1 if number % 5 else number - 4
-
-
-def record(state: str, load: int, number: int) -> Run | None:
-    """A repetition, with the mean of other sound ones; None for one that was not published."""
-    tried = (number, after(number)) if state == 'normal' else ()
-    sound = np.mean([repetition('normal', load, other).mean(axis=1)
-                     for other in range(1, 6) if other not in tried], axis=0)
-    own = repetition(state, load, number)
-    if not own.size:
-        return None
-    position, error, current = np.tile(sound, own.shape[1])
-    moves = np.tanh(np.gradient(position, STEP) / 2.0)
-    inputs = {'error': error, 'current': current, 'moves': moves, 'position': position}
-    return Run(f'{load} kgf, {number}', STEP * np.arange(moves.size), {**inputs, 'load': load},
-               {'current': own[2].ravel(), 'error': own[1].ravel()})
 
 
 def simulate(p: dict[str, float], run: Run) -> dict[str, Array]:
@@ -78,7 +47,7 @@ MODEL = Model(simulate, {
 
 def trials(number: int) -> list[Trial]:
     """Every state with all loads, and with the pull of 40 kgf alone."""
-    return recorded('cranfield', number, MODEL, record, [
+    return recorded('cranfield', number, MODEL, repetition, [
         (f'{state}{loads}', FRICTION if state in NAMED and loads == LOADS else (),
          *([(state, load, each) for load in loads] for each in (number, after(number))))
         for state in (*UNNAMED, *NAMED) for loads in (LOADS, LOADS[2:])])

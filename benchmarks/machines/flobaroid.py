@@ -1,23 +1,14 @@
-"""A robot arm with the faults of FloBaRoID (kjyv/FloBaRoID, LGPL-3), by its author's own code.
+"""A robot arm with the faults of FloBaRoID (kjyv/FloBaRoID, LGPL-3), by its author's own code."""
 
-FLOBAROID is the folder of its excitation/simulationEffects.py. In a sound arm the masses hang off
-the axes, drag is not quite linear, and torque and angle are filtered and rounded.
-"""
-
-from dataclasses import replace
-import importlib
-import os
-import sys
+from functools import partial
 
 import numpy as np
 
-from machines.machine import about, Array, declared, Draw, hides, swings
+from machines.machine import about, Array, declared, hides
+from machines.simulators import arm, HERTZ, WEIGHTS
 from saddlering_ros.discrepancy import Channel, Parameter, Run
 
-sys.path.insert(0, os.environ.get('FLOBAROID', '.'))
-faults = importlib.import_module('simulationEffects')
-HERTZ, COUNT, JOINTS = 50.0, 450, ('shoulder', 'elbow')
-WEIGHTS = np.array([1.0, 0.4])  # Sizes in both joints, by the torque that each can hold.
+JOINTS = ('shoulder', 'elbow')
 
 
 def rigid(p: dict[str, float], q: Array, v: Array, a: Array) -> Array:
@@ -44,40 +35,7 @@ def simulate(p: dict[str, float], run: Run) -> dict[str, Array]:
     return dict(zip(JOINTS, (rigid(p, q, v, a) + WEIGHTS * added).T, strict=True))
 
 
-def record(draw: Draw) -> Run:
-    time, still = np.arange(COUNT) / HERTZ, np.zeros((COUNT, 2))
-    q = 1.2 * np.column_stack([swings(draw.random, time, 0.1, 0.6) for _ in JOINTS])
-    v = np.gradient(q, time, axis=0)
-    a = np.gradient(v, time, axis=0)
-    sizes = {field: WEIGHTS * draw.size(name) for field, name in FIELDS.items()}
-    arm = faults.JointProperties(
-        2, torque_limit=200.0 * WEIGHTS, torque_sensor_error=0.002, velocity_limit=5.0 * WEIGHTS,
-        link_mass=np.array([0.0, 1.0 / 1.47]), elasticity_freq=np.array([25.0, 32.0]),
-        elasticity_damping=np.full(2, 0.07), torque_quant_bits=np.full(2, 13.0),
-        encoder_bits=np.full(2, 17.0), thermal_tau=np.full(2, 600.0), thermal_reduction=1.0,
-        **sizes)
-    off = draw.own.normal(size=3) * (0.02, 0.02, 0.1)
-    torque = rigid(dict(draw.true), q + off[:2], v, a)
-    torque += draw.true['viscous'] * off[2] * v * np.abs(v)
-    torque += faults.add_friction(still, v, replace(arm, viscous_friction=np.zeros(2)))
-    torque += faults.add_joint_elasticity(still, a, HERTZ, arm, 0)
-    torque += faults.add_torque_ripple(COUNT, q, arm, 0)
-    torque += faults.add_temperature_friction_drift(still, v, time, arm)
-    torque += faults.add_cable_forces(still, q, arm, rng=np.random.default_rng(draw.seed))
-    torque += faults.add_gravity_compensation_residual(still, q, arm)
-    seen = faults.add_structural_deflection(faults.add_backlash(q, v, arm), torque, arm)
-    seen, _, torque, *_ = faults.add_sensor_noise(seen, v, torque, HERTZ, draw.random, arm)
-    torque = faults.add_torque_quantization(torque, arm)
-    seen = faults.add_encoder_quantization(seen, arm)
-    return draw.run(time, {'q': seen, 'v': v, 'a': a}, torque.T, noise=0.0)
-
-
-FIELDS = {
-    'coulomb_friction': 'friction.torque', 'stiction': 'stiction.torque',
-    'backlash': 'backlash.width', 'cogging_amplitude': 'cogging.torque',
-    'elasticity_gain': 'elasticity.size', 'cable_stiffness': 'cables.rate',
-    'viscous_friction': 'thermal.torque', 'grav_comp_error': 'gravity_error.torque',
-    'compliance': 'deflection.compliance'}
+record = partial(arm, rigid=rigid)
 MACHINE = declared('flobaroid', 'kjyv/FloBaRoID', 'LGPL-3.0', record, simulate, {
     'inertia': about(1.6), 'elbow': about(0.35), 'coupling': about(0.3), 'gravity': about(28.0),
     'lower': about(9.0), 'viscous': about(2.0),

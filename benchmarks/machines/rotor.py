@@ -2,13 +2,11 @@
 
 import numba as nb
 import numpy as np
-import ross
-from ross import faults
 
-from machines.machine import about, Draw, hides, own_machine
-from saddlering_ros.discrepancy import Channel, Parameter, Run
+from machines.machine import about, hides, own_machine
+from machines.simulators import COUNT, EARLY, rotor, STEP
+from saddlering_ros.discrepancy import Channel, Parameter
 
-STEP, EARLY, COUNT = 1e-3, 150, 250  # s; samples from the start to the record, and of it
 SHAFT = np.array([[2.288, 1.914], [1.914, 2.288]])  # what both discs yield by the shaft [um/N]
 LEVER = np.array([[0.7, 0.3], [0.3, 0.7]])
 
@@ -41,33 +39,8 @@ def whirl(speed, law, parts):  # type: ignore[no-untyped-def]
     return seen
 
 
-def record(draw: Draw) -> Run:
-    time, speed = STEP * np.arange(EARLY + COUNT), draw.random.uniform(70.0, 160.0)
-    steel = ross.Material('Steel', rho=7850, E=2.17e11, G_s=81.2e9)
-    rotor = ross.Rotor(
-        [ross.ShaftElement(0.06, 0.0, 0.019, material=steel, alpha=20.0, beta=1e-5)] * 12,
-        [ross.DiskElement(n, 2.6, 0.0036, 0.0068) for n in (4, 8)],
-        [ross.BearingElement(n, 1e6 * draw.true[f'{end}_x'], 500, kyy=1e6 * draw.true[f'{end}_y'],
-                             cyy=500) for n, end in ((1, 'near'), (11, 'far'))])
-    force, turned, *_ = rotor.unbalance_force_over_time(
-        [4], [1e-4 * draw.true['unbalance']], [draw.true['angle']], speed, time, return_all=True)
-    bow = draw.size('bow.force') * np.exp(1j * (turned + 0.8))
-    force[24:26] += [bow.real, bow.imag]
-    if apart := 5e-6 * draw.size('misaligned.force'):
-        coupling = faults.MisalignmentFlex(rotor, 0, 'parallel', apart, apart, 0.0, 4e4, 3.8e4)
-        force += coupling.compute_reaction_force(turned)
-    push = 1e6 * draw.size('rub.stiffness')
-    rub = faults.Rubbing(rotor, 6, 4e-5, push, 40.0 if push else 0.0, 0.3)
-    rub.forces = np.zeros_like(force)
-    found = rotor.run_time_response(
-        speed, force.T, time, 'newmark', add_to_RHS=lambda step, disp_resp, velc_resp, **_:
-        rub._get_force_over_time(step, disp_resp, velc_resp, speed))
-    seen = 1e6 * found.yout[EARLY:, [24, 25, 48, 49]].T
-    return draw.run(time[EARLY:], {'speed': speed}, seen)
-
-
 MACHINE = own_machine(
-    'rotor', record, whirl, source='ross-rotordynamics 2.3.0', licence='MIT', base={
+    'rotor', rotor, whirl, source='ross-rotordynamics 2.3.0', licence='MIT', base={
     'near_x': about(0.85), 'near_y': about(1.2), 'far_x': about(0.5), 'far_y': about(0.6),
     'mass': about(3.1), 'damping': (200.0, Parameter(20.0, 900.0, unit='N s/m')),
     'unbalance': about(4.0), 'angle': (0.3, Parameter(-1.5, 1.5)),
