@@ -310,32 +310,34 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
     """Make a node, spin it, clean up; one line and status 2 for an error of the user.
 
     SIGINT and SIGTERM set the node's `done`, which ends `spin`: a context that rclpy's handlers
-    have shut down waits for no reader.
+    have shut down waits for no reader. A node that is being made is made first: what a handler
+    raises may be lost in the middle of it.
     """
     launcher.follow_lifeline()
     launcher.sweep()
     node: Any = None
+    told = False
 
     def finish(*_: object) -> None:
-        node.done = True
+        nonlocal told
+        told = True
+        if node is not None:
+            node.done = True
 
     try:
         words = parameters.strict_arguments(sys.argv[1:] if args is None else args)
         domain = launcher.domain_from(os.environ.get('ROS_DOMAIN_ID') or '0', 'ROS_DOMAIN_ID')
         launcher.prepare_middleware()
-        if launcher.is_node_program():
-            # From now on, both signals act as in any Python program.
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in launcher.SIGNALS:
+            signal.signal(number, finish)
         rclpy.init(args=['', *words], signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         parameters.refuse_undeclared(node)
         crowded = launcher.crowded_words(launcher.participants(domain), domain)
         if crowded:
             node.get_logger().error(crowded)
-        for number in launcher.SIGNALS:
-            signal.signal(number, finish)
-        spin(node)
+        if not told:
+            spin(node)
         return 0
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0

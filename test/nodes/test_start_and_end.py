@@ -21,6 +21,23 @@ import saddlering_ros.nodes
 os.kill(os.getpid(), getattr(signal, sys.argv[2]))
 print('goes on')
 """
+MADE = """
+import os, signal, sys
+sys.argv[0], number = sys.argv[1:]
+from saddlering_ros.nodes.ring_alarm import RingAlarmNode
+from saddlering_ros.ros.streaming_node import leave, run
+
+class Dropped:  # what is raised in __del__ is printed and goes no further
+    def __del__(self):
+        os.kill(os.getpid(), getattr(signal, number))
+
+def make():
+    node = RingAlarmNode()
+    Dropped()
+    return node
+
+leave(run(make, lambda node: print('spins'), []))
+"""
 HELD = """
 import ctypes, gc, signal, sys
 from saddlering_ros.ros.streaming_node import leave
@@ -40,8 +57,8 @@ leave(0, longest=0.5)
 """
 
 
-def told_to_stop(program: str, number: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, '-c', CODE, program, number], capture_output=True,
+def told_to_stop(program: str, number: str, code: str = CODE) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, '-c', code, program, number], capture_output=True,
                           text=True, timeout=60, check=False)
 
 
@@ -51,6 +68,14 @@ def test_a_node_that_is_told_to_stop_while_it_imports_ends_with_status_0(number:
     assert (node.returncode, node.stdout, node.stderr) == (0, '', '')
     other = told_to_stop('/usr/bin/pytest', number)
     assert other.returncode == -getattr(signal, number)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('number', ['SIGINT', 'SIGTERM'])
+def test_a_node_that_is_told_to_stop_while_it_is_made_ends_with_status_0(number: str) -> None:
+    node = told_to_stop('/opt/lib/saddlering_ros/ring_alarm', number, MADE)
+    assert (node.returncode, node.stdout) == (0, '')
+    assert 'Traceback' not in node.stderr
 
 
 @pytest.mark.parametrize('fault', ['hung', 'crashed'])
