@@ -165,6 +165,13 @@ VERDICT_WORDS = {
 }
 """A verdict in words: console, report, and the page of any simulator."""
 
+
+def verdict_line(verdict: str) -> str:
+    """The verdict and what it means."""
+    return f'verdict: {verdict} ({VERDICT_WORDS[verdict]})'
+
+
+
 MATERIAL = 1e-3
 """Share of a channel's range below which a misfit is immaterial."""
 

@@ -20,6 +20,7 @@ from saddlering_ros.diagnosis.ring_wording import causes_of, document_text, Verd
 from saddlering_ros.identification import Identification, Validation
 from saddlering_ros.identification.result import identification_text
 from saddlering_ros.identification.validation import Criterion, judge, validation_text
+from saddlering_ros.quantities import verdict_line
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, write_parameters
 
 if TYPE_CHECKING:
@@ -372,7 +373,7 @@ class DiagnosisResult(ParametricResult):
     def _headline(self) -> str:
         from saddlering_ros.diagnosis.ring_wording import headline
 
-        return f'Verdict: {self.verdict}. {headline(self.document)}'
+        return f'{verdict_line(self.verdict).capitalize()}. {headline(self.document)}'
 
 
 @dataclass(frozen=True, repr=False)

@@ -14,7 +14,7 @@ from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
 from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry, wording
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.uncertainty import undetermined_words
-from saddlering_ros.quantities import lowered, percent, quantity
+from saddlering_ros.quantities import lowered, percent, quantity, verdict_line
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
 
 Shares = dict[str, float]
@@ -362,7 +362,7 @@ def shape_words(shape: ShapeEntry) -> str:
 def document_text(document: VerdictDocument) -> str:
     """Verdict, next test, misfit reduction, open questions, in plain lines."""
     verdict = document['verdict']
-    lines = [wording.verdict_line(verdict), headline(document),
+    lines = [verdict_line(verdict), headline(document),
              partial_words(document), gain_sentence(document),
              *wording.certainty_lines(document, lowered_titles), tried(document)]
     if document['next_test']:

@@ -160,13 +160,13 @@ def with_diagnosis(job: Job, document: VerdictDocument) -> Job:
         partial_words,
     )
     from saddlering_ros.discrepancy import wording
-    from saddlering_ros.quantities import VERDICT_WORDS
+    from saddlering_ros.quantities import verdict_line
 
     verdict, following = document['verdict'], document.get('next_test')
     lines = (f'Next test: {following}' if following else '',
              partial_words(document), gain_sentence(document),
              *wording.certainty_lines(document, lowered_titles))
-    return replace(job, verdict=verdict, title=f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}',
+    return replace(job, verdict=verdict, title=verdict_line(verdict).capitalize(),
                    words=headline(document), lines=list(filter(None, lines)))
 
 

@@ -16,6 +16,7 @@ from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import check_ending, PAGE_ENDINGS, write_text
 from saddlering_ros.pages import interactive
 from saddlering_ros.pages.charts import Chart, draw
+from saddlering_ros.quantities import verdict_line
 
 RESOLUTION, COLOURS = 100, 128
 """Pixels per inch and number of colours of a picture, which needs a third of the bytes without a
@@ -111,9 +112,15 @@ def paragraph(text: str, kind: str = '') -> str:
     return f'<p{_class(kind)}>{escape(text)}</p>'.replace(' %', '\u00a0%') if text else ''
 
 
-def verdict(kind: str, *parts: str) -> str:
-    """The frame at the head of a page with what has been found; kind: the verdict."""
+def found(kind: str, *parts: str) -> str:
+    """The frame at the head of a page with what has been found; kind: of a verdict."""
     return f'<div class="verdict {kind}">' + '\n'.join(filter(None, parts)) + '</div>'
+
+
+def verdict(kind: str, headline: str, *parts: str) -> str:
+    """The frame of a verdict, which begins with what it means."""
+    return found(kind, paragraph(verdict_line(kind).capitalize(), 'soft'),
+                 paragraph(headline, 'headline'), *parts)
 
 
 def bullets(lines: Sequence[str]) -> str:

@@ -14,7 +14,7 @@ from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import Chart, Panel
 from saddlering_ros.pages.html import Cell, code, number
-from saddlering_ros.quantities import probability, quantity
+from saddlering_ros.quantities import probability, quantity, verdict_line
 from saddlering_ros.report import reports
 from saddlering_ros.report.figures import axis_label, MICRO
 from saddlering_ros.rig import FORCE_UNITS, PARAMETER_UNITS
@@ -23,7 +23,7 @@ from saddlering_ros.rig.description import WEAR_LIMITS
 
 def change_text(change: Change) -> str:
     """The comparison as the command prints it."""
-    lines = [f'verdict: {change.verdict}', change.headline, *(
+    lines = [verdict_line(change.verdict), change.headline, *(
         f'  p {probability(cause.p_value)}: {change_words(cause)}'
         for cause in change.diagnosis.causes)]
     lines += wording.certainty_lines(wording.certainty_document(change.diagnosis), lowered_names)
@@ -114,9 +114,8 @@ def write_change_page(change: Change, path: Path, command: str = '') -> None:
     html.write_page(path, html.page('What changed', [
         reports.head('What changed', change.rig, tests),
         html.verdict(
-            change.verdict, html.paragraph(f'Verdict: {change.verdict}', 'soft'),
-            html.paragraph(change.headline, 'headline'),
-            html.paragraph(f'Next: {change.next_test}' if change.next_test else '', 'next')),
+            change.verdict, change.headline,
+            html.paragraph(f'Next test: {change.next_test}' if change.next_test else '', 'next')),
         certainty(change.to_json(), lowered_names),
         html.section('Change of the later runs', html.picture(
             change_chart(change), 'change',

@@ -23,7 +23,6 @@ from saddlering_ros.quantities import (
     probability,
     quantity,
     span,
-    VERDICT_WORDS,
     WIDTH_95,
 )
 from saddlering_ros.report import figures
@@ -49,8 +48,7 @@ def verdict_banner(document: VerdictDocument, curves: Sequence[RunCurves] = ()) 
         for run in document['runs'] if bag_name(run['bag']) in shown
         for name, misfit in run['channels'].items() if name != 'parity']
     return html.verdict(
-        verdict, html.paragraph(f'Verdict: {verdict} – {VERDICT_WORDS[verdict]}', 'soft'),
-        html.paragraph(ring_wording.headline(document), 'headline'),
+        verdict, ring_wording.headline(document),
         html.paragraph(ring_wording.partial_words(document)),
         html.paragraph(f'Next test: {next_test}' if next_test else '', 'next'),
         html.paragraph(ring_wording.gain_sentence(document)),

@@ -131,7 +131,7 @@ def _banner(validation: Validation, curves: Sequence[RunCurves]) -> str:
             else f'The misfit of {SYMBOLS[name]} in {Path(run.name).name} is '
             f'{percent(misfit)} of its range; noise alone would give {percent(floor)}.')
     shown = [one for one in curves if one.name == Path(run.name).name]
-    return html.verdict(
+    return html.found(
         'none' if is_good else 'ambiguous', html.paragraph(said, 'headline'), html.paragraph(
             '' if is_good else 'saddlering diagnose on these bags looks for the missing cause.'),
         chapters.proof_picture(shown[0], name) if shown else '')

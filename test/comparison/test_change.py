@@ -145,6 +145,7 @@ def test_a_change_tells_how_certain_it_is(grown, tmp_path):
         probabilities={' or '.join(group): 0.9, 'none': 0.0, 'unknown': 0.1}))
     document, text = change.to_json(), change_text(change)
     words = 'dry friction in the radial row or change of a contact parameter'
+    assert text.startswith('verdict: named (the cause is identified)\n')
     assert f'Probabilities: {words} 90 %, ' in text
     assert f'{round(100 * document["stability"])} % of the refits have the same' in text
     assert 'The verdict is near its limit: it falls with a run.' in text
@@ -153,6 +154,7 @@ def test_a_change_tells_how_certain_it_is(grown, tmp_path):
     write_change_page(change, tmp_path / 'change.html')
     page = (tmp_path / 'change.html').read_text()
     assert {'refits', 'influence'} <= set(pictures_of(page))
+    assert 'Verdict: named (the cause is identified)' in page
     assert ' or contact_change' not in page
 
 

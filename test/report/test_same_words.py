@@ -43,7 +43,7 @@ def test_a_verdict_has_the_same_words_everywhere(verdict):
     banner = ' '.join(unescape(re.sub(r'<[^>]+>', ' ', chapters.verdict_banner(said))).split())
     for place in (console, banner, f'{answer.title} {answer.words} '
                   + ' '.join(answer.lines)):
-        assert VERDICT_WORDS[verdict] in place
+        assert f'erdict: {verdict} ({VERDICT_WORDS[verdict]})' in place
         assert answer.words in place
         assert 'Load twice as fast.' in place
     assert 'The verdict is near its limit: it falls with a run.' in answer.lines

@@ -13,7 +13,7 @@ from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import Chart, MAIN, Panel, ShadedBand, STRIP, Version
 from saddlering_ros.pages.html import code, number
-from saddlering_ros.quantities import probability, quantity, VERDICT_WORDS
+from saddlering_ros.quantities import probability, quantity, verdict_line
 
 PAUSE = 10.0
 """Times the usual step between two samples above which their line is broken."""
@@ -24,7 +24,6 @@ MAX_POINTS = 600
 
 def write_page(answer: Diagnosis, path: Path) -> None:
     """Write the page whole, or not at all."""
-    title = f'Verdict: {answer.verdict} ({VERDICT_WORDS[answer.verdict]})'
     along = next((rest.along for rest in answer.remainder), '')
     next_step = answer.next_test or {
         'none': 'none is needed; the detection limits state what these data could not show.',
@@ -50,10 +49,9 @@ def write_page(answer: Diagnosis, path: Path) -> None:
         [[answer.title_of(item.effect), number(quantity(item.limit, item.unit)),
           'yes' if item.testable else 'no'] for item in answer.observability.limits])
     channels = channels_of(answer)
-    html.write_page(path, html.page(title, [
+    html.write_page(path, html.page(verdict_line(answer.verdict).capitalize(), [
         html.verdict(
-            answer.verdict, html.paragraph(title, 'soft'),
-            html.paragraph(answer.headline, 'headline'),
+            answer.verdict, answer.headline,
             html.paragraph(f'Next step: {next_step}', 'next'), _proof(answer, channels)),
         html.section('Warnings', html.bullets(answer.warnings)),
         html.section('Causes', causes), certainty(

@@ -23,11 +23,6 @@ MAX_SURE = 0.99
 """Largest probability that is reported for alternatives."""
 
 
-def verdict_line(verdict: str) -> str:
-    """The verdict and what it means."""
-    return f'verdict: {verdict} ({quantities.VERDICT_WORDS[verdict]})'
-
-
 PREDICTED = {'held out': 'held-out runs', 'held out in turn': 'runs held out in turn'}
 """Runs that a gain was measured on beside the fitted ones, by `Gain.how`."""
 
@@ -421,7 +416,7 @@ def barely_taken_words(taken: float, needed: float) -> str:
 
 def summary_text(diagnosis: Diagnosis) -> str:
     """Verdict, causes, misfit reduction, parameters, warnings of a declared model."""
-    lines = [verdict_line(diagnosis.verdict), diagnosis.headline]
+    lines = [quantities.verdict_line(diagnosis.verdict), diagnosis.headline]
     for cause in diagnosis.causes:
         lines += cause_lines(
             cause.entry(), estimates_words(cause.parameters), diagnosis.title_of,
