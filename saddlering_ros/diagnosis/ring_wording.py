@@ -174,12 +174,10 @@ def headline(document: VerdictDocument) -> str:
         sizes.setdefault(tuple(cause['group']), []).append(size_of(cause))
     causes = [wording.cause_words([lowered(title_of(name)) for name in group], wording.joined(own))
               for group, own in sizes.items()]
-    if document.get('complete', True):
-        return wording.lacking_words(causes, None, '')
     rest = ''.join(wording.rest_words(most['share_of_range'], most['channel'])
                    for most in document.get('remainder', [])[:1])
     gain = document['gain']
-    return wording.lacking_words(causes, (gain['fit'], gain['held_out']), rest)
+    return wording.lacking_words(causes, gain['fit'], gain['held_out'], gain['how'], rest)
 
 
 def _where(document: VerdictDocument) -> str:

@@ -67,6 +67,17 @@ def test_a_headline_is_one_sentence_with_titles(verdict, rest):
     assert (' mainly ' in said) == bool(is_established and rest)
 
 
+def test_a_steady_line_beside_a_rest_is_told_without_the_gain_of_a_model():
+    line = {**document()['causes'][0], 'effect': 'mains_pickup', 'group': ['mains_pickup'],
+            'parameters': {name: {'value': value, 'std': 1e-8, 'unit': unit} for name, value, unit
+                           in (('cosine', 3e-6, 'm'), ('sine', 4e-6, 'm'),
+                               ('frequency', 50.0, 'Hz'))}}
+    assert headline(document(
+        'named', causes=[line], gain={'fit': 0.0, 'held_out': 0.0, 'how': 'none'}, complete=False,
+        remainder=[{'share_of_range': 0.004, 'channel': 'delta_y'}])).endswith(
+            'at 50.0 Hz); a rest of 0.40 % of range in delta_y fits no cause.')
+
+
 @pytest.mark.parametrize('verdict', VERDICT_WORDS)
 def test_the_headline_of_any_simulator_and_of_a_change_is_one_sentence(verdict):
     effect = Effect('Dry friction', {'size': Parameter(0.0, 1.0)}, id='friction')

@@ -70,10 +70,10 @@ def headline_of(diagnosis: Diagnosis) -> str:
                    for most in diagnosis.remainder[:1])
     if diagnosis.verdict == 'unknown':
         return f'{doubt_words(diagnosis.probabilities)}, and no cause is established{rest}.'
-    gain = None if diagnosis.complete else (diagnosis.gain.fit, diagnosis.gain.held_out)
+    gain = diagnosis.gain
     causes = dict.fromkeys(
         cause_words(list(map(diagnosis.title_of, cause.group))) for cause in diagnosis.causes)
-    return lacking_words(list(causes), gain, rest)
+    return lacking_words(list(causes), gain.fit, gain.held_out, gain.how, rest)
 
 
 def doubt_words(probabilities: Mapping[str, float]) -> str:
@@ -91,11 +91,14 @@ def cause_words(titles: Sequence[str], size: str = '') -> str:
 
 
 def lacking_words(
-    causes: Sequence[str], gain: tuple[float, float | None] | None, rest: str) -> str:
-    """Established causes; beside a rest with their gain on fitted and on held-out runs."""
-    if gain is None:
-        return f'The simulation lacks {joined(causes)}.'
-    share, kind = (gain[0], 'fitted') if gain[1] is None else (gain[1], 'held-out')
+    causes: Sequence[str], fitted: float, held_out: float | None, how: str, rest: str) -> str:
+    """Established causes, beside a rest with their gain; how: of `Gain`.
+
+    Steady lines alone have a gain of their own each, because they are no part of the model.
+    """
+    if not rest or how == 'none':
+        return f'The simulation lacks {joined(causes)}{rest}.'
+    share, kind = (fitted, 'fitted') if held_out is None else (held_out, 'held-out')
     return (f'The simulation lacks mainly {joined(causes)}: {percent(share)} of the misfit on '
             f'{kind} runs{rest}.')
 
@@ -426,7 +429,7 @@ def summary_text(diagnosis: Diagnosis) -> str:
                         '100 simulated draws.' for best in diagnosis.separations[:1])
         lines.append(f'next test: {diagnosis.next_test}{share}')
     gain = diagnosis.gain
-    if diagnosis.causes:
+    if diagnosis.causes and gain.how != 'none':
         lines.append(f'misfit reduction: {gain_words(gain.fit, gain.held_out, gain.how)}')
     lines += certainty_lines(certainty_document(diagnosis), diagnosis.title_of)
     if diagnosis.verdict == 'unknown':
