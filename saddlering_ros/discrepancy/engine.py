@@ -10,6 +10,7 @@ import time as clock
 
 import numpy as np
 
+from saddlering_ros.discrepancy.law.proposal import LawProposal
 from saddlering_ros.discrepancy.next_step import law_for, next_test_of
 from saddlering_ros.discrepancy.problem.fits import Fit, Tangent
 from saddlering_ros.discrepancy.problem.problem import Problem
@@ -22,8 +23,19 @@ from saddlering_ros.discrepancy.search.small_errors import search_among_small_er
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
 from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs
-from saddlering_ros.discrepancy.verdict.published import Publication, publish, stability_of
-from saddlering_ros.discrepancy.verdict.results import Diagnosis, Remainder, Residual, Verdict
+from saddlering_ros.discrepancy.verdict.published import (
+    Publication,
+    publish,
+    Stability,
+    stability_of,
+)
+from saddlering_ros.discrepancy.verdict.results import (
+    Cause,
+    Diagnosis,
+    Remainder,
+    Residual,
+    Verdict,
+)
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
 from saddlering_ros.progress import one_blas_thread
 
@@ -41,54 +53,20 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     search = selection.search_about(prepare(problem.with_runs(runs)) if slow_lines else start)
     observability = observed(search.begun)
     watch.progress('misfit reduction', 0.8)
-    answer = _answer(search)
-    is_open = answer.verdict == 'unknown' and bool(problem.system.effects)
-    if is_open and not problem.assumptions.is_persistent:
-        watch.progress('causes beside model error', 0.83)
-        is_exact = problem.assumptions.exact_laws
-        answer = _beside_error(answer) if is_exact else _among_small_errors(answer)
+    answer, (refits, near_limit, influence), is_other = _tested(_judged(search))
     space, fit, log = answer.search.space, answer.search.fit, search.log
     lines, immaterial, limits = find_steady_lines(space.problem, space.trials)
     log.immaterial += immaterial
-
-    refits, near_limit, influence = stability_of(
-        answer.search, answer.taken if answer.is_beside_error else None)
-    is_established = answer.verdict in ('named', 'ambiguous')
-    unshared = established.unshared(refits) if is_established else []
-    answer = answer.doubted(unshared)
-    confined = None if answer.verdict == 'none' else cause_of_some_runs(search.space, search.fit)
-    is_better = False
-    if confined is not None:
-        name, sentence = confined
-        is_better = not answer.is_beside_error and not any(
-            name in cause.group for cause in answer.published.causes)
-        answer = answer.doubted([sentence]) if is_better else answer.noted(sentence)
-    places = {name: selection.other_places(space, fit, name) for name in fit.candidate.ids
-              if answer.verdict in ('named', 'ambiguous')}
-    is_ambiguous = answer.verdict == 'ambiguous'
+    is_ambiguous, published = answer.verdict == 'ambiguous', answer.published
     if is_ambiguous:
         watch.progress('next test', 0.85)
     separations, by_held_out = next_test_of(
         answer.search, is_ambiguous=is_ambiguous, is_beside_error=answer.is_beside_error)
-    published, law = answer.published, None
-    if answer.verdict == 'unknown' and problem.assumptions.proposes_law:
-        watch.progress('search for a law', 0.9)
-        # Beside partial causes that explain much, else for all of the misfit. The published fits
-        # hold no nuisance parameters, which would take a share of the misfit from the law.
-        is_partial = answer.explained >= PARTIAL_SUBJECT
-        subject = published.fits.after if is_partial else published.fits.before
-        law = law_for(search.space, subject)
     steady = (*lines, *slow_lines)
     verdict: Verdict = 'named' if steady and answer.verdict == 'none' else answer.verdict
-    causes = sorted(
-        (replace(cause, partial=verdict == 'unknown', elsewhere=tuple(
-            other.point.effects[cause.effect] for other in places.get(cause.effect, ())))
-         for cause in (*published.causes, *steady)),
-        key=lambda cause: -cause.visible)
+    causes = _causes_of(answer, steady, is_partial=verdict == 'unknown')
     # A steady line that is found takes itself whole.
     taken = answer.taken if published.causes else float(bool(steady))
-    is_other = verdict == 'unknown' and bool(
-        unshared or is_better or established.other_laws(answer.search))
     # A misfit that noise and small errors of a sound machine explain is no sign of a cause.
     is_sound = not _left_in(search.space, search.space.base, answer.before)
     nothing = float(np.mean([refit.first is None for refit in refits])) if is_sound else None
@@ -107,7 +85,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.runs,
         fits=published.fits,
-        law=law,
+        law=_law_of(answer),
         residual_before=answer.before,
         residual_after=answer.after,
         observability=replace(observability, limits=(*observability.limits, *limits)),
@@ -154,6 +132,64 @@ class Answer:
     def noted(self, sentence: str) -> 'Answer':
         """The same with a sentence for the reader."""
         return replace(self, warnings=(*self.warnings, sentence))
+
+
+def _judged(search: Search) -> Answer:
+    """The verdict by noise alone, or if it is open by the rest as error of model or machine."""
+    answer, problem = _answer(search), search.space.problem
+    is_open = answer.verdict == 'unknown' and bool(problem.system.effects)
+    if not is_open or problem.assumptions.is_persistent:
+        return answer
+    problem.watch.progress('causes beside model error', 0.83)
+    return (_beside_error if problem.assumptions.exact_laws else _among_small_errors)(answer)
+
+
+def _tested(answer: Answer) -> tuple[Answer, Stability, bool]:
+    """An answer after refits and a look at each run alone.
+
+    With it its stability, and whether a law that is not in it does as well or better.
+    """
+    search = answer.search
+    stability = stability_of(search, answer.taken if answer.is_beside_error else None)
+    is_established = answer.verdict in ('named', 'ambiguous')
+    unshared = established.unshared(stability[0]) if is_established else []
+    answer = answer.doubted(unshared)
+    confined = None if answer.verdict == 'none' else cause_of_some_runs(search.space, search.fit)
+    is_better = False
+    if confined is not None:
+        name, sentence = confined
+        is_better = not answer.is_beside_error and not any(
+            name in cause.group for cause in answer.published.causes)
+        answer = answer.doubted([sentence]) if is_better else answer.noted(sentence)
+    return answer, stability, answer.verdict == 'unknown' and bool(
+        unshared or is_better or established.other_laws(search))
+
+
+def _causes_of(answer: Answer, steady: Sequence[Cause], *, is_partial: bool) -> list[Cause]:
+    """Published causes with other places of established ones, and steady lines, largest first."""
+    space, fit = answer.search.space, answer.search.fit
+    places = {name: selection.other_places(space, fit, name) for name in fit.candidate.ids
+              if answer.verdict in ('named', 'ambiguous')}
+    return sorted(
+        (replace(cause, partial=is_partial, elsewhere=tuple(
+            other.point.effects[cause.effect] for other in places.get(cause.effect, ())))
+         for cause in (*answer.published.causes, *steady)),
+        key=lambda cause: -cause.visible)
+
+
+def _law_of(answer: Answer) -> LawProposal | None:
+    """The law that is proposed for an open misfit.
+
+    Beside partial causes that explain much, else for all of the misfit. The published fits hold
+    no nuisance parameters, which would take a share of the misfit from the law.
+    """
+    problem = answer.search.space.problem
+    if answer.verdict != 'unknown' or not problem.assumptions.proposes_law:
+        return None
+    problem.watch.progress('search for a law', 0.9)
+    fits = answer.published.fits
+    return law_for(answer.search.space,
+                   fits.after if answer.explained >= PARTIAL_SUBJECT else fits.before)
 
 
 def _answer(search: Search) -> Answer:

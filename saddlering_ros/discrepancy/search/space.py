@@ -149,13 +149,22 @@ class ModelSpace:
         """Misfit plus the penalty of its parameters (BIC)."""
         return fit.misfit + fit.theta_unit.size * self.log_size
 
-    def continued(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
-        """The same fits after further rounds."""
+    def continued(
+        self, fits: Sequence[Fit], rounds: int, begun_at: Fit | None = None
+    ) -> list[Fit]:
+        """The same fits after further rounds.
+
+        A fit whose base is not that of `begun_at` began at the declared start, which is far from
+        where it leads: there all columns are differenced.
+        """
         count = len(self.problem.system.base_parameters)
+        far = [begun_at is not None and not np.array_equal(
+            fit.theta_unit[:count], begun_at.theta_unit[:count]) for fit in fits]
         return run_refits(self.metric, [
-            refit(self.metric, fit.candidate, fit.theta_unit, fit.jacobian[:, :count],
-                  rounds=rounds, known_start=fit)
-            for fit in fits
+            refit(self.metric, fit.candidate, fit.theta_unit,
+                  None if is_far else fit.jacobian[:, :count], rounds=rounds,
+                  known_start=None if is_far else fit)
+            for fit, is_far in zip(fits, far, strict=True)
         ])
 
     def foreseen(self, fit: Fit) -> float:
@@ -183,23 +192,6 @@ class ModelSpace:
                   fresh_base=score.amplitude_dependent)
             for score, starts in trials for theta, columns in places for start in starts])
         return [one for one in begun if np.isfinite(one.misfit)]
-
-    def followed(
-        self, fit: Fit, trials: Sequence[Trial], starts: Sequence[Fit], rounds: int
-    ) -> list[Fit]:
-        """Models `started` beside stopped base parameters, after so many rounds.
-
-        A declared start is far from where it leads: there all columns are differenced.
-        """
-        count = len(self.problem.system.base_parameters)
-        columns = self.tangent_of(fit).white[:, :count]
-        fresh = {fit.candidate.plus(score.effect, score.variant).key for score, _ in trials
-                 if score.amplitude_dependent}
-        near = [np.array_equal(one.theta_unit[:count], fit.theta_unit[:count]) for one in starts]
-        return run_refits(self.metric, [
-            refit(self.metric, one.candidate, one.theta_unit, columns if is_near else None,
-                  rounds=rounds, fresh_base=is_near and one.candidate.key in fresh)
-            for one, is_near in zip(starts, near, strict=True)])
 
     def stopped_base(self, fit: Fit) -> Array:
         """Mask (B,) of base parameters at a bound, which may imitate an effect.
@@ -306,8 +298,7 @@ def raced_from(
     going, resting = _split(space, fit, screened, beside, SCREENED_SHARE)
     if len(going) > MAX_RACED:  # A model whose refit has not ended promises a gain with anything.
         going.sort(key=space.foreseen)
-    raced = (space.followed(fit, trials, going[:MAX_RACED], rounds)
-             if space.stopped_base(fit).any() else space.continued(going[:MAX_RACED], rounds))
+    raced = space.continued(going[:MAX_RACED], rounds, begun_at=fit)
     return [*resting, *going[MAX_RACED:], *raced]
 
 

@@ -371,13 +371,14 @@ def predicted_residuals(problem: Problem, fit: Fit) -> list[Array]:
     return residuals
 
 
-def stability_of(
-    search: Search, taken: float | None
-) -> tuple[tuple[Refit, ...], tuple[str, ...], tuple[results.Influence, ...]]:
+Stability = tuple[tuple[Refit, ...], tuple[str, ...], tuple[results.Influence, ...]]
+"""Refits of all models, why the verdict is near its limit, and what each stretch adds."""
+
+
+def stability_of(search: Search, taken: float | None) -> Stability:
     """How far the verdict on a model hangs on runs, on model error and on chance.
 
-    Refits of all models, why the verdict is near its limit, and what each stretch adds. taken:
-    share of the misfit that causes beside model error take.
+    taken: share of the misfit that causes beside model error take.
     """
     space, fit, refits = search.space, search.fit, _refits(search)
     titles = {'': 'none', **space.problem.titles}
