@@ -176,8 +176,10 @@ def headline(document: VerdictDocument) -> str:
               for group, own in sizes.items()]
     rest = ''.join(wording.rest_words(most['share_of_range'], most['channel'])
                    for most in document.get('remainder', [])[:1])
+    if not rest:
+        return wording.lacking_words(causes)
     gain = document['gain']
-    return wording.lacking_words(causes, gain['fit'], gain['held_out'], gain['how'], rest)
+    return wording.lacking_words(causes, rest, gain['fit'], gain['held_out'], gain['how'])
 
 
 def _where(document: VerdictDocument) -> str:

@@ -185,8 +185,7 @@ def a_line(cosine: float, sine: float, frequency: float) -> dict:
 
 def test_lines_are_told_in_one_phrase_with_amplitudes_and_frequencies():
     causes = [a_line(1.2e-6, 1.6e-6, 50.0), a_line(-3.58e-7, 0.0, 100.0)]
-    gain = {'fit': 0.0, 'held_out': 0.0, 'how': 'none'}
-    assert headline({'verdict': 'named', 'causes': causes, 'gain': gain}) == (
+    assert headline({'verdict': 'named', 'causes': causes}) == (
         'The simulation lacks mains pickup (probe 2 amplitude 2.00 µm at 50.0 Hz and '
         'probe 2 amplitude 358 nm at 100 Hz).')
     assert parameter_words(causes[0]) == 'probe 2, amplitude 2.00 µm, frequency 50.0 Hz'

@@ -73,7 +73,7 @@ def headline_of(diagnosis: Diagnosis) -> str:
     gain = diagnosis.gain
     causes = dict.fromkeys(
         cause_words(list(map(diagnosis.title_of, cause.group))) for cause in diagnosis.causes)
-    return lacking_words(list(causes), gain.fit, gain.held_out, gain.how, rest)
+    return lacking_words(list(causes), rest, gain.fit, gain.held_out, gain.how)
 
 
 def doubt_words(probabilities: Mapping[str, float]) -> str:
@@ -91,7 +91,8 @@ def cause_words(titles: Sequence[str], size: str = '') -> str:
 
 
 def lacking_words(
-    causes: Sequence[str], fitted: float, held_out: float | None, how: str, rest: str) -> str:
+    causes: Sequence[str], rest: str = '', fitted: float = 0.0, held_out: float | None = None,
+    how: str = 'none') -> str:
     """Established causes, beside a rest with their gain; how: of `Gain`.
 
     Steady lines alone have a gain of their own each, because they are no part of the model.
