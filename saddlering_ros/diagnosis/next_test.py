@@ -75,13 +75,17 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
         first = '' if all(run.rig_hash == rig.digest for run in runs) else (
             f'First compare the rig file with the ring ({rig_in_words(rig)}): saddlering rig '
             '--check BAG and its drawing show a wrong dimension, span, polarity or elevation.')
-        return ' '.join(filter(None, (free, first, for_residual(diagnosis.residual_after))))
+        group = next((cause.group for cause in diagnosis.causes if len(cause.group) > 1), ())
+        sentence = for_group(group, diagnosis.separations) if group else None
+        parting = sentence and f'If the cause is {_either(group)}: {sentence}'
+        rest = for_residual(diagnosis.residual_after, is_only=not parting)
+        return ' '.join(filter(None, (free, first, parting, rest)))
     entries = entries_of(rig, diagnosis.causes)
     first = ('First compare the rig file with the drawing and the ring: '
              f'{", ".join(entries)}.') if entries else ''
     named = diagnosis.causes[0].effect
     open_groups = [cause.group for cause in diagnosis.causes if len(cause.group) > 1]
-    sentence: str | None = ''
+    sentence = ''
     if open_groups:
         sentence = for_group(open_groups[0], diagnosis.separations) or next(
             (catalogue()[name].settled_by for name in open_groups[0]
@@ -95,12 +99,15 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
     return ' '.join(filter(None, (free, first, sentence, places)))
 
 
-def for_residual(after: discrepancy.Residual) -> str:
+def for_residual(after: discrepancy.Residual, *, is_only: bool = True) -> str:
     """The test for the largest part of the misfit that no cause explains; else the least likely.
 
-    Among shapes that are all within chance, the largest one is that of the noisiest channel.
+    Among shapes that are all within chance, the largest one is that of the noisiest channel. If
+    there is another test (not is_only), such shapes need none.
     """
     shapes = [shape for shape in after.shapes if is_left(shape.p_value, shape.visible)]
+    if not (shapes or is_only or after.fast.visible >= MATERIAL):
+        return ''
     largest = (max(shapes, key=lambda shape: shape.visible) if shapes else
                min(after.shapes, key=lambda shape: shape.p_value))
     fast, channel = after.fast, largest.view
@@ -159,7 +166,27 @@ def for_group(effects: Sequence[str], separations: Sequence[discrepancy.Separati
     share, low, high = (round(100.0 * value) for value in (best.share, *best.interval))
     words = (f'In {share} of 100 simulated draws, this test leaves the true cause alone '
              f'(95 % interval {low} to {high}).')
-    return ' '.join(filter(None, (best.proposal.sentence, meanings, words)))
+    return ' '.join(filter(None, (
+        best.proposal.sentence, meanings, _parted(effects, best.together), words)))
+
+
+def _parted(effects: Sequence[str], together: Sequence[Sequence[Sequence[str]]]) -> str:
+    """Which alternatives a simulated test parts, and which it leaves open; '' if none is known."""
+    left = [[name for name in effects if any(name in model for model in models)]
+            for models in together]
+    left = [names for names in left if len(names) > 1]
+    alone = [name for name in effects if not any(name in names for names in left)]
+    if not left:
+        return 'It parts all of these causes.' if together else ''
+    words = [f'it leaves open {_either(names)}' for names in left]
+    if alone:
+        titles = discrepancy.wording.joined([lowered(title_of(name)) for name in alone])
+        words.insert(0, f'it parts {titles} from all others')
+    return _capital('; '.join(words)) + '.'
+
+
+def _either(effects: Sequence[str]) -> str:
+    return ' or '.join(lowered(title_of(name)) for name in effects)
 
 
 def between(effects: Sequence[str]) -> str | None:

@@ -57,11 +57,11 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     space, fit, log = answer.search.space, answer.search.fit, search.log
     lines, immaterial, limits = find_steady_lines(space.problem, space.trials)
     log.immaterial += immaterial
-    is_ambiguous, published = answer.verdict == 'ambiguous', answer.published
-    if is_ambiguous:
+    published = answer.published
+    if any(len(cause.group) > 1 for cause in published.causes):
         watch.progress('next test', 0.85)
     separations, by_held_out = next_test_of(
-        answer.search, is_ambiguous=is_ambiguous, is_beside_error=answer.is_beside_error)
+        answer.search, is_beside_error=answer.is_beside_error)
     steady = (*lines, *slow_lines)
     verdict: Verdict = 'named' if steady and answer.verdict == 'none' else answer.verdict
     causes = _causes_of(answer, steady, is_partial=verdict == 'unknown')

@@ -42,6 +42,10 @@ from saddlering_ros.discrepancy.verdict.results import HeldOutEvidence, Separati
 DRAWS = 100
 """Number of draws with each model as the truth: a share is known to 10 % at worst (95 %)."""
 
+MAX_BESIDE = 0.5
+"""Share of the draws up to which a wrong cause may stay beside the true one that a test parts from
+it."""
+
 JOINT_FITS = 2
 """Fits of open models to all runs: the noise is learnt from a model that does not know the
 held-out runs, and then from the best one that does."""
@@ -52,9 +56,9 @@ between the ripple of a load and the smallest reversal of a test."""
 
 
 def next_test_of(
-    search: Search, *, is_ambiguous: bool, is_beside_error: bool
+    search: Search, *, is_beside_error: bool
 ) -> tuple[tuple[Separation, ...], tuple[HeldOutEvidence, ...]]:
-    """Tests of an ambiguous verdict, the best first, and what held-out runs say of any open one.
+    """Tests that part open models, the best first, and what held-out runs say of these.
 
     is_beside_error: whether the models are judged beside learnt error of the model.
     """
@@ -72,8 +76,7 @@ def next_test_of(
         space, fits, own, less, np.array([fits[place].theta_unit.size for place in own]),
         floor=alternative_floor(space.pairs, space.settings),
         excess=max(space.slow_residual(fit).excess, 0.0))
-    return (models.separations() if is_ambiguous else (),
-            models.judged_by_held_out(is_beside_error=is_beside_error))
+    return models.separations(), models.judged_by_held_out(is_beside_error=is_beside_error)
 
 
 @dataclass(frozen=True)
@@ -95,8 +98,10 @@ class _OpenModels:
     def separations(self) -> tuple[Separation, ...]:
         """Each proposed test with each model as the truth in turn, the best test first."""
         answers, random = [], np.random.default_rng(self.space.settings.seed)
+        causes = [self.fits[place].candidate.ids for place in self.own]
         for proposal, forecasts in self._forecast_each(self.space.problem.proposals):
-            alone, kept, by_truth = 0, 0, {}
+            alone, kept, by_truth = 0, 0, dict.fromkeys(causes, 0.0)
+            together = {one: {one} for one in causes}
             for truth, place in enumerate(self.own):
                 results = forecasts[place].drawn(random, DRAWS)
                 misfits = np.array([
@@ -104,10 +109,19 @@ class _OpenModels:
                     for fit, forecast in zip(self.fits, forecasts, strict=True)])
                 left = [self._left(column) for column in misfits.T]
                 kept += sum(truth in models for models in left)
-                single = sum(models == [truth] for models in left)
+                # A cause at another place, such as another probe, is the same cause.
+                single = sum({causes[model] for model in models} == {causes[truth]}
+                             for models in left)
                 alone += single
-                by_truth[self.fits[place].candidate.ids] = single / DRAWS
-            answers.append(Separation(proposal, DRAWS * len(self.own), alone, kept, by_truth))
+                by_truth[causes[truth]] += single / DRAWS / causes.count(causes[truth])
+                for other, cause in enumerate(causes):
+                    if sum(other in models for models in left) > MAX_BESIDE * DRAWS:
+                        joined = together[causes[truth]] | together[cause]
+                        together.update(dict.fromkeys(joined, joined))
+            answers.append(Separation(
+                proposal, DRAWS * len(self.own), alone, kept, by_truth,
+                tuple(dict.fromkeys(tuple(one for one in together if one in together[cause])
+                                    for cause in together))))
         return tuple(sorted(answers, key=lambda answer: (-answer.alone, -answer.kept)))
 
     def judged_by_held_out(self, *, is_beside_error: bool) -> tuple[HeldOutEvidence, ...]:

@@ -1,6 +1,6 @@
 """Claims about the next test of a verdict: specific, with an outcome for every cause."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import combinations
 import math
 from types import SimpleNamespace
@@ -92,6 +92,31 @@ def test_the_simulated_test_of_a_group_states_its_outcomes_and_how_often_it_is_e
     assert 'a loop whose height depends on the rate means creep of the oil film' in sentence
     assert sentence.endswith('In 87 of 100 simulated draws, this test leaves the true cause alone '
                              '(95 % interval 79 to 92).')
+
+
+@pytest.mark.parametrize(('together', 'words'), [
+    (((('load_gain',),), (('load_offset',),), (('moment_arm',),)),
+     'It parts all of these causes.'),
+    (((('load_gain',), ('load_offset',)), (('moment_arm',),)),
+     'It parts wrong moment arm from all others; it leaves open load gain error or load zero '
+     'offset.'),
+    (((('load_gain',), ('load_offset',), ('moment_arm',)),),
+     'It leaves open load gain error or load zero offset or wrong moment arm.')])
+def test_a_simulated_test_states_which_alternatives_it_parts(together, words):
+    group = ('load_gain', 'load_offset', 'moment_arm')
+    (one,) = simulated('other_elevation', 0.87)
+    sentence = next_test.for_group(group, [replace(one, together=together)])
+    assert words in sentence
+    found = SimpleNamespace(
+        verdict='unknown', held_out_evidence=(), separations=[replace(one, together=together)],
+        causes=[SimpleNamespace(effect='load_gain', group=group)],
+        residual_after=SimpleNamespace(fast=STILL, shapes=[]))
+    told = next_test.next_test(found, [], default_rig())
+    assert told == f'If the cause is {told_titles(group)}: {sentence}'
+
+
+def told_titles(group) -> str:
+    return ' or '.join(lowered(title_of(name)) for name in group)
 
 
 def test_a_test_that_cannot_be_simulated_comes_before_a_simulated_one_that_separates_little():

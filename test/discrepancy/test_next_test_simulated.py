@@ -79,6 +79,20 @@ def test_a_direct_measurement_of_one_cause_separates_the_group():
     assert share_of('direct') > 0.95
 
 
+def test_an_unknown_cause_with_alternatives_gets_the_test_that_parts_them():
+    """A wave that no effect has keeps the cause from being established."""
+    wave = 0.01 * np.sin(2.0 * np.pi * TIME / 2.7) * LOAD
+    run = measured('first', {'parabola': {'size': 0.1}}, 1)
+    tests = [proposed('same'), proposed('fast')]
+    found = diagnose_system(Problem(
+        Spring(), [replace(run, channels=run.channels + wave)], proposals=tests))
+    assert (found.verdict, found.causes[0].group) == ('unknown', ('parabola', 'rate'))
+    assert found.next_test == 'Load the fast way.'
+    fast, same = (one.together for one in found.separations)
+    assert fast == ((('parabola',),), (('rate',),))
+    assert same == ((('parabola',), ('rate',)),)
+
+
 def test_the_true_cause_is_kept_whatever_the_test():
     assert all(item.kept == item.draws for item in verdict().separations)
 

@@ -217,8 +217,9 @@ class HeldOutEvidence:
 class Separation:
     """Result of a proposed test in simulated draws.
 
-    draws: over all truths; alone: draws that leave only the true model; kept: draws that leave
-    it at all; by_truth: share of the draws that leave only the true model, for each truth.
+    draws: over all truths; alone: draws that leave only the true cause; kept: draws that leave
+    its model at all; by_truth: share of the draws that leave only the true cause, for each truth;
+    together: the open models by their effects, those that the test does not part as one.
     """
 
     proposal: Proposal
@@ -226,10 +227,11 @@ class Separation:
     alone: int
     kept: int
     by_truth: Mapping[tuple[str, ...], float]
+    together: tuple[tuple[tuple[str, ...], ...], ...] = ()
 
     @property
     def share(self) -> float:
-        """Share of the draws that leave only the true model."""
+        """Share of the draws that leave only the true cause."""
         return self.alone / self.draws
 
     @property

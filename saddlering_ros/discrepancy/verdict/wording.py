@@ -426,8 +426,10 @@ def summary_text(diagnosis: Diagnosis) -> str:
             cause.entry(), estimates_words(cause.parameters), diagnosis.title_of,
             diagnosis.gain.how)
     if diagnosis.next_test:
-        share = ''.join(f' The test leaves the true cause alone in {round(100 * best.share)} of '
-                        '100 simulated draws.' for best in diagnosis.separations[:1])
+        share = ''.join(
+            ' If the true cause is an alternative, the test leaves it alone in '
+            f'{round(100 * best.share)} of 100 simulated draws.'
+            for best in diagnosis.separations[:1])
         lines.append(f'next test: {diagnosis.next_test}{share}')
     gain = diagnosis.gain
     if diagnosis.causes and gain.how != 'none':
