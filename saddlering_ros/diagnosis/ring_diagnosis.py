@@ -21,7 +21,7 @@ from saddlering_ros.doubts.wiring import wiring_first
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.errors import Cancelled
 from saddlering_ros.identification import Identification, IdentificationError, identify
-from saddlering_ros.identification.uncertainty import distinct_elevations
+from saddlering_ros.identification.uncertainty import distinct_elevations, MAX_SOUND
 from saddlering_ros.progress import IsCancelled, OnProgress, Progress
 from saddlering_ros.record import Record
 from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig
@@ -85,6 +85,12 @@ def diagnose_ring(
         diagnosis = diagnosis.as_none()
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '
                      'coarse probes')
+    if (diagnosis.verdict == 'none' and not isinstance(alone, str)
+            and alone.sound_factor > MAX_SOUND):
+        notes.append(
+            f'identify finds {alone.sound_factor:.2f} times the misfit of noise and small errors '
+            'of a sound ring: smooth errors of the contact law, delays and noise of the load can '
+            'explain this here, and so could a small cause')
     sentence = ' '.join(filter(None, (
         wiring_first(rig, [record.test_run for record in records]),
         next_test(diagnosis, [*runs, *hold_out], rig))))

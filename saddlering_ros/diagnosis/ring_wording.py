@@ -10,7 +10,7 @@ from typing import Any, cast, TypedDict
 
 from saddlering_ros import quantities
 from saddlering_ros.diagnosis.proposed_law import proposal_lines
-from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
+from saddlering_ros.diagnosis.rig_dimensions import ENTRIES, title_of_dimension
 from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry, wording
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.uncertainty import undetermined_words
@@ -214,18 +214,35 @@ def tried(document: VerdictDocument) -> str:
 
 
 def _sound_words(document: VerdictDocument) -> str:
-    """Where small errors of a sound ring explain the residual: the channel with the largest."""
-    cases = [(channel['nrmse_before'] or 0.0, name, channel['noise_floor'],
-              channel.get('sound') or 0.0)
+    """Where small errors of a sound ring explain the residual: the channel with the largest.
+
+    One beyond what `validate` allows comes first, with the size of a cause that it may hide.
+    """
+    cases = [(misfit > quantities.allowed_misfit(floor, sound), misfit, floor, sound, name)
              for run in document['runs'] for name, channel in run['channels'].items()
-             if name != 'parity' and (channel['nrmse_before'] or 0.0)
-             > quantities.allowed_misfit(channel['noise_floor'])]
+             for misfit, floor, sound in [(channel['nrmse_before'] or 0.0,
+                                           channel['noise_floor'] or 0.0,
+                                           channel.get('sound') or 0.0)]
+             if name != 'parity' and misfit > quantities.allowed_misfit(floor)]
     if not cases:
         return ''
-    misfit, name, floor, sound = max(cases, key=lambda case: case[0])
-    but = 'where' if misfit <= quantities.allowed_misfit(floor, sound) else 'although only'
+    is_more, misfit, floor, sound, name = max(cases)
+    expected = percent(math.hypot(floor, sound))
+    hidden = percent(math.sqrt(misfit**2 - floor**2))
+    but = (f'although noise and these leave only {expected} rms: a cause of up to {hidden} of '
+           'range may be hidden there' if is_more else
+           f'where noise and these leave {expected} rms')
     return ('or the effect of unequal rollers, clearances and the weight of a sound ring '
-            f'({percent(misfit)} of range in {name}, {but} {percent(sound)} rms is expected), ')
+            f'({percent(misfit)} of range in {name}, {but}), ')
+
+
+def _unseen_errors(document: VerdictDocument) -> str:
+    """With `none`, the errors of the rig file that these data might not show."""
+    sizes = [f'{ENTRIES[limit["effect"]]} {quantity(limit["limit"], limit["unit"], digits=2)}'
+             for limit in document.get('detection_limits') or []
+             if limit['effect'] in ENTRIES and limit['testable']]
+    return ('Errors of the rig file below these sizes may not show: '
+            f'{", ".join(sizes)}.') if sizes and document['verdict'] == 'none' else ''
 
 
 def gain_sentence(document: VerdictDocument) -> str:
@@ -364,7 +381,8 @@ def document_text(document: VerdictDocument) -> str:
     verdict = document['verdict']
     lines = [verdict_line(verdict), headline(document),
              partial_words(document), gain_sentence(document),
-             *wording.certainty_lines(document, lowered_titles), tried(document)]
+             *wording.certainty_lines(document, lowered_titles), tried(document),
+             _unseen_errors(document)]
     if document['next_test']:
         lines.append(f'next test: {document["next_test"]}')
     lines = [*filter(None, lines), '']

@@ -352,7 +352,8 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
         words.append(
             f'the misfit is {np.sqrt(trust.reduced_chi_square):.2f} times the noise, and '
             f'{trust.sound_factor:.2f} times what noise and small errors of a sound ring leave: '
-            f'intervals are widened and may be biased ({advice})')
+            f'intervals are widened and may be biased ({advice}; it finds none where smooth '
+            'errors of the contact law, delays or noise of the load can explain this)')
     if open_names:
         words.append(f'{UNDETERMINED}: {", ".join(open_names)}')
     status = '; '.join(words) or 'identified'

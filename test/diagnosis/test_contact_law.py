@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.bags import read_run
+from saddlering_ros.diagnosis import ring_diagnosis
 from saddlering_ros.diagnosis.verdict import contact_law
 from saddlering_ros.discrepancy import Estimate
 from saddlering_ros.identification import identify
@@ -28,6 +29,17 @@ def runs_fixture():
 @pytest.fixture(name='found', scope='module')
 def found_fixture(runs):
     return identify(runs, RIG)
+
+
+def test_none_explains_a_factor_of_identify_that_is_more_than_a_sound_ring_leaves(
+        campaign, monkeypatch):
+    run = read_run(campaign(runs=('static_50',))[0])
+    alone = identify([run], RIG)
+    monkeypatch.setattr(ring_diagnosis, 'MAX_SOUND', 0.5 * alone.sound_factor)
+    found = ring_diagnosis.diagnose_ring([run], rig=RIG)
+    assert found.verdict == 'none'
+    (note,) = [one for one in found.notes if one.startswith('identify finds ')]
+    assert note.startswith(f'identify finds {alone.sound_factor:.2f} times the misfit of noise')
 
 
 def diagnosis(causes=(), std=0.001):

@@ -12,10 +12,16 @@ from saddlering_ros.bags import read_run
 from saddlering_ros.diagnosis import diagnose_ring, next_test
 from saddlering_ros.diagnosis.next_test import on_slewed_ring, propose, with_swapped_probes
 from saddlering_ros.diagnosis.rig_dimensions import entries_of
-from saddlering_ros.diagnosis.ring_wording import headline, parameter_words, size_of, title_of
+from saddlering_ros.diagnosis.ring_wording import (
+    document_text,
+    headline,
+    parameter_words,
+    size_of,
+    title_of,
+)
 from saddlering_ros.discrepancy import Point, Separation
 from saddlering_ros.discrepancy.next_step import HeldOutEvidence
-from saddlering_ros.discrepancy.verdict.wording import free_test_words
+from saddlering_ros.discrepancy.verdict.wording import almost_a_cause_words, free_test_words
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import Outcomes, RIG_TESTS
 from saddlering_ros.quantities import lowered
@@ -214,6 +220,45 @@ def test_lines_are_told_in_one_phrase_with_amplitudes_and_frequencies():
         'The simulation lacks mains pickup (probe 2 amplitude 2.00 µm at 50.0 Hz and '
         'probe 2 amplitude 358 nm at 100 Hz).')
     assert parameter_words(causes[0]) == 'probe 2, amplitude 2.00 µm, frequency 50.0 Hz'
+
+
+def sound(**channels: tuple[float, float, float]) -> dict:
+    """A verdict `none` with misfit, noise and small errors of each channel of its run."""
+    return {'verdict': 'none', 'causes': [], 'notes': [], 'next_test': None,
+            'gain': {'fit': 0.0, 'held_out': None, 'how': 'none'},
+            'parameters': {'before': {}, 'after': {}},
+            'runs': [{'bag': 'dynamic_70', 'held_out': False, 'channels': {
+                name: {'nrmse_before': misfit, 'noise_floor': floor, 'sound': small}
+                for name, (misfit, floor, small) in channels.items()}}]}
+
+
+def test_none_states_what_noise_and_a_sound_ring_leave_where_the_misfit_is_more_than_noise():
+    said = headline(sound(delta_y=(0.015, 0.0045, 0.018), gamma=(0.004, 0.001, 0.004)))
+    assert '(1.5 % of range in delta_y, where noise and these leave 1.9 % rms)' in said
+
+
+def test_none_states_the_size_of_a_cause_that_more_misfit_may_hide():
+    said = headline(sound(delta_y=(0.022, 0.004, 0.0066), gamma=(0.04, 0.001, 0.03)))
+    assert ('(2.2 % of range in delta_y, although noise and these leave only 0.77 % rms: a cause '
+            'of up to 2.2 % of range may be hidden there)') in said
+
+
+def test_none_states_the_errors_of_the_rig_file_that_these_data_may_not_show():
+    limits = [{'effect': 'radial_clearance', 'limit': 4.28e-5, 'unit': 'm', 'testable': True},
+              {'effect': 'axial_clearance', 'limit': None, 'unit': 'm', 'testable': False},
+              {'effect': 'film_creep', 'limit': 0.01, 'unit': '1', 'testable': True}]
+    words = ('Errors of the rig file below these sizes may not show: rig.middle_row.clearance '
+             '43 µm.')
+    document = {**sound(delta_y=(0.001, 0.001, 0.001)), 'detection_limits': limits}
+    assert words in document_text(document).splitlines()
+    assert words not in document_text({**document, 'verdict': 'unknown'})
+
+
+def test_evidence_beyond_what_a_cause_needs_is_said_to_be_too_small_to_matter():
+    words = almost_a_cause_words('wrong radial clearance', 1.06, 0.0008)
+    assert words == ('wrong radial clearance has the evidence that a cause needs, but changes '
+                     'only 0.080 % of range, which is too small to matter')
+    assert '80 % of the evidence' in almost_a_cause_words('wrong radial clearance', 0.8, 0.01)
 
 
 SWAP = 'Swap probes 2 and 4'

@@ -67,10 +67,11 @@ class Comparison:
     @cached_property
     def p_value(self) -> float:
         """p-value of the likelihood ratio test, with all shapes of the candidate counted."""
-        return self.space.likelihood_ratio_test(self.gain, self._extra)
+        return self.space.likelihood_ratio_test(self.gain, self.extra)
 
     @property
-    def _extra(self) -> int:
+    def extra(self) -> int:
+        """Number of further parameters."""
         return max(1, self.more.theta_unit.size - self.less.theta_unit.size)
 
     @cached_property
@@ -153,7 +154,7 @@ class Comparison:
             return False
         has_no_form = gain >= settings.min_total * self.gain
         rate = settings.error_rate if has_no_form else settings.error_rate**2
-        return space.likelihood_ratio_test(gain, self._extra) < rate
+        return space.likelihood_ratio_test(gain, self.extra) < rate
 
     def is_another_cause(self, misfit_left: bool = True) -> bool:
         """Whether the effect is a cause beside those in `less`, for any form of their laws.
@@ -198,7 +199,7 @@ class Comparison:
         return Evidence(
             step=step, effects=more.candidate.ids,
             variants=tuple(variant for _, variant in more.candidate.effects), misfit=more.misfit,
-            delta_bic=self.gain - self._extra * self.space.log_size, p_value=self.p_value,
+            delta_bic=self.gain - self.extra * self.space.log_size, p_value=self.p_value,
             visible=self.visible, values=more.point.effects)
 
 

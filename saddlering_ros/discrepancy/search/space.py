@@ -134,8 +134,12 @@ class ModelSpace:
     @property
     def real_gain(self) -> float:
         """Fall of the misfit at which an effect with one parameter is real."""
+        return self.real_gain_of(1)
+
+    def real_gain_of(self, extra: int) -> float:
+        """Fall of the misfit at which an effect with so many parameters is real."""
         rate = self.settings.error_rate / max(self.trials, 1)
-        return float(fisher_limit(rate, 1, self.pairs))
+        return float(extra * fisher_limit(rate, extra, self.pairs))
 
     def likelihood_ratio_test(self, gain: float, extra: int, trials: int | None = None) -> float:
         """p-value of a fall `gain` of the misfit by `extra` parameters.

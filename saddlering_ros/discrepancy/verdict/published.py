@@ -388,10 +388,12 @@ def stability_of(search: Search, taken: float | None) -> Stability:
     if len(others) > (1.0 - MIN_STABLE) * len(refits):
         near.append(wording.unstable_words(others, len(refits), titles))
     if not fit.candidate.effects:
-        gain, name = max(((space.base.misfit - single.misfit, single.candidate.ids[0])
-                          for single in space.single_effect_fits()), default=(0.0, ''))
-        if gain > space.real_gain / NEAR:
-            near.append(wording.almost_a_cause_words(titles[name], gain / space.real_gain))
+        singles = [Comparison(space, space.base, single) for single in space.single_effect_fits()]
+        share, name, visible = max(((
+            one.gain / space.real_gain_of(one.extra), one.more.candidate.ids[0], one.visible)
+            for one in singles), default=(0.0, '', 0.0))
+        if share > 1.0 / NEAR:
+            near.append(wording.almost_a_cause_words(titles[name], share, visible))
     for name in fit.candidate.ids:
         gain = space.without(fit, name).misfit - fit.misfit
         if gain < NEAR * space.real_gain:

@@ -402,8 +402,12 @@ def unstable_words(
         f'{refit.change}: {titles[refit.first or ""]}' for refit in others[:3]))
 
 
-def almost_a_cause_words(title: str, share: float) -> str:
-    return f'{title} has {percent(share)} of the evidence that a cause needs'
+def almost_a_cause_words(title: str, share: float, visible: float) -> str:
+    """share: of the evidence that a cause needs; visible: what it changes, as a share of range."""
+    if share < 1.0:
+        return f'{title} has {percent(share)} of the evidence that a cause needs'
+    return (f'{title} has the evidence that a cause needs, but changes only {percent(visible)} of '
+            'range, which is too small to matter')
 
 
 def barely_real_words(title: str, times: float) -> str:
