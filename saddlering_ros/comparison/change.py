@@ -17,7 +17,7 @@ from saddlering_ros.comparison.sessions import CONTACT_CHANGE, LATER, QUANTITIES
 from saddlering_ros.diagnosis import next_test, rig_dimensions
 from saddlering_ros.diagnosis.records import build_record, check_set, PreparedRecord
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.diagnosis.ring_wording import title_of
+from saddlering_ros.diagnosis.ring_wording import elsewhere_words, place_of, title_of, value_words
 from saddlering_ros.diagnosis.verdict import limit_entry
 from saddlering_ros.discrepancy import Cause, Diagnosis, Estimate, Problem
 from saddlering_ros.doubts.comparison import refuse_repeats
@@ -26,7 +26,7 @@ from saddlering_ros.estimation.noise import noise_alone
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import identify
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
-from saddlering_ros.quantities import finite_json, lowered, quantity
+from saddlering_ros.quantities import finite_json, lowered
 from saddlering_ros.record import displacement_of_run, Plateaus, plateaus, Record
 from saddlering_ros.record.batches import Floats
 from saddlering_ros.rig import instruments, PARAMETER_NAMES, Rig
@@ -244,8 +244,11 @@ def change_words(cause: Cause) -> str:
     """A cause with the change of its size: 'dry friction ..., force by +1.50 ± 0.16 kN'."""
     name, size = next(iter(cause.parameters.items()))
     others = ' or '.join(effect for effect in cause.group if effect != cause.effect)
-    words = (f'{cause.definition.title.lower()}, {name} by {"+" * (size.value > 0.0)}'
-             f'{quantity(size.value, size.unit, size.std)}')
+    value = value_words(cause.effect, name, size.value, size.unit, size.std)
+    sign = '+' * (size.value > 0.0 and not value.startswith('+'))
+    where = ' '.join(filter(None, (place_of(cause.entry()), name)))
+    words = (f'{cause.definition.title.lower()}, {where} by {sign}{value}'
+             f'{elsewhere_words(cause.entry())}')
     return f'{words} (or {lowered_names(others)})' if others else words
 
 
@@ -370,11 +373,15 @@ def _as_change(cause: Cause) -> Cause:
                   if name != sessions.SESSION}
     if cause.effect == CONTACT_CHANGE:
         name = QUANTITIES[round(parameters.pop('quantity').value)]
-        return replace(cause, parameters={name: parameters['change']})
+        return replace(cause, parameters={name: parameters['change']}, elsewhere=())
+    size = cause.definition.size.name
     if cause.parameters[sessions.SESSION].value == sessions.EARLIER:
-        size = cause.definition.size.name
         parameters[size] = replace(parameters[size], value=-parameters[size].value)
-    return replace(cause, parameters=parameters)
+    elsewhere = tuple(
+        {name: -value if name == size and values[sessions.SESSION] == sessions.EARLIER else value
+         for name, value in values.items() if name != sessions.SESSION}
+        for values in cause.elsewhere)
+    return replace(cause, parameters=parameters, elsewhere=elsewhere)
 
 
 def _next_test(diagnosis: Diagnosis, doubts: Mapping[str, str]) -> str | None:

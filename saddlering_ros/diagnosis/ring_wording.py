@@ -198,7 +198,9 @@ def partial_words(document: VerdictDocument) -> str:
     """What explains a part of the misfit of an `unknown`, and the shapes of its residual."""
     if document['verdict'] != 'unknown':
         return ''
-    words = [f'{title_of(cause["effect"])} ({size_of(cause)}) explains only a part of the misfit.'
+    standing = wording.PARTIAL if document.get('remainder') else (
+        f'may explain the misfit, but {wording.OPEN}')
+    words = [f'{title_of(cause["effect"])} ({size_of(cause)}) {standing}.'
              for cause in causes_of(document)]
     shapes = '; '.join(shape_words(shape) for shape in shapes_of(document))
     return ' '.join([*words, f'Shape of the residual: {shapes}.' if shapes else '']).strip()
@@ -388,7 +390,8 @@ def document_text(document: VerdictDocument) -> str:
     lines = [*filter(None, lines), '']
     for cause in causes_of(document):
         lines += wording.cause_lines(
-            cause, parameter_words(cause), lowered_titles, document['gain'].get('how', ''))
+            cause, parameter_words(cause), lowered_titles, document['gain'].get('how', ''),
+            document.get('remainder'))
     lines += proposal_lines(document.get('proposal'))
     is_extended = bool(causes_of(document))
     if lines[-1]:

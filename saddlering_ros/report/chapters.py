@@ -102,15 +102,16 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
          effects[name].settled_by if name in effects else ''] for name in cause['group']]
     is_alone = len(alike) == 1
     is_next = lowered(title) in (document.get('next_test') or '')
-    partial = ' – explains only a part of the misfit' if cause.get('partial') else ''
+    partial = wording.standing(document.get('remainder'), is_partial=cause.get('partial'))
     evidence, gain = cause['evidence'], cause['gain']
+    predicted = wording.PREDICTED.get(document['gain'].get('how', ''), 'held-out runs')
     return '\n'.join([
         f'<h3>{html.escape(title)} <code>{html.escape(effect_id)}</code>{partial}</h3>',
         html.paragraph('' if effect is None else effect.words),
         html.table(['parameter', number('value ± standard deviation'), ''], fitted),
         html.table(['', number('')], [
             ['misfit reduction on fitted runs', percent(gain['fit'])],
-            ['misfit reduction on held-out runs', percent(gain['held_out'])],
+            [f'misfit reduction on {predicted}', percent(gain['held_out'])],
             ["largest share of a channel's range", percent(cause['share_of_range'])],
             ['probability by chance alone', probability(evidence['p_value'])],
             ['evidence (ΔBIC)', compact(evidence['delta_bic'])]]),

@@ -228,7 +228,8 @@ def comparison(runs: Sequence[RunCurves]) -> Chart:
               for panel in _compared(run, channel, 2 * place, column)]
     return Chart(
         tuple(panels), width=min(11.4, 1.0 + 5.2 * len(runs)), height=1.0 + 3.0 * len(SHOWN),
-        heights=(charts.MAIN, charts.STRIP) * len(SHOWN), columns=len(runs), shares_x=True)
+        heights=(charts.MAIN, charts.STRIP) * len(SHOWN), columns=len(runs), shares_x=True,
+        legend_columns=3 if len(runs) == 1 else 5)
 
 
 def proof(run: RunCurves, channel: str) -> Chart:

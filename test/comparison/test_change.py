@@ -10,6 +10,7 @@ import pytest
 from sessions_made import dirt, RIG, session, with_size
 
 from saddlering_ros.comparison.change import (
+    change_words,
     check_sessions,
     common_loads,
     compare_records,
@@ -35,7 +36,8 @@ from saddlering_ros.comparison.sessions import (
 )
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.ring_wording import title_of
-from saddlering_ros.discrepancy import Point
+from saddlering_ros.discrepancy import Cause, Estimate, Point
+from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.verdict.results import NOTHING
 from saddlering_ros.errors import BagError
 from saddlering_ros.pages.certainty import certainty
@@ -47,6 +49,17 @@ from saddlering_ros.rig import Instruments, TRUE_TO_SCALE
 @pytest.fixture(scope='module')
 def before():
     return session(1, dirt())
+
+
+def test_a_change_is_told_with_its_place_in_percent_and_with_other_places():
+    effect = next(one for one in RingSystem(RIG).effects if one.id == 'probe_gain')
+    cause = Cause(
+        'probe_gain', effect, 3, ('probe_gain', 'probe_bracket'),
+        {'gain': Estimate(0.0297, 0.0011, '1'), 'probe': Estimate(4.0, 0.0, '1')}, 0.0, 1.0, 0.01,
+        Gain(0.9, None, 'none'), elsewhere=({'gain': -0.024, 'probe': 2.0},))
+    assert change_words(cause) == (
+        'probe gain error, probe 4 gain by +2.97 ± 0.11 % or probe 2 gain -2.40 % '
+        '(or probe bracket bends with load)')
 
 
 @pytest.mark.slow

@@ -95,8 +95,10 @@ def test_every_axis_names_what_is_read_off_and_those_at_the_edge_show_it(name):
     assert all(axes.get_xlabel() for axes in bottom)
 
 
-def test_the_whole_legend_of_the_proof_is_in_the_picture():
-    figure = draw(figures.proof(replace(RUNS[0], sound={'delta_x': 1e-6}), 'delta_x'))
+@pytest.mark.parametrize('chart', [
+    lambda run: figures.proof(run, 'delta_x'), lambda run: figures.comparison([run])])
+def test_the_whole_legend_of_a_run_is_in_the_picture(chart):
+    figure = draw(chart(replace(RUNS[0], sound={'delta_x': 1e-6})))
     figure.draw_without_rendering()
     left, right = figure.legends[0].get_window_extent().intervalx
     assert 0.0 <= left < right <= figure.bbox.width
@@ -188,8 +190,28 @@ def test_the_banner_of_unknown_has_one_bold_sentence_and_titles_in_place_of_ids(
     bold, = re.findall(r'<p class="headline">(.*?)</p>', banner)
     assert bold.startswith('Something is wrong')
     assert bold.endswith('noise alone gives 0.20 %.')
-    assert re.search('<p>Dry friction .* explains only a part of the misfit.</p>', banner)
+    assert re.search('<p>Dry friction .* may explain the misfit, but is not established.</p>',
+                     banner)
     assert 'unknown 90 %, dry friction in the radial row or load gain error 10 %.' in banner
+
+
+@pytest.mark.parametrize(('rest', 'words'), [
+    ([], 'is not established'),
+    ([{'run': 'static_50', 'channel': 'gamma', 'along': 'load', 'share_of_range': 0.02,
+       'times_noise': 3.0}], 'explains only a part of the misfit')])
+def test_a_cause_of_unknown_explains_a_part_only_where_a_rest_is_left(rest, words):
+    said = document('unknown', remainder=rest)
+    said['causes'] = [{**said['causes'][0], 'partial': True, 'title': 'Dry friction'}]
+    text, page = document_text(said), chapters.causes(said).replace('\xa0', ' ')
+    assert f'[radial_friction] ({words})' in text
+    assert f'{words}.' in text.splitlines()[2]
+    assert f'({words})' in page
+
+
+def test_the_numbers_of_a_cause_say_which_runs_it_predicts():
+    said = document(gain={'fit': 0.9, 'held_out': 0.8, 'how': 'held out in turn'})
+    page = chapters.causes(said).replace('\xa0', ' ')
+    assert 'misfit reduction on runs held out in turn' in page
 
 
 def test_a_proposed_law_is_shown_with_its_curve_its_worth_and_its_doubts():

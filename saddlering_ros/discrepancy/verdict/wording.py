@@ -10,8 +10,8 @@ from saddlering_ros.discrepancy.verdict import results
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, HeldOutEvidence, Refit, Remainder
 from saddlering_ros.quantities import percent, quantity
 
-PARTIAL = ' (explains only a part of the misfit)'
-"""Words behind the title of a cause that is real beside something else that is wrong."""
+PARTIAL, OPEN = 'explains only a part of the misfit', 'is not established'
+"""Words on a cause of an `unknown`: where a rest is left, and where none is."""
 
 MAX_RUNS = 4
 """Runs whose share of the evidence is reported in a line."""
@@ -33,13 +33,20 @@ def gain_words(fitted: float, held_out: float | None, how: str = 'held out') -> 
     return words if held_out is None else f'{words}, {percent(held_out)} on {others}'
 
 
+def standing(remainder: Sequence[object] | None, *, is_partial: bool | None) -> str:
+    """What keeps a cause from being established, behind its title; '' for one that is."""
+    return f' ({PARTIAL if remainder else OPEN})' if is_partial else ''
+
+
 def cause_lines(
     cause: results.CauseEntry, values: str, title_of: Callable[[str], str], how: str,
+    remainder: Sequence[object] | None,
 ) -> list[str]:
     """A cause with its parameters, which are `values` in words, its gain and its alternatives."""
     gain = cause['gain']
     lines = [
-        f'  {cause["title"]} [{cause["effect"]}]{PARTIAL if cause.get("partial") else ""}',
+        f'  {cause["title"]} [{cause["effect"]}]'
+        f'{standing(remainder, is_partial=cause.get("partial"))}',
         f'    {values}',
         f'    misfit reduction {gain_words(gain["fit"], gain["held_out"], how)}; '
         f'p {quantities.probability(cause["evidence"]["p_value"])}',
@@ -428,7 +435,7 @@ def summary_text(diagnosis: Diagnosis) -> str:
     for cause in diagnosis.causes:
         lines += cause_lines(
             cause.entry(), estimates_words(cause.parameters), diagnosis.title_of,
-            diagnosis.gain.how)
+            diagnosis.gain.how, diagnosis.remainder)
     if diagnosis.next_test:
         share = ''.join(
             ' If the true cause is an alternative, the test leaves it alone in '
