@@ -251,6 +251,22 @@ def test_a_cause_of_a_ring_leaves_a_small_part_of_what_it_takes_along_one_coordi
     assert bool(doubts) is is_doubted
 
 
+@pytest.mark.parametrize(('left', 'exact', 'is_doubted'), [
+    (0.036, False, True), (0.01, False, False), (0.036, True, False)])
+def test_a_cause_of_a_ring_leaves_a_small_part_of_each_view_that_it_mainly_moves(
+    left: float, exact: bool, is_doubted: bool,
+) -> None:
+    """Stand-ins for an arm and a compliance that are not listed left 9 and 3.6 % of the tilt."""
+    space = SimpleNamespace(
+        problem=SimpleNamespace(assumptions=SimpleNamespace(exact_laws=exact)),
+        titles_of=lambda fit: ['bracket'])
+    shares = results.Shares(
+        {'tilt': 1.0 - left, 'y': 1.0}, {}, 0.9, ('tilt', 0.5), ('tilt', 1.0 - left), (0.8, 0.9))
+    doubts = established.view_left(space, SimpleNamespace(), shares)
+    assert bool(doubts) is is_doubted
+    assert all('3.6 % of the misfit in tilt is left' in doubt for doubt in doubts)
+
+
 def test_an_error_of_an_input_is_established_alone_only() -> None:
     system = SimpleNamespace(inputs=(SimpleNamespace(id='span'),))
     space = SimpleNamespace(
@@ -645,7 +661,8 @@ def test_a_fitted_run_that_gets_worse_is_a_doubt(monkeypatch: pytest.MonkeyPatch
     space, fit = SimpleNamespace(problem=None, settings=None), SimpleNamespace(
         candidate=SimpleNamespace(ids=(), effects=()))
     for worst, doubts in ((0.1, []), (-0.1, [wording.WORSE_RUN])):
-        shares = results.Shares({'seen': 1.0}, {'seen': 1.0}, worst, ('seen', 0.9), (0.8, 0.9))
+        shares = results.Shares(
+            {'seen': 1.0}, {'seen': 1.0}, worst, ('seen', 0.9), ('seen', 0.9), (0.8, 0.9))
         search = SimpleNamespace(space=space, fit=fit, alternatives={})
         numbers = SimpleNamespace(shares=shares, member_shares={})
         assert established.doubts_of(search, numbers) == doubts

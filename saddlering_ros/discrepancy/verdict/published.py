@@ -250,16 +250,22 @@ def shares_of(
         for view, allowed in problem.allowed_sizes.items()])
     fitted = _Powers.of(problem, floor, problem.runs, [
         problem.by_run(fit.prediction - problem.measured) for fit in (less, more)])
-    touched, interval, taken = fitted.touched(), None, {}
+    touched = moved = fitted.touched()
+    interval, taken = None, {}
     if left[0] and all(np.isfinite(run).all() for residuals in left for run in residuals):
         predicted = _Powers.of(problem, floor, problem.held_out or problem.runs, left)
-        touched += predicted.touched()
+        touched = moved + predicted.touched()
         interval, taken = predicted.interval(), predicted.taken()
     by_run = fitted.more.sum(axis=(1, 2)) / np.maximum(fitted.less.sum(axis=(1, 2)), 1e-300)
     return Shares(
         # What a cause may leave of the worst view is a small misfit in another one.
         fitted.taken(1.0 - MIN_TAKEN), taken, 1.0 - float(by_run.max()),
-        min(touched, key=lambda view: view[1], default=('', 1.0)), interval)
+        _worst_of(touched), _worst_of(moved), interval)
+
+
+def _worst_of(views: Sequence[tuple[str, float]]) -> tuple[str, float]:
+    """The view with the least share, and its share."""
+    return min(views, key=lambda view: view[1], default=('', 1.0))
 
 
 @dataclass(frozen=True)

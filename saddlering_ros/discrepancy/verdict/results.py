@@ -250,13 +250,15 @@ class Shares:
 
     fitted: of views with no small misfit beside that of the worst; worst_run: share of all
     misfit in the run with the least; worst_view: view and share of the least where the model
-    moves more than half of the misfit; interval: 95 % of the reduction on predicted runs.
+    moves more than half of the misfit, worst_fitted of fitted runs alone; interval: 95 % of the
+    reduction on predicted runs.
     """
 
     fitted: Mapping[str, float]
     predicted: Mapping[str, float]
     worst_run: float
     worst_view: tuple[str, float]
+    worst_fitted: tuple[str, float]
     interval: tuple[float, float] | None
 
     @property

@@ -251,6 +251,11 @@ def partial_words(titles: Sequence[str], explained: float, where: str) -> str:
             f'{where}: {joined(titles)} can explain only a part of it')
 
 
+def view_left_words(titles: Sequence[str], view: str, left: float) -> str:
+    return (f'{joined(titles)}: {percent(left)} of the misfit in {view} is left, more than errors '
+            'of these laws or of the machine could leave: the true cause may be another one')
+
+
 def shape_words(titles: Sequence[str], where: str) -> str:
     return (f'{joined(titles)}: the residual follows one coordinate ({where}) more than errors of '
             'these laws or of the machine could: the true cause may be another one')
