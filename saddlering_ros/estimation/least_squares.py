@@ -120,7 +120,7 @@ def descend(
     for _ in range(rule.rounds):
         if not np.isfinite(best):
             break
-        move = _bounded_step(columns, residual, point, damping, rule)
+        move = bounded_step(columns, residual, point, damping, rule)
         converged = bool(np.abs(move).max() < MIN_MOVE)
         if rule.negligible > 0.0:
             linear = rule.cost(residual + columns @ move, point + move)
@@ -152,7 +152,7 @@ def descend(
     return Descent(point, columns, answer, tuple(costs), converged)
 
 
-def _bounded_step(
+def bounded_step(
     columns: Array, residual: Array, point: Array, damping: float, rule: Rule
 ) -> Array:
     """Damped Gauss-Newton step inside the box."""

@@ -18,7 +18,7 @@ import numpy as np
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, Point
-from saddlering_ros.estimation.least_squares import descend, Descent, Rule
+from saddlering_ros.estimation.least_squares import bounded_step, descend, Descent, Rule
 
 Key = tuple[tuple[str, int], ...]
 """Key of the fit of a candidate: its effects and variants, in any order."""
@@ -169,6 +169,15 @@ def refit(
         misfit=float(residual @ residual) if np.isfinite(end.cost) else np.inf,
         whitened=residual, jacobian=end.columns, prediction=end.answer.prediction,
         point=candidate.point(base, end.point), history=end.costs, converged=end.converged)
+
+
+def linear_misfit(fit: Fit, base: Sequence[Parameter]) -> float:
+    """The misfit to which the slopes of an unfinished fit lead inside its bounds."""
+    periodic = np.array([parameter.periodic for parameter in fit.candidate.parameters(base)])
+    move = bounded_step(
+        fit.jacobian, fit.whitened, fit.theta_unit, 0.0, Rule(periodic, PRIOR, 1, 0.0, 0.0))
+    left = fit.whitened + fit.jacobian @ move
+    return float(left @ left)
 
 
 def _differences(columns: Array) -> Array:

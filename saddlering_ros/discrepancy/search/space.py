@@ -7,8 +7,10 @@ shapes, or their change times a smooth function of load, highest load so far, di
 or channel. These forms compete with a second cause for the misfit that the idealised law leaves.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
+from operator import not_
 from typing import Any, TypeVar
 
 import numpy as np
@@ -172,10 +174,9 @@ class ModelSpace:
         ])
 
     def foreseen(self, fit: Fit) -> float:
-        """Penalised misfit that the slopes of an unfinished fit lead to."""
-        slope = fit.jacobian.T @ fit.whitened
-        gram = fit.jacobian.T @ fit.jacobian + np.eye(slope.size)
-        return self.penalised(fit) - float(slope @ np.linalg.solve(gram, slope))
+        """Penalised misfit that the slopes of an unfinished fit lead to inside its bounds."""
+        return self.penalised(fit) - fit.misfit + fitting.linear_misfit(
+            fit, self.problem.system.base_parameters)
 
     def started(self, fit: Fit, trials: Sequence[Trial]) -> list[Fit]:
         """The model of `fit` plus each candidate at each of its starts, not refitted.
@@ -260,7 +261,7 @@ SCREENED_SHARE = 0.1
 rounds. The expectation is the first-order gain of all its parameters together, at its start. The
 value is a fifth of CLOSE_SHARE."""
 
-MAX_RACED = 24
+MAX_RACED = 12
 """Largest number of starts that receive these rounds. In 33 races on three outside rings, the
 effects that were refined afterwards were among the ten that promised most."""
 
@@ -280,7 +281,8 @@ def fit_each(
     wanted = [score for candidate, score in zip(candidates, scores, strict=True)
               if candidate.key not in space.fits]
     raced = raced_from(space, fit, starts_of_each(wanted), beside, RACE_ROUNDS)
-    going, behind = _split(space, fit, raced, beside, CLOSE_SHARE)
+    going, behind = _split(
+        space, fit, raced, map(space.penalised, [*raced, *beside]), CLOSE_SHARE)
     going = best_fit_of_each(space.continued(going, COARSE_ROUNDS - RACE_ROUNDS))
     followed = {one.candidate.key for one in going}
     stopped = [one for one in best_fit_of_each(behind) if one.candidate.key not in followed]
@@ -299,7 +301,8 @@ def raced_from(
     A candidate receives no rounds if these are hopeless.
     """
     screened = space.started(fit, trials)
-    going, resting = _split(space, fit, screened, beside, SCREENED_SHARE)
+    going, resting = _split(
+        space, fit, screened, map(space.foreseen, [*screened, *beside]), SCREENED_SHARE)
     if len(going) > MAX_RACED:  # A model whose refit has not ended promises a gain with anything.
         going.sort(key=space.foreseen)
     raced = space.continued(going[:MAX_RACED], rounds, begun_at=fit)
@@ -307,54 +310,58 @@ def raced_from(
 
 
 def _split(
-    space: ModelSpace, fit: Fit, fits: Sequence[Fit], beside: Sequence[Fit], share: float
+    space: ModelSpace, fit: Fit, fits: Sequence[Fit], reached: Iterable[float], share: float
 ) -> tuple[list[Fit], list[Fit]]:
-    """Fits that promise this share of the gain of the best fit or of `beside`, and the others.
-
-    The slopes of a fit's residual give its promise.
-    """
-    foreseen = [space.foreseen(fit) for fit in fits]
-    lowest = min([*foreseen, *map(space.foreseen, beside)], default=np.inf)
-    highest = space.penalised(fit) - share * (space.penalised(fit) - lowest)
-    going = [fit for fit, end in zip(fits, foreseen, strict=True) if end < highest]
-    resting = [fit for fit, end in zip(fits, foreseen, strict=True) if not end < highest]
-    return going, resting
+    """Fits whose slopes promise this share of the gain that is `reached`, and the others."""
+    begun = space.penalised(fit)
+    highest = begun - share * (begun - min(reached, default=np.inf))
+    promising = [space.foreseen(one) < highest for one in fits]
+    return list(compress(fits, promising)), list(compress(fits, map(not_, promising)))
 
 
 def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
     """The model of `current` plus every effect that the residual could show, the best first.
 
-    Effects with the largest first-order gains are refitted first. If one of them is real, or the
-    residual exceeds the noise, every variant of every other effect is refitted too. An effect at
-    its detection limit is then found, and no cause is named before all others were tried.
+    If the residual exceeds the noise, or an effect with one of the largest first-order gains is
+    real, every variant of every effect is tried. An effect at its detection limit is then found,
+    and no cause is named before all others were tried.
     """
     def refits() -> list[Fit]:
         scores = space.scores(current)
         least = max(MIN_GAIN, MIN_GAIN_SHARE * space.real_gain)
         listed = shortlist(scores, least, space.settings.refits)
-        first = fit_each(space, current, listed)
-        is_found = any(
-            space.likelihood_ratio_test(
-                current.misfit - tried.misfit, tried.theta_unit.size - current.theta_unit.size)
-            < space.settings.error_rate for tried in first)
         # Base parameters at their bounds could conceal effects.
         is_stopped = not current.candidate.effects and space.stopped_base(current).any()
-        if not (is_found or is_stopped or space.leaves_misfit(current)):
-            return first
-        # All others receive a few rounds with free base parameters, because a first-order gain is
-        # a poor guide to an effect that the base fit imitates. Those are refined of which the
-        # slopes of the residual promise a good share of the gain of the best one.
+        first: list[Fit] = []
+        if not (is_stopped or space.leaves_misfit(current)):
+            first = fit_each(space, current, listed)
+            if not any(space.likelihood_ratio_test(
+                    current.misfit - tried.misfit, tried.theta_unit.size - current.theta_unit.size
+            ) < space.settings.error_rate for tried in first):
+                return first
+        # All receive a few rounds with free base parameters, because a first-order gain is a poor
+        # guide to an effect that the base fit imitates. Those are refined of which the slopes of
+        # the residual promise a good share of the gain of the best one.
+        names = {current.candidate.plus(score.effect, score.variant).key for score in listed}
         others = [(score, [score.start]) for score in scores
-                  if all(score is not tried for tried in listed) and
-                  current.candidate.plus(score.effect, score.variant).key not in space.fits]
-        raced = raced_from(space, current, others, first, RACE_ROUNDS)
-        coarse = sorted(raced, key=space.foreseen)
-        leading: dict[str, Fit] = {}
-        for other in _split(space, current, coarse, first, CLOSE_SHARE)[0]:
-            leading.setdefault(other.candidate.ids[-1], other)
-        joining = list(leading.values())[: space.settings.refits]
-        refined = [space.keep(other) for other in space.refine(joining)]
-        return sorted([*first, *refined], key=space.penalised)
+                  if all(score is not tried for tried in listed)]
+        raced = raced_from(space, current, [
+            (score, starts) for score, starts in [*starts_of_each(listed), *others]
+            if current.candidate.plus(score.effect, score.variant).key not in space.fits
+        ], first, RACE_ROUNDS)
+        going, _ = _split(
+            space, current, raced, map(space.penalised, [*raced, *first]), CLOSE_SHARE)
+        further: dict[str, Fit] = {}
+        for one in sorted(going, key=space.foreseen):
+            if one.candidate.key not in names:
+                further.setdefault(one.candidate.ids[-1], one)
+        refined = space.refine([
+            *best_fit_of_each([one for one in going if one.candidate.key in names]),
+            *list(further.values())[: space.settings.refits]])
+        stopped = best_fit_of_each([one for one in raced if one.candidate.key in names])
+        # A refined fit replaces what the race left of it.
+        kept = {one.candidate.key: space.keep(one) for one in [*stopped, *refined]}.values()
+        return sorted([*first, *kept], key=space.penalised)
 
     return space.once('refitted', current, refits)
 
