@@ -181,8 +181,9 @@ class ModelSpace:
     def started(self, fit: Fit, trials: Sequence[Trial]) -> list[Fit]:
         """The model of `fit` plus each candidate at each of its starts, not refitted.
 
-        Beside stopped base parameters it begins also from their declared starts. The columns of
-        what is in the model are not needed at each start.
+        Beside stopped base parameters it begins also from their declared starts, unless the way
+        from there leads back to a larger misfit. The columns of what is in the model are not
+        needed at each start.
         """
         places = [(fit.theta_unit, self.tangent_of(fit).white)] if trials else []
         stopped = self.stopped_base(fit)
@@ -190,7 +191,8 @@ class ModelSpace:
             base, freed = self.problem.system.base_parameters, fit.theta_unit.copy()
             freed[: len(base)][stopped] = fitting.declared_start(base)[stopped]
             begun = run_refits(self.metric, [refit(self.metric, fit.candidate, freed, rounds=0)])
-            places.append((freed, begun[0].jacobian))
+            if self.foreseen(begun[0]) < self.penalised(fit):
+                places.append((freed, begun[0].jacobian))
         begun = run_refits(self.metric, [
             refit(self.metric, fit.candidate.plus(score.effect, score.variant),
                   np.concatenate([theta, start]), columns, rounds=0,
