@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from saddlering_ros.discrepancy import (
     diagnose_system,
     Effect,
+    next_step,
     Parameter,
     Point,
     Problem,
@@ -91,6 +93,27 @@ def test_an_unknown_cause_with_alternatives_gets_the_test_that_parts_them():
     fast, same = (one.together for one in found.separations)
     assert fast == ((('parabola',),), (('rate',),))
     assert same == ((('parabola',), ('rate',)),)
+
+
+class Tangents(Spring):
+    """The same with its neighbourhoods, so that its best tests are judged by refits."""
+
+    def neighbourhood(self, groups):
+        return SimpleNamespace(predict=lambda run: [self.predict_many(run, group)
+                                                    for group in groups])
+
+
+def test_refits_of_a_linear_system_promise_what_its_forecasts_do(monkeypatch):
+    calls = []
+    refit = next_step.refit_full_jacobian
+    monkeypatch.setattr(next_step, 'refit_full_jacobian', lambda *args: (
+        calls.append(args), refit(*args))[1])
+    runs = [measured('first', {'parabola': {'size': 0.1}}, 1)]
+    for name, share, together in (('fast', 1.0, 1), ('low', 0.0, 2)):
+        (one,) = diagnose_system(Problem(Tangents(), runs, proposals=[proposed(name)])).separations
+        assert one.share == pytest.approx(share, abs=0.05)
+        assert {len(group) for group in one.together} == {together}
+    assert len(calls) == 4  # Each of two models as the truth, in each of two tests.
 
 
 def test_the_true_cause_is_kept_whatever_the_test():
