@@ -142,6 +142,8 @@ def search_among_small_errors(search: Search) -> Among | None:
     spread = errors.model_of_fit(alone, fit).spread
     if spread == SPREADS[-1]:
         return None
+    # Effects that cancel each other can leave more than none of them.
+    spread = min(spread, errors.model_of_fit(alone, alone.base).spread)
     for _ in range(MAX_LEARNT):
         process = spread * errors.columns
         nuisances = nuisance_columns(alone.problem, fit.point, fit.prediction)
