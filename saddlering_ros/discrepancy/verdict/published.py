@@ -257,10 +257,11 @@ def shares_of(
         touched = moved + predicted.touched()
         interval, taken = predicted.interval(), predicted.taken()
     by_run = fitted.more.sum(axis=(1, 2)) / np.maximum(fitted.less.sum(axis=(1, 2)), 1e-300)
+    # What a cause may leave of the worst view is a small misfit in another one.
+    counted = fitted.taken(1.0 - MIN_TAKEN)
     return Shares(
-        # What a cause may leave of the worst view is a small misfit in another one.
-        fitted.taken(1.0 - MIN_TAKEN), taken, 1.0 - float(by_run.max()),
-        _worst_of(touched), _worst_of(moved), interval)
+        counted, taken, 1.0 - float(by_run.max()), _worst_of(touched),
+        _worst_of([view for view in moved if view[0] in counted]), interval)
 
 
 def _worst_of(views: Sequence[tuple[str, float]]) -> tuple[str, float]:

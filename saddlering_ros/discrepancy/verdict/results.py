@@ -250,7 +250,7 @@ class Shares:
 
     fitted: of views with no small misfit beside that of the worst; worst_run: share of all
     misfit in the run with the least; worst_view: view and share of the least where the model
-    moves more than half of the misfit, worst_fitted of fitted runs alone; interval: 95 % of the
+    moves more than half of the misfit, worst_fitted of those of `fitted`; interval: 95 % of the
     reduction on predicted runs.
     """
 
