@@ -247,11 +247,13 @@ def _among_small_errors(strict: Answer) -> Answer:
     search, published = published_of(best.fit)
     main, small = established.main_among(among, published)
     doubts = established.doubts_among(among, main, published)
-    if not doubts and small:
-        fit = best.fit
+    fit = best.fit
+    while not doubts and small:
         for name in small:
             fit = space.without(fit, name)
         search, published = published_of(fit)
+        small = [cause.effect for cause in published.causes
+                 if cause.effect != main and established.may_be_absent(cause)]
     doubts += [*established.other_laws(search), *published.doubts,
                *established.wrong_inputs(space, search.fit),
                *established.uncertain_size(space, published)]

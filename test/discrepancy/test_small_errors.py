@@ -88,6 +88,19 @@ def test_a_cause_among_small_errors_whose_size_may_be_nothing_has_no_name(
     assert 'not established: friction: the 95 % interval' in answer.warnings[-1]
 
 
+def test_a_second_cause_whose_size_may_be_nothing_is_a_small_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A worn arc of -0.24 to 1.76 was the second name of a ring with unequal rows."""
+    sizes = {**SMALL, 'friction': 0.4, 'cubic': 0.25}
+    both = diagnosed(sizes, *SHAPES)
+    assert (both.verdict, [cause.effect for cause in both.causes]) == (
+        'named', ['friction', 'cubic'])
+    monkeypatch.setattr(established, 'may_be_absent', lambda cause: cause.effect == 'cubic')
+    alone = diagnosed(sizes, *SHAPES)
+    assert (alone.verdict, [cause.effect for cause in alone.causes]) == ('named', ['friction'])
+
+
 def test_small_errors_alone_have_no_main_cause() -> None:
     answer = diagnosed(SMALL, *SHAPES)
     assert answer.verdict == 'unknown'

@@ -34,7 +34,7 @@ from saddlering_ros.discrepancy.verdict.published import (
     Publication,
     sizes_at_bounds,
 )
-from saddlering_ros.discrepancy.verdict.results import MIN_TAKEN, Refit, Residual, Shares
+from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
 
 MAX_ONE_SHAPE = 0.02
@@ -203,7 +203,13 @@ def uncertain_size(space: ModelSpace, published: Publication) -> list[str]:
     size = main.parameters[main.definition.size.name]
     low, high = size.interval or (np.inf, np.inf)
     words = wording.uncertain_size_words(space.problem.titles[main.effect], low, high, size.unit)
-    return [words] if low <= main.definition.neutral <= high else []
+    return [words] if may_be_absent(main) else []
+
+
+def may_be_absent(cause: Cause) -> bool:
+    """Whether the 95 % interval of the size of a cause includes its absence."""
+    low, high = cause.parameters[cause.definition.size.name].interval or (np.inf, np.inf)
+    return low <= cause.definition.neutral <= high
 
 
 def doubts_beside_error(
