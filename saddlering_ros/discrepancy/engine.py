@@ -53,7 +53,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     search = selection.search_about(prepare(problem.with_runs(runs)) if slow_lines else start)
     observability = observed(search.begun)
     watch.progress('misfit reduction', 0.8)
-    answer, (refits, near_limit, influence), is_other = _tested(_judged(search))
+    answer, (refits, near_limit, influence), is_other = _tested(search, _judged(search))
     space, fit, log = answer.search.space, answer.search.fit, search.log
     lines, immaterial, limits = find_steady_lines(space.problem, space.trials)
     log.immaterial += immaterial
@@ -144,17 +144,17 @@ def _judged(search: Search) -> Answer:
     return (_beside_error if problem.assumptions.exact_laws else _among_small_errors)(answer)
 
 
-def _tested(answer: Answer) -> tuple[Answer, Stability, bool]:
+def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
     """An answer after refits and a look at each run alone.
 
-    With it its stability, and whether a law that is not in it does as well or better.
+    With it its stability, and whether a law that is not in it does as well or better. Runs are
+    looked at by noise alone (strict): beside learnt error a cause of some runs can be error.
     """
-    search = answer.search
-    stability = stability_of(search, answer.taken if answer.is_beside_error else None)
+    stability = stability_of(answer.search, answer.taken if answer.is_beside_error else None)
     is_established = answer.verdict in ('named', 'ambiguous')
     unshared = established.unshared(stability[0]) if is_established else []
     answer = answer.doubted(unshared)
-    confined = None if answer.verdict == 'none' else cause_of_some_runs(search.space, search.fit)
+    confined = None if answer.verdict == 'none' else cause_of_some_runs(strict.space, strict.fit)
     is_better = False
     if confined is not None:
         name, sentence = confined
@@ -162,7 +162,7 @@ def _tested(answer: Answer) -> tuple[Answer, Stability, bool]:
             name in cause.group for cause in answer.published.causes)
         answer = answer.doubted([sentence]) if is_better else answer.noted(sentence)
     return answer, stability, answer.verdict == 'unknown' and bool(
-        unshared or is_better or established.other_laws(search))
+        unshared or is_better or established.other_laws(answer.search))
 
 
 def _causes_of(answer: Answer, steady: Sequence[Cause], *, is_partial: bool) -> list[Cause]:

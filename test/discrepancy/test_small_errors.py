@@ -101,6 +101,20 @@ def test_a_second_cause_whose_size_may_be_nothing_is_a_small_error(
     assert (alone.verdict, [cause.effect for cause in alone.causes]) == ('named', ['friction'])
 
 
+def test_a_cause_of_some_runs_is_looked_for_by_noise_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Beside small errors, its evidence would be theirs."""
+    strict, seen = [], []
+    search_among = engine.search_among_small_errors
+    monkeypatch.setattr(engine, 'search_among_small_errors', lambda search: (
+        strict.append((search.space, search.fit)), search_among(search))[1])
+    monkeypatch.setattr(engine, 'cause_of_some_runs', lambda space, fit: seen.append((space, fit)))
+    assert diagnosed({**SMALL, 'friction': 0.3}, *SHAPES).verdict == 'named'
+    assert [(id(space), id(fit)) for space, fit in seen] == [
+        (id(space), id(fit)) for space, fit in strict]
+
+
 def test_small_errors_alone_have_no_main_cause() -> None:
     answer = diagnosed(SMALL, *SHAPES)
     assert answer.verdict == 'unknown'
