@@ -11,7 +11,7 @@ from saddlering_ros.comparison.change import Change
 from saddlering_ros.diagnosis.ring_wording import document_text, headline
 from saddlering_ros.discrepancy import Cause, Effect, Estimate, Parameter
 from saddlering_ros.discrepancy.problem.fits import Gain
-from saddlering_ros.discrepancy.verdict.wording import headline_of
+from saddlering_ros.discrepancy.verdict.wording import headline_of, lacking_words
 from saddlering_ros.identification.result import parameter_words
 from saddlering_ros.live.commands import Job, with_diagnosis, with_identification
 from saddlering_ros.quantities import VERDICT_WORDS
@@ -65,6 +65,12 @@ def test_a_headline_is_one_sentence_with_titles(verdict, rest):
     assert said.endswith('; a rest of 0.40 % of range in delta_y fits no cause.') == bool(
         is_established and rest)
     assert (' mainly ' in said) == bool(is_established and rest)
+
+
+def test_the_headline_of_runs_held_out_in_turn_does_not_tell_of_held_out_runs():
+    words = lacking_words(['dry friction'], '; a rest', 0.9, 0.8, 'held out in turn')
+    assert words == ('The simulation lacks mainly dry friction: 80 % of the misfit on runs held '
+                     'out in turn; a rest.')
 
 
 def test_a_steady_line_beside_a_rest_is_told_without_the_gain_of_a_model():

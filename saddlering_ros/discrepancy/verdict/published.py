@@ -175,7 +175,7 @@ def publish(
     gains.update({titles[cause.effect]: cause.gain for cause in causes
                   if cause.gain.interval is not None and cause.gain.interval[1] < 0.0})
     failed = [
-        wording.worse_prediction_words(title, -gain.held_out, is_held_out=gain.how == 'held out')
+        wording.worse_prediction_words(title, -gain.held_out, gain.how)
         for title, gain in gains.items() if gain.held_out is not None and gain.held_out < 0.0]
     count = len(parameters)
     slopes = [parameter.slope(float(u)) for parameter, u in

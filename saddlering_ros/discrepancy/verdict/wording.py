@@ -106,9 +106,10 @@ def lacking_words(
     """
     if not rest or how == 'none':
         return f'The simulation lacks {joined(causes)}{rest}.'
-    share, kind = (fitted, 'fitted') if held_out is None else (held_out, 'held-out')
+    share, runs = ((fitted, 'fitted runs') if held_out is None else
+                   (held_out, PREDICTED.get(how, 'held-out runs')))
     return (f'The simulation lacks mainly {joined(causes)}: {percent(share)} of the misfit on '
-            f'{kind} runs{rest}.')
+            f'{runs}{rest}.')
 
 
 def rest_words(share_of_range: float, channel: str) -> str:
@@ -333,10 +334,9 @@ def uncertain_gain_words(low: float, high: float) -> str:
             f'{percent(high)} (95 % interval), so that there may be none')
 
 
-def worse_prediction_words(title: str, rise: float, *, is_held_out: bool) -> str:
-    runs = 'held-out runs' if is_held_out else 'runs held out in turn'
-    return (f'{title}: not named, because the model with this cause predicts {runs} worse: the '
-            f'misfit there rises by {percent(rise)}')
+def worse_prediction_words(title: str, rise: float, how: str) -> str:
+    return (f'{title}: not named, because the model with this cause predicts {PREDICTED[how]} '
+            f'worse: the misfit there rises by {percent(rise)}')
 
 
 def unsteady_size_words(title: str, kind: str, least: float, most: float) -> str:
