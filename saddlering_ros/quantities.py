@@ -171,7 +171,6 @@ def verdict_line(verdict: str) -> str:
     return f'verdict: {verdict} ({VERDICT_WORDS[verdict]})'
 
 
-
 MATERIAL = 1e-3
 """Share of a channel's range below which a misfit is immaterial."""
 

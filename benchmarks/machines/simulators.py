@@ -5,9 +5,11 @@ Each is imported where it is used, because a benchmark may have one without the 
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 import importlib
 import os
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -54,14 +56,20 @@ def rotor(draw: Draw) -> Run:
     return draw.run(time[EARLY:], {'speed': speed}, seen)
 
 
+@cache
+def floating_base_faults() -> Any:
+    """The module of FloBaRoID that has its faults."""
+    sys.path.insert(0, os.environ['FLOBAROID'])
+    return importlib.import_module('simulationEffects')
+
+
 def arm(draw: Draw, rigid: Callable[..., Array]) -> Run:
     """Torques [N m] of a robot arm by FloBaRoID, beside those that `rigid` gives of its motion.
 
     FLOBAROID is the folder of its excitation/simulationEffects.py. In a sound arm the masses hang
     off the axes, drag is not quite linear, and torque and angle are filtered and rounded.
     """
-    sys.path.insert(0, os.environ['FLOBAROID'])
-    faults = importlib.import_module('simulationEffects')
+    faults = floating_base_faults()
     time, still = np.arange(MOVES) / HERTZ, np.zeros((MOVES, 2))
     q = 1.2 * np.column_stack([swings(draw.random, time, 0.1, 0.6) for _ in range(2)])
     v = np.gradient(q, time, axis=0)

@@ -132,7 +132,7 @@ class _OpenModels:
         causes = [self.fits[place].candidate.ids for place in self.own]
         alone, kept, by_truth = 0, 0, dict.fromkeys(causes, 0.0)
         beside = dict.fromkeys(product(by_truth, repeat=2), 0.0)
-        for cause, truth, misfits in zip(causes, range(len(causes)), drawn, strict=True):
+        for truth, (cause, misfits) in enumerate(zip(causes, drawn, strict=True)):
             left = [self._left(column) for column in misfits.T]
             kept += sum(truth in models for models in left)
             # A cause at another place, such as another probe, is the same cause.

@@ -201,9 +201,9 @@ def uncertain_size(space: ModelSpace, published: Publication) -> list[str]:
         return []
     main = published.main
     size = main.parameters[main.definition.size.name]
-    low, high = size.interval or (np.inf, np.inf)
-    words = wording.uncertain_size_words(space.problem.titles[main.effect], low, high, size.unit)
-    return [words] if may_be_absent(main) else []
+    return [wording.uncertain_size_words(
+        space.problem.titles[main.effect], *size.interval, size.unit,
+    )] if size.interval and may_be_absent(main) else []
 
 
 def may_be_absent(cause: Cause) -> bool:
