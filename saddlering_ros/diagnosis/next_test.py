@@ -16,12 +16,12 @@ from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis.records import Array, LoadGrid, LONGEST_STEP
 from saddlering_ros.diagnosis.rig_dimensions import entries_of, title_of_dimension
 from saddlering_ros.diagnosis.ring_wording import title_of
-from saddlering_ros.diagnosis.verdict import signature_cosines
+from saddlering_ros.diagnosis.verdict import shapes_left, signature_cosines
 from saddlering_ros.discrepancy import Point, Proposal, Reading, RunBlocks
 from saddlering_ros.doubts.comparison import rig_in_words
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import RIG_TESTS, RigTest, UNCLEAR
-from saddlering_ros.quantities import is_left, lowered, MATERIAL
+from saddlering_ros.quantities import lowered, MATERIAL
 from saddlering_ros.record import Record
 from saddlering_ros.rig import Rig
 
@@ -78,7 +78,10 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
         group = next((cause.group for cause in diagnosis.causes if len(cause.group) > 1), ())
         sentence = for_group(group, diagnosis.separations) if group else None
         parting = sentence and f'If the cause is {_either(group)}: {sentence}'
-        rest = for_residual(diagnosis.residual_after, is_only=not parting)
+        # Shapes that are all within chance need no test beside another one.
+        after = diagnosis.residual_after
+        is_told = not parting or shapes_left(after) or after.fast.visible >= MATERIAL
+        rest = for_residual(after) if is_told else ''
         return ' '.join(filter(None, (free, first, parting, rest)))
     entries = entries_of(rig, diagnosis.causes)
     first = ('First compare the rig file with the drawing and the ring: '
@@ -99,15 +102,12 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
     return ' '.join(filter(None, (free, first, sentence, places)))
 
 
-def for_residual(after: discrepancy.Residual, *, is_only: bool = True) -> str:
+def for_residual(after: discrepancy.Residual) -> str:
     """The test for the largest part of the misfit that no cause explains; else the least likely.
 
-    Among shapes that are all within chance, the largest one is that of the noisiest channel. If
-    there is another test (not is_only), such shapes need none.
+    Among shapes that are all within chance, the largest one is that of the noisiest channel.
     """
-    shapes = [shape for shape in after.shapes if is_left(shape.p_value, shape.visible)]
-    if not (shapes or is_only or after.fast.visible >= MATERIAL):
-        return ''
+    shapes = shapes_left(after)
     largest = (max(shapes, key=lambda shape: shape.visible) if shapes else
                min(after.shapes, key=lambda shape: shape.p_value))
     fast, channel = after.fast, largest.view

@@ -276,7 +276,7 @@ def _cause_entries(diagnosis: Diagnosis) -> list[discrepancy.CauseEntry | ShapeE
     if diagnosis.verdict != 'unknown':
         return [*causes]
     after, fast = diagnosis.residual_after, diagnosis.residual_after.fast
-    shapes = [_shape_entry(one) for one in after.shapes if is_left(one.p_value, one.visible)][:4]
+    shapes = [_shape_entry(one) for one in shapes_left(after)[:4]]
     entries: list[discrepancy.CauseEntry | ShapeEntry] = [
         {'shape': ring_wording.shape_words(entry), **entry} for entry in shapes]
     if fast.visible >= MATERIAL:
@@ -306,6 +306,11 @@ def _parameters_entry(law: ContactLaw) -> dict[str, Any]:
 
 def _evidence_entry(one: discrepancy.Evidence) -> dict[str, Any]:
     return {'effects': list(one.effects), 'p_value': one.p_value, 'share_of_range': one.visible}
+
+
+def shapes_left(after: discrepancy.Residual) -> list[discrepancy.ShapeTest]:
+    """The shapes of a residual that are neither chance nor too small to matter."""
+    return [shape for shape in after.shapes if is_left(shape.p_value, shape.visible)]
 
 
 def _shape_entry(shape: discrepancy.ShapeTest) -> ShapeEntry:
