@@ -37,7 +37,7 @@ from saddlering_ros.discrepancy.verdict.published import (
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
 
-MAX_ONE_SHAPE = 0.02
+MAX_LEFT_OVER = 0.02
 """Share of what the causes of a ring take that may remain along one coordinate of a view, and
 share of the misfit of a fitted view that they mainly move. Right names on 24 independent rings
 left up to 1.2 % along a coordinate, a bent load cell of another law; stand-ins for laws that were
@@ -138,7 +138,7 @@ def under_declared_error(space: ModelSpace, fit: Fit) -> str | None:
 
 def shapes_left(space: ModelSpace, fit: Fit, after: Residual) -> list[str]:
     """A sentence if a ring's fit leaves more along one coordinate than an error of its laws."""
-    least = MAX_ONE_SHAPE * (space.base.misfit - fit.misfit)
+    least = MAX_LEFT_OVER * (space.base.misfit - fit.misfit)
     where = '' if space.problem.assumptions.exact_laws else ' and '.join(
         f'{test.view} along {test.coordinate}' for test in after.shapes
         if test.p_value < space.settings.error_rate and test.statistic - test.dimensions > least)
@@ -148,7 +148,7 @@ def shapes_left(space: ModelSpace, fit: Fit, after: Residual) -> list[str]:
 def view_left(space: ModelSpace, fit: Fit, shares: Shares) -> list[str]:
     """A sentence if a ring's fit leaves more of a view that it moves than an error of its laws."""
     view, least = shares.worst_fitted
-    if space.problem.assumptions.exact_laws or least >= 1.0 - MAX_ONE_SHAPE:
+    if space.problem.assumptions.exact_laws or least >= 1.0 - MAX_LEFT_OVER:
         return []
     return [wording.view_left_words(space.titles_of(fit), view, 1.0 - least)]
 
