@@ -35,8 +35,11 @@ UNUSABLE_FILE = frozenset({
 RETRY = 0.01
 """Seconds after which a signal that came at a bad moment is taken up again."""
 
-CALLED_BACK = frozenset({'_numba_unpickle', 'typeof_pyval'})
-"""Functions of numba that compiled code calls."""
+CALLED_BACK = frozenset({'_numba_unpickle', 'typeof_pyval', '__del__', '_remove', 'remove'})
+"""Functions that compiled code calls: those of numba, and those that an object calls at its end,
+in which Python drops an exception."""
+CALLERS = ('numba', 'weakref')
+"""What the path of their files contains; `__del__` may stand in any file."""
 
 SHOWN = ('demo', 'info', 'identify', 'diagnose', 'live')
 """Commands whose first example stands in the help of saddlering itself."""
@@ -151,9 +154,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def leave_by_exception() -> None:
     """End the process by an exception, so that everything open is closed, and children end.
 
-    Compiled code calls back into Python (to rebuild an object, to find an argument's type) and
-    does not check whether that raised: an exception there ends in a segmentation fault. There the
-    signal is put off by some milliseconds.
+    Compiled code calls back into Python (to rebuild an object, to find an argument's type, at the
+    end of an object) and does not check whether that raised: an exception there ends in a
+    segmentation fault, or is lost. There the signal is put off by some milliseconds.
     """
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _leave)
@@ -165,7 +168,8 @@ def _leave(number: int, frame: FrameType | None) -> None:
     inner = frame
     while inner is not None:  # whether compiled code waits for one of the frames to return
         code = inner.f_code
-        if code.co_name in CALLED_BACK and f'{os.sep}numba{os.sep}' in code.co_filename:
+        if code.co_name in CALLED_BACK and (
+                code.co_name == '__del__' or any(name in code.co_filename for name in CALLERS)):
             signal.signal(signal.SIGALRM, lambda _, later: _leave(number, later))
             signal.setitimer(signal.ITIMER_REAL, RETRY)
             return

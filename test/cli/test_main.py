@@ -167,6 +167,22 @@ def test_a_signal_waits_until_compiled_code_has_its_answer(number, status):
     assert (done.stdout, done.returncode) == ('7', status)
 
 
+@pytest.mark.parametrize('made', ids=['its end', 'a weak reference'], argvalues=[
+    'class Thing:\n def __del__(self): ended()\nthing = Thing()\ndel thing\n',
+    'import weakref\nclass Thing: pass\nthings = weakref.WeakSet()\nclass Data(set):\n'
+    ' def discard(self, item): ended()\nthings.data = Data()\nthing = Thing()\nthings.add(thing)\n'
+    'del thing\n'])
+def test_a_signal_at_the_end_of_an_object_is_not_lost(made):
+    code = (
+        'import os, signal, time\n'
+        'from saddlering_ros.cli.main import leave_by_exception\n'
+        'leave_by_exception()\n'
+        f'def ended(): os.kill(os.getpid(), signal.SIGTERM)\n{made}time.sleep(30)\n')
+    done = subprocess.run([sys.executable, '-c', code], text=True, capture_output=True, cwd=ROOT,
+                          timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (143, '')
+
+
 def test_with_standard_output_closed_a_command_still_ends_well(tmp_path):
     bag = ROOT / 'bags' / 'dynamic_50_fast'
     command = f'{sys.executable} -m saddlering_ros.cli.main info {bag} --json info.json >&-'
