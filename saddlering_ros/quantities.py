@@ -97,8 +97,9 @@ def remainder_words(rest: Mapping[str, Any]) -> str:
     """'static_50, delta_y, along load: 0.31 µm rms, 0.4 % of range, 2.5 × noise'."""
     size = quantity(rest.get('size'), rest.get('unit') or '', digits=2)
     share, times = percent(rest['share_of_range']), compact(rest['times_noise'], 2)
-    return (f'{rest["run"]}, {rest["channel"]}, along {rest["along"]}: {size} rms, {share} of '
-            f'range, {times} × noise')
+    along = f', along {rest["along"]}' if rest['along'] else ''
+    return (f'{rest["run"]}, {rest["channel"]}{along}: {size} rms, {share} of range, {times} × '
+            'noise')
 
 
 def signed_percent(share: float, std: float | None = None, *, is_signed: bool = True) -> str:

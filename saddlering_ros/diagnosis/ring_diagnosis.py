@@ -58,14 +58,17 @@ def diagnose_ring(
     start = None
     if parameters is not None:
         start = dict(zip(PARAMETER_NAMES, parameters.contact.to_array(), strict=True))
+    system = RingSystem(rig)
     diagnosis = discrepancy.diagnose(
-        RingSystem(rig), fitted,
+        system, fitted,
         hold_out=[record.run for record in records if record.run.held_out],
         settings=settings or Settings(seed=seed), start=start, proposals=propose(rig, fitted),
         on_progress=on_progress, is_cancelled=is_cancelled)
     figures = tuple(
         verdict.run_figures(rig, diagnosis, record, prediction.before, prediction.after)
         for record, prediction in zip(records, diagnosis.runs, strict=True))
+    diagnosis = diagnosis.unpredicted(verdict.unpredicted(
+        figures, system.units))
     law = verdict.contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
     named = {name for cause in diagnosis.causes for name in cause.group}
     laws_of_user = sorted(name for name in named if isinstance(catalogue().get(name), LawEffect))

@@ -5,7 +5,7 @@ nuisance parameters. The contact law alone in a verdict is the identification of
 that the same bags give the same K, n, D everywhere.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -23,7 +23,14 @@ from saddlering_ros.discrepancy import Diagnosis
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import Identification
 from saddlering_ros.identification.uncertainty import reason_wide
-from saddlering_ros.quantities import finite_json, is_left, MATERIAL, percent, quantity
+from saddlering_ros.quantities import (
+    allowed_misfit,
+    finite_json,
+    is_left,
+    MATERIAL,
+    percent,
+    quantity,
+)
 from saddlering_ros.rig import (
     CHANNELS,
     ContactParameters,
@@ -238,6 +245,21 @@ def run_figures(
         noise = _noise_floor(diagnosis, run, views[name])
         channels[name] = ChannelMisfit(alone, extended, noise / span, float(sound[index]) / span)
     return RunFigures(record, channels, *curves)
+
+
+def unpredicted(
+    runs: Sequence[RunFigures], units: Mapping[str, str],
+) -> list[discrepancy.Remainder]:
+    """Misfits of held-out runs that `validate` does not allow a sound ring."""
+    return [
+        discrepancy.Remainder(
+            run.record.run.name, name, misfit.nrmse_before,
+            misfit.nrmse_before / misfit.noise_floor, '',
+            misfit.nrmse_before * float(np.ptp(run.measured[CHANNELS.index(name)])),
+            units[name])
+        for run in runs if run.record.run.held_out for name, misfit in run.channels.items()
+        if name != 'parity'
+        and misfit.nrmse_before > allowed_misfit(misfit.noise_floor, misfit.sound)]
 
 
 def _noise_floor(diagnosis: Diagnosis, run: discrepancy.RunBlocks, weights: Array) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.law.proposal import LawProposal
 from saddlering_ros.discrepancy.next_step import law_for, next_test_of
+from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Fit, Tangent
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
@@ -24,6 +25,7 @@ from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
 from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs
 from saddlering_ros.discrepancy.verdict.published import (
+    GainMetric,
     Publication,
     publish,
     Stability,
@@ -38,6 +40,7 @@ from saddlering_ros.discrepancy.verdict.results import (
 )
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
 from saddlering_ros.progress import one_blas_thread
+from saddlering_ros.quantities import GOOD
 
 PARTIAL_SUBJECT = 0.5
 """A law is proposed beside partial causes that explain this share of the misfit, else alone: with
@@ -100,7 +103,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         near_limit=near_limit,
         influence=influence,
         held_out_evidence=by_held_out,
-    )
+    ).unpredicted(_unpredicted(space) if verdict == 'none' else ())
 
 
 @dataclass(frozen=True)
@@ -342,6 +345,35 @@ def _remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Rema
         remainder.append(Remainder(run.name, view, share, size / max(noise, 1e-300), along, size,
                                    units.get(view, '')))
     return tuple(remainder)
+
+
+def _unpredicted(space: ModelSpace) -> list[Remainder]:
+    """What the base leaves of a declared machine's held-out runs that it does not leave of others.
+
+    The base is fitted to each as well, because fitted runs may not determine what it needs.
+    """
+    problem, base, left = space.problem, space.base, []
+    widths = [float(np.median(run.width)) for run in problem.runs]
+    for run in problem.held_out if problem.assumptions.exact_laws else []:
+        if not np.isfinite(problem.simulate(run, [base.point])[0]).all():
+            continue
+        joint = problem.with_runs([*problem.runs, replace(run, held_out=False)])
+        metric = GainMetric(joint, GainMetric.about(problem, base).unit)
+        [fit] = fitting.run_refits(metric, [
+            fitting.refit(metric, base.candidate, base.theta_unit)])
+        # Shorter means have more noise.
+        wider = max(max(widths) / float(np.median(run.width)), 1.0) ** 0.5
+        for view, scale in problem.view_ranges.items():
+            size = joint.view_sizes(fit.prediction - joint.measured, view)[-1]
+            size *= joint.view_ranges[view]
+            usual = scale * max(problem.view_sizes(base.prediction - problem.measured, view))
+            noise = max(space.metric.noise_power(one, view) for one in problem.runs) ** 0.5
+            declared = scale * max(space.settings.materiality, problem.allowed_sizes[view])
+            if size > max(GOOD * wider * max(usual, noise), declared):
+                left.append(Remainder(
+                    run.name, view, size / scale, size / noise, '', size,
+                    getattr(problem.system, 'units', {}).get(view, '')))
+    return left
 
 
 def _left(

@@ -341,6 +341,17 @@ class Diagnosis:
         titles = self.fits.metric.problem.titles
         return ' or '.join(titles.get(name, name) for name in group.split(' or '))
 
+    def unpredicted(self, rests: Sequence[Remainder]) -> 'Diagnosis':
+        """The same data with `unknown` for `none` if held-out runs have a misfit of their own."""
+        from saddlering_ros.discrepancy.verdict.wording import unpredicted_words
+
+        if self.verdict != 'none' or not rests:
+            return self
+        largest = sorted(rests, key=lambda rest: -rest.share_of_range)
+        return replace(self, verdict='unknown', complete=False, remainder=tuple(largest),
+                       probabilities=probabilities_of('unknown'),
+                       warnings=(*self.warnings, unpredicted_words(largest[0])))
+
     @property
     def headline(self) -> str:
         """The verdict in one sentence."""

@@ -356,6 +356,12 @@ def some_runs_words(
             'something changed between the runs, or the law depends on what differs between them')
 
 
+def unpredicted_words(rest: Remainder) -> str:
+    return (f'the fitted runs show no cause, and do not predict held-out {rest.run}: '
+            f'{percent(rest.share_of_range)} of range in {rest.channel} remains there: look for '
+            'what changed between the runs, or fit it too')
+
+
 def narrow_law_words(title: str, coordinate: str, share: float) -> str:
     return (f'{title}: a law of another shape over {coordinate} predicts {percent(share)} of the '
             'misfit that this law leaves in other runs')

@@ -1,0 +1,62 @@
+"""Claims on held-out runs that the fitted ones do not predict: no `none` hides them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from saddlering_ros.diagnosis.verdict import ChannelMisfit, unpredicted
+from saddlering_ros.discrepancy import Channel, diagnose, Effect, Model, Parameter, Run
+
+
+def simulate(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    speed = np.asarray(run.inputs['speed'])
+    return {'force': values['viscous'] * speed + values['cubic'] * speed**3
+            + values['friction.force'] * np.tanh(speed / 0.02)}
+
+
+MODEL = Model(
+    simulate, {'viscous': Parameter(0, 50), 'cubic': Parameter(0, 50)},
+    {'friction': Effect('Friction', {'force': Parameter(0, 5)})}, {'force': Channel('N')})
+
+
+def record(name: str, rate: float, friction: float = 0.0, size: float = 1.0) -> Run:
+    time = np.linspace(0.0, 20.0, 400)
+    run = Run(name, time, {'speed': size * np.sin(rate * time)}, {'force': time})
+    noise = np.random.default_rng(int(100 * rate)).normal(0.0, 0.05, time.size)
+    true = simulate({'viscous': 10.0, 'cubic': 5.0, 'friction.force': friction}, run)
+    return Run(name, time, run.inputs, {'force': true['force'] + noise})
+
+
+def test_a_held_out_run_with_a_cause_of_its_own_is_told():
+    answer = diagnose(MODEL, [record('a', 0.7), record('b', 1.1)], hold_out=[
+        record('same', 0.9), record('other', 1.3, friction=2.0)])
+    assert (answer.verdict, answer.complete) == ('unknown', False)
+    assert [rest.run for rest in answer.remainder] == ['other']
+    assert answer.remainder[0].size == pytest.approx(1.0, abs=0.6)
+    assert any('do not predict held-out other' in warning for warning in answer.warnings)
+    assert answer.probabilities['none'] == 0.0
+
+
+def test_what_the_fitted_runs_do_not_determine_is_no_misfit():
+    small = [record('a', 0.7, size=0.03), record('b', 1.1, size=0.03)]
+    answer = diagnose(MODEL, small, hold_out=[record('wide', 0.9)])
+    predicted = answer.runs[-1]
+    assert np.std(predicted.before - predicted.run.channels) > 0.2
+    assert (answer.verdict, answer.complete) == ('none', True)
+
+
+def test_a_ring_is_judged_by_what_validate_allows():
+    def run(held_out: bool, misfit: float) -> SimpleNamespace:
+        channels = {'delta_x': ChannelMisfit(misfit, misfit, 0.002, 0.004),
+                    'parity': ChannelMisfit(0.5, 0.5, 0.1, 0.0)}
+        return SimpleNamespace(
+            channels=channels, measured=np.array([[0.0, 1e-4]]),
+            record=SimpleNamespace(run=SimpleNamespace(name='run', held_out=held_out)))
+
+    units = {'delta_x': 'm'}
+    assert not unpredicted([run(True, 0.008), run(False, 0.3)], units)
+    [rest] = unpredicted([run(True, 0.3)], units)
+    assert (rest.channel, rest.unit) == ('delta_x', 'm')
+    assert rest.size == pytest.approx(3e-5)
+    assert rest.times_noise == pytest.approx(150)
