@@ -26,6 +26,7 @@ from saddlering_ros.discrepancy.verdict import established, results, wording
 from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs
 from saddlering_ros.discrepancy.verdict.published import (
     GainMetric,
+    HALF,
     Publication,
     publish,
     Stability,
@@ -201,7 +202,8 @@ def _answer(search: Search) -> Answer:
     before = _residual_of(space, space.base)
     is_declared = any(space.problem.assumptions.allowed_error or ())
     if is_declared and not _left(space, space.base, before):
-        search, fit = replace(search, fit=space.base, alternatives={}), space.base
+        search, fit = replace(search, fit=space.base, alternatives={}, covered=(
+            1.0 if _left(space, space.base, before, HALF) else HALF)), space.base
     after = _residual_of(space, fit) if fit.candidate.effects else before
     published = publish(search, before, after)
     weak = _weakest(published.member_shares) or established.under_declared_error(space, fit)
@@ -377,17 +379,17 @@ def _unpredicted(space: ModelSpace) -> list[Remainder]:
 
 
 def _left(
-    space: ModelSpace, fit: Fit, residual: Residual
+    space: ModelSpace, fit: Fit, residual: Residual, factor: float = 1.0
 ) -> list[tuple[RunBlocks, str, float, str]]:
     """Run, view, share of range and coordinate of each rest beyond noise and declared error.
 
     A declared error may have any smooth shape. A rest is therefore left if noise and declared
     error together are not as large by chance, and if its size beyond the noise alone exceeds the
-    declared one.
+    declared one. factor: of the declared sizes.
     """
     problem, settings = space.problem, space.settings
     slow, fast, names = residual.slow, residual.fast, problem.system.channel_names
-    allowed = problem.allowed_sizes
+    allowed = {view: factor * size for view, size in problem.allowed_sizes.items()}
     least = {view: max(settings.materiality, size) for view, size in allowed.items()}
     sized = _by_sensors(space, fit) if any(allowed.values()) else residual
     left: list[tuple[RunBlocks, str, float, str]] = []

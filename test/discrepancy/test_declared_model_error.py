@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 from test_any_simulator import example
 
-from saddlering_ros.discrepancy import Channel, check, diagnose, Model, Noise, Parameter, Run
+from saddlering_ros.discrepancy import (
+    Channel,
+    check,
+    diagnose,
+    Effect,
+    Model,
+    Noise,
+    Parameter,
+    Run,
+)
 
 Sound = tuple[Model, list[Run]]
 """A model and runs that it can only miss by something of which no effect is listed."""
@@ -155,3 +164,20 @@ def test_what_remains_is_compared_with_the_noise_without_declared_model_error() 
     times = plain.remainder[0].times_noise
     assert times > 3.0
     assert answer.remainder[0].times_noise == pytest.approx(times, rel=0.2)
+
+
+def test_a_cause_that_the_declared_error_hides_makes_none_no_less_sure() -> None:
+    model, runs = wandering()
+    listed = Effect('Step', {'size': Parameter(0.0, 1.0)})
+
+    def simulate(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        drive = np.asarray(run.inputs['drive'])
+        return {'seen': values['gain'] * drive + values['step.size'] * np.tanh(50.0 * drive)}
+
+    model = replace(declared(model, 0.05), simulate=simulate, effects={'step': listed})
+    steps = [0.08 * np.tanh(50.0 * np.asarray(run.inputs['drive'])) for run in runs]
+    answer = diagnose(model, [replace(run, outputs={'seen': run.outputs['seen'] + step})
+                              for run, step in zip(runs, steps, strict=True)])
+    assert answer.verdict == 'none'
+    assert answer.probabilities['none'] > 0.8
+    assert not [reason for reason in answer.near_limit if 'the evidence' in reason]

@@ -59,7 +59,8 @@ Alternatives = Mapping[str, tuple[Fit, ...]]
 class Search:
     """The model at the end of a search, its alternatives, and two spaces.
 
-    begun: the space about the base fit; space: the one in which the model is judged.
+    begun: the space about the base fit; space: the one in which the model is judged; covered:
+    factor of the declared model error from which on it covers the misfit of the base.
     """
 
     begun: ModelSpace
@@ -67,6 +68,7 @@ class Search:
     fit: Fit
     alternatives: Alternatives
     log: SearchLog
+    covered: float = np.inf
 
 
 def search_about(start: ModelSpace) -> Search:

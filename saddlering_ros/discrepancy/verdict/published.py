@@ -53,6 +53,9 @@ SEEDS = 6
 MIN_STABLE = 0.8
 """Share of refits with the same first cause below which a verdict is near its limit."""
 
+HALF, TWICE = 0.5, 2.0
+"""Factors of the model error in refits."""
+
 WITHOUT = 'without '
 """Begin of the change of a refit that leaves out a run."""
 
@@ -394,7 +397,7 @@ def stability_of(search: Search, taken: float | None) -> Stability:
             if refit.change.startswith(WITHOUT)]
     if len(others) > (1.0 - MIN_STABLE) * len(refits):
         near.append(wording.unstable_words(others, len(refits), titles))
-    if not fit.candidate.effects:
+    if not fit.candidate.effects and not np.isfinite(search.covered):
         singles = [Comparison(space, space.base, single) for single in space.single_effect_fits()]
         share, name, visible = max(((
             one.gain / space.real_gain_of(one.extra), one.more.candidate.ids[0], one.visible)
@@ -440,9 +443,11 @@ def _refits(search: Search) -> tuple[Refit, ...]:
         drawn = random.integers(0, plain.size, plain.size)
         cases.append((f'stretches drawn again, {number + 1}', 1.0,
                       np.bincount(drawn, minlength=plain.size).astype(float)))
-    cases += [('half the model error', 0.5, plain), ('twice the model error', 2.0, plain)]
-    for factor in (1.0, 0.5, 2.0):
-        sums = [_Sums(space.metric, factor, model) for model in models.values()]
+    cases += [('half the model error', HALF, plain), ('twice the model error', TWICE, plain)]
+    for factor in (1.0, HALF, TWICE):
+        # What declared error covers needs no cause.
+        tried = models.values() if factor < search.covered else [space.base]
+        sums = [_Sums(space.metric, factor, model) for model in tried]
         for change, needed, weights in cases:
             if needed == factor:
                 best = min(sums, key=lambda model: model.penalised(space, weights.ravel()))
