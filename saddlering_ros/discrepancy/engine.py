@@ -258,10 +258,10 @@ def _among_small_errors(strict: Answer) -> Answer:
             fit = space.without(fit, name)
         search, published = published_of(fit)
         small = [cause.effect for cause in published.causes
-                 if cause.effect != main and established.may_be_absent(cause)]
+                 if cause.effect != main and established.uncertainties_of(cause, '')]
     doubts += [*established.other_laws(search), *published.doubts,
                *established.wrong_inputs(space, search.fit),
-               *established.uncertain_size(space, published)]
+               *established.uncertain_law(space, published)]
     if doubts:
         return strict.doubted([wording.suspect_words([space.problem.titles[main]], doubts)])
     # What the small errors could take of the main cause is left.

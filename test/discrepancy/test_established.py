@@ -384,16 +384,27 @@ def test_another_cause_that_fits_better_in_some_runs_takes_the_name(
 
 
 @pytest.mark.parametrize('exact', [True, False])
-def test_no_cause_whose_size_may_be_nothing_has_a_name(exact: bool) -> None:
-    size = system.Estimate(4.7e-12, 4.6e-12, 'm/N')
-    cause = Cause('a', Effect('a', {'size': Parameter(0, 1)}), 0, ('a',), {'size': size}, 0.0, 0.0,
-                  0.1, Gain(0.5, 0.5, ''))
+@pytest.mark.parametrize(('size_std', 'width_std', 'expected'), [
+    (0.26, 0.1, 'interval of its size, -0.00959 to 1.01, includes the size at which the effect '
+     'does nothing'),
+    (0.1, 0.55, 'interval of its width, -0.078 to 2.08, includes 1.5 rad, at which the effect is '
+     'another one'),
+    (0.1, 0.1, '')])
+def test_no_cause_that_may_be_nothing_or_another_one_has_a_name(
+    size_std: float, width_std: float, expected: str, exact: bool,
+) -> None:
+    """An arc that may be the whole row stood in for unequal rows on four rings."""
+    arc = Effect('a', {'size': Parameter(0, 1), 'width': Parameter(0, 1.5, limiting_case=1.5,
+                                                                   unit='rad')})
+    sizes = {'size': system.Estimate(0.5, size_std, ''),
+             'width': system.Estimate(1.0, width_std, 'rad')}
+    cause = Cause('a', arc, 0, ('a',), sizes, 0.0, 0.0, 0.1, Gain(0.5, 0.5, ''))
     space: Any = SimpleNamespace(problem=SimpleNamespace(
         assumptions=SimpleNamespace(exact_laws=exact), allowed_sizes={'seen': 0.0},
         titles={'a': 'A'}))
     published: Any = SimpleNamespace(causes=(cause,), main=cause)
-    words, = established.uncertain_size(space, published)
-    assert 'the effect does nothing' in words
+    words = established.uncertain_law(space, published)
+    assert words == ([f'A: the 95 % {expected}'] if expected else [])
 
 
 def test_a_size_at_its_bound_is_no_name() -> None:

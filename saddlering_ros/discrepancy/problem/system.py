@@ -30,8 +30,9 @@ class Parameter:
 
     start: first guess (default: the middle); neutral: the value at which an effect of this
     size does nothing (default: 0), or the natural end of a shape; step: share of the range by
-    which sensitivities are differenced; periodic: `high` equals `low`, as for an angle. The
-    name comes from the mapping that holds the parameter.
+    which sensitivities are differenced; periodic: `high` equals `low`, as for an angle;
+    limiting_case: the value of a shape at which the effect is another one. The name comes from the
+    mapping that holds the parameter.
     """
 
     low: float
@@ -42,6 +43,7 @@ class Parameter:
     neutral: float | None = None
     step: float = 2e-3
     periodic: bool = False
+    limiting_case: float | None = None
     name: str = ''
 
     def __post_init__(self) -> None:

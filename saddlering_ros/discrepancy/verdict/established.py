@@ -123,7 +123,7 @@ def judge_alone(
         if taken < MIN_TAKEN:
             more.append(wording.weak_words(wording.joined(titles), taken, MIN_TAKEN))
         more += shared_directions(search)
-    more += uncertain_size(space, published)
+    more += uncertain_law(space, published)
     return [*sentences, *more], not doubts and not more
 
 
@@ -192,24 +192,29 @@ def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
     return sentences
 
 
-def uncertain_size(space: ModelSpace, published: Publication) -> list[str]:
-    """A sentence if the 95 % interval of the size of the main cause includes its absence.
+def uncertain_law(space: ModelSpace, published: Publication) -> list[str]:
+    """A sentence if the main cause may be absent, or another effect, by its 95 % intervals.
 
-    A declared model error is all in that interval, and has a limit of its own.
+    A declared model error is all in these intervals, and has a limit of its own.
     """
     if any(space.problem.allowed_sizes.values()) or not published.causes:
         return []
-    main = published.main
-    size = main.parameters[main.definition.size.name]
-    return [wording.uncertain_size_words(
-        space.problem.titles[main.effect], *size.interval, size.unit,
-    )] if size.interval and may_be_absent(main) else []
+    return uncertainties_of(published.main, space.problem.titles[published.main.effect])
 
 
-def may_be_absent(cause: Cause) -> bool:
-    """Whether the 95 % interval of the size of a cause includes its absence."""
-    low, high = cause.parameters[cause.definition.size.name].interval or (np.inf, np.inf)
-    return low <= cause.definition.neutral <= high
+def uncertainties_of(cause: Cause, title: str) -> list[str]:
+    """Sentences on the absence, and on the limiting cases of shapes, in 95 % intervals."""
+    sentences, size = [], cause.definition.size
+    for parameter in cause.definition.ordered:
+        interval = cause.parameters[parameter.name].interval
+        limit = cause.definition.neutral if parameter is size else parameter.limiting_case
+        if interval is None or limit is None or not interval[0] <= limit <= interval[1]:
+            continue
+        sentences.append(
+            wording.uncertain_size_words(title, *interval, parameter.unit)
+            if parameter is size else wording.uncertain_shape_words(
+                title, parameter.name, *interval, f'{limit:g} {parameter.unit}'.rstrip()))
+    return sentences
 
 
 def doubts_beside_error(
@@ -227,7 +232,7 @@ def doubts_beside_error(
     doubts = [*doubts_of(search, published), *unsteady_sizes(space, fit, published.causes),
               *narrow, *(unlike_channels(alone.space, published.plain)
                          or unlike_channels_unpatched(alone.space, search, main.effect)),
-              *uncertain_size(space, published)]
+              *uncertain_law(space, published)]
     if most_dropped**2 > MAINLY * main.visible**2:
         doubts.append(wording.AS_LARGE)
     return doubts, 0.0 if narrow else published.shares.best

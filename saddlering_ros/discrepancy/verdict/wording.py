@@ -297,6 +297,11 @@ def uncertain_size_words(title: str, low: float, high: float, unit: str) -> str:
             + ', includes the size at which the effect does nothing')
 
 
+def uncertain_shape_words(title: str, name: str, low: float, high: float, limit: str) -> str:
+    return (f'{title}: the 95 % interval of its {name}, {low:.3g} to {high:.3g}, includes '
+            f'{limit}, at which the effect is another one')
+
+
 def weak_words(title: str, taken: float, needed: float) -> str:
     return (f'{percent(max(taken, 0.0))} of the power of the misfit beyond noise is explained by '
             f'{title}, and at least {percent(needed)} is required, because a wrong cause can '
