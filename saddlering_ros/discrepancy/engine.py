@@ -214,6 +214,8 @@ def _answer(search: Search) -> Answer:
     taken = 0.0 if published.shares is None else published.shares.best
     warnings, is_established = established.judge_alone(
         search, before, after, _left_in(space, fit, after), published)
+    if not published.causes and not is_established:
+        warnings = [*warnings, *published.doubts]
     return Answer(
         search, _verdict(is_established, published), tuple(warnings), before, after, published,
         _remainder_of(space, fit, after),

@@ -121,3 +121,21 @@ def test_a_limit_counts_what_the_refitted_base_takes_of_an_effect() -> None:
     (limit,) = diagnose(model, [run]).observability.limits
     # 0.1 of a cosine of 400 samples in noise of 0.01 is 140 standard deviations for a size of 1
     assert 0.025 < limit.limit < 0.045
+
+
+def test_a_base_parameter_that_its_bound_stops_is_told_and_no_cause_is_named() -> None:
+    def simulate(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        drive = np.asarray(run.inputs['drive'])
+        return {'seen': values['gain'] * drive + values['bend.size'] * drive**3}
+
+    def record(name: str, rate: float) -> Run:
+        time = np.linspace(0.0, 10.0, 300)
+        drive = np.sin(rate * time)
+        noise = np.random.default_rng(int(10 * rate)).normal(0.0, 0.01, time.size)
+        return Run(name, time, {'drive': drive}, {'seen': 2.0 * drive + noise})
+
+    model = Model(simulate, {'gain': Parameter(0.5, 1.0)},
+                  {'bend': Effect('Bend', {'size': Parameter(-5.0, 5.0)})}, {'seen': Channel()})
+    answer = diagnose(model, [record('a', 0.9), record('b', 1.7)])
+    assert answer.verdict == 'unknown'
+    assert any(warning.startswith('gain = 1.00: the misfit falls') for warning in answer.warnings)

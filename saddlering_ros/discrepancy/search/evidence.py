@@ -6,11 +6,13 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 import numpy as np
+from scipy.special import chdtri
 
-from saddlering_ros.discrepancy.problem.fits import Fit
-from saddlering_ros.discrepancy.problem.system import Array, FREE_STRENGTH, Settings
+from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
+from saddlering_ros.discrepancy.problem.problem import Problem
+from saddlering_ros.discrepancy.problem.system import Array, FREE_STRENGTH, Parameter, Settings
 from saddlering_ros.discrepancy.search.lack_of_fit import SlowResidual
-from saddlering_ros.discrepancy.search.space import FREE_SPREAD, ModelSpace, with_forms
+from saddlering_ros.discrepancy.search.space import AT_BOUND, FREE_SPREAD, ModelSpace, with_forms
 from saddlering_ros.estimation.statistics import fisher_limit
 
 MAX_IN_ONE_VIEW = 2
@@ -24,6 +26,9 @@ INFLATION = 4.0
 """Factor by which nuisance parameters are inflated to compare them with an effect. Chosen: an
 effect must explain more than a sound machine with errors four times as large as assumed."""
 
+MIN_STOPPED = 0.05
+"""Share of the misfit that a base parameter would take beyond its bound, from which on the bound
+decides the verdict. One that the data leave open rests at a bound, too, and takes far less."""
 
 Sizes = Mapping[str, Array]
 """Rms shares of range: per view one number per run (R,)."""
@@ -271,3 +276,18 @@ def crowded(explained: Iterable[Sizes], settings: Settings) -> bool:
     crowd = Counter(view for sizes in explained for view, size in sizes.items()
                     if size.max() >= settings.materiality)
     return max(crowd.values(), default=0) > MAX_IN_ONE_VIEW
+
+
+def stopped_base(problem: Problem, fit: Fit) -> list[tuple[Parameter, float]]:
+    """Base parameters of a fit that a bound keeps from a misfit which is surely smaller."""
+    slope, place = fit.jacobian.T @ fit.whitened, fit.theta_unit
+    low, high = place < AT_BOUND, place > 1.0 - AT_BOUND
+    outwards, stopped = low & (slope > 0.0) | high & (slope < 0.0), []
+    least = max(MIN_STOPPED * fit.misfit, float(chdtri(1, problem.settings.error_rate)))
+    for number, parameter in enumerate(problem.system.base_parameters):
+        free = ~(low | high) | (np.arange(place.size) == number)
+        gram = fit.jacobian[:, free].T @ fit.jacobian[:, free] + PRIOR**2 * np.eye(free.sum())
+        gain = slope[free] @ np.linalg.solve(gram, slope[free])
+        if outwards[number] and not parameter.periodic and gain > least:
+            stopped.append((parameter, parameter.from_unit(float(place[number]))))
+    return stopped

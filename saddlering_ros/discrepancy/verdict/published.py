@@ -30,12 +30,13 @@ from saddlering_ros.discrepancy.problem.system import (
     Parameter,
     RunBlocks,
 )
-from saddlering_ros.discrepancy.search.evidence import Comparison
+from saddlering_ros.discrepancy.search.evidence import Comparison, stopped_base
 from saddlering_ros.discrepancy.search.selection import Search, stopped_sizes
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.verdict import results, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
+from saddlering_ros.quantities import quantity
 
 MAINLY = 0.5
 """Share of the power of a view's misfit that a cause moves where it mainly acts, and share of the
@@ -219,9 +220,16 @@ def _refitted(
 
 
 def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
-    """A sentence for every effect whose size is at its bound, which is no name."""
-    return [wording.size_at_bound_words(problem.titles[effect.id], effect.size, value)
-            for effect, value in stopped_sizes(problem, fit)]
+    """A sentence for every effect whose size is at its bound, which is no name.
+
+    And one on base parameters at bounds that keep the misfit from being smaller, because a cause
+    can stand in for what lies beyond them.
+    """
+    stopped = [f'{one.name} = {quantity(value, one.unit)}'
+               for one, value in stopped_base(problem, fit)]
+    return [*(wording.size_at_bound_words(problem.titles[effect.id], effect.size, value)
+              for effect, value in stopped_sizes(problem, fit)),
+            *([wording.base_at_bound_words(stopped)] if stopped else [])]
 
 
 def _covariance(space: ModelSpace, fit: Fit, published: Fit, residual: Residual) -> Array:

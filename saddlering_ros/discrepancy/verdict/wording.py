@@ -292,6 +292,11 @@ def size_at_bound_words(title: str, size: Parameter, value: float) -> str:
             'contributes')
 
 
+def base_at_bound_words(stopped: Sequence[str]) -> str:
+    return (f'{joined(stopped)}: the misfit falls further beyond this bound, which a cause can '
+            'imitate: see to the units of the readings, or give wider bounds')
+
+
 def uncertain_size_words(title: str, low: float, high: float, unit: str) -> str:
     return (f'{title}: the 95 % interval of its size, {low:.3g} to {high:.3g} {unit}'.rstrip()
             + ', includes the size at which the effect does nothing')
