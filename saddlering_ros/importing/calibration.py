@@ -257,11 +257,20 @@ class CountedTime:
 
 @dataclass(frozen=True)
 class DatedTime:
-    """Columns with date and time as text, joined by a blank; `zone` where the text has none."""
+    """Columns with date and time as text, joined by a blank; `zone` where the text has none.
+
+    start: midnight [ns] before times of day, where the format has no date.
+    """
 
     columns: tuple[str, ...]
     format: str
     zone: tzinfo | None
+    start: int | None = None
+
+    @property
+    def is_dated(self) -> bool:
+        """Whether the format has a date beside the time of day."""
+        return self.format in (ISO, FILE) or bool(re.search('%[dejxcDFs]', self.format))
 
     def stamps(self, cells: Sequence[NDArray[Any]], rows: NDArray[np.int64]) -> Stamps:
         """Stamps of the cells (N,) of each column; MISSING where a text cannot be read."""
@@ -284,6 +293,12 @@ class DatedTime:
             moment = parse_moment(text, self.format)
         except ValueError:
             return MISSING
+        if not self.is_dated:
+            if self.start is None:
+                raise ImportingError(
+                    f'the times of column {self.columns[-1]} ({text!r}) have no date: add start: '
+                    'to time:, the midnight before them like "2026-11-20T00:00:00Z"')
+            return self.start + (moment.hour * 3600 + moment.minute * 60 + moment.second) * SECOND
         if moment.tzinfo is None and self.zone is None:
             raise ImportingError(f'the times of column {self.columns[-1]} ({text!r}) have no '
                                  'time zone: add zone: to time:, like UTC or Europe/Berlin')

@@ -9,6 +9,7 @@ import fnmatch
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.bags.write import END_OF_STAMPS
 from saddlering_ros.importing import calibration
 from saddlering_ros.importing.calibration import CountedTime, Floats, ImportingError, Stamps
 from saddlering_ros.importing.mapping import ChannelMap, ImportMap, Split
@@ -61,7 +62,16 @@ class Piece:
                 if cells[0].dtype.kind == 'O':
                     cells = [self.source.number_texts(column, cells[0], first)]
             stamps = self.time.stamps(cells, np.arange(first, first + count))
-            stamps[(stamps < UNDATED) & (stamps != calibration.MISSING)] += DAY
+            found = stamps != calibration.MISSING
+            wrong = np.flatnonzero(found & ((stamps < -DAY) | (stamps >= END_OF_STAMPS)))
+            if len(wrong):
+                shown = ' '.join(str(column[wrong[0]]) for column in cells)
+                raise ImportingError(
+                    f'{self.source.path}: row {first + wrong[0] + 1}, {shown!r} is '
+                    f'{calibration.words_of(stamps[wrong[0]])}, and a bag holds times from 1970 '
+                    'to 2038: correct unit: and start: in time: (spreadsheets count days from '
+                    '1899-12-30T00:00:00Z, LabVIEW seconds from 1904-01-01T00:00:00Z)')
+            stamps[(stamps < UNDATED) & found] += DAY
             yield block, stamps, first
             first += count
 
@@ -154,7 +164,8 @@ class Feed:
                     left_out += len(bad)
                     shown = ' '.join(str(block[name][bad[0]]) for name in piece.time.columns)
                     words = (f'does not fit {piece.time.format}'
-                             if isinstance(piece.time, calibration.DatedTime) else 'is no number')
+                             if isinstance(piece.time, calibration.DatedTime)
+                             else 'is no number that is a time in this unit')
                     piece.source.warn('rows with an unreadable time are left out', len(bad),
                                       f'row {first + bad[0] + 1}, {shown!r} {words}')
                 good = np.flatnonzero(stamps != calibration.MISSING)

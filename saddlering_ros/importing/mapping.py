@@ -175,7 +175,10 @@ def _time(given: Any, file: str, name: str) -> TimeSource:
     names = tuple(map(str, columns)) if isinstance(columns, list) else (str(columns),)
     if 'format' in section:
         form = str(section['format']).replace('.%f', '').replace(',%f', '')
-        return calibration.DatedTime(names, form, zone)
+        dated = calibration.DatedTime(names, form, zone, start)
+        if start is not None and dated.is_dated:
+            raise ImportingError(f'{where}: a time with a date needs no start: remove start:')
+        return dated
     if 'unit' not in section:
         raise ImportingError(f'{where}: the unit of the time is not stated: give unit: s (ms, us, '
                              'ns) for numbers, format: iso or like "%d.%m.%Y %H:%M:%S" for dates')

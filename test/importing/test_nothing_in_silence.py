@@ -245,3 +245,24 @@ def test_a_tdms_file_that_is_cut_off_is_said_to_be(tmp_path: Path, capfd) -> Non
     (source,) = open_sources([path])
     assert any('less data than expected' in line for line in source.warnings)
     assert capfd.readouterr().err == ''
+
+
+@pytest.mark.parametrize('first', [46350.0, 740310.0], ids=['a spreadsheet', 'in matlab'])
+def test_days_of_another_epoch_are_refused_with_the_start_to_give(
+        tmp_path: Path, first: float) -> None:
+    table = plain_table(t=[f'{first + i / 86400:.9f}' for i in range(ROWS)])
+    said = refusal(tmp_path, document(time={'column': 't', 'unit': 'd'}), table)
+    assert ('start: in time:' if first < 1e5 else 'no number that is a time in this unit') in said
+    if first < 1e5:
+        convert(tmp_path, table, document(
+            time={'column': 't', 'unit': 'd', 'start': '1899-12-30T00:00:00Z'}))
+        assert str(np.datetime64(int(stamps(tmp_path)[0]), 'ns'))[:10] == '2026-11-24'
+
+
+def test_a_time_of_day_counts_from_the_midnight_that_is_given(tmp_path: Path) -> None:
+    table = plain_table(t=[f'08:00:0{i}.5' if i < 10 else f'08:00:{i}.5' for i in range(ROWS)])
+    clock = {'column': 't', 'format': '%H:%M:%S'}
+    said = refusal(tmp_path, document(time=clock), table)
+    assert 'have no date: add start:' in said
+    convert(tmp_path, table, document(time={**clock, 'start': '2026-11-20T00:00:00Z'}))
+    assert str(np.datetime64(int(stamps(tmp_path)[0]), 'ns'))[:21] == '2026-11-20T08:00:00.5'
