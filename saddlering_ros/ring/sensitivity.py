@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring.kernels import courses, integration, tangents
-from saddlering_ros.ring.kernels.row_tangents import LAW, LAWS, PLAIN_LAW
+from saddlering_ros.ring.kernels.contact import LAW
+from saddlering_ros.ring.kernels.row_tangents import LAWS, PLAIN_LAW
 from saddlering_ros.ring.model import (
     columns,
     EXTENSION_FIELDS,

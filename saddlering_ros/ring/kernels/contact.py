@@ -3,6 +3,7 @@
 Powers have no branch and no call, so that loops over them become vector code.
 """
 
+import math
 from typing import Any
 
 from llvmlite import ir
@@ -87,18 +88,58 @@ def in_contact(rows: Any, row: Any, rollers: Any, uniform: Any, a: Any, b: Any,
     return base + first, base + stride + first, gaps + first, count
 
 
+@kernel(**INNER)
+def growth_terms(growing: Any, saturation: Any, exponent: Any) -> Any:
+    """(share, m, L^m, 1/r^m + L^m, steepness of the fade) of growing damping, as in `row_sums`."""
+    share, growth = growing
+    growth = growth if growth > 0.0 else exponent
+    turn = 0.0
+    if saturation is not None:
+        turn = saturation ** growth
+    # For m < 1 the slope of p^m is unbounded at p = 0. The term is therefore faded in (C1) over
+    # (1 - m) RAMP. For m >= 1 no fade is needed, and the change at m = 1 is continuous.
+    return (share, growth, turn, DAMPING_REFERENCE ** (-growth) + turn,
+            1.0 / (RAMP * max(1.0 - growth, 1e-20)))
+
+
 @kernel(fastmath=FAST, **INNER)
+def grown(p: Any, binary: Any, growth: Any, turn: Any, steepness: Any, saturation: Any) -> Any:
+    """(g, s, fade, swing) of growing damping at p, of which `binary` is log2; L as in `row_sums`.
+
+    g = p^(m-1) / (1 + (p L)^m); the damping grows as g p fade, its slope as g (s fade + swing).
+    """
+    rising = exp2_of((growth - 1.0) * binary)
+    slope = growth
+    if saturation is not None:
+        level = 1.0 / (1.0 + turn * rising * p)
+        rising *= level
+        slope *= level
+    w = min(p * steepness, 1.0)
+    return rising, slope, w * w * (3.0 - 2.0 * w), 6.0 * w * (w - w * w)
+
+
+LAW = 6
+"""Number of parameters of a row: K, n, D; share, exponent, saturation of growing damping."""
+
+PARTS = 3 + 2 * LAW
+"""Sums of a row for tangents: d times 1, cos, cos^2; force per parameter times 1, cos."""
+
+LN2 = math.log(2.0)
+
+
+@kernel(fastmath=FAST, forceinline=True, **INNER)
 def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, motion: Any, law: Any, growing: Any,
-             saturation: Any, guess: Any) -> Any:
+             saturation: Any, guess: Any, parts: Any = None) -> Any:
     """Force sums of one row with penetration p = a + b cos - gap and rate dp/dt = da + db cos.
 
     Returns sum F, sum F cos; stiffness sums k, k cos, k cos^2 with k = dF/dp; damping sums d,
     d cos, d cos^2 with d = dF/d(dp/dt); and the number of rollers in contact, which is the guess
     of the next call. motion: (a, b, da, db); law: (K, n, D). growing: None, or (share, m) of the
     damping that grows as p^m, or as p^n for m = 0. saturation: None, or L of the growth
-    p^m / (1 + (p L)^m). The function is compiled for each combination, so that an unused law costs
-    nothing. rows: flat array of `model`; every row ends with rollers that carry no load, so that
-    the loop runs over whole vectors.
+    p^m / (1 + (p L)^m). parts: None, or (3, PARTS) to be filled for tangents at this row. The
+    function is compiled for each combination, so that an unused law costs nothing. rows: flat
+    array of `model`; every row ends with rollers that carry no load, so that the loop runs over
+    whole vectors.
     """
     widest_vectors()
     a, b, da, db = motion
@@ -106,53 +147,85 @@ def row_sums(rows: Any, row: Any, rollers: Any, uniform: Any, motion: Any, law: 
     cosines, weights, gaps, touching = in_contact(rows, row, rollers, uniform, a, b, guess)
     s0 = s1 = k0 = k1 = k2 = d0 = d1 = d2 = 0.0
     if touching == np.uint64(0):
+        if parts is not None:
+            for i in range(PARTS):
+                parts[row, i] = 0.0
         return s0, s1, k0, k1, k2, d0, d1, d2, 0.0
     count = (touching + np.uint64(7)) & ~np.uint64(7)
-    constant, growth, factor, steepness, turn = damping, 0.0, 0.0, 0.0, 0.0
+    n0 = n1 = c0 = c1 = g0 = g1 = m0 = m1 = l0 = l1 = 0.0
+    share, growth, turn, factor, steepness = 0.0, 0.0, 0.0, 1.0, 0.0
+    factor_slope = level_log = turn_slope = 0.0
     if growing is not None:
-        share, growth = growing
-        growth = growth if growth > 0.0 else exponent
-        constant = damping * (1.0 - share)
+        share, growth, turn, factor, steepness = growth_terms(growing, saturation, exponent)
+        factor_slope = -math.log(DAMPING_REFERENCE) * (factor - turn) / factor
         if saturation is not None:
-            turn = saturation ** growth
-        factor = damping * share * (DAMPING_REFERENCE ** (-growth) + turn)
-        # For m < 1 the slope of p^m is unbounded at p = 0. The term is therefore faded in (C1)
-        # over (1 - m) RAMP. For m >= 1 no fade is needed, and the change at m = 1 is continuous.
-        steepness = 1.0 / (RAMP * max(1.0 - growth, 1e-20))
+            level_log = math.log(saturation)
+            turn_slope = growth * turn / (factor * saturation)
+            factor_slope += turn * level_log / factor
+    constant, amount, turned = damping * (1.0 - share), damping * share * factor, turn / factor
     for j in range(count):
         c = rows[cosines + j]
         p = max(a + b * c - rows[gaps + j], 1e-30)
         rate = da + db * c
-        relative = power(p, exponent - 1.0)
+        binary = log2_of(p)
+        relative = exp2_of((exponent - 1.0) * binary)
         u = min(p * (1.0 / RAMP), 1.0)
-        d = constant * (u * u * (3.0 - 2.0 * u))
+        closed = u * u * (3.0 - 2.0 * u)
+        d = constant * closed
         d_slope = constant * (6.0 / RAMP) * (u - u * u)
         if growing is not None:
-            rising = power(p, growth - 1.0)
-            slope = growth
-            if saturation is not None:
-                level = 1.0 / (1.0 + turn * rising * p)
-                rising *= level
-                slope *= level
-            rising *= factor
-            w = min(p * steepness, 1.0)
-            fade = w * w * (3.0 - 2.0 * w)
-            d += rising * p * fade
-            d_slope += rising * (slope * fade + 6.0 * w * (w - w * w))
-        force = stiffness * relative * p + d * rate
+            rising, slope, fade, swing = grown(p, binary, growth, turn, steepness, saturation)
+            added = amount * rising
+            d += added * p * fade
+            d_slope += added * (slope * fade + swing)
+        elastic = relative * p
+        force = stiffness * elastic + d * rate
         k = exponent * stiffness * relative + d_slope * rate
         carries = rows[weights + j] if force > MIN_FORCE else 0.0
-        force *= carries
         k *= carries
         d *= carries
-        s0 += force
-        s1 += force * c
         k0 += k
         k1 += k * c
         k2 += k * c * c
         d0 += d
         d1 += d * c
         d2 += d * c * c
+        if parts is None:
+            force *= carries
+            s0 += force
+            s1 += force * c
+            continue
+        natural = LN2 * binary
+        elastic *= carries
+        s0 += elastic
+        s1 += elastic * c
+        n0 += elastic * natural
+        n1 += elastic * natural * c
+        moving = carries * rate
+        c0 += moving * closed
+        c1 += moving * closed * c
+        if growing is not None:
+            level = factor * rising * p  # of the growing part for D = 1 and a share of 1
+            log_slope, by_saturation = factor_slope + natural, 0.0
+            if saturation is not None:
+                log_slope -= turned * level * (level_log + natural)
+                by_saturation = turn_slope * (1.0 - level) * level * fade
+            by_exponent = level * (fade * log_slope + swing * (steepness * RAMP))
+            g0 += moving * level * fade
+            g1 += moving * level * fade * c
+            m0 += moving * by_exponent
+            m1 += moving * by_exponent * c
+            l0 += moving * by_saturation
+            l1 += moving * by_saturation * c
+    if parts is not None:
+        part, by_growth = parts[row], damping * share
+        part[0], part[1], part[2] = d0, d1, d2
+        part[3], part[4], part[5], part[6] = s0, s1, stiffness * n0, stiffness * n1
+        part[7], part[8] = (1.0 - share) * c0 + share * g0, (1.0 - share) * c1 + share * g1
+        part[9], part[10] = damping * (g0 - c0), damping * (g1 - c1)
+        part[11], part[12] = by_growth * m0, by_growth * m1
+        part[13], part[14] = by_growth * l0, by_growth * l1
+        s0, s1 = stiffness * s0 + damping * part[7], stiffness * s1 + damping * part[8]
     return s0, s1, k0, k1, k2, d0, d1, d2, float(touching)
 
 
@@ -168,46 +241,47 @@ def keep_matrix(m: Any, sum0: Any, sum1: Any, sum2: Any, radial: Any, w: Any, pl
 
 
 @kernel(**INNER)
-def keep_force(m: Any, up0: Any, up1: Any, low0: Any, low1: Any, radial: Any, w: Any) -> Any:
-    """Set w[FORCE] by sum F and sum F cos of the axial rows, sum F cos of the radial row."""
-    w[at.FORCE] = -radial
-    w[at.FORCE + 1] = low0 - up0
-    w[at.FORCE + 2] = m.radius * (up1 - low1) - m.radial_row_height * radial
-
-
-@kernel(**INNER)
 def forces_of_rows(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
-                   v2: Any, growing: Any, saturation: Any, w: Any) -> Any:
+                   v2: Any, growing: Any, saturation: Any, w: Any, parts: Any) -> Any:
     """`ring_forces` for growing and saturating damping, or None, as in `row_sums`."""
     motions, laws, rollers = row_motions(m, q0, q1, q2, v0, v1, v2), row_laws(m), row_rollers(m)
-    t = at.TOUCHING
-    _, s1, _, _, k2, _, _, d2, w[t + 2] = row_sums(
-        rows, 2, rollers[2], uniform[2], motions[2], laws[2], growing, saturation, w[t + 2])
-    up0, up1, ku0, ku1, ku2, du0, du1, du2, w[t] = row_sums(
-        rows, 0, rollers[0], uniform[0], motions[0], laws[0], growing, saturation, w[t])
-    low0, low1, kl0, kl1, kl2, dl0, dl1, dl2, w[t + 1] = row_sums(
-        rows, 1, rollers[1], uniform[1], motions[1], laws[1], growing, saturation, w[t + 1])
-    keep_force(m, up0, up1, low0, low1, s1, w)
-    keep_matrix(m, ku0 + kl0, ku1 + kl1, ku2 + kl2, k2, w, at.STIFFNESS)
-    keep_matrix(m, du0 + dl0, du1 + dl1, du2 + dl2, d2, w, at.DAMPING)
+    axial = turn = radial = k0 = k1 = k2 = k3 = d0 = d1 = d2 = d3 = 0.0
+    for row in range(3):
+        s0, s1, ks0, ks1, ks2, ds0, ds1, ds2, w[at.TOUCHING + row] = row_sums(
+            rows, row, rollers[row], uniform[row], motions[row], laws[row], growing, saturation,
+            w[at.TOUCHING + row], parts)
+        if row == 2:
+            radial, k3, d3 = s1, ks2, ds2
+        else:
+            side = 1.0 - 2.0 * row
+            axial, turn = axial - side * s0, turn + side * s1
+            k0, k1, k2 = k0 + ks0, k1 + ks1, k2 + ks2
+            d0, d1, d2 = d0 + ds0, d1 + ds1, d2 + ds2
+    w[at.FORCE] = -radial
+    w[at.FORCE + 1] = axial
+    w[at.FORCE + 2] = m.radius * turn - m.radial_row_height * radial
+    keep_matrix(m, k0, k1, k2, k3, w, at.STIFFNESS)
+    keep_matrix(m, d0, d1, d2, d3, w, at.DAMPING)
 
 
 @kernel(**INNER)
 def ring_forces(m: Any, rows: Any, uniform: Any, q0: Any, q1: Any, q2: Any, v0: Any, v1: Any,
-                v2: Any, w: Any) -> Any:
+                v2: Any, w: Any, parts: Any, grows: Any) -> Any:
     """Contact forces on the upper ring at motion q and its rate v.
 
     Fills w: FORCE (3,); STIFFNESS and DAMPING are -dF/dq and -dF/dv, each as its entries 00, 02,
-    11, 12, 22. Entry 01 is zero, because nothing couples delta_x to delta_y.
+    11, 12, 22. Entry 01 is zero, because nothing couples delta_x to delta_y. parts: as in
+    `row_sums`, of upper, lower and radial row; grows: whether tangents by the law of growing
+    damping are wanted, also at a share of 0.
     """
     growing = (m.damping_penetration_share, m.damping_penetration_exponent)
-    if m.damping_penetration_share == 0.0:
-        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2, None, None, w)
+    if not grows and m.damping_penetration_share == 0.0:
+        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2, None, None, w, parts)
     elif m.damping_penetration_saturation == 0.0:
-        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2, growing, None, w)
+        forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2, growing, None, w, parts)
     else:
         forces_of_rows(m, rows, uniform, q0, q1, q2, v0, v1, v2, growing,
-                       m.damping_penetration_saturation, w)
+                       m.damping_penetration_saturation, w, parts)
 
 
 @kernel(fastmath=FAST, **INNER)

@@ -58,7 +58,7 @@ def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: A
     """
     radius = m.radius
     e0, e1, e2 = w[at.EXTERNAL], w[at.EXTERNAL + 1], w[at.EXTERNAL + 2]
-    ring_forces(m, rows, uniform, x, y, tilt, 0.0, 0.0, 0.0, w)
+    ring_forces(m, rows, uniform, x, y, tilt, 0.0, 0.0, 0.0, w, None, False)
     scale = abs(e0) + abs(e1) + abs(e2) / radius + 1.0
     if not scale < 1e300:
         return False, x, y, tilt
@@ -80,7 +80,7 @@ def equilibrium(m: Any, rows: Any, uniform: Any, w: Any, x: Any, y: Any, tilt: A
         factor, accepted = 1.0, False
         for _ in range(40):
             x1, y1, tilt1 = x + factor * step0, y + factor * step1, tilt + factor * step2
-            ring_forces(m, rows, uniform, x1, y1, tilt1, 0.0, 0.0, 0.0, w)
+            ring_forces(m, rows, uniform, x1, y1, tilt1, 0.0, 0.0, 0.0, w, None, False)
             gain = factor * (e0 * step0 + e1 * step1 + e2 * step2)
             slope = ((e0 + w[at.FORCE]) * step0 + (e1 + w[at.FORCE + 1]) * step1
                      + (e2 + w[at.FORCE + 2]) * step2)

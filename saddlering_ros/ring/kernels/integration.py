@@ -8,6 +8,7 @@ import numpy as np
 from saddlering_ros.ring.kernels import extension_laws as laws
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.kernels import row_tangents
+from saddlering_ros.ring.kernels.contact import PARTS
 from saddlering_ros.ring.kernels.equilibrium import differences, equilibrium, solve3, system
 from saddlering_ros.ring.kernels.layout import INNER, kernel, OUTER
 
@@ -139,7 +140,8 @@ def implicit_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, friction: Any
 
     The unknown is q; v and a follow from the difference formulas. friction: whether the ring has
     friction. Returns SOLVED, FAILED if Newton fails, TOO_COARSE if the error exceeds `allowed`
-    [m]. Unless it is solved the state is unchanged.
+    [m]. Unless it is solved the state is unchanged. recorder: None, or (records (S, width), parts
+    (3, PARTS), last v (3,), grows) of `row_tangents.keep_record`.
     """
     c0, c1, c2 = differences(h, s[at.STEP_OLD])
     p0 = c1 * s[at.Q] + c2 * s[at.Q_OLD]
@@ -370,11 +372,11 @@ def run_recorded(models: Any, rows: Any, uniform: Any, time: Any, load: Any, zer
     """
     m = models[0]
     s, w = np.zeros(at.STATE_SIZE), np.zeros(at.WORK_SIZE)
-    parts = np.zeros((3, row_tangents.PARTS))
+    parts = np.zeros((3, PARTS))
     recorder = (records, parts, np.zeros(3), grows)
     rest(m, rows, uniform, s, time[0], zero_load, w)
     q, v = s[at.Q:at.Q + 3], s[at.V:at.V + 3]
-    row_tangents.ring_tangents(m, rows, uniform, q, v, grows, parts, w)
+    row_tangents.forces_of_step(m, rows, uniform, q, v, recorder, w)
     records[0] = 0.0
     row_tangents.keep_sums(records[0], parts, w)
     follow(m, rows, uniform, s, time, load, max_step, q_out, d_out, recorder, w)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.ring.kernels import layout as at
-from saddlering_ros.ring.kernels.contact import ring_forces
+from saddlering_ros.ring.kernels.contact import PARTS, ring_forces
 from saddlering_ros.ring.kernels.equilibrium import differences, solve3, system
 from saddlering_ros.ring.kernels.extension_laws import hysteron
 from saddlering_ros.ring.kernels.layout import FAST, INNER, kernel, OUTER
@@ -23,9 +23,7 @@ from saddlering_ros.ring.kernels.row_tangents import (
     forces_by_law,
     keep_sums,
     LAWS,
-    PARTS,
     PLAIN_LAW,
-    ring_tangents,
     STEP,
 )
 
@@ -217,10 +215,11 @@ def static_tangents(models: Any, rows: Any, uniform: Any, law: Any, path: Any, o
     """Fill out (N, 3, P) with changes of equilibria path (N, 3) by law (3, LAW, P)."""
     m = models[0]
     parts, w, record = np.zeros((3, PARTS)), np.zeros(at.WORK_SIZE), np.zeros(LAWS + 5 * PLAIN_LAW)
-    still, by = np.zeros(3), np.zeros((3, law.shape[2]))
+    by = np.zeros((3, law.shape[2]))
     soft = 1e-9 * m.K1
     for n in range(path.shape[0]):
-        ring_tangents(m, rows, uniform, path[n], still, False, parts, w)
+        ring_forces(m, rows, uniform, path[n, 0], path[n, 1], path[n, 2], 0.0, 0.0, 0.0, w, parts,
+                    False)
         keep_sums(record, parts, w)
         by[:] = 0.0
         forces_by_law(m, record[LAWS:], law, by)
@@ -248,7 +247,8 @@ def follow_errors(models: Any, rows: Any, uniform: Any, q: Any, v: Any, h: Any, 
     p, a = np.zeros(3), np.zeros(3)
     state, old = np.zeros((6, nodes)), np.zeros((6, nodes))  # dq and its rate, of two steps
     for n in range(nodes * size):
-        ring_forces(m, rows, uniform, q[n, 0], q[n, 1], q[n, 2], v[n, 0], v[n, 1], v[n, 2], w)
+        ring_forces(m, rows, uniform, q[n, 0], q[n, 1], q[n, 2], v[n, 0], v[n, 1], v[n, 2], w,
+                    None, False)
         place = min(max((n + 0.5) / size - 0.5, 0.0), nodes - 1.0)
         first = int(place)
         share = place - first
