@@ -76,6 +76,14 @@ NO_REST = Kind(
     'no half second of a steady load near the preload ({preload}) has {count} readings: '
     'displacements count from the first reading alone: rest longer, or record faster')
 
+TOO_FAST = Kind(
+    'the load rises by {rise} within {seconds}, faster than the hydraulics can '
+    '(rig.full_scale_time is {least}): the unit or rate of the time is wrong, and so will D be; '
+    'or the rig file is',
+    limit=1.2)
+"""Rate of the load, as a multiple of full scale in rig.full_scale_time, that no rise exceeds
+between a quarter and three quarters of the range, over MIN_SAMPLES samples and more."""
+
 ELEVATION_UNIT = Kind(
     'the elevation of {stated:g} deg looks like radians: give --elevation {radians:.0f}, or '
     'correct the metadata of the bag',
@@ -209,7 +217,7 @@ def rig_findings(
     if count_where(np.isfinite, load) < len(load):
         kept = np.isfinite(load)
         time, load = time[kept], load[kept]
-    findings = _unit_of_load(rig, time, load)
+    findings = [*_unit_of_load(rig, time, load), *_unit_of_time(rig, time, load)]
     wanted = rig.probes.max_range
     for number, (_, high) in enumerate(spans, start=1):
         looks = [name for name, factor in LENGTH_UNITS.items() if _is_near(high * factor, wanted)]
@@ -240,6 +248,19 @@ def units_of_preload(rig: Rig, load: float) -> list[str]:
     """Other units in which `load` would be the preload of the rig."""
     return [name for name, factor in FORCE_UNITS.items()
             if rig.preload > 0.0 and _is_near(load * factor, rig.preload)]
+
+
+def _unit_of_time(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
+    """A finding if the first rise of the load is faster than the hydraulics."""
+    low, high = extremes(load)
+    top = int(np.argmax(load >= 0.25 * low + 0.75 * high))
+    bottom = top - int(np.argmax(load[top::-1] <= 0.75 * low + 0.25 * high))
+    rise, seconds = float(load[top] - load[bottom]), float(time[top] - time[bottom])
+    share = rise * rig.full_scale_time / rig.full_scale_load
+    if top - bottom < MIN_SAMPLES or share < TOO_FAST.limit * seconds:
+        return []
+    return [TOO_FAST.at(rise=rig.force_words(rise), seconds=quantity(seconds, 's', digits=2),
+                        least=quantity(rig.full_scale_time, 's'))]
 
 
 def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[Finding]:

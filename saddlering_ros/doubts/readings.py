@@ -87,6 +87,9 @@ MAX_REFUSED_SHARE = 0.05
 """Largest share of refused samples. With more of them the unit, the sensor or the rig file is
 wrong."""
 
+MIN_SECONDS = 0.2
+"""Duration of a record below which it is no test: ten means of a fit."""
+
 REFUSED = Kind(
     '{count} samples are refused, as live nodes refuse them ({words}): validity marks what is '
     'interpolated across them, and identification and diagnosis leave it out')
@@ -289,8 +292,12 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         if name != absent:
             findings += quality_findings(name, quality, 'N' if name == LOAD_TOPIC else 'm')
     stamps = possible[LOAD_TOPIC].stamps
-    findings += clock_findings(qualities[LOAD_TOPIC], [qualities[name] for name in PROBE_TOPICS],
-                               float(stamps[-1] - stamps[0]) * 1e-9)
+    seconds = float(stamps[-1] - stamps[0]) * 1e-9
+    if seconds < MIN_SECONDS:
+        raise BagError(f'{where}: lasts {quantity(seconds, "s")}, too short for a test: check the '
+                       'unit or the rate of its time')
+    findings += clock_findings(
+        qualities[LOAD_TOPIC], [qualities[name] for name in PROBE_TOPICS], seconds)
     findings += _other_clock(load, probes)
     if int(np.count_nonzero(used)) < MIN_SAMPLES:
         raise BagError(

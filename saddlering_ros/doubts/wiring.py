@@ -180,15 +180,16 @@ def exchange_findings(rig: Rig, time: Floats, load: Floats, gaps: Floats) -> lis
     changes = [np.abs(sample[ROWS:] - sample[:-ROWS]) for sample in map(spread, gaps)]
     finite = [change[np.isfinite(change)] for change in changes]
     usual = [float(np.quantile(one, USUAL_SHARE)) if len(one) else np.inf for one in finite]
-    for block in blocks(len(load) - ROWS, time, load, gaps):
-        rows = slice(block.start, block.stop + ROWS)
-        still = np.abs(load[rows][ROWS:] - load[rows][:-ROWS]) < rig.limits.level_step
+    for block in blocks(len(load) - 2 * ROWS, time, load, gaps):
+        rows = slice(block.start, block.stop + 2 * ROWS)
+        still = np.abs(load[rows][2 * ROWS:] - load[rows][:-2 * ROWS]) < rig.limits.level_step
         for pair in combinations(range(len(gaps)), 2):
             both = gaps[list(pair), rows]
-            before, after = both[:, :-ROWS], both[:, ROWS:]
+            before, after, later = both[:, :-2 * ROWS], both[:, ROWS:-ROWS], both[:, 2 * ROWS:]
             with np.errstate(invalid='ignore'):
                 change = np.abs(after - before).min(axis=0)
-                away = np.abs(after - before[::-1]).max(axis=0)
+                # A ring that slips across its clearance passes by the mirror of its place.
+                away = np.abs([after - before[::-1], later - before[::-1]]).max(axis=(0, 1))
                 is_large = change > EXCHANGED.limit * max(usual[one] for one in pair)
                 places = np.flatnonzero(still & is_large & (away < MATCH * change))
             if len(places):

@@ -238,3 +238,25 @@ def test_probes_that_exchange_their_readings_at_rest_are_named_and_coarse_equal_
     gaps[[1, 3], 1500:] = gaps[[3, 1], 1500:]
     (note,) = map(str, exchange_findings(RIG, time, load, gaps))
     assert note.startswith('probes 2 and 4 exchange their readings at 1.')
+
+
+def test_a_ring_that_slips_across_its_clearance_exchanges_no_readings():
+    x = np.r_[np.full(200, -1e-5), 8.5e-6, np.full(200, 3e-5)]
+    x += np.random.default_rng(0).normal(0.0, 3e-7, x.size)
+    gaps = 1e-3 + np.stack([x, 0.0 * x, -x, 0.0 * x])
+    assert exchange_findings(RIG, 0.05 * np.arange(x.size), np.full(x.size, 5e3), gaps) == []
+
+
+@pytest.mark.parametrize('factor', [1.0 / 60.0, 1e-3])
+def test_a_load_that_rises_faster_than_the_hydraulics_is_noted(factor):
+    notes = [*map(str, rig_findings(RIG, 'dynamic', factor * TIME, RAMP, SPANS))]
+    (note,) = [note for note in notes if 'faster than the hydraulics' in note]
+    assert 'the unit or rate of the time is wrong' in note
+
+
+def test_a_record_of_milliseconds_is_refused(recording, tmp_path):
+    first = min(stamps[0] for stamps in recording.stamps.values())
+    for topic, stamps in recording.stamps.items():
+        recording = recording.changed(topic, stamps=first + (stamps - first) // 1000)
+    with pytest.raises(BagError, match='too short for a test: check the unit'):
+        read_run(recording.write(tmp_path / 'bag'))
