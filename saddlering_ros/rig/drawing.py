@@ -1,8 +1,9 @@
 """The drawing of a rig in the plane of the load, and the draft of a commented rig file."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import io
 import math
+from operator import attrgetter
 from pathlib import Path
 import re
 from typing import Any
@@ -156,20 +157,20 @@ ENTRIES: tuple[tuple[str, str], ...] = (
     ('axial_rows.pitch_radius', "m, R: from the ring's axis to the rollers"),
     ('axial_rows.clearance', 'm, mu1: half of it above, half below'),
     ('middle_row.rollers', 'rollers in the radial row'),
-    ('middle_row.pitch_radius', 'm'),
+    ('middle_row.pitch_radius', "m: from the ring's axis to its rollers"),
     ('middle_row.clearance', 'm, mu2'),
     ('middle_row.height', 'm, h_m: of the radial row over the reference point C'),
-    ('carriage.mass', 'kg, of all that the upper ring carries'),
+    ('carriage.mass', 'kg, of the slewing parts: all that the upper ring carries'),
     ('carriage.inertia', 'kg m2, about C, for tilting in the plane of the load'),
-    ('carriage.weight', 'N'),
-    ('carriage.weight_x', 'm, where the weight acts; to the rear is positive'),
+    ('carriage.weight', 'N, dead weight of the slewing parts'),
+    ('carriage.weight_x', 'm, where the weight acts, from C; to the rear is positive'),
     ('trunnion.x', 'm, x_t: where the load acts, from C to the rear'),
-    ('trunnion.y', 'm, y_t: and upwards'),
+    ('trunnion.y', 'm, y_t: where the load acts, from C upwards'),
     ('probes.axial_span', 'm, L: distance of probes 2 (front) and 4 (rear)'),
     ('probes.radial_height', 'm, h_s: probes 1 (rear) and 3 (front) over C'),
     ('probes.polarity', 'of probes 1 to 4; 1: the gap grows as the drawing shows, -1: it shrinks'),
-    ('probes.min_range', 'm, the span of the probes'),
-    ('probes.max_range', 'm'),
+    ('probes.min_range', 'm, the smallest gap that a probe reads'),
+    ('probes.max_range', 'm, the largest gap that a probe reads'),
     ('probes.absent', 'radial probe (1 or 3) that the rig does not have; 0: it has all four'),
     ('preload', 'N: at this load displacements are zero'),
     ('full_scale_load', 'N, of the cylinder; every limit of loads is a share of it'),
@@ -187,14 +188,25 @@ _HEAD = """\
 """
 
 
+def entry_values(rig: Rig) -> dict[str, Any]:
+    """The value of every entry, as a rig file states it."""
+    values = {}
+    for name, _ in ENTRIES:
+        section, dot, key = name.rpartition('.')
+        values[name] = attrgetter(f'{FIELDS.get(section, section)}{dot}{key}')(rig)
+    values['probes.polarity'] = [int(sign) for sign in rig.probes.polarity]
+    return values
+
+
+def dotted(rig: Rig, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Entries beside the bounds of a rig, by the names that parameters of a node have."""
+    return {**{f'rig.{name}': value for name, value in values.items()},
+            **{f'bounds.{name}': list(pair) for name, pair in rig.bounds.items()}}
+
+
 def draft_rig_file(rig: Rig, stated: Sequence[str]) -> tuple[str, Rig]:
     """Text of a rig file, and its rig; stated: entries NAME=VALUE in place of those of `rig`."""
-    values: dict[str, Any] = {}
-    for name, _ in ENTRIES:
-        value: Any = rig
-        for attribute in name.split('.'):
-            value = getattr(value, FIELDS.get(attribute, attribute))
-        values[name] = [int(sign) for sign in value] if name == 'probes.polarity' else value
+    values = entry_values(rig)
     given = set()
     for text in stated:
         name, equals, value = text.partition('=')
@@ -221,7 +233,5 @@ def draft_rig_file(rig: Rig, stated: Sequence[str]) -> tuple[str, Rig]:
     lines.append('    bounds:                  # search range of an identification')
     lines += [plain_exponents(f'      {name}: [{low!r}, {high!r}]')
               for name, (low, high) in rig.bounds.items()]
-    dotted = {f'rig.{name}': value for name, value in values.items()}
-    bounds = {f'bounds.{name}': list(pair) for name, pair in rig.bounds.items()}
-    described = rig_from_parameters(unfold({**dotted, **bounds}, '--set', RigError), '--set')
+    described = rig_from_parameters(unfold(dotted(rig, values), '--set', RigError), '--set')
     return _HEAD + '\n'.join(lines) + '\n', described

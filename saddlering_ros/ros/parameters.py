@@ -5,7 +5,6 @@ import contextlib
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 import math
-from operator import attrgetter
 import os
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ import yaml
 from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError
 from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.rig import default_rig, load_rig, PARAMETER_NAMES, Rig, rig_from_parameters
+from saddlering_ros.rig.drawing import dotted, ENTRIES, entry_values
 from saddlering_ros.rig.instruments import instruments_from
 from saddlering_ros.rig.parameter_file import SOURCE_KEYS, unfold
 from saddlering_ros.ros.names import NodeError
@@ -165,10 +165,7 @@ _KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 
 
 def _rig_values(rig: Rig) -> dict[str, Any]:
     """The rig's own parameters (config/rig.yaml) by dotted name."""
-    values = {name: attrgetter(name.removeprefix('rig.').replace('middle_row', 'radial_row'))(rig)
-              for name in _RIG_WORDS}
-    values['rig.probes.polarity'] = [int(sign) for sign in rig.probes.polarity]
-    return {**values, **{f'bounds.{name}': list(pair) for name, pair in rig.bounds.items()}}
+    return dotted(rig, entry_values(rig))
 
 
 def declare_rig(node: Node) -> Rig:
@@ -192,38 +189,12 @@ def declare_rig(node: Node) -> Rig:
         rig, instruments=project.instruments, wear_limits=project.wear_limits)
 
 
-_RIG_WORDS = {
-    'rig.axial_rows.rollers': 'rollers of the upper and of the lower row',
-    'rig.axial_rows.pitch_radius': 'pitch radius of the axial rows [m]',
-    'rig.axial_rows.clearance': 'ring clearance of the axial rows [m], half at each side',
-    'rig.middle_row.rollers': 'rollers of the radial row',
-    'rig.middle_row.pitch_radius': 'pitch radius of the radial row [m]',
-    'rig.middle_row.clearance': 'ring clearance of the radial row [m], half at each side',
-    'rig.middle_row.height': 'height of the radial row over the reference point C [m]',
-    'rig.carriage.mass': 'mass of the slewing parts [kg]',
-    'rig.carriage.inertia': 'inertia of the slewing parts about C [kg m2]',
-    'rig.carriage.weight': 'dead weight of the slewing parts [N]',
-    'rig.carriage.weight_x': 'position of the dead weight, x [m]',
-    'rig.trunnion.x': 'position of the load, x [m] from C',
-    'rig.trunnion.y': 'position of the load, y [m] from C',
-    'rig.probes.axial_span': 'distance of the axial probes 2 and 4 [m]',
-    'rig.probes.radial_height': 'height of the radial probes 1 and 3 over C [m]',
-    'rig.probes.polarity': 'per probe 1, or -1 if its gap has the opposite sign of the formulas',
-    'rig.probes.min_range': 'low end of the range of a probe [m]',
-    'rig.probes.max_range': 'high end of the range of a probe [m]',
-    'rig.probes.absent': 'radial probe (1 or 3) that the rig does not have; 0: it has all four',
-    'rig.preload': 'preload of the rig [N], at which displacements are zero',
-    'rig.full_scale_load': 'full scale of the hydraulic cylinder [N]',
-    'rig.full_scale_time': 'least time in which the hydraulics change the load by full scale [s]; '
-                           'one sample that leaps faster and back is refused',
-    'rig.force_unit': 'unit of forces on screens: t or kN',
-}
-
-
 def rig_words(name: str) -> str:
     """Meaning of a parameter of the rig; '' of what needs a text in the rig file alone."""
     section, _, key = name.partition('.')
-    return f'[low, high] of {key} in a search' if section == 'bounds' else _RIG_WORDS.get(name, '')
+    if section == 'bounds':
+        return f'[low, high] of {key} in a search'
+    return dict(ENTRIES).get(key, '') if section == 'rig' else ''
 
 
 def _descriptor_of(name: str) -> msg.ParameterDescriptor:
