@@ -87,8 +87,8 @@ MAX_REFUSED_SHARE = 0.05
 """Largest share of refused samples. With more of them the unit, the sensor or the rig file is
 wrong."""
 
-MIN_SECONDS = 0.2
-"""Duration of a record below which it is no test: ten means of a fit."""
+MIN_SECONDS = 0.1
+"""Duration of a record below which it is no test: five means of a fit."""
 
 REFUSED = Kind(
     '{count} samples are refused, as live nodes refuse them ({words}): validity marks what is '
@@ -294,8 +294,9 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     stamps = possible[LOAD_TOPIC].stamps
     seconds = float(stamps[-1] - stamps[0]) * 1e-9
     if seconds < MIN_SECONDS:
+        noted = ''.join(f' ({note})' for note in record.notes[:1])
         raise BagError(f'{where}: lasts {quantity(seconds, "s")}, too short for a test: check the '
-                       'unit or the rate of its time')
+                       f'unit or the rate of its time{noted}')
     findings += clock_findings(
         qualities[LOAD_TOPIC], [qualities[name] for name in PROBE_TOPICS], seconds)
     findings += _other_clock(load, probes)

@@ -171,7 +171,8 @@ def _noise_of_sample(residual: Array, rests: Stretches, noise: ChannelNoise, ste
     Interpolation between stamps smooths neighbours; over more than two samples it does not count.
     """
     steps = np.concatenate([
-        residual[start + LAG:stop] - residual[start:stop - LAG] for start, stop in rests
+        residual[start + LAG:stop] - residual[start:max(stop - LAG, start)]
+        for start, stop in rests
     ] or [np.zeros(0)])
     steps = steps[np.isfinite(steps)]
     if not len(steps):

@@ -4,7 +4,7 @@ from dataclasses import replace
 import json
 from types import SimpleNamespace
 
-from identification_records import dynamic_run, RIG, static_run
+from identification_records import dynamic_run, ramp, record, RIG, static_run
 import numpy as np
 import pytest
 
@@ -188,6 +188,11 @@ def test_the_uncertainty_of_a_prediction_counts_from_the_zero_of_the_run():
     moved = 0.5 * (higher - lower)
     expected = np.mean((moved[:, :-1] - moved[:, -1:]) ** 2, axis=1)
     assert _input_variance(RIG, stated, run, zero_load)[:3] == pytest.approx(expected, rel=0.02)
+
+
+def test_a_test_without_any_rest_has_figures_too():
+    fast = record('dynamic', ramp(seconds=0.12, hold=0.0, rate=10_000.0), seed=2)
+    assert figures(fast).nrmse > 0.0
 
 
 def test_no_runs_are_refused():
