@@ -26,8 +26,9 @@ from saddlering_ros.record.displacement import displacement_of_run, MeasuredRun
 from saddlering_ros.record.plateaus import plateaus
 from saddlering_ros.record.record import Record
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, ParameterSet, Rig
-from saddlering_ros.ring import simulate, static_batch
+from saddlering_ros.ring import simulate, static_response
 from saddlering_ros.ring.roller_scatter import sound_deviation
+from saddlering_ros.ring.sensitivity import static_sensitivities
 
 
 @dataclass(frozen=True)
@@ -183,13 +184,10 @@ def _input_variance(
     if covariance is None or not np.all(np.isfinite(covariance)):
         return variance
     contact = parameters.contact.to_array()
-    steps = np.diag(1e-4 * contact)
     loads = np.quantile(run.load[run.compared], np.linspace(0.0, 1.0, 25))
-    still = static_batch(
-        rig, np.concatenate([contact + steps, contact - steps]), run.elevation,
-        np.append(loads, zero_load))
-    increments = still[:, :, :-1] - still[:, :, -1:]
-    slopes = (increments[:6] - increments[6:]) / (2.0 * np.diag(steps))[:, None, None]
+    still = static_response(rig, contact, run.elevation, np.append(loads, zero_load))
+    slopes = static_sensitivities(rig, contact, run.elevation, still)
+    slopes = slopes[:, :, :-1] - slopes[:, :, -1:]
     determined = [PARAMETER_NAMES.index(name) for name in ('K1', 'n1', 'K2', 'n2')]
     inner = covariance[np.ix_(determined, determined)]
     spread = np.einsum('icl,ij,jcl->cl', slopes[determined], inner, slopes[determined])

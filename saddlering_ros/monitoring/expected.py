@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 
 from saddlering_ros.rig import ParameterSet, Rig
 from saddlering_ros.rig.geometry import STEADY_SHARE
+from saddlering_ros.ring.sensitivity import static_sensitivities
 from saddlering_ros.ring.simulator import static_response
 
 Array = NDArray[np.float64]
 
 LOADS = 41
 """Loads from preload to full scale between which the motion is interpolated."""
-
-STEP = 1e-3
-"""Relative step of a parameter in the derivatives by it."""
 
 MIN_ROWS = 32  # variance to 25 %
 MAX_ROWS = 256
@@ -50,17 +48,9 @@ class ExpectedMotion:
         self._slope = np.gradient(self._motion, self._loads, axis=1)
         self._covariance = parameters.source.covariance
         self._bits = WITHOUT_EFFECTS if parameters.effects else 0
-        self._by_parameter = np.zeros((len(values), 3, LOADS))
-        if self._covariance is None or not np.isfinite(self._covariance).all():
+        if self._covariance is not None and not np.isfinite(self._covariance).all():
             self._covariance = None
-            return
-        for place, value in enumerate(values):
-            step = np.zeros(len(values))
-            step[place] = STEP * abs(value)
-            if step[place] > 0.0:
-                upper, lower = (static_response(rig, values + sign * step, elevation, self._loads)
-                                for sign in (1.0, -1.0))
-                self._by_parameter[place] = (upper - lower) / (2.0 * step[place])
+        self._by_parameter = static_sensitivities(rig, values, elevation, self._motion)
 
     def at(self, load: float, zero_load: float | None) -> Expected:
         """The motion at a load [N] from that at the load of the zero; None: from preload."""
