@@ -64,29 +64,32 @@ class RingNeighbourhood:
         self._system, self._groups = system, groups
         self._candidates = [[(point.base, system.extension(point)) for point in group]
                             for group in groups]
+        self._has_laws = any(system.laws(group[0]) for group in groups)
         # Whether a point after the first of its group has a tangent.
         self._near = [[has_tangent(group[0], other) for other in group[1:]]
                       for group in self._candidates]
         self._passes = Neighbourhoods(system.rig, [
             (group[0], list(compress(group[1:], own)))
-            for group, own in zip(self._candidates, self._near, strict=True)])
+            for group, own in zip(self._candidates, self._near, strict=True) if any(own)])
 
     def predict(self, run: RunBlocks) -> list[Array]:
         """Points (B, C, N) of each group: the first simulated, its neighbours by exact tangents.
 
-        A neighbour without a tangent is simulated.
+        A neighbour without a tangent is simulated, and so is a point without any that has one.
         """
-        if any(self._system.laws(group[0]) for group in self._groups):
+        if self._has_laws:
             return [self._system.predict_many(run, group) for group in self._groups]
         # By tangents; NaN for a point that must be simulated.
         grid: LoadGrid = run.payload
         seen, answers = self._system.seen, []
-        responses = self._passes.along(grid.elevation, grid.time, grid.load, grid.zero_load,
-                                       grid.max_step, (grid.first, grid.last))
-        for near, response in zip(self._near, responses, strict=True):
+        responses = iter(self._passes.along(grid.elevation, grid.time, grid.load, grid.zero_load,
+                                            grid.max_step, (grid.first, grid.last)))
+        for near in self._near:
             answer = np.full((1 + len(near), *run.channels.shape), np.nan)
-            answer[0] = response.centre[seen]
-            answer[1:][near] = response.neighbours[:, seen]
+            if any(near):
+                response = next(responses)
+                answer[0] = response.centre[seen]
+                answer[1:][near] = response.neighbours[:, seen]
             answers.append(answer)
         missing = [
             (answer, index, candidate)

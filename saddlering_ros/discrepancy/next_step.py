@@ -9,7 +9,7 @@ that is best by these forecasts is judged again by refits, because models are no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, product
@@ -107,12 +107,8 @@ class _OpenModels:
         the others promises more, where the system has tangents, which make refits cheap.
         """
         problem, random = self.space.problem, np.random.default_rng(self.space.settings.seed)
-        rest = sorted((
-            self._counted(proposal, [
-                np.array([fit.misfit + forecast.misfits(results)
-                          for fit, forecast in zip(self.fits, forecasts, strict=True)])
-                for place in self.own for results in [forecasts[place].drawn(random, DRAWS)]])
-            for proposal, forecasts in self._forecast_each(problem.proposals)), key=_worst_last)
+        rest = sorted((self._counted(proposal, misfits) for proposal, misfits in
+                       self._forecast_each(problem.proposals, random)), key=_worst_last)
         if not isinstance(problem.system, SystemWithTangents):
             return tuple(rest)
         judged, refits = list[Separation](), 0
@@ -121,13 +117,11 @@ class _OpenModels:
             best = rest.pop(0)
             if best.proposal.as_made is None and not best.proposal.readings:
                 refits += len(self.own) * len(self.fits)
-                best = self._counted(best.proposal, [
-                    self._refitted(best.proposal, self.fits[place], random)
-                    for place in self.own])
+                best = self._counted(best.proposal, self._refitted(best.proposal, random))
             judged.append(best)
         return (*sorted(judged, key=_worst_last), *rest)
 
-    def _counted(self, proposal: Proposal, drawn: Sequence[Array]) -> Separation:
+    def _counted(self, proposal: Proposal, drawn: Iterable[Array]) -> Separation:
         """What a test leaves open, from misfits (fits, draws) with each model as the truth."""
         causes = [self.fits[place].candidate.ids for place in self.own]
         alone, kept, by_truth = 0, 0, dict.fromkeys(causes, 0.0)
@@ -153,41 +147,47 @@ class _OpenModels:
             tuple(dict.fromkeys(tuple(one for one in together if one in together[cause])
                                 for cause in together)))
 
-    def _refitted(
-        self, proposal: Proposal, truth: Fit, random: np.random.Generator
-    ) -> Array:
-        """Misfits (fits, DRAWS) of all fits, refitted to a test as `truth` predicts it.
+    def _refitted(self, proposal: Proposal, random: np.random.Generator) -> Iterator[Array]:
+        """Misfits (fits, DRAWS) of all fits, refitted to a test as each model predicts it.
 
-        The test has the small errors that the old data show beside the truth.
+        The test has the small errors that the old data show beside the model.
         """
-        metric, old = self.space.metric, self.space.metric.problem
-        joint = old.with_runs([*old.runs, proposal.run])
-        exact = joint.predict([truth.point])[:, 0]
-        nuisances = problems.nuisance_columns(joint, truth.point, exact)
-        seen = nuisances[: old.size].any(axis=0)
-        mean, _ = self._known(truth, nuisances[: old.size, seen])
-        errors = nuisances[old.size:, seen] @ mean[truth.theta_unit.size:]
-        made = replace(proposal.run, channels=(exact[old.size:] + errors).reshape(
-            proposal.run.channels.shape))
-        joint, alike = old.with_runs([*old.runs, made]), _alike(metric, made)
-        noise = {**metric.noise, **{
-            (made.name, channel): metric.noise[alike.name, channel]
-            for channel in range(len(made.channels))}}
-        fits = refit_full_jacobian(
-            Metric.of(joint, noise, noise).marginalise(nuisances), self.fits,
-            self.space.settings.rounds)
-        # To first order, as the residual of an optimum is orthogonal to its sensitivities.
-        chance = random.standard_normal((made.channels.size, DRAWS))
-        return np.array([fit.misfit + 2.0 * fit.whitened[old.size:] @ chance for fit in fits])
+        metric, old, run = self.space.metric, self.space.metric.problem, proposal.run
+        joint, alike = old.with_runs([*old.runs, run]), _alike(metric, run)
+        noise = {**metric.noise, **{(run.name, channel): metric.noise[alike.name, channel]
+                                    for channel in range(len(run.channels))}}
+        begun = self._begun([run])
+        for truth, fit in ((begun[place], self.fits[place]) for place in self.own):
+            nuisances = problems.nuisance_columns(joint, truth.point, truth.prediction)
+            seen = nuisances[: old.size].any(axis=0)
+            mean, _ = self._known(fit, nuisances[: old.size, seen])
+            errors = nuisances[old.size:, seen] @ mean[fit.theta_unit.size:]
+            made = replace(run, channels=(truth.prediction[old.size:] + errors).reshape(
+                run.channels.shape))
+            metric = Metric.of(old.with_runs([*old.runs, made]), noise, noise)
+            fits = refit_full_jacobian(metric.marginalise(nuisances), begun, old.settings.rounds)
+            # To first order, as the residual of an optimum is orthogonal to its sensitivities.
+            chance = random.standard_normal((made.channels.size, DRAWS))
+            yield np.array([one.misfit + 2.0 * one.whitened[old.size:] @ chance for one in fits])
+
+    def _begun(self, runs: Sequence[RunBlocks]) -> list[Fit]:
+        """All fits with their predictions and sensitivities in further runs too."""
+        views = [_seen_by(self.space.problem, Proposal('', run), self.fits) for run in runs]
+        return [replace(
+            fit, prediction=np.concatenate([fit.prediction, *(values for values, _ in seen)]),
+            plain=np.vstack([self.space.tangent_of(fit).plain, *(slopes for _, slopes in seen)]))
+            for fit, seen in zip(self.fits, zip(*views, strict=True), strict=True)]
 
     def judged_by_held_out(self, *, is_beside_error: bool) -> tuple[HeldOutEvidence, ...]:
         """The models fitted to the held-out runs too, the most likely first."""
-        problem, fits, best = self.space.problem, self.fits, self.fits[self.own[0]]
+        problem = self.space.problem
         held_out = tuple(run.name for run in problem.held_out)
         if not held_out:
             return ()
-        joint = problem.with_runs([replace(run, held_out=False) for run in problem.all_runs])
-        best = replace(best, prediction=joint.predict([best.point])[:, 0])
+        joint = problem.with_runs([
+            *problem.runs, *(replace(run, held_out=False) for run in problem.held_out)])
+        fits = self._begun(problem.held_out)
+        best = fits[self.own[0]]
         if not np.isfinite(best.prediction).all():
             return ()
         for _ in range(JOINT_FITS):
@@ -234,9 +234,9 @@ class _OpenModels:
         return whole - whole[best], np.maximum(limits, self.floor)
 
     def _forecast_each(
-        self, proposals: Sequence[Proposal]
-    ) -> Iterator[tuple[Proposal, list[_Forecast]]]:
-        """Each proposal with its expected noise and its prediction by every fit."""
+        self, proposals: Sequence[Proposal], random: np.random.Generator
+    ) -> Iterator[tuple[Proposal, list[Array]]]:
+        """Each proposal, and misfits (fits, DRAWS) of all fits with each model as the truth."""
         if not proposals:
             return
         metric, first = self.space.metric, self.fits[self.own[0]]
@@ -254,6 +254,7 @@ class _OpenModels:
         known = [self._known(fit, nuisances[: old.size, seen]) for fit in self.fits]
         start = old.size
         for proposal, view in zip(proposals, views, strict=True):
+            self.space.watch.advance(self.space.watch.share)
             stop = start + proposal.run.channels.size
             # Columns that act on the old data, and those of the test. Other units of the machine
             # have small errors of their own; the test stand has the same.
@@ -262,17 +263,21 @@ class _OpenModels:
             stays = stays if proposal.is_other_place else seen
             again, anew = np.where(stays[seen], own[:, seen], 0.0), own[:, ~stays]
             readings = ((0, len(proposal.readings)), (0, 0))
-            again, anew = (np.pad(part, readings) for part in (again, anew[:, anew.any(axis=0)]))
             whiten = _whitener(metric, proposal)
+            again, anew = (whiten(np.pad(part, readings))
+                           for part in (again, anew[:, anew.any(axis=0)]))
             forecasts = []
             for (mean, root), (values, slopes) in zip(known, view, strict=True):
-                white = whiten(np.column_stack([values, slopes, again, anew]))
-                inner, new = np.split(white[:, 1:], [mean.size], axis=1)
-                spread = np.hstack([solve_triangular(root, inner.T, lower=True).T, new])
+                white = whiten(np.column_stack([values, slopes]))
+                inner = np.hstack([white[:, 1:], again])
+                spread = np.hstack([solve_triangular(root, inner.T, lower=True).T, anew])
                 forecasts.append(_Forecast(
                     white[:, 0] + inner @ mean, spread,
                     cholesky(np.eye(spread.shape[1]) + spread.T @ spread, lower=True)))
-            yield proposal, forecasts
+            results = np.hstack([forecasts[place].drawn(random, DRAWS) for place in self.own])
+            misfits = [fit.misfit + forecast.misfits(results)
+                       for fit, forecast in zip(self.fits, forecasts, strict=True)]
+            yield proposal, np.split(np.array(misfits), len(self.own), axis=1)
 
     def _known(self, fit: Fit, nuisances: Array) -> tuple[Array, Array]:
         """What the old data know of parameters and nuisance parameters: mean (k,), root (k, k).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import operator
 from types import MappingProxyType, SimpleNamespace
 
 from bench import LOAD, measured, Shapes, STEP, System
@@ -24,8 +25,13 @@ from saddlering_ros.discrepancy import (
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.evidence import SearchLog
-from saddlering_ros.discrepancy.search.ranking import _pair_gains, Score, shortlist
-from saddlering_ros.discrepancy.search.space import fit_each, ModelSpace, prepare
+from saddlering_ros.discrepancy.search.ranking import _pair_gains, Score, shortlist, starts_of_each
+from saddlering_ros.discrepancy.search.space import (
+    fit_each,
+    ModelSpace,
+    prepare,
+    refit_full_jacobian,
+)
 
 
 def only_cause(system: System, run: RunBlocks, settings: Settings | None = None) -> Cause:
@@ -107,6 +113,23 @@ def test_alternatives_are_those_of_the_model_that_the_last_round_leads_to(
     fit, alternatives = selection.check_alternatives(space, wrong, SearchLog())
     assert fit.candidate.ids == ('cube',)
     assert alternatives == {'cube': ()}
+
+
+# --- what is simulated once ---
+
+
+def test_a_fit_goes_on_in_another_metric_and_from_its_starts_without_a_new_simulation() -> None:
+    system = Shapes(square=LOAD**2, cube=LOAD**3)
+    space = prepare(Problem(system, [measured(system, 1e-3, {'cube': {'size': 0.1}})]))
+    trials = starts_of_each(space.scores(space.base))
+    begun = space.started(space.base, trials)
+    before = space.problem.simulations
+    metric = space.metric.with_offsets()
+    (fit,) = refit_full_jacobian(metric, [space.base], rounds=0)
+    white = metric.whiten(fit.prediction - space.problem.measured)
+    assert fit.misfit == pytest.approx(white @ white)
+    assert all(map(operator.is_, space.started(space.base, trials), begun))
+    assert space.problem.simulations == before
 
 
 # --- one cause for two, two causes for none ---

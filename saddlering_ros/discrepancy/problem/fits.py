@@ -10,7 +10,7 @@ differenced at every step.
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -72,7 +72,8 @@ class Candidate:
 class Fit:
     """A candidate at its optimum.
 
-    theta_unit (p,): bound-scaled parameters; misfit: the whitened sum of squares.
+    theta_unit (p,): bound-scaled parameters; misfit: the whitened sum of squares; plain (n, p):
+    sensitivities of the prediction, if all were differenced at the optimum.
     """
 
     candidate: Candidate
@@ -84,6 +85,7 @@ class Fit:
     point: Point
     history: tuple[float, ...] = field(default=())
     converged: bool = True
+    plain: Array | None = None
 
 
 PRIOR = 1.0
@@ -120,11 +122,15 @@ class Whitening(Protocol):
 
 @dataclass(frozen=True)
 class Told:
-    """Answer to a request: whitened residual (n,), sensitivities (n, k), and prediction."""
+    """Answer to a request: whitened residual (n,), sensitivities (n, k), and prediction.
+
+    plain (n, k): sensitivities of the prediction, if they are known.
+    """
 
     residual: Array
     columns: Array
     prediction: Array
+    plain: Array | None
 
 
 Asked = tuple[list[Point], list[float]]
@@ -151,7 +157,8 @@ def refit(
     periodic = np.array([parameter.periodic for parameter in candidate.parameters(base)])
     rule = Rule(periodic, PRIOR, rounds, QUIET_GAIN, QUIET_SHARE, negligible=NEGLIGIBLE_GAIN)
     first = None if known_start is None else Told(
-        known_start.whitened, known_start.jacobian[:, differenced], known_start.prediction)
+        known_start.whitened, known_start.jacobian[:, differenced], known_start.prediction,
+        known_start.plain)
     descent: Generator[Array, Told, Descent[Told]] = descend(
         start, rule, differenced, known_columns, aside, first)
     told: Told | None = None
@@ -168,7 +175,8 @@ def refit(
         candidate=candidate, theta_unit=end.point,
         misfit=float(residual @ residual) if np.isfinite(end.cost) else np.inf,
         whitened=residual, jacobian=end.columns, prediction=end.answer.prediction,
-        point=candidate.point(base, end.point), history=end.costs, converged=end.converged)
+        point=candidate.point(base, end.point), history=end.costs, converged=end.converged,
+        plain=None if known else end.answer.plain)
 
 
 def linear_misfit(fit: Fit, base: Sequence[Parameter]) -> float:
@@ -217,10 +225,20 @@ class Tangent:
 
 def tangent(metric: Whitening, fit: Fit) -> Tangent:
     """Sensitivities to every parameter at the fit."""
+    if fit.plain is not None:
+        return Tangent(fit.plain, metric.whiten(fit.plain))
     points, steps = around(fit, metric.problem.system.base_parameters)
     answers = metric.problem.predict_neighbours([points])[0]
     plain = _differences((answers[:, 1:] - answers[:, :1]) / np.array(steps))
     return Tangent(plain, metric.whiten(plain))
+
+
+def begun_in(metric: Whitening, fit: Fit) -> Fit | None:
+    """A fit in another metric of its runs, from which a refit starts; None if not all is known."""
+    if fit.plain is None:
+        return None
+    white = metric.whiten(np.column_stack([fit.prediction - metric.problem.measured, fit.plain]))
+    return replace(fit, whitened=white[:, 0].copy(), jacobian=_differences(white[:, 1:]))
 
 
 def run_refits(metric: Whitening, refits: Sequence[Asking]) -> list[Fit]:
@@ -261,7 +279,7 @@ def _told(metric: Whitening, asked: Sequence[Asked]) -> list[Told]:
         for index in range(start, stop):
             last = first + raw[index].shape[1]
             told.append(Told(white[:, first].copy(), _differences(white[:, first + 1 : last]),
-                             answers[index][:, 0]))
+                             answers[index][:, 0], _differences(raw[index][:, 1:])))
             first = last
         start = stop
     return told

@@ -86,10 +86,10 @@ class Assumptions:
         return self.offsets is None or self.offsets[channel] >= FREE_OFFSET
 
 
-SEARCHED = 60.0
-"""Simulated points of a search that ends with a name, for each parameter and each effect. Ten
-machines needed 30 to 194 (median 77), 21 to 48 where nothing is wrong, 31 to 539 where no cause
-fits (median 148)."""
+SEARCHED = 55.0
+"""Simulated points of a search that ends with a name, for each parameter and each effect. Eight
+machines needed 25 to 147 (median 64), 19 to 46 where nothing is wrong, 36 to 460 where no cause
+fits (median 141)."""
 
 
 @dataclass(eq=False)

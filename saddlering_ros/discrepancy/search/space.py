@@ -9,8 +9,7 @@ or channel. These forms compete with a second cause for the misfit that the idea
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import compress
-from operator import not_
+from itertools import product
 from typing import Any, TypeVar
 
 import numpy as np
@@ -80,6 +79,7 @@ class ModelSpace:
         self.tests = LackOfFitTests(self.metric, self.max_pairs)
         self.log_size = float(np.log(self.metric.free_count))
         self.fits: dict[fitting.Key, Fit] = {}
+        self._begun: dict[tuple[fitting.Key, bytes], Fit] = {}  # Starts beside the base.
         self._results: dict[tuple[str, fitting.Key], tuple[Fit, Any]] = {}
         self.once('tangent', self.base, lambda: self.base_tangent)
 
@@ -170,8 +170,7 @@ class ModelSpace:
             refit(self.metric, fit.candidate, fit.theta_unit,
                   None if is_far else fit.jacobian[:, :count], rounds=rounds,
                   known_start=None if is_far else fit)
-            for fit, is_far in zip(fits, far, strict=True)
-        ])
+            for fit, is_far in zip(fits, far, strict=True)])
 
     def foreseen(self, fit: Fit) -> float:
         """Penalised misfit that the slopes of an unfinished fit lead to inside its bounds."""
@@ -182,23 +181,27 @@ class ModelSpace:
         """The model of `fit` plus each candidate at each of its starts, not refitted.
 
         Beside stopped base parameters it begins also from their declared starts, unless the way
-        from there leads back to a larger misfit. The columns of what is in the model are not
-        needed at each start.
+        from there leads back to a larger misfit. Columns of what is in the model are not needed.
         """
         places = [(fit.theta_unit, self.tangent_of(fit).white)] if trials else []
         stopped = self.stopped_base(fit)
         if stopped.any() and trials:
             base, freed = self.problem.system.base_parameters, fit.theta_unit.copy()
             freed[: len(base)][stopped] = fitting.declared_start(base)[stopped]
-            begun = run_refits(self.metric, [refit(self.metric, fit.candidate, freed, rounds=0)])
-            if self.foreseen(begun[0]) < self.penalised(fit):
-                places.append((freed, begun[0].jacobian))
-        begun = run_refits(self.metric, [
-            refit(self.metric, fit.candidate.plus(score.effect, score.variant),
-                  np.concatenate([theta, start]), columns, rounds=0,
-                  fresh_base=score.amplitude_dependent)
-            for score, starts in trials for theta, columns in places for start in starts])
-        return [one for one in begun if np.isfinite(one.misfit)]
+            [one] = run_refits(self.metric, [refit(self.metric, fit.candidate, freed, rounds=0)])
+            if self.foreseen(one) < self.penalised(fit):
+                places.append((freed, one.jacobian))
+        begun = self._begun if fit is self.base else {}  # Those beside the base return.
+        keys, wanted = [], dict[tuple[fitting.Key, bytes], fitting.Asking]()
+        for (score, starts), (theta, columns) in product(trials, places):
+            candidate = fit.candidate.plus(score.effect, score.variant)
+            for start in (np.concatenate([theta, own]) for own in starts):
+                keys.append((candidate.key, start.tobytes()))
+                if keys[-1] not in begun:
+                    wanted[keys[-1]] = refit(self.metric, candidate, start, columns, rounds=0,
+                                             fresh_base=score.amplitude_dependent)
+        begun.update(zip(wanted, run_refits(self.metric, list(wanted.values())), strict=True))
+        return [begun[key] for key in keys if np.isfinite(begun[key].misfit)]
 
     def stopped_base(self, fit: Fit) -> Array:
         """Mask (B,) of base parameters at a bound, which may imitate an effect.
@@ -244,8 +247,9 @@ class ModelSpace:
 
 def refit_full_jacobian(metric: Metric, fits: Sequence[Fit], rounds: int) -> list[Fit]:
     """Fits continued in a metric, with every sensitivity differenced at every step."""
-    wanted = [refit(metric, fit.candidate, fit.theta_unit, rounds=rounds) for fit in fits]
-    return run_refits(metric, wanted)
+    return run_refits(metric, [
+        refit(metric, fit.candidate, fit.theta_unit, rounds=rounds,
+              known_start=fitting.begun_in(metric, fit)) for fit in fits])
 
 
 def best_fit_of_each(fits: Sequence[Fit]) -> list[Fit]:
@@ -265,7 +269,8 @@ value is a fifth of CLOSE_SHARE."""
 
 MAX_RACED = 12
 """Largest number of starts that receive these rounds. In 33 races on three outside rings, the
-effects that were refined afterwards were among the ten that promised most."""
+effects that were refined afterwards were among the ten that promised most. A model whose refit has
+not ended promises a gain with anything."""
 
 CLOSE_SHARE = 0.5
 """Smallest expected share of the gain of the best refit for a refit to continue after these
@@ -283,8 +288,8 @@ def fit_each(
     wanted = [score for candidate, score in zip(candidates, scores, strict=True)
               if candidate.key not in space.fits]
     raced = raced_from(space, fit, starts_of_each(wanted), beside, RACE_ROUNDS)
-    going, behind = _split(
-        space, fit, raced, map(space.penalised, [*raced, *beside]), CLOSE_SHARE)
+    going, behind = _split(space, fit, raced, list(map(space.foreseen, raced)),
+                           map(space.penalised, [*raced, *beside]), CLOSE_SHARE)
     going = best_fit_of_each(space.continued(going, COARSE_ROUNDS - RACE_ROUNDS))
     followed = {one.candidate.key for one in going}
     stopped = [one for one in best_fit_of_each(behind) if one.candidate.key not in followed]
@@ -298,27 +303,25 @@ def fit_each(
 def raced_from(
     space: ModelSpace, fit: Fit, trials: Sequence[Trial], beside: Sequence[Fit], rounds: int
 ) -> list[Fit]:
-    """The model of `fit` plus each candidate from each start, after these rounds or none.
-
-    A candidate receives no rounds if these are hopeless.
-    """
+    """The model of `fit` plus each candidate from each start, after these rounds or none."""
     screened = space.started(fit, trials)
-    going, resting = _split(
-        space, fit, screened, map(space.foreseen, [*screened, *beside]), SCREENED_SHARE)
-    if len(going) > MAX_RACED:  # A model whose refit has not ended promises a gain with anything.
-        going.sort(key=space.foreseen)
+    promised = list(map(space.foreseen, screened))
+    going, resting = _split(space, fit, screened, promised, [
+        *promised, *map(space.foreseen, beside)], SCREENED_SHARE)
     raced = space.continued(going[:MAX_RACED], rounds, begun_at=fit)
     return [*resting, *going[MAX_RACED:], *raced]
 
 
 def _split(
-    space: ModelSpace, fit: Fit, fits: Sequence[Fit], reached: Iterable[float], share: float
+    space: ModelSpace, fit: Fit, fits: Sequence[Fit], promised: Sequence[float],
+    reached: Iterable[float], share: float,
 ) -> tuple[list[Fit], list[Fit]]:
-    """Fits whose slopes promise this share of the gain that is `reached`, and the others."""
+    """Fits that promise this share of the gain that is `reached`, the best first, and others."""
     begun = space.penalised(fit)
     highest = begun - share * (begun - min(reached, default=np.inf))
-    promising = [space.foreseen(one) < highest for one in fits]
-    return list(compress(fits, promising)), list(compress(fits, map(not_, promising)))
+    order = sorted(range(len(fits)), key=promised.__getitem__)
+    count = sum(one < highest for one in promised)
+    return [fits[place] for place in order[:count]], [fits[place] for place in order[count:]]
 
 
 def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
@@ -351,10 +354,10 @@ def refitted(space: ModelSpace, current: Fit) -> list[Fit]:
             (score, starts) for score, starts in [*starts_of_each(listed), *others]
             if current.candidate.plus(score.effect, score.variant).key not in space.fits
         ], first, RACE_ROUNDS)
-        going, _ = _split(
-            space, current, raced, map(space.penalised, [*raced, *first]), CLOSE_SHARE)
+        going, _ = _split(space, current, raced, list(map(space.foreseen, raced)),
+                          map(space.penalised, [*raced, *first]), CLOSE_SHARE)
         further: dict[str, Fit] = {}
-        for one in sorted(going, key=space.foreseen):
+        for one in going:
             if one.candidate.key not in names:
                 further.setdefault(one.candidate.ids[-1], one)
         refined = space.refine([

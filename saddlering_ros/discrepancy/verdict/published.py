@@ -344,11 +344,12 @@ def plain_fits(problem: Problem, fits: Sequence[Fit]) -> list[Fit]:
     answers = []
     for fit in fits:
         metric = GainMetric.about(problem, fit)
-        starts = [fit.theta_unit]
+        wanted = [fitting.refit(metric, fit.candidate, fit.theta_unit, rounds=rounds,
+                                known_start=fitting.begun_in(metric, fit))]
         if not fit.candidate.effects:
-            starts.append(fitting.declared_start(base))
-        refits = fitting.run_refits(metric, [
-            fitting.refit(metric, fit.candidate, start, rounds=rounds) for start in starts])
+            start = fitting.declared_start(base)
+            wanted.append(fitting.refit(metric, fit.candidate, start, rounds=rounds))
+        refits = fitting.run_refits(metric, wanted)
         answers.append(min(refits, key=lambda refitted: refitted.misfit))
     return answers
 
