@@ -165,7 +165,7 @@ def for_group(effects: Sequence[str], separations: Sequence[discrepancy.Separati
                        if test.id == best.proposal.kind and separated(test, effects))
     share, low, high = (round(100.0 * value) for value in (best.share, *best.interval))
     words = (f'In {share} of 100 simulated draws, this test leaves the true cause alone '
-             f'(95 % interval {low} to {high}).')
+             f'(95 % interval {low} to {high}{best.caveat}).')
     return ' '.join(filter(None, (
         best.proposal.sentence, meanings, _parted(effects, best.together), words)))
 

@@ -254,13 +254,10 @@ def gain_sentence(document: VerdictDocument) -> str:
     if (not causes_of(document) or gain is None or gain.get('fit') is None
             or gain.get('how') == 'none'):
         return ''
-    fitted = percent(gain['fit'])
-    if gain.get('held_out') is None:
-        return (f'The extended model reduces the misfit by {fitted} on fitted runs. No run was '
-                'held out to check this.')
     how = wording.PREDICTED.get(gain.get('how', ''), 'other runs')
-    return (f'The extended model reduces the misfit by {percent(gain["held_out"])} on {how}, and '
-            f'by {fitted} on fitted runs.')
+    words = wording.change_words([(gain['held_out'], how), (gain['fit'], 'fitted runs')])
+    unchecked = ' No run was held out to check this.' if gain['held_out'] is None else ''
+    return f'The extended model {words}.{unchecked}'
 
 
 def size_of(cause: CauseEntry) -> str:

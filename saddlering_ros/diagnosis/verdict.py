@@ -198,7 +198,7 @@ class Verdict:
             'simulated_tests': [
                 {'test': one.proposal.sentence, 'kind': one.proposal.kind, 'draws': one.draws,
                  'share_alone': one.share, 'interval_95': list(one.interval),
-                 'share_kept': one.kept / one.draws,
+                 'share_kept': one.kept / one.draws, 'refitted': one.refitted,
                  'by_truth': {' + '.join(ids): share for ids, share in one.by_truth.items()}}
                 for one in diagnosis.separations],
             'detection_limits': [limit_entry(limit) for limit in diagnosis.observability.limits],

@@ -409,7 +409,7 @@ def _left(
             if size >= least[view]:
                 left.append((run, view, size, along))
     is_fast = fast.is_real_and_material(settings) and allowed.get(fast.view) == 0.0
-    if is_fast:
+    if is_fast and (fast.run, fast.view) not in [(run.name, view) for run, view, *_ in left]:
         run = next(run for run in problem.runs if run.name == fast.run)
         left.append((run, fast.view, fast.visible, 'time'))
     told = {view for _, view, _, _ in left}

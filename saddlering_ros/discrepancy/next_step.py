@@ -117,7 +117,8 @@ class _OpenModels:
             best = rest.pop(0)
             if best.proposal.as_made is None and not best.proposal.readings:
                 refits += len(self.own) * len(self.fits)
-                best = self._counted(best.proposal, self._refitted(best.proposal, random))
+                best = replace(self._counted(
+                    best.proposal, self._refitted(best.proposal, random)), refitted=True)
             judged.append(best)
         return (*sorted(judged, key=_worst_last), *rest)
 

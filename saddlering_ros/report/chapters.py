@@ -77,13 +77,15 @@ def causes(document: VerdictDocument) -> str:
 
 def simulated_tests(document: VerdictDocument) -> str:
     """Possible next tests with how often each leaves the true cause alone, the best first."""
-    rows = [[test['test'], percent(test['share_alone']),
-             ' to '.join(map(percent, test['interval_95'])), percent(test['share_kept'])]
+    rows = [[test['test'], f'{"" if test["refitted"] else "up to "}{percent(test["share_alone"])}',
+             ' to '.join(map(percent, test['interval_95'])) if test['refitted'] else '–',
+             percent(test['share_kept']), 'refits' if test['refitted'] else 'linear forecast']
             for test in (document.get('simulated_tests') or [])[:TESTS_SHOWN]]
     return html.table(
         ['possible next test', number('leaves the true cause alone'), number('95 % interval'),
-         number('keeps the true cause')], rows,
-        'Simulated draws of each test, with each open cause as the truth in turn')
+         number('keeps the true cause'), 'judged by'], rows,
+        'Simulated draws of each test, with each open cause as the truth in turn. A linear '
+        'forecast can promise too much')
 
 
 def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
@@ -312,8 +314,8 @@ def proposal(document: VerdictDocument, force_unit: str = 't') -> str:
         return ''
     gain, kept = law['gain'], law['gain']['held_out']
     parts = [html.paragraph('A proposal; the verdict stays unknown.', 'soft'), html.paragraph(
-        f'The law reduces the misfit by {percent(gain["fit"])} on fitted runs'
-        + ('.' if kept is None else f' and by {percent(kept)} on held-out runs.'))]
+        'The law ' + wording.change_words(
+            [(gain['fit'], 'fitted runs'), (kept, 'held-out runs')]) + '.')]
     for place, term in enumerate(law['terms'], start=1):
         words = f'{term["channel"]} += {term["law"]} in {term["coordinate"]}'
         parts += [

@@ -88,7 +88,7 @@ def proposed():
 
 def simulated(kind: str, share: float) -> list[Separation]:
     proposal = next(item for item in proposed() if item.kind == kind)
-    return [Separation(proposal, 100, round(100 * share), 100, {})]
+    return [Separation(proposal, 100, round(100 * share), 100, {}, refitted=True)]
 
 
 def test_the_simulated_test_of_a_group_states_its_outcomes_and_how_often_it_is_enough():

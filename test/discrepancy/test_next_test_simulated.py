@@ -112,6 +112,7 @@ def test_refits_of_a_linear_system_promise_what_its_forecasts_do(monkeypatch):
     for name, share, together in (('fast', 1.0, 1), ('low', 0.0, 2)):
         (one,) = diagnose_system(Problem(Tangents(), runs, proposals=[proposed(name)])).separations
         assert one.share == pytest.approx(share, abs=0.05)
+        assert (one.refitted, one.caveat) == (True, '')
         assert {len(group) for group in one.together} == {together}
     assert len(calls) == 4  # Each of two models as the truth, in each of two tests.
 
@@ -127,7 +128,7 @@ def test_the_interval_of_a_share_holds_it_and_narrows_with_the_draws():
 
 
 def test_the_summary_states_the_test_and_its_share():
-    assert 'of 100 simulated draws' in verdict().summary()
+    assert 'of 100 simulated draws; a linear forecast, which can promise' in verdict().summary()
 
 
 @pytest.mark.parametrize('cause', ['parabola', 'rate'])

@@ -21,7 +21,11 @@ from saddlering_ros.diagnosis.ring_wording import (
     tried,
 )
 from saddlering_ros.discrepancy import wording
-from saddlering_ros.discrepancy.verdict.wording import remaining_words
+from saddlering_ros.discrepancy.verdict.wording import (
+    change_words,
+    remaining_words,
+    uncertain_size_words,
+)
 from saddlering_ros.files import write_csv
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import bars, certainty, MAX_WORDS
@@ -164,8 +168,13 @@ def test_unknown_states_what_was_tried_and_that_no_law_was_found():
 
 
 def test_what_remains_is_never_nothing():
-    assert remaining_words(0.998) == '< 1 % of the misfit'
-    assert remaining_words(0.88) == '12 % of the misfit'
+    assert remaining_words(0.998) == '< 1 % of the power of the misfit beyond noise'
+    assert remaining_words(0.88) == '12 % of the power of the misfit beyond noise'
+    assert change_words([(-0.16, 'held-out runs'), (0.24, 'fitted runs')]) == (
+        'raises the misfit by 16 % on held-out runs, and reduces it by 24 % on fitted runs')
+    assert change_words([(0.94, 'held-out runs'), (0.91, 'fitted runs')]) == (
+        'reduces the misfit by 94 % on held-out runs, and by 91 % on fitted runs')
+    assert '0.1681, includes' in uncertain_size_words('Creep', -0.1681, 0.1681, '1')
 
 
 def test_ambiguous_names_every_look_alike():
@@ -446,3 +455,13 @@ def test_a_gain_on_runs_held_out_in_turn_is_told_as_such_with_its_cause_too():
         'gain': {**said['gain'], 'how': 'held out in turn'}})
     assert told.count('runs held out in turn') == 2
     assert 'held-out runs' not in told
+
+
+def test_the_table_of_next_tests_tells_a_forecast_from_a_refit():
+    shared = {'test': 'Record', 'share_alone': 0.79, 'interval_95': [0.7, 0.9], 'share_kept': 1.0}
+    table = chapters.simulated_tests({'simulated_tests': [
+        {**shared, 'refitted': True}, {**shared, 'refitted': False}]})
+    assert [words in table for words in (
+        '>79 %<', '>up to 79 %<', '>refits<', '>linear forecast<', 'can promise too much')] == [
+        True] * 5
+    assert table.count('70 % to 90 %') == 1

@@ -219,7 +219,8 @@ class Separation:
 
     draws: over all truths; alone: draws that leave only the true cause; kept: draws that leave
     its model at all; by_truth: share of the draws that leave only the true cause, for each truth;
-    together: the open models by their effects, those that the test does not part as one.
+    together: the open models by their effects, those that the test does not part as one; refitted:
+    whether the models were refitted to the test, and not only forecast to first order.
     """
 
     proposal: Proposal
@@ -228,11 +229,18 @@ class Separation:
     kept: int
     by_truth: Mapping[tuple[str, ...], float]
     together: tuple[tuple[tuple[str, ...], ...], ...] = ()
+    refitted: bool = False
 
     @property
     def share(self) -> float:
         """Share of the draws that leave only the true cause."""
         return self.alone / self.draws
+
+    @property
+    def caveat(self) -> str:
+        """What its share is not, in words; '' after refits, and of a quantity read directly."""
+        is_sure = self.refitted or self.proposal.readings
+        return '' if is_sure else '; a linear forecast, which can promise too much'
 
     @property
     def interval(self) -> tuple[float, float]:
