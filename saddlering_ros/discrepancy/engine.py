@@ -10,8 +10,9 @@ import time as clock
 
 import numpy as np
 
+from saddlering_ros.discrepancy.law.of_residual import law_for
 from saddlering_ros.discrepancy.law.proposal import LawProposal
-from saddlering_ros.discrepancy.next_step import law_for, next_test_of
+from saddlering_ros.discrepancy.next_step import next_test_of
 from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Fit, Tangent
 from saddlering_ros.discrepancy.problem.problem import Problem
