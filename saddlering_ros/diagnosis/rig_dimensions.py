@@ -6,7 +6,7 @@ already.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -47,8 +47,7 @@ class Dimension:
 
     def changed(self, rig: Rig, change: float) -> Rig:
         """The rig with another value of the entry."""
-        part = replace(getattr(rig, self.part), **{self.field: self.read(rig) + change})
-        return replace(rig, **{self.part: part})
+        return rig.changed(self.part, self.field, change)
 
 
 DIMENSIONS: Mapping[str, Dimension] = {

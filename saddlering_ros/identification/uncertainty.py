@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 import math
+from operator import methodcaller
 from typing import Any
 
 import numpy as np
@@ -43,12 +44,6 @@ def _parabola(height: float, load: Array, full_scale: float) -> Array:
     return load + height * 4.0 * load * (full_scale - load) / full_scale
 
 
-def _other_dimension(section: str, field: str, change: float, rig: Rig) -> Rig:
-    """The rig with one dimension of a part changed [m or N]."""
-    old = getattr(rig, section)
-    return replace(rig, **{section: replace(old, **{field: getattr(old, field) + change})})
-
-
 DELAY = 1e-3
 """Delay [s] of the probes whose effect is reported."""
 
@@ -56,9 +51,9 @@ IMPERFECTIONS = (
     Imperfection('load_nonlinearity', '0.1 % of full scale load nonlinearity',
                  load=partial(_parabola, 0.001)),
     Imperfection('axial_clearance', '5 µm of axial clearance',
-                 rig=partial(_other_dimension, 'axial_rows', 'clearance', 5e-6)),
+                 rig=methodcaller('changed', 'axial_rows', 'clearance', 5e-6)),
     Imperfection('radial_clearance', '5 µm of radial clearance',
-                 rig=partial(_other_dimension, 'radial_row', 'clearance', 5e-6)),
+                 rig=methodcaller('changed', 'radial_row', 'clearance', 5e-6)),
     Imperfection('elevation', '0.1 deg of elevation', elevation=float(np.radians(0.1))),
     Imperfection('load_gain', '0.5 % of load gain', load=lambda load, _: 1.005 * load),
     Imperfection('delay', '1 ms between the clocks of load and probes', delay=DELAY))
@@ -81,8 +76,8 @@ def certified_errors(rig: Rig) -> list[Imperfection]:
         ('probe_lag', stated.probe_lag), ('clock', stated.clock)) if delay is not None]
     weight = None if stated.weight is None else stated.weight * rig.carriage.weight
     made += [
-        Imperfection(name, '', rig=partial(_other_dimension, section, field, change))
-        for name, section, field, change in (
+        Imperfection(name, '', rig=methodcaller('changed', part, entry, change))
+        for name, part, entry, change in (
             ('clearance_axial', 'axial_rows', 'clearance', stated.clearance),
             ('clearance_radial', 'radial_row', 'clearance', stated.clearance),
             ('weight', 'carriage', 'weight', weight),

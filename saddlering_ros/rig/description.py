@@ -138,6 +138,11 @@ class Rig:
         return (f'{low / FORCE_UNITS[self.force_unit]:.{shown}f} to '
                 + units.force_words(high, self.force_unit, shown))
 
+    def changed(self, part: str, entry: str, change: float) -> Rig:
+        """The rig with another value of one entry of a part, by `change` [its unit]."""
+        old = getattr(self, part)
+        return replace(self, **{part: replace(old, **{entry: getattr(old, entry) + change})})
+
     @property
     def digest(self) -> str:
         """SHA-256 of the canonical description: its SI numbers as JSON, keys sorted.

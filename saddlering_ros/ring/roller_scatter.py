@@ -7,7 +7,6 @@ Both are averaged over the scatter, because a roller that is about to touch is p
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -97,16 +96,13 @@ def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
     With exact clearances and weight, a fit would separate a common gain of the load from the
     stiffnesses, which real data do not allow.
     """
-    axial, middle, carriage = rig.axial_rows, rig.radial_row, rig.carriage
     stated = rig.instruments
     clearance = CLEARANCE_UNKNOWN if stated.clearance is None else stated.clearance
     share = WEIGHT_UNKNOWN if stated.weight is None else stated.weight
-    sides = [
-        (replace(rig, axial_rows=replace(axial, clearance=axial.clearance + sign * clearance)),
-         replace(rig, radial_row=replace(middle, clearance=middle.clearance + sign * clearance)),
-         replace(rig, carriage=replace(carriage, weight=carriage.weight * (1.0 + sign * share))))
-        for sign in (1.0, -1.0)]
-    return list(zip(*sides, strict=True))
+    quantities = (('axial_rows', 'clearance', clearance), ('radial_row', 'clearance', clearance),
+                  ('carriage', 'weight', share * rig.carriage.weight))
+    return [(rig.changed(part, entry, std), rig.changed(part, entry, -std))
+            for part, entry, std in quantities]
 
 
 def known_errors(
