@@ -267,12 +267,8 @@ def _noise_floor(diagnosis: Diagnosis, run: discrepancy.RunBlocks, weights: Arra
 
     The noise of a held-out run is that of the fitted run with block means of about its length.
     """
-    noise = diagnosis.fits.metric.noise
-    width, start = float(np.median(run.width)), float(run.time[0])
-    name = run.name
-    if (name, 0) not in noise:
-        fitted = diagnosis.fits.metric.problem.runs
-        name = min(fitted, key=lambda one: abs(np.log(np.median(one.width) / width))).name
+    metric, start = diagnosis.fits.metric, float(run.time[0])
+    noise, name = metric.noise, metric.alike(run).name
     return math.sqrt(sum(
         weight**2 * float(np.mean(noise[name, channel].since(
             run.time, run.width, start - WINDOW_SECONDS, WINDOW_SECONDS)**2))

@@ -4,7 +4,7 @@ For any simulator that follows `System` it finds where measurement and simulatio
 cause explains it, which causes cannot be told apart, and what no cause of the catalogue explains.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import time as clock
 
@@ -47,6 +47,9 @@ from saddlering_ros.quantities import GOOD
 PARTIAL_SUBJECT = 0.5
 """A law is proposed beside partial causes that explain this share of the misfit, else alone: with
 less than half explained, the causes describe the misfit worse than the law might."""
+
+Rest = tuple[RunBlocks, str, float, str]
+"""Run, view, share of range and coordinate of a rest."""
 
 
 @one_blas_thread()
@@ -105,7 +108,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         near_limit=near_limit,
         influence=influence,
         held_out_evidence=by_held_out,
-    ).unpredicted(_unpredicted(space) if verdict == 'none' else ())
+    ).unpredicted(_remainder_of(space, [*_unpredicted(space)]) if verdict == 'none' else ())
 
 
 @dataclass(frozen=True)
@@ -219,7 +222,7 @@ def _answer(search: Search) -> Answer:
         warnings = [*warnings, *published.doubts]
     return Answer(
         search, _verdict(is_established, published), tuple(warnings), before, after, published,
-        _remainder_of(space, fit, after),
+        _remainder_of(space, _left(space, fit, after)),
         before.explained_by(after) if published.causes else 0.0, taken)
 
 
@@ -326,8 +329,8 @@ def _answer_beside(
     left = _residual_of(alone, seen)
     return Answer(
         search, _verdict(is_established, published), tuple(warnings), strict.before, left,
-        published, _remainder_of(alone, seen, left), strict.before.explained_by(left), taken,
-        is_beside_error=True)
+        published, _remainder_of(alone, _left(alone, seen, left)),
+        strict.before.explained_by(left), taken, is_beside_error=True)
 
 
 def _residual_of(space: ModelSpace, fit: Fit) -> Residual:
@@ -340,10 +343,10 @@ def _residual_of(space: ModelSpace, fit: Fit) -> Residual:
     return Residual(slow, space.tests.fast(fit), tuple(shapes), tuple(consistency))
 
 
-def _remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Remainder, ...]:
-    """What a fit leaves beyond noise and declared model error, by run and view, largest first."""
+def _remainder_of(space: ModelSpace, left: Sequence[Rest]) -> tuple[Remainder, ...]:
+    """Rests in words and in units, largest first."""
     problem, remainder = space.problem, []
-    units, left = getattr(problem.system, 'units', {}), _left(space, fit, residual)
+    units = getattr(problem.system, 'units', {})
     for run, view, share, along in sorted(left, key=lambda place: -place[2]):
         noise = space.metric.noise_power(run, view) ** 0.5
         size = share * problem.view_ranges[view]
@@ -352,13 +355,12 @@ def _remainder_of(space: ModelSpace, fit: Fit, residual: Residual) -> tuple[Rema
     return tuple(remainder)
 
 
-def _unpredicted(space: ModelSpace) -> list[Remainder]:
+def _unpredicted(space: ModelSpace) -> Iterator[Rest]:
     """What the base leaves of a declared machine's held-out runs that it does not leave of others.
 
     The base is fitted to each as well, because fitted runs may not determine what it needs.
     """
-    problem, base, left = space.problem, space.base, []
-    widths = [float(np.median(run.width)) for run in problem.runs]
+    problem, base = space.problem, space.base
     for run in problem.held_out if problem.assumptions.exact_laws else []:
         if not np.isfinite(problem.simulate(run, [base.point])[0]).all():
             continue
@@ -366,24 +368,18 @@ def _unpredicted(space: ModelSpace) -> list[Remainder]:
         metric = GainMetric(joint, GainMetric.about(problem, base).unit)
         [fit] = fitting.run_refits(metric, [
             fitting.refit(metric, base.candidate, base.theta_unit)])
-        # Shorter means have more noise.
-        wider = max(max(widths) / float(np.median(run.width)), 1.0) ** 0.5
         for view, scale in problem.view_ranges.items():
-            size = joint.view_sizes(fit.prediction - joint.measured, view)[-1]
-            size *= joint.view_ranges[view]
-            usual = scale * max(problem.view_sizes(base.prediction - problem.measured, view))
-            noise = max(space.metric.noise_power(one, view) for one in problem.runs) ** 0.5
-            declared = scale * max(space.settings.materiality, problem.allowed_sizes[view])
-            if size > max(GOOD * wider * max(usual, noise), declared):
-                left.append(Remainder(
-                    run.name, view, size / scale, size / noise, '', size,
-                    getattr(problem.system, 'units', {}).get(view, '')))
-    return left
+            share = float(joint.view_sizes(fit.prediction - joint.measured, view)[-1])
+            share *= joint.view_ranges[view] / scale
+            usual = problem.view_sizes(base.prediction - problem.measured, view).max()
+            noise = space.metric.noise_power(run, view) ** 0.5 / scale
+            declared = max(space.settings.materiality, problem.allowed_sizes[view])
+            if share > max(GOOD * max(usual, noise), declared):
+                yield run, view, share, ''
 
 
 def _left(
-    space: ModelSpace, fit: Fit, residual: Residual, factor: float = 1.0
-) -> list[tuple[RunBlocks, str, float, str]]:
+    space: ModelSpace, fit: Fit, residual: Residual, factor: float = 1.0) -> list[Rest]:
     """Run, view, share of range and coordinate of each rest beyond noise and declared error.
 
     A declared error may have any smooth shape. A rest is therefore left if noise and declared
@@ -395,7 +391,7 @@ def _left(
     allowed = {view: factor * size for view, size in problem.allowed_sizes.items()}
     least = {view: max(settings.materiality, size) for view, size in allowed.items()}
     sized = _by_sensors(space, fit) if any(allowed.values()) else residual
-    left: list[tuple[RunBlocks, str, float, str]] = []
+    left: list[Rest] = []
     everywhere = slow.is_real_and_material(settings)
     for view, weights in problem.system.views.items():
         along = min(((test.p_value, test.coordinate) for test in residual.shapes

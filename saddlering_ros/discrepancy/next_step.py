@@ -141,7 +141,7 @@ class _OpenModels:
         The test has the small errors that the old data show beside the model.
         """
         metric, old, run = self.space.metric, self.space.metric.problem, proposal.run
-        joint, alike = old.with_runs([*old.runs, run]), _alike(metric, run)
+        joint, alike = old.with_runs([*old.runs, run]), metric.alike(run)
         noise = {**metric.noise, **{(run.name, channel): metric.noise[alike.name, channel]
                                     for channel in range(len(run.channels))}}
         begun = self._begun([run])
@@ -313,16 +313,9 @@ def _worst_last(answer: Separation) -> tuple[int, int]:
     return -answer.alone, -answer.kept
 
 
-def _alike(metric: Metric, run: RunBlocks) -> RunBlocks:
-    """The old run whose blocks are about as long as those of a new run."""
-    width = float(np.median(run.width))
-    return min(metric.problem.runs,
-               key=lambda other: abs(math.log(float(np.median(other.width)) / width)))
-
-
 def _whitener(metric: Metric, proposal: Proposal) -> Whiten:
     """Columns (m, B) divided by the expected noise of the test."""
-    run, alike, lowers = proposal.run, _alike(metric, proposal.run), []
+    run, alike, lowers = proposal.run, metric.alike(proposal.run), []
     for channel in range(run.channels.shape[0]):
         matrix = metric.noise[alike.name, channel].covariance(run.time, run.width, run.hold)
         jitter = 1e-9 * float(np.diag(matrix).max()) * np.eye(run.time.size)

@@ -282,12 +282,11 @@ def stopped_base(problem: Problem, fit: Fit) -> list[tuple[Parameter, float]]:
     """Base parameters of a fit that a bound keeps from a misfit which is surely smaller."""
     slope, place = fit.jacobian.T @ fit.whitened, fit.theta_unit
     low, high = place < AT_BOUND, place > 1.0 - AT_BOUND
-    outwards, stopped = low & (slope > 0.0) | high & (slope < 0.0), []
+    outwards = low & (slope > 0.0) | high & (slope < 0.0)
+    free = ~(low | high) | outwards
+    gram = fit.jacobian[:, free].T @ fit.jacobian[:, free] + PRIOR**2 * np.eye(free.sum())
+    gain = slope[free] @ np.linalg.solve(gram, slope[free])
     least = max(MIN_STOPPED * fit.misfit, float(chdtri(1, problem.settings.error_rate)))
-    for number, parameter in enumerate(problem.system.base_parameters):
-        free = ~(low | high) | (np.arange(place.size) == number)
-        gram = fit.jacobian[:, free].T @ fit.jacobian[:, free] + PRIOR**2 * np.eye(free.sum())
-        gain = slope[free] @ np.linalg.solve(gram, slope[free])
-        if outwards[number] and not parameter.periodic and gain > least:
-            stopped.append((parameter, parameter.from_unit(float(place[number]))))
-    return stopped
+    return [(parameter, parameter.from_unit(float(u))) for parameter, u, is_stopped in zip(
+        problem.system.base_parameters, place, outwards, strict=False)
+        if is_stopped and not parameter.periodic and gain > least]
