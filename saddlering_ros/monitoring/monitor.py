@@ -31,8 +31,9 @@ MAX_GAP = 3.0
 MAX_BACK = 50_000_000
 """Stamps that go back by more [ns] are of another record."""
 
-SHORT_REST = 2.0
-"""Noise read from less rest than this [s] is not known well enough for the promise."""
+SHORT_REST, SEEN = 2.0, 0.9
+"""Rest [s] without which the noise is not known well enough for the promise, and the share of it
+that is read at least, because its end is seen early."""
 
 HISTORY_BLOCKS = 180_000
 """Blocks remembered: an hour of 20 ms; an onset before that is stamped with the oldest."""
@@ -246,7 +247,7 @@ class Monitor:
         if not rest.first:
             self._lapse('the noise is read from a rest after a movement, where the ring still '
                         'creeps: begin the test with a rest', is_lasting=True)
-        elif rest.seconds < SHORT_REST:
+        elif rest.seconds < SEEN * SHORT_REST:
             self._lapse(f'the noise is read from {rest.seconds:.1f} s of rest: rest for '
                         f'{SHORT_REST:g} s before the load moves, else the rate of false alarms '
                         'is not sure', is_lasting=True)
