@@ -6,7 +6,7 @@ from dataclasses import replace
 import operator
 from types import MappingProxyType, SimpleNamespace
 
-from bench import LOAD, measured, Shapes, STEP, System
+from bench import LOAD, measured, Shapes, STEP, System, TIME
 import numpy as np
 import pytest
 
@@ -133,6 +133,20 @@ def test_a_fit_goes_on_in_another_metric_and_from_its_starts_without_a_new_simul
 
 
 # --- one cause for two, two causes for none ---
+
+
+@pytest.mark.parametrize(('unlisted', 'effects'), [(0.0, 3), (0.3, 2)])
+def test_no_third_effect_is_looked_for_where_two_explain_little(
+        unlisted: float, effects: int) -> None:
+    waves = {name: np.sin(turns * np.pi * TIME / TIME[-1])
+             for name, turns in (('a', 5.0), ('b', 8.0), ('c', 11.0), ('unlisted', 14.0))}
+    wave = unlisted * waves.pop('unlisted')
+    system = Shapes(**waves)
+    run = measured(system, 1e-3, {name: {'size': 0.1} for name in waves},
+                   rest=[RestSegment(1e-3 * np.random.default_rng(2).normal(size=(1, 80)), STEP)])
+    space = prepare(Problem(system, [replace(run, channels=run.channels + wave)]))
+    fit = selection.forward(space, space.base, SearchLog())
+    assert len(fit.candidate.effects) == effects
 
 
 def test_one_effect_takes_the_place_of_two_that_fit_no_better(
