@@ -145,7 +145,8 @@ class RingEffect:
     A subclass states the class attributes; a walk of the folder finds it. Its id is the name of
     its file. What it does is stated by its parameters (`adds_to`), or by its own `extend`.
     starts: first guesses for effects that need several (searched places, times); a missing name
-    takes the start of its parameter. The first variant is the default.
+    takes the start of its parameter. The first variant is the default. channels: in which the
+    cause shows, by default in every coordinate of the motion.
     """
 
     id: ClassVar[str]
@@ -154,7 +155,7 @@ class RingEffect:
     settled_by: ClassVar[str]
     outcomes: ClassVar[Outcomes] = Outcomes()
     stage: ClassVar[str]                      # one of STAGES
-    channels: ClassVar[tuple[str, ...]]       # of delta_x, delta_y, gamma, parity
+    channels: ClassVar[tuple[str, ...]] = ('delta_x', 'delta_y', 'gamma')  # and parity
     parameters: ClassVar[tuple[EffectParameter, ...]]
     variants: ClassVar[tuple[Variant, ...]] = (Variant('', {}),)
     choices: ClassVar[tuple[Choice, ...]] = ()

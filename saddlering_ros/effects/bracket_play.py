@@ -18,7 +18,6 @@ class BracketPlay(FrictionEffect):
     element = 'bracket_play'
     stage = 'load path'
     form = 0.1  # a bracket seats bit by bit, not all at one load
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(
             'angle', 'rad', 0.0, 0.03, 0.003, 0.003,

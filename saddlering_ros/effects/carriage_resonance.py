@@ -25,7 +25,6 @@ class CarriageResonance(RingEffect):
                   'frequency.')
     outcomes = Outcomes(second_rate='an oscillation that becomes smaller and keeps its frequency')
     stage = 'ring'
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter('share', '1', 0.0, 1.5, 1.0, 1.0,
                         'share of the motion that the second mode carries; 0: rigid',

@@ -12,7 +12,6 @@ class ClockOffset(RingEffect):
                   'signal with both recorders.')
     outcomes = Outcomes(second_rate='a shift of the same time with sharp corners')
     stage = 'measurement'
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter('offset', 's', -0.5, 0.5, 0.02, 0.0,
                         'stamp of the probes minus true time; positive: probes late',

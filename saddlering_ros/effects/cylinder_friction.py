@@ -19,7 +19,6 @@ class CylinderFriction(FrictionEffect):
     element = 'cylinder_friction'
     stage = 'load path'
     form = 0.1  # seals grip harder at rest and at higher pressure
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter('force', 'N', 0.0, 30000.0, 3000.0, 3000.0, 'full friction force',
                         amplitude=True, one_sided=True),

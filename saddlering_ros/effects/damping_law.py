@@ -18,7 +18,6 @@ class DampingLaw(RingEffect):
         second_rate='a lag that keeps its shape over load and scales with the rate')
     stage = 'ring'
     form = 0.1  # the power of penetration and the saturation may differ between the rows
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter(
             'share', '1', 0.0, 1.0, 0.5, 0.5,

@@ -14,7 +14,6 @@ class ElevationError(RingEffect):
         other_elevation='a misfit whose share of the radial displacement changes '
             'with the elevation')
     stage = 'load path'
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (EffectParameter(
         'angle', 'rad', -0.1, 0.1, 0.0175, 0.0, 'true elevation minus recorded elevation',
         amplitude=True, adds_to='elevation_error'),)

@@ -24,7 +24,6 @@ class FilmCreep(RingEffect):
         pull_push=base.UNCLEAR)
     stage = 'ring'
     form = 0.1  # films creep with more than one time constant
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter('share', '1', 0.0, 1.0, 0.05, 0.05,
                         'creep after a long time as a share of the immediate motion',

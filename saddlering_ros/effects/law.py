@@ -105,7 +105,7 @@ class LawEffect(RingEffect):
         self.law = law
         channels: tuple[str, ...] = (law.target,)
         if law.target == LOAD_TARGET:
-            channels = ('delta_x', 'delta_y', 'gamma')
+            channels = self.channels
         elif law.target.startswith('eddy_current'):
             channels = ('delta_x', 'parity') if law.target[-1] in '13' else ('delta_y', 'gamma')
         vars(self).update(

@@ -15,7 +15,6 @@ class LoadGain(RingEffect):
         reference_load='a difference that is a fixed share of the load',
         other_elevation='the same share of every displacement at both elevations')
     stage = 'load path'
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (EffectParameter(
         'gain', '1', -0.3, 0.3, 0.03, 0.0, 'share by which the measured load is too large',
         amplitude=True, adds_to='load_gain'),)

@@ -11,7 +11,6 @@ class LoadNonlinearity(RingEffect):
     settled_by = 'A reference load in several steps up to full scale.'
     outcomes = Outcomes(reference_load='a difference that is largest at half load')
     stage = 'load path'
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (EffectParameter(
         'curvature', '1', -0.1, 0.1, 0.01, 0.0,
         'largest error, at half load, as a share of full scale', amplitude=True,

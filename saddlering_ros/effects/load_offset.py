@@ -12,7 +12,6 @@ class LoadOffset(RingEffect):
     outcomes = Outcomes(
         reference_load='the same difference in newtons at every load', zero_load=UNCLEAR)
     stage = 'load path'
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (EffectParameter(
         'offset', 'N', -15000.0, 8000.0, 2000.0, 0.0, 'reading of the load measurement at no load',
         amplitude=True, adds_to='load_offset'),)

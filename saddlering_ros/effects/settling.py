@@ -28,7 +28,6 @@ class Settling(RingEffect):
         pull_push=base.UNCLEAR)
     stage = 'ring'
     form = 0.05  # joints settle not quite in proportion to the load
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter('settling', 'm/N', -3e-10, 3e-10, 4e-11, 0.0,
                         'remaining motion per unit of the highest load; for tilt that at 1 m from '

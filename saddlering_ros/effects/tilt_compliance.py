@@ -15,7 +15,6 @@ class TiltCompliance(RingEffect):
     settled_by = 'A second loading rate (x4), or an inclinometer on the upper ring itself.'
     outcomes = Outcomes(other_elevation='a misfit of the tilt in proportion to the tilting moment')
     stage = 'ring'
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter('compliance', 'rad/(N m)', 0.0, 5e-10, 1e-10, 1e-10,
                         'motion per unit of moment', amplitude=True, one_sided=True,

@@ -26,7 +26,6 @@ class TiltFriction(RingEffect):
         repeat_cycle='a loop that repeats and stays open during the holds', pull_push=base.UNCLEAR)
     stage = 'ring'
     form = 0.1  # sticking exceeds sliding by a tenth to a quarter, and how much the speed decides
-    channels = ('delta_x', 'delta_y', 'gamma')
     parameters = (
         EffectParameter('moment', 'N m', 0.0, 60000.0, 3000.0, 3000.0,
                         'full friction moment; of axial motion alone the force at 1 m from the '
