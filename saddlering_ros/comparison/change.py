@@ -442,9 +442,9 @@ def contact_of_sessions(
     changed = {QUANTITIES[round(moved['quantity'])]: 1.0 + moved['change']} if moved else {}
     for index, parameter in enumerate(parameters):
         unit, places = float(fit.theta_unit[index]), [index, count + index]
-        slope, value = parameter.slope(unit), parameter.from_unit(unit)
-        earlier, later = np.array([value, value * changed.get(parameter.name, 1.0)]) + (
-            slope * step[places])
+        slope = parameter.slope(unit)
+        earlier, later = map(parameter.from_unit, np.clip(unit + step[places], 0.0, 1.0).tolist())
+        later *= changed.get(parameter.name, 1.0)
         both = slope**2 * covariance[np.ix_(places, places)]
         first, second, difference = (
             Estimate(float(size), math.sqrt(power), parameter.unit) for size, power in (

@@ -9,7 +9,8 @@ import numpy as np
 
 from saddlering_ros.comparison.change import Change, change_words, lowered_names, name_of
 from saddlering_ros.comparison.series import CHANGED, ChangeSeries
-from saddlering_ros.discrepancy import wording
+from saddlering_ros.discrepancy import Estimate, wording
+from saddlering_ros.identification.uncertainty import reason_wide, UNDETERMINED
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import Chart, Panel
@@ -17,7 +18,7 @@ from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import probability, quantity, verdict_line
 from saddlering_ros.report import reports
 from saddlering_ros.report.figures import axis_label, MICRO
-from saddlering_ros.rig import FORCE_UNITS, PARAMETER_UNITS
+from saddlering_ros.rig import FORCE_UNITS
 from saddlering_ros.rig.description import WEAR_LIMITS
 
 
@@ -28,9 +29,8 @@ def change_text(change: Change) -> str:
         for cause in change.diagnosis.causes)]
     lines += wording.certainty_lines(wording.certainty_document(change.diagnosis), lowered_names)
     lines += ['contact law, before, after and change:']
-    lines += [f'  {name}: ' + ', '.join(
-        quantity(number.value, PARAMETER_UNITS[name], number.std) for number in numbers)
-        for name, numbers in change.contact.items()]
+    lines += [f'  {name}: {", ".join(contact_words(name, numbers))}'
+              for name, numbers in change.contact.items()]
     test, rows = _maker_table(change)
     lines += [f'figures of makers, {test}:'] if rows else []
     lines += [f'  {name}: {first}, {second}, wear {wear}' for name, first, second, wear in rows]
@@ -39,6 +39,16 @@ def change_text(change: Change) -> str:
     lines += [f'next test: {change.next_test}'] if change.next_test else []
     lines += [f'note: {note}' for note in change.notes]
     return '\n'.join(lines)
+
+
+def contact_words(name: str, numbers: Sequence[Estimate]) -> list[str]:
+    """A contact parameter before, after, and its change, each as far as the sessions determine it.
+
+    The change can be known better than either, as errors that both sessions share are not in it.
+    """
+    least = 1.0 if name[0] == 'n' else max(abs(one.value) for one in numbers[:2])
+    return [quantity(one.value, one.unit, one.std) if reason_wide(name, one.std / least, 2) is None
+            else f'{UNDETERMINED} (best known {quantity(one.value, one.unit)})' for one in numbers]
 
 
 def wear_words(judged: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -97,8 +107,7 @@ def series_chart(series: ChangeSeries) -> Chart:
 def write_change_page(change: Change, path: Path, command: str = '') -> None:
     """Write the page whole, or not at all."""
     contact: list[list[str | Cell]] = [
-        [code(name), *(quantity(item.value, PARAMETER_UNITS[name], item.std) for item in numbers)]
-        for name, numbers in change.contact.items()]
+        [code(name), *contact_words(name, numbers)] for name, numbers in change.contact.items()]
     limits: list[list[str | Cell]] = [
         [name_of(item.effect), quantity(max(item.limit, item.material_limit), item.unit),
          quantity(change.limits_alone.get(item.effect), item.unit)]

@@ -42,7 +42,13 @@ from saddlering_ros.discrepancy.verdict.results import NOTHING
 from saddlering_ros.errors import BagError
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.html import pictures_of
-from saddlering_ros.report.change import change_chart, change_text, wear_words, write_change_page
+from saddlering_ros.report.change import (
+    change_chart,
+    change_text,
+    contact_words,
+    wear_words,
+    write_change_page,
+)
 from saddlering_ros.rig import Instruments, TRUE_TO_SCALE
 
 
@@ -327,3 +333,12 @@ def test_wear_stands_beside_the_limits_of_the_rig_file_and_a_gain_counts_for_it_
     assert states == ['beyond', 'open', 'within']
     none = judged_wear({**wear, 'tilting_clearance_mm': -1e-9}, {'tilting_clearance': 2e-4})
     assert wear_words(none)[0].startswith('wear of tilting clearance: 0 % of')
+
+
+def test_a_contact_parameter_that_a_session_does_not_determine_has_no_interval():
+    numbers = [Estimate(4.2e6, 9e5, 'N s/m'), Estimate(3e5, 2e6, 'N s/m'),
+               Estimate(-3.9e6, 2e5, 'N s/m')]
+    before, after, change = contact_words('D2', numbers)
+    assert (before, change) == ('(4.20 ± 0.90) × 10⁶ N s/m', '(-3.90 ± 0.20) × 10⁶ N s/m')
+    assert after == 'not determined by these data (best known 3.00 × 10⁵ N s/m)'
+    assert contact_words('n2', [Estimate(1.1, 0.2, '')])[0].startswith('not determined')
