@@ -272,9 +272,9 @@ def _among_small_errors(strict: Answer) -> Answer:
         return strict.doubted([wording.suspect_words([space.problem.titles[main]], doubts)])
     # What the small errors could take of the main cause is left.
     return _answer_beside(strict, search, published, [
-        wording.outlier_words(space.problem.titles[name], best.times(name))
+        wording.outlier_words(space.problem.titles[name], among.times(name))
         for name in search.fit.candidate.ids],
-        1.0 - 1.0 / best.times(main), is_established=True)
+        1.0 - 1.0 / among.times(main), is_established=True)
 
 
 def _beside_error(strict: Answer) -> Answer:

@@ -385,10 +385,10 @@ def test_another_cause_that_fits_better_in_some_runs_takes_the_name(
 
 @pytest.mark.parametrize('exact', [True, False])
 @pytest.mark.parametrize(('size_std', 'width_std', 'expected'), [
-    (0.26, 0.1, 'interval of its size, -0.00959 to 1.01, includes the size at which the effect '
+    (0.26, 0.1, 'interval of its size, -0.009591 to 1.01, includes the size at which the effect '
      'does nothing'),
-    (0.1, 0.55, 'interval of its width, -0.078 to 2.08, includes 1.5 rad, at which the effect is '
-     'another one'),
+    (0.1, 0.55, 'interval of its width, -0.07798 to 2.078 rad, includes 1.5, at which the effect '
+     'is another one'),
     (0.1, 0.1, '')])
 def test_no_cause_that_may_be_nothing_or_another_one_has_a_name(
     size_std: float, width_std: float, expected: str, exact: bool,

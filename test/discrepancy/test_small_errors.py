@@ -135,7 +135,8 @@ def among_of(
 ) -> small_errors.Among:
     """Models whose errors are all of one size; `inputs` are errors of the rig file."""
     evidence = {id(model.fit): model.evidence for model in (best, *others)}
-    errors: Any = SimpleNamespace(evidence_with_larger=lambda space, fit, small: evidence[id(fit)])
+    errors: Any = SimpleNamespace(
+        with_larger=lambda space, fit, small: (evidence[id(fit)], 1e-4))
     space: Any = SimpleNamespace(inputs=[
         SimpleNamespace(effect=SimpleNamespace(id=name)) for name in inputs])
     return small_errors.Among(space, best, others, errors)
@@ -167,7 +168,8 @@ def test_the_main_cause_takes_what_it_moves() -> None:
     """What a base parameter imitates can move most and take nothing."""
     best = model_of(50.0, clearance=0.06, friction=0.02, gap=0.01)
     published = taking(clearance=0.0, friction=0.9, gap=0.4)
-    assert established.main_among(among_of(best, [model_of(0.0)]), published) == (
+    others = [model_of(49.0, friction=0.02, gap=0.01), model_of(0.0)]
+    assert established.main_among(among_of(best, others), published) == (
         'friction', ['clearance', 'gap'])
 
 
@@ -189,8 +191,26 @@ def test_a_cause_that_others_replace_beside_larger_errors_is_not_established() -
     among = among_of(best, [other, model_of(0.0)])
     assert among.stands_out('friction')
     errors: Any = SimpleNamespace(
-        evidence_with_larger=lambda space, fit, small: 60.0 if 'friction' in small else 65.0)
+        with_larger=lambda space, fit, small: (60.0 if 'friction' in small else 65.0, 1e-4))
     assert not replace(among, errors=errors).stands_out('friction')
+
+
+def test_one_error_that_is_much_larger_makes_no_cause_smaller() -> None:
+    """A clock that was off by 30 times the other errors made all of them look as large."""
+    among = among_of(model_of(50.0, friction=0.02), [model_of(0.0)])
+    assert among.times('friction') == pytest.approx(200.0)
+    errors: Any = SimpleNamespace(with_larger=lambda space, fit, small: (50.0, 2.5e-5))
+    assert replace(among, errors=errors).times('friction') == pytest.approx(800.0)
+
+
+@pytest.mark.parametrize(('other', 'main'), [(45.0, 'friction'), (20.0, 'offset')])
+def test_no_cause_is_main_beside_one_that_moves_more_and_stands_out(
+    other: float, main: str,
+) -> None:
+    """An offset of the load moved 2.7 times what friction did, and took a third of the misfit."""
+    among = among_of(model_of(50.0, offset=0.013, friction=0.005),
+                     [model_of(other, friction=0.005), model_of(0.0, offset=0.013)])
+    assert established.main_among(among, taking(offset=0.34, friction=0.64))[0] == main
 
 
 def test_the_base_alone_is_published_as_for_any_other_verdict(

@@ -21,11 +21,7 @@ from saddlering_ros.diagnosis.ring_wording import (
     tried,
 )
 from saddlering_ros.discrepancy import wording
-from saddlering_ros.discrepancy.verdict.wording import (
-    change_words,
-    remaining_words,
-    uncertain_size_words,
-)
+from saddlering_ros.discrepancy.verdict.wording import change_words, remaining_words
 from saddlering_ros.files import write_csv
 from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import bars, certainty, MAX_WORDS
@@ -174,7 +170,6 @@ def test_what_remains_is_never_nothing():
         'raises the misfit by 16 % on held-out runs, and reduces it by 24 % on fitted runs')
     assert change_words([(0.94, 'held-out runs'), (0.91, 'fitted runs')]) == (
         'reduces the misfit by 94 % on held-out runs, and by 91 % on fitted runs')
-    assert '0.1681, includes' in uncertain_size_words('Creep', -0.1681, 0.1681, '1')
 
 
 def test_ambiguous_names_every_look_alike():

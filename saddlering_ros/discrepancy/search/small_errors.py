@@ -39,7 +39,8 @@ MIN_TIMES, MIN_MARGIN = 30.0, 10.0
 """Size over the spread of the small errors, and logarithm of the likelihood over that of every
 other model, from which a cause stands out. On dirty rings of development true main causes had 35
 to 408 times and a logarithm of 17 and more, but for two with 7 and 10; stand-ins for laws that
-were taken out had 61 to 109 times and a logarithm of 6 and less, but for one with 41."""
+were taken out had 61 to 109 times and a logarithm of 6 and less, but for one with 41. One error
+that is much larger than most raises the common spread, so that the spread beside it counts."""
 
 MIN_LEADING = 1.0
 """Movement over the noise of an error of a material size, above which errors of unequal size act
@@ -89,10 +90,6 @@ class Model:
     visible: Mapping[str, float]
     joint: float
 
-    def times(self, name: str) -> float:
-        """Size of an effect over the spread of the small errors."""
-        return self.visible[name] / self.spread
-
 
 @dataclass(frozen=True)
 class Among:
@@ -117,11 +114,16 @@ class Among:
         others = sorted((other for other in self.others if not any(
             effect.id in alike or name in effect.contains
             for effect, _ in other.fit.candidate.effects)), key=lambda other: -other.evidence)
-        evidences = [(self.errors.evidence_with_larger(self.space, other.fit, alike), number)
-                   for number, other in enumerate(others[:MAX_COMPARED])]
+        evidences = [(self.errors.with_larger(self.space, other.fit, alike)[0], number)
+                     for number, other in enumerate(others[:MAX_COMPARED])]
         evidence, number = max(evidences)
-        best = self.errors.evidence_with_larger(self.space, self.best.fit, ())
+        best, _ = self.errors.with_larger(self.space, self.best.fit, ())
         return others[number], best - evidence
+
+    def times(self, name: str) -> float:
+        """Size of an effect of the best model over the common spread beside one larger error."""
+        _, spread = self.errors.with_larger(self.space, self.best.fit, ())
+        return self.best.visible[name] / spread
 
     def margin(self, name: str) -> float:
         """Logarithm of the likelihood over that of the best model without an effect."""
@@ -129,7 +131,7 @@ class Among:
 
     def stands_out(self, name: str) -> bool:
         """Whether an effect is an outlier of the small errors."""
-        return self.best.times(name) >= MIN_TIMES and self.margin(name) >= MIN_MARGIN
+        return self.times(name) >= MIN_TIMES and self.margin(name) >= MIN_MARGIN
 
 
 def search_among_small_errors(search: Search) -> Among | None:
@@ -239,15 +241,19 @@ class SmallErrors:
         place = int(np.argmax(likelihoods))
         return Model(fit, likelihoods[place], float(SPREADS[place]), visible, joint)
 
-    def evidence_with_larger(self, space: ModelSpace, fit: Fit, small: Collection[str]) -> float:
-        """The evidence of a fit if errors of some kinds are larger, each at the price of a choice.
+    def with_larger(
+        self, space: ModelSpace, fit: Fit, small: Collection[str],
+    ) -> tuple[float, float]:
+        """Evidence of a fit if errors of some kinds are larger, and common spread if one is.
 
-        small: effects whose errors are not.
+        Each is larger at the price of a choice. small: effects whose errors are not.
         """
         return space.once(
             f'unequal {sorted(small)}', fit, lambda: self._with_larger(space, fit, small))
 
-    def _with_larger(self, space: ModelSpace, fit: Fit, small: Collection[str]) -> float:
+    def _with_larger(
+        self, space: ModelSpace, fit: Fit, small: Collection[str],
+    ) -> tuple[float, float]:
         seen = self._projected(space, fit)
         along = seen.along[self._leading]
         outside = seen.whole - along.T @ along
@@ -259,7 +265,8 @@ class SmallErrors:
             volume = 2.0 * float(np.log(np.diag(root)).sum())
             return seen.evidence(outside + inside.T @ inside, volume)
 
-        best, spread = max((evidence(one, common), one) for one in SPREADS[::2])
+        best, spread = max((evidence(one, common), float(one)) for one in SPREADS[::2])
+        beside_one = spread
         factors, powers = np.ones(len(self._kinds)), common
         price = float(np.log(len(self._kinds)))
         for count in range(1, MAX_LARGER + 1):
@@ -270,12 +277,13 @@ class SmallErrors:
             kind = self._kinds[number][1]
             powers = powers + (factor**2 - factors[number] ** 2) * kind @ kind.T
             factors[number] = factor
-            better, spread = max((evidence(one, powers) - count * price, one)
+            better, spread = max((evidence(one, powers) - count * price, float(one))
                                  for one in SPREADS if spread / 2.5 < one <= spread)
             if better <= best:
                 break
             best = better
-        return best
+            beside_one = spread if count == 1 else beside_one
+        return best, beside_one
 
     def _larger(
         self, seen: _Projected, outside: Array, spread: float, powers: Array, factors: Array,

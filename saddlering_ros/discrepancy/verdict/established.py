@@ -36,6 +36,7 @@ from saddlering_ros.discrepancy.verdict.published import (
 )
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
+from saddlering_ros.quantities import span
 
 MAX_LEFT_OVER = 0.02
 """Share of what the causes of a ring take that may remain along one coordinate of a view, and
@@ -210,10 +211,11 @@ def uncertainties_of(cause: Cause, title: str) -> list[str]:
         limit = cause.definition.neutral if parameter is size else parameter.limiting_case
         if interval is None or limit is None or not interval[0] <= limit <= interval[1]:
             continue
-        sentences.append(
-            wording.uncertain_size_words(title, *interval, parameter.unit)
-            if parameter is size else wording.uncertain_shape_words(
-                title, parameter.name, *interval, f'{limit:g} {parameter.unit}'.rstrip()))
+        name, at_limit = ('size', 'the size at which the effect does nothing')
+        if parameter is not size:
+            name, at_limit = parameter.name, f'{limit:g}, at which the effect is another one'
+        sentences.append(wording.uncertain_words(
+            title, name, span(*interval, parameter.unit), at_limit))
     return sentences
 
 
@@ -265,9 +267,10 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
 def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:
     """The main effect of the best model among small errors, and those that are small errors.
 
-    The main one moves most of those that take half of what the others leave: what a base
-    parameter imitates can move much and take nothing. Each that is named takes this half. An error
-    of the rig file counts as small beside a cause that moves more.
+    The main one moves most of those that take half of what the others leave, or that stand out
+    among the small errors: what a base parameter imitates can move much and take nothing. Each
+    that is named takes this half. An error of the rig file counts as small beside a cause that
+    moves more.
     """
     visible = among.best.visible
     shares = published.member_shares
@@ -275,21 +278,23 @@ def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:
     real = [name for name in visible
             if name not in shares or name in inputs or shares[name].best >= MAINLY]
     main = max(real or visible, key=lambda name: visible[name])
+    main = max((name for name in visible if name == main or (
+        visible[name] > visible[main] and among.stands_out(name))), key=lambda name: visible[name])
     return main, [name for name in visible if name != main and (
         name not in real or name in inputs or not among.stands_out(name))]
 
 
 def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
     """Reasons why the main effect of the best model among small errors is not established."""
-    best, taken = among.best, published.member_shares.get(name, published.shares)
+    taken = published.member_shares.get(name, published.shares)
     title = among.space.problem.titles[name]
     assert taken is not None
     # A view with little misfit can be worse by the size of the small errors.
     doubts = [*_unlike_in_runs(taken), *(
         wording.worse_view_words(view) for view, share in taken.fitted.items()
         if min(share, taken.predicted.get(view, share)) < 0.0)]
-    if best.times(name) < MIN_TIMES:
-        doubts.append(wording.no_outlier_words(title, best.times(name), MIN_TIMES))
+    if among.times(name) < MIN_TIMES:
+        doubts.append(wording.no_outlier_words(title, among.times(name), MIN_TIMES))
     other, margin = among.closest_without(name)
     if margin < MIN_MARGIN:
         doubts.append(wording.close_words(title, among.space.titles_of(other.fit)))

@@ -314,14 +314,8 @@ def base_at_bound_words(stopped: Sequence[str]) -> str:
             'imitate: see to the units of the readings, or give wider bounds')
 
 
-def uncertain_size_words(title: str, low: float, high: float, unit: str) -> str:
-    return (f'{title}: the 95 % interval of its size, {quantities.span(low, high, unit)}, '
-            'includes the size at which the effect does nothing')
-
-
-def uncertain_shape_words(title: str, name: str, low: float, high: float, limit: str) -> str:
-    return (f'{title}: the 95 % interval of its {name}, {low:.3g} to {high:.3g}, includes '
-            f'{limit}, at which the effect is another one')
+def uncertain_words(title: str, name: str, interval: str, limit: str) -> str:
+    return f'{title}: the 95 % interval of its {name}, {interval}, includes {limit}'
 
 
 def weak_words(title: str, taken: float, needed: float) -> str:
