@@ -15,7 +15,7 @@ from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.search import small_errors
-from saddlering_ros.discrepancy.verdict import established, wording
+from saddlering_ros.discrepancy.verdict import established, results, wording
 
 TIME = np.linspace(0.0, 20.0, 500)
 SHAPES = {
@@ -211,6 +211,18 @@ def test_no_cause_is_main_beside_one_that_moves_more_and_stands_out(
     among = among_of(model_of(50.0, offset=0.013, friction=0.005),
                      [model_of(other, friction=0.005), model_of(0.0, offset=0.013)])
     assert established.main_among(among, taking(offset=0.34, friction=0.64))[0] == main
+
+
+@pytest.mark.parametrize(('worse', 'is_refused'), [(0.0001, False), (0.03, True)])
+def test_a_view_that_keeps_its_misfit_refuses_no_cause(worse: float, is_refused: bool) -> None:
+    """Ovalisation, which moves the parity alone, left 0.01 % more in delta_y."""
+    among: Any = among_of(model_of(50.0, oval=0.02), [model_of(0.0)])
+    among.space.problem = SimpleNamespace(titles={'oval': 'oval'})
+    among.space.titles_of = lambda fit: []
+    shares = results.Shares({'delta_y': -worse, 'parity': 1.0}, {}, 0.5, ('parity', 1.0),
+                            ('parity', 1.0), (0.3, 0.5))
+    published: Any = SimpleNamespace(member_shares={}, shares=shares)
+    assert bool(established.doubts_among(among, 'oval', published)) == is_refused
 
 
 def test_the_base_alone_is_published_as_for_any_other_verdict(

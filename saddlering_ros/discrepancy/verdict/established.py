@@ -292,7 +292,7 @@ def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
     # A view with little misfit can be worse by the size of the small errors.
     doubts = [*_unlike_in_runs(taken), *(
         wording.worse_view_words(view) for view, share in taken.fitted.items()
-        if min(share, taken.predicted.get(view, share)) < 0.0)]
+        if min(share, taken.predicted.get(view, share)) < -MAX_LEFT_OVER)]
     if among.times(name) < MIN_TIMES:
         doubts.append(wording.no_outlier_words(title, among.times(name), MIN_TIMES))
     other, margin = among.closest_without(name)
