@@ -258,13 +258,12 @@ def _among_small_errors(strict: Answer) -> Answer:
     search, published = published_of(best.fit)
     main, small = established.main_among(among, published)
     doubts = established.doubts_among(among, main, published)
-    fit = best.fit
-    while not doubts and small:
-        for name in small:
+    fit, left_out = best.fit, {*small, *established.seconds_that_are_small(published, main)}
+    while not doubts and left_out:
+        for name in left_out:
             fit = space.without(fit, name)
         search, published = published_of(fit)
-        small = [cause.effect for cause in published.causes
-                 if cause.effect != main and established.uncertainties_of(cause, '')]
+        left_out = {*established.seconds_that_are_small(published, main)}
     doubts += [*established.other_laws(search), *published.doubts,
                *established.wrong_inputs(space, search.fit),
                *established.uncertain_law(space, published)]

@@ -14,8 +14,10 @@ from saddlering_ros.discrepancy import Channel, Diagnosis, Effect, engine, Model
 from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
+from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.search import small_errors
 from saddlering_ros.discrepancy.verdict import established, results, wording
+from saddlering_ros.discrepancy.verdict.results import Cause
 
 TIME = np.linspace(0.0, 20.0, 500)
 SHAPES = {
@@ -100,6 +102,19 @@ def test_a_second_cause_whose_size_may_be_nothing_is_a_small_error(
         'perhaps nothing'] * (cause.effect == 'cubic'))
     alone = diagnosed(sizes, *SHAPES)
     assert (alone.verdict, [cause.effect for cause in alone.causes]) == ('named', ['friction'])
+
+
+def test_second_causes_that_may_be_nothing_or_surely_predict_worse_are_small() -> None:
+    """A drift of a probe that predicts worse took the name from the friction of a ring."""
+    def cause(name: str, std: float, low: float) -> Cause:
+        law = Effect(name, {'size': Parameter(0, 1)})
+        return Cause(name, law, 0, (name,), {'size': system.Estimate(0.5, std, '')}, 0.0, 0.0, 0.1,
+                     Gain(0.1, low, 'held out', (low, low + 0.2)))
+
+    causes = [cause('main', 0.5, -0.3), cause('worse', 0.1, -0.3), cause('perhaps', 0.1, -0.1),
+              cause('nothing', 0.4, 0.1), cause('real', 0.1, 0.1)]
+    published: Any = SimpleNamespace(causes=causes)
+    assert established.seconds_that_are_small(published, 'main') == ['worse', 'nothing']
 
 
 def test_a_cause_of_some_runs_is_looked_for_by_noise_alone(

@@ -334,3 +334,8 @@ class Gain:
     held_out: float | None
     how: str
     interval: tuple[float, float] | None = None
+
+    @property
+    def is_surely_worse(self) -> bool:
+        """Whether all of the interval is below zero."""
+        return self.interval is not None and self.interval[1] < 0.0

@@ -284,6 +284,12 @@ def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:
         name not in real or name in inputs or not among.stands_out(name))]
 
 
+def seconds_that_are_small(published: Publication, main: str) -> list[str]:
+    """Causes beside the main one that may be absent, or another one, or surely predict worse."""
+    return [cause.effect for cause in published.causes if cause.effect != main and (
+        cause.gain.is_surely_worse or uncertainties_of(cause, ''))]
+
+
 def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
     """Reasons why the main effect of the best model among small errors is not established."""
     taken = published.member_shares.get(name, published.shares)

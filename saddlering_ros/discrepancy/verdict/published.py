@@ -177,7 +177,7 @@ def publish(
     titles = problem.titles
     gains = {wording.joined(space.titles_of(fit)): whole} if causes else {}
     gains.update({titles[cause.effect]: cause.gain for cause in causes
-                  if cause.gain.interval is not None and cause.gain.interval[1] < 0.0})
+                  if cause.gain.is_surely_worse})
     failed = [
         wording.worse_prediction_words(title, -gain.held_out, gain.how)
         for title, gain in gains.items() if gain.held_out is not None and gain.held_out < 0.0]
