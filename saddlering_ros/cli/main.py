@@ -36,10 +36,8 @@ RETRY = 0.01
 """Seconds after which a signal that came at a bad moment is taken up again."""
 
 CALLED_BACK = frozenset({'_numba_unpickle', 'typeof_pyval', '__del__', '_remove', 'remove'})
-"""Functions that compiled code calls: those of numba, and those that an object calls at its end,
-in which Python drops an exception."""
-CALLERS = ('numba', 'weakref')
-"""What the path of their files contains; `__del__` may stand in any file."""
+"""Functions that compiled code calls: those of numba, and those that end an object, in which
+Python drops an exception."""
 
 SHOWN = ('demo', 'info', 'identify', 'diagnose', 'live')
 """Commands whose first example stands in the help of saddlering itself."""
@@ -167,9 +165,7 @@ def leave_by_exception() -> None:
 def _leave(number: int, frame: FrameType | None) -> None:
     inner = frame
     while inner is not None:  # whether compiled code waits for one of the frames to return
-        code = inner.f_code
-        if code.co_name in CALLED_BACK and (
-                code.co_name == '__del__' or any(name in code.co_filename for name in CALLERS)):
+        if inner.f_code.co_name in CALLED_BACK:
             signal.signal(signal.SIGALRM, lambda _, later: _leave(number, later))
             signal.setitimer(signal.ITIMER_REAL, RETRY)
             return

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros import discrepancy
+from saddlering_ros import discrepancy, quantities
 from saddlering_ros.diagnosis import ring_wording
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.records import LoadGrid, PreparedRecord
@@ -23,14 +23,7 @@ from saddlering_ros.discrepancy import Diagnosis
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import Identification
 from saddlering_ros.identification.uncertainty import reason_wide
-from saddlering_ros.quantities import (
-    allowed_misfit,
-    finite_json,
-    is_left,
-    MATERIAL,
-    percent,
-    quantity,
-)
+from saddlering_ros.quantities import finite_json, is_left, MATERIAL, percent, quantity
 from saddlering_ros.rig import (
     CHANNELS,
     ContactParameters,
@@ -259,7 +252,7 @@ def unpredicted(
             units[name])
         for run in runs if run.record.run.held_out for name, misfit in run.channels.items()
         if name != 'parity'
-        and misfit.nrmse_before > allowed_misfit(misfit.noise_floor, misfit.sound)]
+        and misfit.nrmse_before > quantities.allowed_misfit(misfit.noise_floor, misfit.sound)]
 
 
 def _noise_floor(diagnosis: Diagnosis, run: discrepancy.RunBlocks, weights: Array) -> float:

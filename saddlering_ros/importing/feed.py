@@ -65,9 +65,8 @@ class Piece:
             found = stamps != calibration.MISSING
             wrong = np.flatnonzero(found & ((stamps < -DAY) | (stamps >= END_OF_STAMPS)))
             if len(wrong):
-                shown = ' '.join(str(column[wrong[0]]) for column in cells)
                 raise ImportingError(
-                    f'{self.source.path}: row {first + wrong[0] + 1}, {shown!r} is '
+                    f'{self.source.path}: row {first + wrong[0] + 1} is of '
                     f'{calibration.words_of(stamps[wrong[0]])}, and a bag holds times from 1970 '
                     'to 2038: correct unit: and start: in time: (spreadsheets count days from '
                     '1899-12-30T00:00:00Z, LabVIEW seconds from 1904-01-01T00:00:00Z)')
