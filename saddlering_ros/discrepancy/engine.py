@@ -48,6 +48,10 @@ PARTIAL_SUBJECT = 0.5
 """A law is proposed beside partial causes that explain this share of the misfit, else alone: with
 less than half explained, the causes describe the misfit worse than the law might."""
 
+PARTED = 0.25
+"""Share of the misfit that partial causes explain from which on simulated tests and held-out runs
+part their alternatives: with less, the cause is likely to be another one. Chosen."""
+
 Rest = tuple[RunBlocks, str, float, str]
 """Run, view, share of range and coordinate of a rest."""
 
@@ -66,10 +70,11 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     lines, immaterial, limits = find_steady_lines(space.problem, space.trials)
     log.immaterial += immaterial
     published = answer.published
-    if any(len(cause.group) > 1 for cause in published.causes):
-        watch.progress('next test', 0.85)
-    separations, by_held_out = next_test_of(
-        answer.search, is_beside_error=answer.is_beside_error)
+    separations: tuple[results.Separation, ...] = ()
+    by_held_out: tuple[results.HeldOutEvidence, ...] = ()
+    if answer.verdict != 'unknown' or answer.explained >= PARTED:
+        separations, by_held_out = next_test_of(
+            answer.search, is_beside_error=answer.is_beside_error)
     steady = (*lines, *slow_lines)
     verdict: Verdict = 'named' if steady and answer.verdict == 'none' else answer.verdict
     causes = _causes_of(answer, steady, is_partial=verdict == 'unknown')

@@ -59,6 +59,7 @@ def next_test_of(
               for name, models in search.alternatives.items() for other in models]
     if not others:
         return (), ()
+    space.watch.progress('next test', 0.85)
     pairs = [(fit, others[0][1]), *others]
     fits = list({fit.candidate.key: fit for pair in pairs for fit in pair}.values())
     keys = [fit.candidate.key for fit in fits]

@@ -95,6 +95,16 @@ def test_an_unknown_cause_with_alternatives_gets_the_test_that_parts_them():
     assert same == ((('parabola',), ('rate',)),)
 
 
+def test_alternatives_of_a_cause_that_explains_little_are_not_parted():
+    wave = 0.02 * np.sin(2.0 * np.pi * TIME / 2.7) * LOAD
+    run = measured('first', {'parabola': {'size': 0.1}}, 1)
+    found = diagnose_system(Problem(
+        Spring(), [replace(run, channels=run.channels + wave)], proposals=[proposed('fast')]))
+    assert (found.verdict, found.causes[0].group) == ('unknown', ('parabola', 'rate'))
+    assert 0.1 < found.explained < 0.25
+    assert (found.separations, found.next_test) == ((), None)
+
+
 class Tangents(Spring):
     """The same with its neighbourhoods, so that its best tests are judged by refits."""
 
