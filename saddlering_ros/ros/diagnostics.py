@@ -220,14 +220,17 @@ class Events:
 
     def report(self, elapsed: float) -> TaskStatus:
         counts = self._source()
-        grown = {name: count - self._before.get(name, 0) for name, count in counts.items()
-                 if count > self._before.get(name, 0) and name not in self._harmless}
+        grown, in_all = (', '.join(
+            f'{count - since.get(name, 0)} {name.replace("_", " ")}'
+            for name, count in counts.items()
+            if count > since.get(name, 0) and name not in self._harmless)
+            for since in (self._before, {}))
         self._before = dict(counts)
         figures = {name: str(count) for name, count in counts.items()}
         if grown:
-            words = ', '.join(f'{count} {name.replace("_", " ")}' for name, count in grown.items())
-            return TaskStatus(WARN, words, figures)
-        return TaskStatus(OK, 'nothing lost, late or dropped', figures)
+            return TaskStatus(WARN, grown, figures)
+        earlier = f' since the last report; before, {in_all}' if in_all else ''
+        return TaskStatus(OK, f'nothing lost, late or dropped{earlier}', figures)
 
 
 def to_message(node: Node, hardware_id: str,

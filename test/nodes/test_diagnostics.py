@@ -72,6 +72,8 @@ def test_a_refused_reading_is_a_warning_of_the_same_period_and_of_no_later_one()
     assert (found.level, found.words) == (WARN, '1 impossible')
     later = events.report(1.0)
     assert (later.level, later.figures['impossible']) == (OK, '1')
+    assert later.words == ('nothing lost, late or dropped since the last report; before, '
+                           '1 impossible')
 
 
 def test_every_parameter_of_the_rig_has_a_text_of_its_own() -> None:
