@@ -12,14 +12,13 @@ from saddlering_ros.discrepancy.law.families import direction_of
 from saddlering_ros.discrepancy.law.proposal import describe, LawProposal, Term
 from saddlering_ros.discrepancy.noise import Noise
 from saddlering_ros.discrepancy.problem.fits import tangent
-from saddlering_ros.discrepancy.problem.model import Channel, Model, Run
-from saddlering_ros.discrepancy.problem.problem import (
-    Assumptions,
+from saddlering_ros.discrepancy.problem.metric import (
     model_error_columns,
     noise_metric,
     nuisance_columns,
-    Problem,
 )
+from saddlering_ros.discrepancy.problem.model import Channel, Model, Run
+from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import (
     DiscrepancyError,
     Effect,

@@ -10,8 +10,9 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.noise import noise_sentence, wrong_level
 from saddlering_ros.discrepancy.problem import system as systems
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, fit_base, tangent
+from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
 from saddlering_ros.discrepancy.problem.model import Model, ModelSystem, Run
-from saddlering_ros.discrepancy.problem.problem import Assumptions, Metric, noise_metric, Problem
+from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import DiscrepancyError, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.signatures import MIN_SHARE, orthonormal
 from saddlering_ros.discrepancy.verdict import wording

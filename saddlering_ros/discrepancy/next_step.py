@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from saddlering_ros.discrepancy.problem import problem as problems
+from saddlering_ros.discrepancy.problem import metric as metrics
 from saddlering_ros.discrepancy.problem.fits import around, Fit
-from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.metric import Metric
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import (
     Array,
     Proposal,
@@ -147,7 +148,7 @@ class _OpenModels:
                                     for channel in range(len(run.channels))}}
         begun = self._begun([run])
         for truth, fit in ((begun[place], self.fits[place]) for place in self.own):
-            nuisances = problems.nuisance_columns(joint, truth.point, truth.prediction)
+            nuisances = metrics.nuisance_columns(joint, truth.point, truth.prediction)
             seen = nuisances[: old.size].any(axis=0)
             mean, _ = self._known(fit, nuisances[: old.size, seen])
             errors = nuisances[old.size:, seen] @ mean[fit.theta_unit.size:]
@@ -180,8 +181,8 @@ class _OpenModels:
         if not np.isfinite(best.prediction).all():
             return ()
         for _ in range(JOINT_FITS):
-            metric = problems.noise_metric(joint, best.prediction)
-            nuisances = problems.nuisance_columns(joint, best.point, best.prediction)
+            metric = metrics.noise_metric(joint, best.prediction)
+            nuisances = metrics.nuisance_columns(joint, best.point, best.prediction)
             if is_beside_error:
                 process, _ = error_process(metric.marginalise(nuisances), best)
                 nuisances = np.hstack([nuisances, process])
@@ -236,9 +237,9 @@ class _OpenModels:
         prediction = np.concatenate([first.prediction, *(
             view[0][0][: proposal.run.channels.size]
             for view, proposal in zip(views, proposals, strict=True))])
-        stand = problems.stand_columns(joint, prediction)
+        stand = metrics.stand_columns(joint, prediction)
         shared = stand.shape[1]
-        nuisances = np.hstack([stand, problems.system_columns(joint, first.point)])
+        nuisances = np.hstack([stand, metrics.system_columns(joint, first.point)])
         seen = np.asarray(nuisances[: old.size].any(axis=0))
         known = [self._known(fit, nuisances[: old.size, seen]) for fit in self.fits]
         start = old.size

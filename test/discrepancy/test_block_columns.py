@@ -7,7 +7,7 @@ import pytest
 
 from saddlering_ros.discrepancy import Channel, Model, Noise, Parameter, Run
 from saddlering_ros.discrepancy.diagnosis import problem_of
-from saddlering_ros.discrepancy.problem.problem import Metric, noise_metric
+from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
 from saddlering_ros.discrepancy.search.lack_of_fit import Block, BlockColumns
 
 

@@ -32,7 +32,7 @@ from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.fits import Gain
-from saddlering_ros.discrepancy.problem.problem import Metric
+from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.verdict import established, published, results, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 

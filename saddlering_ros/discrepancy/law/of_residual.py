@@ -13,7 +13,8 @@ from saddlering_ros.discrepancy.law import families
 from saddlering_ros.discrepancy.law.families import DIRECTION, LOAD, Misfit, ObservedRun
 from saddlering_ros.discrepancy.law.proposal import LawProposal, propose_law
 from saddlering_ros.discrepancy.problem.fits import around, Fit, tangent
-from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.metric import Metric
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks
 from saddlering_ros.discrepancy.search.lack_of_fit import Block, BlockColumns
 from saddlering_ros.discrepancy.search.space import ModelSpace

@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.discrepancy.problem.fits import Fit, Tangent
-from saddlering_ros.discrepancy.problem.problem import Assumptions, Metric, Problem
+from saddlering_ros.discrepancy.problem.metric import Metric
+from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.estimation.octaves import BasisBand, octaves_of, TransformBand

@@ -23,9 +23,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saddlering_ros.discrepancy.problem import fits as fitting
-from saddlering_ros.discrepancy.problem import problem as problems
+from saddlering_ros.discrepancy.problem import metric as metrics
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits
-from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.metric import Metric
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search import evidence, ranking
 from saddlering_ros.discrepancy.search import signatures as shown_by
@@ -116,7 +117,7 @@ def _search(begun: ModelSpace) -> Search:
         # this difference is evidence.
         metric, problem = space.metric, space.problem
         if problem.assumptions.relearns:
-            metric = problems.noise_metric(problem, fit.prediction)
+            metric = metrics.noise_metric(problem, fit.prediction)
         space, fit = in_metric(space, metric.with_nuisances(fit.point, fit.prediction), fit)
         if problem.assumptions.relearns:  # With less noise, more effects may show.
             fit = forward(space, fit, log)
@@ -451,7 +452,7 @@ def space_beside_error(
     problem = space.problem
     process, degrees = error_process(space.metric, fit)
     process = np.column_stack([process, *dropped])
-    nuisances = problems.nuisance_columns(problem, fit.point, fit.prediction)
+    nuisances = metrics.nuisance_columns(problem, fit.point, fit.prediction)
     metric = space.metric.marginalise(np.hstack([nuisances, process]))
     beside, fit = in_metric(space, metric, fit)
     beside.pairs = min(space.pairs, degrees)

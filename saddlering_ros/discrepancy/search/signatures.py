@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits, Tangent
-from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.metric import Metric
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.estimation.statistics import fisher_limit
 

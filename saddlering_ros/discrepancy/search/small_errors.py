@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit
-from saddlering_ros.discrepancy.problem.problem import nuisance_columns, Problem
+from saddlering_ros.discrepancy.problem.metric import nuisance_columns
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point
 from saddlering_ros.discrepancy.search import ranking
 from saddlering_ros.discrepancy.search import space as spaces

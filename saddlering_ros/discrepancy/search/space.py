@@ -16,7 +16,8 @@ import numpy as np
 
 from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits, tangent
-from saddlering_ros.discrepancy.problem.problem import Metric, noise_metric, Problem
+from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
 from saddlering_ros.discrepancy.search import signatures as shown_by
 from saddlering_ros.discrepancy.search.lack_of_fit import LackOfFitTests, SlowResidual

@@ -22,7 +22,8 @@ import numpy as np
 
 from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain, PRIOR
-from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.metric import Metric
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import (
     Array,
     Estimate,
@@ -174,9 +175,8 @@ def publish(
             visible=evidence.visible, gain=gain_over(less[effect.id])))
     # The causes predict other runs worse than the base, or one of them surely does.
     whole = gain_over(base)
-    titles = problem.titles
     gains = {wording.joined(space.titles_of(fit)): whole} if causes else {}
-    gains.update({titles[cause.effect]: cause.gain for cause in causes
+    gains.update({problem.titles[cause.effect]: cause.gain for cause in causes
                   if cause.gain.is_surely_worse})
     failed = [
         wording.worse_prediction_words(title, -gain.held_out, gain.how)
@@ -220,10 +220,9 @@ def _refitted(
 
 
 def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
-    """A sentence for every effect whose size is at its bound, which is no name.
+    """A sentence for every effect whose size is at its bound, which is no name, and one on bounds.
 
-    And one on base parameters at bounds that keep the misfit from being smaller, because a cause
-    can stand in for what lies beyond them.
+    A cause can stand in for what lies beyond a bound that stops a base parameter.
     """
     stopped = [f'{one.name} = {quantity(value, one.unit)}'
                for one, value in stopped_base(problem, fit)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.law.proposal import LawProposal
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain
-from saddlering_ros.discrepancy.problem.problem import Metric
+from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, Proposal, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import SearchLog
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual, ShapeTest, SlowResidual

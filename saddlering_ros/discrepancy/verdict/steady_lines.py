@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain
-from saddlering_ros.discrepancy.problem.problem import Metric, Problem
+from saddlering_ros.discrepancy.problem.metric import Metric
+from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import Evidence
 from saddlering_ros.discrepancy.search.signatures import DetectionLimit, POWER_QUANTILE
