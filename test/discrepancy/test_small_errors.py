@@ -134,7 +134,7 @@ def test_a_cause_of_some_runs_is_looked_for_by_noise_alone(
 def test_small_errors_alone_have_no_main_cause() -> None:
     answer = diagnosed(SMALL, *SHAPES)
     assert answer.verdict == 'unknown'
-    assert any('at least 30 times is required' in sentence for sentence in answer.warnings)
+    assert any('at least 40 times is required' in sentence for sentence in answer.warnings)
 
 
 def model_of(evidence: float, joint: float = 1.0, **visible: float) -> small_errors.Model:
