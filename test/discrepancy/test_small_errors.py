@@ -14,7 +14,7 @@ from saddlering_ros.discrepancy import Channel, Diagnosis, Effect, engine, Model
 from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
-from saddlering_ros.discrepancy.problem.fits import Gain
+from saddlering_ros.discrepancy.problem.fits import Candidate, Gain
 from saddlering_ros.discrepancy.search import small_errors
 from saddlering_ros.discrepancy.verdict import established, results, wording
 from saddlering_ros.discrepancy.verdict.results import Cause
@@ -171,6 +171,24 @@ def test_a_law_that_contains_the_cause_is_no_alternative_to_it() -> None:
     assert among.margin('friction') == 30.0
     swapped = replace(among, best=others[0], others=[best, *others[1:]])
     assert swapped.margin('every') == 29.0
+
+
+@pytest.mark.parametrize(('own', 'evidence', 'name'), [
+    (0.501, 45.0, 'friction'), (0.501, 30.0, 'wide'), (0.6, 45.0, 'wide')])
+def test_a_law_stands_for_one_that_contains_it_and_is_nothing_itself(
+    own: float, evidence: float, name: str,
+) -> None:
+    """An axial compliance was one of every coordinate, of which the tilt's was nothing."""
+    law = Effect('wide', {'size': Parameter(-1, 1), 'friction': Parameter(-1, 1)}, id='wide',
+                 contains=('friction',))
+    fit: Any = SimpleNamespace(
+        candidate=Candidate(((law, 0),)), theta_unit=np.array([own, 0.9]))
+    space: Any = SimpleNamespace(
+        tangent_of=lambda fit: SimpleNamespace(white=100.0 * np.eye(2)),
+        problem=SimpleNamespace(system=SimpleNamespace(base_parameters=())))
+    models = [small_errors.Model(fit, 50.0, 1e-4, {'wide': 0.02}, 1.0),
+              model_of(evidence, friction=0.02)]
+    assert [*small_errors._plainest(space, models).visible] == [name]
 
 
 def taking(**shares: float) -> Any:

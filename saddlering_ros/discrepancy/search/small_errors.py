@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import Fit
+from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
 from saddlering_ros.discrepancy.problem.metric import nuisance_columns
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point
@@ -29,6 +29,8 @@ from saddlering_ros.discrepancy.search.lack_of_fit import shape_families
 from saddlering_ros.discrepancy.search.selection import in_metric, Search, stopped_sizes
 from saddlering_ros.discrepancy.search.signatures import MIN_LENGTH, Signature
 from saddlering_ros.discrepancy.search.space import fit_each, FREE_SPREAD, ModelSpace
+from saddlering_ros.estimation.least_squares import covariance
+from saddlering_ros.quantities import WIDTH_95
 
 SPREADS = np.geomspace(1e-4, 2e-2, 24)
 """Common spreads that are tried, in shares of range: from a tenth of what is material."""
@@ -92,6 +94,12 @@ class Model:
     spread: float
     visible: Mapping[str, float]
     joint: float
+
+    @property
+    def is_acceptable(self) -> bool:
+        """Whether each effect moves more than a small error, and they do not cancel."""
+        return self.joint >= MIN_JOINT and min(
+            self.visible.values(), default=np.inf) > self.spread
 
 
 @dataclass(frozen=True)
@@ -190,9 +198,23 @@ def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
         for name in names:
             less = space.without(best.fit, name)
             add([less, *_with_another(space, less, MAX_TRIED, names)])
-    best = _best(models.values())
+    best = _plainest(space, models.values())
     others = [model for model in models.values() if model is not best]
     return Among(space, best, others, errors)
+
+
+def _plainest(space: ModelSpace, models: Iterable[Model]) -> Model:
+    """The best model, with a law in place of one that contains it and may itself be nothing."""
+    best = _best(models)
+    half = WIDTH_95 * np.sqrt(np.diag(covariance(space.tangent_of(best.fit).white, PRIOR)))
+    base = len(space.problem.system.base_parameters)
+    contained = {
+        name for effect, _, part in best.fit.candidate.slices(base)
+        if abs(best.fit.theta_unit[part.start] - effect.size.to_unit(effect.neutral))
+        <= half[part.start] for name in effect.contains}
+    plainer = [model for model in models if contained & {*model.visible}
+               and model.is_acceptable and model.evidence > best.evidence - MIN_MARGIN]
+    return _best(plainer or [best])
 
 
 def _with_another(
@@ -206,8 +228,7 @@ def _with_another(
 
 def _best(models: Iterable[Model]) -> Model:
     """The most likely model whose effects move more than a small error, and do not cancel."""
-    return max((model for model in models if model.joint >= MIN_JOINT
-                and min(model.visible.values(), default=np.inf) > model.spread),
+    return max((model for model in models if model.is_acceptable),
                key=lambda model: model.evidence)
 
 
