@@ -232,7 +232,9 @@ class Change:
 
 def name_of(effect_id: str) -> str:
     """The title of a cause, also of the one that only a comparison has."""
-    return 'Change of a contact parameter' if effect_id == CONTACT_CHANGE else title_of(effect_id)
+    if effect_id == CONTACT_CHANGE:
+        return 'Change of a contact parameter'
+    return rig_dimensions.changed_title(effect_id) or title_of(effect_id)
 
 
 def lowered_names(group: str) -> str:
@@ -303,8 +305,8 @@ def compare_records(
     watch.progress('limits of the later session alone', 0.95)
     return Change(
         diagnosis, earlier, later, contact, _limits_alone(rig, later, start, seed, watch),
-        _maker(rig, before, after), (*doubts, *notes), _next_test(diagnosis, doubts), rig, seed,
-        series_of(rig, prepared, start, watch) if between else None)
+        _maker(rig, before, after), (*doubts, *notes), _next_test(diagnosis, doubts, rig), rig,
+        seed, series_of(rig, prepared, start, watch) if between else None)
 
 
 def check_sessions(
@@ -384,18 +386,29 @@ def _as_change(cause: Cause) -> Cause:
     return replace(cause, parameters=parameters, elsewhere=elsewhere)
 
 
-def _next_test(diagnosis: Diagnosis, doubts: Mapping[str, str]) -> str | None:
-    """The measurement that would settle what is open; that of a doubt goes first."""
-    if doubts and diagnosis.verdict != 'none':
+def _next_test(diagnosis: Diagnosis, doubts: Mapping[str, str], rig: Rig) -> str | None:
+    """The measurement that would settle what is open; that of a doubt goes first.
+
+    A dimension of the rig is measured before any test.
+    """
+    if diagnosis.verdict == 'none':
+        return None
+    if doubts:
         return next(iter(doubts.values()))
     groups = [cause.group for cause in diagnosis.causes if len(cause.group) > 1]
+    named, sentence = [name for cause in diagnosis.causes for name in cause.group], ''
     if diagnosis.verdict == 'ambiguous' and groups:
-        sentence = next_test.for_group(groups[0], diagnosis.separations)
-        return (sentence or diagnosis.causes[0].definition.settled_by).replace(
-            CONTACT_CHANGE, name_of(CONTACT_CHANGE).lower())
-    if diagnosis.verdict != 'named':
-        return None
-    return next_test.confirming(diagnosis.causes[0].effect, ())
+        sentence = next_test.for_group(groups[0], diagnosis.separations) or (
+            diagnosis.causes[0].definition.settled_by)
+        for name in groups[0]:
+            sentence = sentence.replace(lowered(title_of(name)), lowered(name_of(name)))
+    has_dimensions = any(map(rig_dimensions.changed_title, named))
+    if diagnosis.verdict == 'named' and not has_dimensions:
+        sentence = next_test.confirming(named[0], ())
+    first = ('First ask what was remounted between the sessions, and measure: '
+             f'{", ".join(rig_dimensions.entries_of(rig, diagnosis.causes))}.'
+             ) if has_dimensions else ''
+    return ' '.join(filter(None, (first, sentence))) or None
 
 
 def _limits_alone(

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros import discrepancy
+from saddlering_ros.diagnosis.rig_dimensions import changed_title
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Diagnosis, Effect, Parameter, Point, RunBlocks
 from saddlering_ros.effects import catalogue
@@ -104,16 +105,8 @@ class TwoSessions:
 
         Steady lines have a phase of their own in every run, and wider forms add no other name.
         """
-        effects = []
-        for effect in self.ring.effects:
-            if effect.line or effect.first_variant:
-                continue
-            # One whose size has one sign may also have become smaller.
-            sessions = (LATER, EARLIER) if effect.one_sided else (LATER,)
-            effects.append(replace(effect, variants=tuple(
-                {**variant, SESSION: session}
-                for session in sessions for variant in effect.variants)))
-        return (*effects, Effect(
+        return (*(in_one_session(effect) for effect in self.ring.effects
+                  if not (effect.line or effect.first_variant)), Effect(
             'Change of a contact parameter',
             {'change': Parameter(-0.6, 1.5, unit='1', neutral=0.0, step=1e-3)},
             variants=tuple({'quantity': float(number), SESSION: LATER}
@@ -122,6 +115,12 @@ class TwoSessions:
             settled_by='Repeat the later session with a reference load cell and calibrated '
                        'probes.',
             id=CONTACT_CHANGE))
+
+    @cached_property
+    def inputs(self) -> tuple[Effect, ...]:
+        """Dimensions of the rig, which may differ between the sessions."""
+        return tuple(replace(in_one_session(effect), title=changed_title(effect.id))
+                     for effect in self.ring.inputs)
 
     def session_of(self, run: RunBlocks) -> float:
         """EARLIER or LATER."""
@@ -184,6 +183,13 @@ class TwoSessions:
         return points
 
 
+def in_one_session(effect: Effect) -> Effect:
+    """The effect in the later session; one of one sign may also act in the earlier one only."""
+    sessions = (LATER, EARLIER) if effect.one_sided else (LATER,)
+    return replace(effect, variants=tuple(
+        {**variant, SESSION: session} for session in sessions for variant in effect.variants))
+
+
 @dataclass(frozen=True)
 class SessionNeighbourhoods:
     """Groups of points, prepared for the runs of each session."""
@@ -240,7 +246,8 @@ def with_main_cause(diagnosis: Diagnosis, left: float) -> Diagnosis:
     A misfit that both sessions have is no change. The one cause is established if it takes nearly
     all of the power of the difference. The rest may be a part of this cause: its share of the
     change is an error of the size. A stand-in for a law that the catalogue lacks took at most 0.80
-    of the power of the misfit on other machines (docs/benchmarks/real_machines.md).
+    of the power of the misfit on other machines (docs/benchmarks/real_machines.md). A dimension of
+    the rig resembles other causes, and is established only if it leaves no rest.
     """
     largest = max([left, *(cause.visible for cause in diagnosis.causes)])
     if diagnosis.verdict == 'unknown' and largest < SETTINGS.materiality:
@@ -249,13 +256,15 @@ def with_main_cause(diagnosis: Diagnosis, left: float) -> Diagnosis:
         return diagnosis
     cause = diagnosis.causes[0]
     share = 1.0 - (left / cause.visible) ** 2
+    complete = left < SETTINGS.materiality
     is_established = share >= ESTABLISHED_SHARE and cause.p_value <= ESTABLISHED_P
+    if changed_title(cause.effect) and not complete:
+        return in_doubt(diagnosis)
     if diagnosis.verdict == 'unknown' and not is_established:
         return diagnosis
     name, size = next(iter(cause.parameters.items()))
     std = math.hypot(size.std, abs(size.value) * math.hypot(left / cause.visible, DEFINITION))
     widened = {**cause.parameters, name: replace(size, std=std)}
-    complete = left < SETTINGS.materiality
     stated = replace(diagnosis, verdict='named' if len(cause.group) == 1 else 'ambiguous',
                      causes=(replace(cause, parameters=widened, partial=False),),
                      complete=complete, remainder=() if complete else diagnosis.remainder)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.discrepancy import Cause, Effect, Neighbourhood, Parameter, Point, RunBlocks
+from saddlering_ros.quantities import lowered
 from saddlering_ros.rig import Rig
 
 REVERSED = 'rig_polarity'
@@ -52,22 +53,20 @@ class Dimension:
 
 DIMENSIONS: Mapping[str, Dimension] = {
     'rig_weight': Dimension(
-        'rig.carriage.weight', 'Wrong weight in the rig file', 'N', 8e3, 1e5, 'carriage',
-        'weight', 0.0),
+        'rig.carriage.weight', 'Weight', 'N', 8e3, 1e5, 'carriage', 'weight', 0.0),
     'rig_weight_x': Dimension(
-        'rig.carriage.weight_x', 'Wrong place of the weight in the rig file', 'm', 0.05, 1.0,
-        'carriage', 'weight_x'),
+        'rig.carriage.weight_x', 'Place of the weight', 'm', 0.05, 1.0, 'carriage', 'weight_x'),
     'rig_trunnion_x': Dimension(
-        'rig.trunnion.x', 'Wrong trunnion.x in the rig file', 'm', 0.05, 0.5, 'trunnion', 'x'),
+        'rig.trunnion.x', 'trunnion.x', 'm', 0.05, 0.5, 'trunnion', 'x'),
     'rig_axial_span': Dimension(
-        'rig.probes.axial_span', 'Wrong span of the axial probes in the rig file', 'm', 0.03, 0.6,
-        'probes', 'axial_span', 0.1),
+        'rig.probes.axial_span', 'Span of the axial probes', 'm', 0.03, 0.6, 'probes',
+        'axial_span', 0.1),
     'rig_axial_radius': Dimension(
-        'rig.axial_rows.pitch_radius', 'Wrong pitch radius of the axial rows in the rig file',
-        'm', 0.02, 0.3, 'axial_rows', 'pitch_radius', 0.1),
+        'rig.axial_rows.pitch_radius', 'Pitch radius of the axial rows', 'm', 0.02, 0.3,
+        'axial_rows', 'pitch_radius', 0.1),
     'rig_radial_row_height': Dimension(
-        'rig.middle_row.height', 'Wrong height of the radial row in the rig file', 'm', 0.02, 0.3,
-        'radial_row', 'height')}
+        'rig.middle_row.height', 'Height of the radial row', 'm', 0.02, 0.3, 'radial_row',
+        'height')}
 """By the id of the effect."""
 
 
@@ -77,7 +76,8 @@ def dimension_effects(rig: Rig) -> tuple[Effect, ...]:
     for name, one in DIMENSIONS.items():
         low = max(-one.reach, one.least - one.read(rig))
         effects.append(Effect(
-            one.title, {'change': Parameter(low, one.reach, unit=one.unit, neutral=0.0)},
+            title_of_dimension(name),
+            {'change': Parameter(low, one.reach, unit=one.unit, neutral=0.0)},
             starts=({'change': one.usual}, {'change': max(-one.usual, 0.5 * low)}), id=name))
     effects.append(Effect(
         title_of_dimension(REVERSED), {'reversal': Parameter(0.5, 1.5, start=1.0, neutral=0.0)},
@@ -88,8 +88,16 @@ def dimension_effects(rig: Rig) -> tuple[Effect, ...]:
 
 def title_of_dimension(effect_id: str) -> str:
     """The title of a dimension; '' for other effects."""
+    title = changed_title(effect_id)
+    if effect_id in DIMENSIONS:
+        title = f'Wrong {lowered(title)}'
+    return f'{title} in the rig file' if title else ''
+
+
+def changed_title(effect_id: str) -> str:
+    """The title of a dimension that differs between two sessions; '' for other effects."""
     if effect_id == REVERSED:
-        return 'Reversed sign of a probe in the rig file'
+        return 'Reversed sign of a probe'
     return DIMENSIONS[effect_id].title if effect_id in DIMENSIONS else ''
 
 

@@ -10,7 +10,7 @@ from typing import Any, cast, TypedDict
 
 from saddlering_ros import quantities
 from saddlering_ros.diagnosis.proposed_law import proposal_lines
-from saddlering_ros.diagnosis.rig_dimensions import ENTRIES, title_of_dimension
+from saddlering_ros.diagnosis.rig_dimensions import ENTRIES, REVERSED, title_of_dimension
 from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry, wording
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.uncertainty import undetermined_words
@@ -327,6 +327,8 @@ def value_words(
 
 def choices_of(effect_id: str) -> frozenset[str]:
     """Names of the parameters of an effect that are chosen and not fitted."""
+    if effect_id == REVERSED:
+        return frozenset({'probe'})
     effect = catalogue().get(effect_id)
     return frozenset() if effect is None else frozenset(choice.name for choice in effect.choices)
 

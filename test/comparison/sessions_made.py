@@ -8,7 +8,7 @@ import math
 from benchmarks.rigs import as_read
 from saddlering_ros.doubts.readings import run_of_record
 from saddlering_ros.record import Record, TestMetadata
-from saddlering_ros.rig import ContactParameters, default_rig, TONNE, TRUE_TO_SCALE
+from saddlering_ros.rig import ContactParameters, default_rig, Rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.virtual_rig.effects import EffectRequest, request
 from saddlering_ros.virtual_rig.experiment import (
     dynamic_schedule,
@@ -44,15 +44,15 @@ def with_size(effects: Sequence[EffectRequest], name: str, size: float) -> list[
 def session(
     day: int, effects: Sequence[EffectRequest], *, tests: Sequence[tuple[str, float]] = TESTS,
     contact: ContactParameters = TRUE_TO_SCALE, ring: str = 'SR-1', rollers: int = 7,
-    step: float = 2.0 * TONNE,
+    step: float = 2.0 * TONNE, rig: Rig = RIG,
 ) -> list[Record]:
     """Records of a session on a day of the ring with rollers of this number.
 
-    step [N]: from one held load to the next.
+    step [N]: from one held load to the next; rig: as it stands, whatever its file says.
     """
     records = []
     for number, (test, degrees) in enumerate(tests):
-        physical = PhysicalRig(RIG, contact, math.radians(degrees), tuple(effects),
+        physical = PhysicalRig(rig, contact, math.radians(degrees), tuple(effects),
                                Scatter(1e-6, 0.02), rollers)
         schedule = (static_schedule(RIG, hold=2.5, step=step) if test == 'static'
                     else dynamic_schedule(RIG, duration=8.0))

@@ -116,6 +116,33 @@ def test_friction_that_grew_is_named_with_the_growth_and_not_with_its_size(compa
     assert shares[-1] == max(shares) > 0.9
 
 
+@pytest.mark.slow
+def test_probes_that_were_remounted_at_another_span_are_not_a_change_of_the_ring(
+        before, monkeypatch):
+    """Film creep of -3.7 % had this name alone, with a probability of 0.975."""
+    monkeypatch.setattr('saddlering_ros.comparison.change._limits_alone', lambda *_: {})
+    after = session(4, dirt(), rig=RIG.changed('probes', 'axial_span', -0.05))
+    change = compare_records(before, after, rig=RIG)
+    cause, = change.diagnosis.causes
+    assert cause.effect == 'rig_axial_span'
+    assert cause.parameters['change'].value == pytest.approx(-0.05, abs=0.004)
+    assert 'span of the axial probes, change by -' in change.headline
+    assert change.next_test.startswith(
+        'First ask what was remounted between the sessions, and measure: rig.probes.axial_span (')
+    rest = with_main_cause(change.diagnosis, 0.2 * cause.visible)
+    assert (rest.verdict, rest.causes[0].partial) == ('unknown', True)
+
+
+def test_a_probe_whose_sign_was_reversed_in_one_session_is_told_with_its_place():
+    system = TwoSessions(RingSystem(RIG), frozenset(['before']))
+    effect = next(one for one in system.inputs if one.id == 'rig_polarity')
+    cause = Cause(effect.id, effect, 1, (effect.id,), {
+        'reversal': Estimate(1.0, 0.03, '1'), 'probe': Estimate(2.0, 0.0, '1')},
+        0.0, 1.0, 0.2, Gain(0.9, None, 'none'))
+    assert change_words(cause) == 'reversed sign of a probe, probe 2 reversal by +1.000 ± 0.030'
+    assert {one[SESSION] for one in effect.variants} == {EARLIER, LATER}
+
+
 def test_another_place_of_the_ring_is_a_doubt_with_the_test_that_settles_it(before, grown):
     def at(degrees):
         return [replace(record, details={'slew_deg': degrees}) for record in before]
