@@ -268,9 +268,9 @@ def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:
     """The main effect of the best model among small errors, and those that are small errors.
 
     The main one moves most of those that take half of what the others leave, or that stand out
-    among the small errors: what a base parameter imitates can move much and take nothing. Each
-    that is named takes this half. An error of the rig file counts as small beside a cause that
-    moves more.
+    among the small errors and take more than a right cause may leave: what a base parameter
+    imitates can move much and take nothing. Each that is named takes this half. An error of the
+    rig file counts as small beside a cause that moves more.
     """
     visible = among.best.visible
     shares = published.member_shares
@@ -279,7 +279,8 @@ def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:
             if name not in shares or name in inputs or shares[name].best >= MAINLY]
     main = max(real or visible, key=lambda name: visible[name])
     main = max((name for name in visible if name == main or (
-        visible[name] > visible[main] and among.stands_out(name))), key=lambda name: visible[name])
+        visible[name] > visible[main] and shares[name].best > 1.0 - MIN_TAKEN
+        and among.stands_out(name))), key=lambda name: visible[name])
     return main, [name for name in visible if name != main and (
         name not in real or name in inputs or not among.stands_out(name))]
 
