@@ -255,8 +255,9 @@ def gain_sentence(document: VerdictDocument) -> str:
             or gain.get('how') == 'none'):
         return ''
     how = wording.PREDICTED.get(gain.get('how', ''), 'other runs')
-    words = wording.change_words([(gain['held_out'], how), (gain['fit'], 'fitted runs')])
-    unchecked = ' No run was held out to check this.' if gain['held_out'] is None else ''
+    held_out = gain.get('held_out')
+    words = wording.change_words([(held_out, how), (gain['fit'], 'fitted runs')])
+    unchecked = ' No run was held out to check this.' if held_out is None else ''
     return f'The extended model {words}.{unchecked}'
 
 
