@@ -16,6 +16,7 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.fits import Candidate, Gain
 from saddlering_ros.discrepancy.search import small_errors
+from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import established, results, wording
 from saddlering_ros.discrepancy.verdict.results import Cause
 
@@ -285,3 +286,23 @@ def test_a_cause_that_small_errors_alone_explain_nearly_as_well_is_told_so() -> 
         'small errors alone explain the misfit nearly as well as dry friction')
     assert wording.close_words('dry friction', ['creep']) == (
         'beside small errors, creep without dry friction explain the misfit nearly as well')
+
+
+def test_small_causes_are_left_out_in_the_order_of_the_model(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In the order of a set, the numbers differed between two starts of Python."""
+    ids, left_out = [], []
+    main_among, without = established.main_among, ModelSpace.without
+
+    def watched(among: Any, published: Any) -> tuple[str, list[str]]:
+        main, _ = main_among(among, published)
+        ids.extend(name for name in among.best.fit.candidate.ids if name != main)
+        monkeypatch.setattr(ModelSpace, 'without', lambda space, fit, name: (
+            left_out.append(name), without(space, fit, name))[1])
+        return main, ids
+
+    monkeypatch.setattr(established, 'main_among', watched)
+    assert diagnosed({**SMALL, 'friction': 0.3}, *SHAPES).verdict == 'named'
+    assert len(ids) == 2
+    assert [name for name in left_out if name in ids][:2] == ids
