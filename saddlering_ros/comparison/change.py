@@ -472,8 +472,7 @@ def _misfits(diagnosis: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
 
     rms values over the measured range of the channel, as in every verdict document.
     """
-    metric = diagnosis.fits.metric
-    problem = metric.problem
+    metric, problem = diagnosis.fits.metric, diagnosis.fits.metric.problem
     residuals = [metric.without_nuisances(fit.prediction - problem.measured)
                  for fit in (diagnosis.fits.before, diagnosis.fits.after)]
     answers: dict[str, dict[str, dict[str, float]]] = {run.name: {} for run in problem.runs}
