@@ -263,12 +263,12 @@ def _among_small_errors(strict: Answer) -> Answer:
     search, published = published_of(best.fit)
     main, small = established.main_among(among, published)
     doubts = established.doubts_among(among, main, published)
-    fit, left_out = best.fit, [*small, *established.seconds_that_are_small(published, main)]
+    fit, left_out = best.fit, [*small, *established.small_secondary_causes(published, main)]
     while not doubts and left_out:
         for name in dict.fromkeys(left_out):  # Each in turn is refitted: the order matters.
             fit = space.without(fit, name)
         search, published = published_of(fit)
-        left_out = established.seconds_that_are_small(published, main)
+        left_out = established.small_secondary_causes(published, main)
     doubts += [*established.other_laws(search), *published.doubts,
                *established.wrong_inputs(space, search.fit),
                *established.uncertain_law(space, published)]

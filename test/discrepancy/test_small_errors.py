@@ -115,7 +115,7 @@ def test_second_causes_that_may_be_nothing_or_surely_predict_worse_are_small() -
     causes = [cause('main', 0.5, -0.3), cause('worse', 0.1, -0.3), cause('perhaps', 0.1, -0.1),
               cause('nothing', 0.4, 0.1), cause('real', 0.1, 0.1)]
     published: Any = SimpleNamespace(causes=causes)
-    assert established.seconds_that_are_small(published, 'main') == ['worse', 'nothing']
+    assert established.small_secondary_causes(published, 'main') == ['worse', 'nothing']
 
 
 def test_a_cause_of_some_runs_is_looked_for_by_noise_alone(
@@ -189,7 +189,7 @@ def test_a_law_stands_for_one_that_contains_it_and_is_nothing_itself(
         problem=SimpleNamespace(system=SimpleNamespace(base_parameters=())))
     models = [small_errors.Model(fit, 50.0, 1e-4, {'wide': 0.02}, 1.0),
               model_of(evidence, friction=0.02)]
-    assert [*small_errors._plainest(space, models).visible] == [name]
+    assert [*small_errors._with_contained_law(space, models).visible] == [name]
 
 
 def taking(**shares: float) -> Any:

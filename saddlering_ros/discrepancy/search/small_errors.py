@@ -198,13 +198,16 @@ def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
         for name in names:
             less = space.without(best.fit, name)
             add([less, *_with_another(space, less, MAX_TRIED, names)])
-    best = _plainest(space, models.values())
+    best = _with_contained_law(space, models.values())
     others = [model for model in models.values() if model is not best]
     return Among(space, best, others, errors)
 
 
-def _plainest(space: ModelSpace, models: Iterable[Model]) -> Model:
-    """The best model, with a law in place of one that contains it and may itself be nothing."""
+def _with_contained_law(space: ModelSpace, models: Collection[Model]) -> Model:
+    """The best model, or one with a contained law that is nearly as likely.
+
+    A law that contains others gives way to one of them if its own size may be zero.
+    """
     best = _best(models)
     half = WIDTH_95 * np.sqrt(np.diag(covariance(space.tangent_of(best.fit).white, PRIOR)))
     base = len(space.problem.system.base_parameters)
@@ -212,9 +215,9 @@ def _plainest(space: ModelSpace, models: Iterable[Model]) -> Model:
         name for effect, _, part in best.fit.candidate.slices(base)
         if abs(best.fit.theta_unit[part.start] - effect.size.to_unit(effect.neutral))
         <= half[part.start] for name in effect.contains}
-    plainer = [model for model in models if contained & {*model.visible}
-               and model.is_acceptable and model.evidence > best.evidence - MIN_MARGIN]
-    return _best(plainer or [best])
+    return _best([
+        model for model in models if contained & {*model.visible}
+        and model.is_acceptable and model.evidence > best.evidence - MIN_MARGIN] or [best])
 
 
 def _with_another(

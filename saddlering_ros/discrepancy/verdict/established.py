@@ -285,8 +285,8 @@ def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:
         name not in real or name in inputs or not among.stands_out(name))]
 
 
-def seconds_that_are_small(published: Publication, main: str) -> list[str]:
-    """Causes beside the main one that may be absent, or another one, or surely predict worse."""
+def small_secondary_causes(published: Publication, main: str) -> list[str]:
+    """Causes beside the main one whose interval or prediction of held-out runs refuses them."""
     return [cause.effect for cause in published.causes if cause.effect != main and (
         cause.gain.is_surely_worse or uncertainties_of(cause, ''))]
 
