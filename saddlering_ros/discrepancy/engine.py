@@ -25,14 +25,7 @@ from saddlering_ros.discrepancy.search.small_errors import search_among_small_er
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
 from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs
-from saddlering_ros.discrepancy.verdict.published import (
-    GainMetric,
-    HALF,
-    Publication,
-    publish,
-    Stability,
-    stability_of,
-)
+from saddlering_ros.discrepancy.verdict.published import GainMetric, Publication, publish
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
     Diagnosis,
@@ -40,6 +33,7 @@ from saddlering_ros.discrepancy.verdict.results import (
     Residual,
     Verdict,
 )
+from saddlering_ros.discrepancy.verdict.stability import HALF, Stability, stability_of
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
 from saddlering_ros.progress import one_blas_thread
 from saddlering_ros.quantities import GOOD

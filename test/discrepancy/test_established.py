@@ -33,7 +33,7 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.problem.metric import Metric
-from saddlering_ros.discrepancy.verdict import established, published, results, wording
+from saddlering_ros.discrepancy.verdict import established, results, stability, wording
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 
 TIME = np.linspace(0.0, 20.0, 500)
@@ -515,15 +515,15 @@ def test_a_stand_in_that_most_refits_replace_is_not_established(monkeypatch) -> 
     assert answer.probabilities['wavy'] < 0.5
 
 
-@pytest.mark.parametrize(('contains', 'stability'), [((), 0.0), (('friction',), 1.0)])
+@pytest.mark.parametrize(('contains', 'share'), [((), 0.0), (('friction',), 1.0)])
 def test_a_refit_that_ends_in_a_law_which_contains_the_cause_has_the_same_first_cause(
-    monkeypatch: pytest.MonkeyPatch, contains: tuple[str, ...], stability: float,
+    monkeypatch: pytest.MonkeyPatch, contains: tuple[str, ...], share: float,
 ) -> None:
     wider = replace(MODEL.effects['cubic'], contains=contains)
-    monkeypatch.setattr(published._Sums, 'penalised', lambda sums, *_: (
+    monkeypatch.setattr(stability._Sums, 'penalised', lambda sums, *_: (
         -float(sums.fit.candidate.ids == ('cubic',))))
     answer = found(0.3, 0.02, replace(MODEL, effects={**MODEL.effects, 'cubic': wider}))
-    assert answer.stability == stability
+    assert answer.stability == share
     assert answer.verdict == ('named' if contains else 'unknown')
 
 

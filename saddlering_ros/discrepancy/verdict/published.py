@@ -1,4 +1,4 @@
-"""The published numbers: values and intervals, misfit reduction, remainder, stability.
+"""The published numbers: values and intervals, misfit reduction, remainder.
 
 The selected models are refitted without nuisance parameters. A stand-in for a law that is in no
 catalogue explains a part of the misfit too, which no likelihood ratio tells. What does is how much
@@ -7,9 +7,6 @@ of the misfit beyond noise a cause takes in a view, on fitted runs and on runs t
 The metric of the gain is the root of the mean, over runs and views, of the squared residual over
 the range of the view, without constants that have no meaning. Gain = 1 - metric with / metric
 without, each fitted in this metric on the fitted runs alone; negative if the extension is worse.
-
-How far a verdict hangs on runs, model error and chance is seen by refits to first order. They need
-no simulation, because fits keep their residuals and sensitivities.
 """
 
 from __future__ import annotations
@@ -24,18 +21,12 @@ from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain, PRIOR
 from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    Estimate,
-    FREE_STRENGTH,
-    Parameter,
-    RunBlocks,
-)
+from saddlering_ros.discrepancy.problem.system import Array, Estimate, Parameter, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import Comparison, stopped_base
 from saddlering_ros.discrepancy.search.selection import Search, stopped_sizes
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
 from saddlering_ros.discrepancy.verdict import results, wording
-from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
+from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Residual, Shares
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.quantities import quantity
 
@@ -48,21 +39,6 @@ DRAWS = 400
 
 STRETCHES = 4
 """Stretches of a run whose part of the evidence is told, and which are drawn again."""
-
-SEEDS = 6
-"""Number of draws of stretches: with the runs left out, about ten refits of usual data."""
-
-MIN_STABLE = 0.8
-"""Share of refits with the same first cause below which a verdict is near its limit."""
-
-HALF, TWICE = 0.5, 2.0
-"""Factors of the model error in refits."""
-
-WITHOUT = 'without '
-"""Begin of the change of a refit that leaves out a run."""
-
-NEAR = 2.0
-"""Factor of the gain at which an effect is real within which a verdict is near its limit."""
 
 
 @dataclass(frozen=True)
@@ -387,114 +363,3 @@ def predicted_residuals(problem: Problem, fit: Fit) -> list[Array]:
         moved = fit.prediction[part] + sensitivities.plain[part] @ (theta_unit - fit.theta_unit)
         residuals.append(moved.reshape(run.channels.shape) - run.channels)
     return residuals
-
-
-Stability = tuple[tuple[Refit, ...], tuple[str, ...], tuple[results.Influence, ...]]
-"""Refits of all models, why the verdict is near its limit, and what each stretch adds."""
-
-
-def stability_of(search: Search, taken: float | None) -> Stability:
-    """How far the verdict on a model hangs on runs, on model error and on chance.
-
-    taken: share of the misfit that causes beside model error take.
-    """
-    space, fit, refits = search.space, search.fit, _refits(search)
-    titles = {'': 'none', **space.problem.titles}
-    others = [refit for refit in refits if not refit.is_same]
-    near = [wording.one_run_words(refit, titles) for refit in others
-            if refit.change.startswith(WITHOUT)]
-    if len(others) > (1.0 - MIN_STABLE) * len(refits):
-        near.append(wording.unstable_words(others, len(refits), titles))
-    if not fit.candidate.effects and not np.isfinite(search.covered):
-        singles = [Comparison(space, space.base, single) for single in space.single_effect_fits()]
-        share, name, visible = max(((
-            one.gain / space.real_gain_of(one.extra), one.more.candidate.ids[0], one.visible)
-            for one in singles), default=(0.0, '', 0.0))
-        if share > 1.0 / NEAR:
-            near.append(wording.almost_a_cause_words(titles[name], share, visible))
-    for name in fit.candidate.ids:
-        gain = space.without(fit, name).misfit - fit.misfit
-        if gain < NEAR * space.real_gain:
-            near.append(wording.barely_real_words(titles[name], gain / space.real_gain))
-    if taken is not None and MIN_TAKEN <= taken < 0.5 * (1.0 + MIN_TAKEN):
-        near.append(wording.barely_taken_words(taken, MIN_TAKEN))
-    falls = space.base.whitened**2 - fit.whitened**2
-    influence = tuple(
-        results.Influence(run.name, float(run.time[part[0]]), float(run.time[part[-1]]),
-                  float(fall[:, part].sum()))
-        for run, fall in zip(space.problem.runs, space.problem.by_run(falls), strict=True)
-        for part in np.array_split(np.arange(run.time.size), STRETCHES) if part.size)
-    return refits, tuple(near), influence
-
-
-def _refits(search: Search) -> tuple[Refit, ...]:
-    """Refits of all models to first order, each with the first cause that it ends in.
-
-    A refit ends in the same first cause if its best model shares an effect with the model found
-    or with an alternative to it, or has a law that contains such an effect or is contained in it.
-    Bounds do not stop a step: where an effect of the other sign fits as well, so may another law.
-    """
-    space = search.space
-    group = [search.fit, *(other for fits in search.alternatives.values() for other in fits)]
-    models = {fit.candidate.key: fit for fit in (space.base, *space.fits.values(), *group)}
-    answers = []
-    wanted = {name for fit in group for name in fit.candidate.ids}
-    narrower = {name for fit in group for effect, _ in fit.candidate.effects
-                for name in effect.contains}
-    # What changes, the factor of the model error, and weights (R, S) of the stretches.
-    runs = space.problem.runs
-    plain = np.ones((len(runs), STRETCHES))
-    cases = [(WITHOUT + run.name, 1.0, plain - row[:, None])
-             for run, row in zip(runs, np.eye(len(runs)), strict=True) if len(runs) > 1]
-    random = np.random.default_rng(space.settings.seed)
-    for number in range(SEEDS):
-        drawn = random.integers(0, plain.size, plain.size)
-        cases.append((f'stretches drawn again, {number + 1}', 1.0,
-                      np.bincount(drawn, minlength=plain.size).astype(float)))
-    cases += [('half the model error', HALF, plain), ('twice the model error', TWICE, plain)]
-    for factor in (1.0, HALF, TWICE):
-        # What declared error covers needs no cause.
-        tried = models.values() if factor < search.covered else [space.base]
-        sums = [_Sums(space.metric, factor, model) for model in tried]
-        for change, needed, weights in cases:
-            if needed == factor:
-                best = min(sums, key=lambda model: model.penalised(space, weights.ravel()))
-                effects = [effect for effect, _ in best.fit.candidate.effects]
-                is_same = any(effect.id in wanted | narrower or wanted & set(effect.contains)
-                              for effect in effects) if effects else not wanted
-                first = min((effect.id for effect in effects), default=None, key=lambda name: (
-                    name not in wanted))
-                answers.append(Refit(change, first, is_same))
-    return tuple(answers)
-
-
-class _Sums:
-    """Products of residual and sensitivities of a fit by stretch, for any weights of stretches.
-
-    factor: of the model error and other nuisance parameters with a spread.
-    """
-
-    def __init__(self, metric: Metric, factor: float, fit: Fit) -> None:
-        self.fit = fit
-        shared = metric.shared
-        strength = shared.strength
-        other = np.where(strength < FREE_STRENGTH, factor * strength, strength)
-        ratio = np.sqrt((1.0 + strength**2) / (1.0 + other**2)) - 1.0
-        columns = np.column_stack([fit.jacobian, fit.whitened])
-        columns = columns + shared.directions @ (ratio[:, None] * (shared.directions.T @ columns))
-        parts = [
-            block[:, part].reshape(-1, columns.shape[1])
-            for block in metric.problem.by_run(columns)
-            for part in np.array_split(np.arange(block.shape[1]), STRETCHES)]
-        self._products = np.array([part.T @ part for part in parts])
-
-    def penalised(self, space: ModelSpace, weights: Array) -> float:
-        """Misfit after one step, plus the price of its parameters and of its first effect."""
-        products = np.tensordot(weights, self._products, axes=1)
-        gram, slope = products[:-1, :-1], products[:-1, -1]
-        misfit = products[-1, -1] - slope @ np.linalg.solve(
-            gram + PRIOR**2 * np.eye(slope.size), slope)
-        price = space.log_size * self.fit.theta_unit.size
-        if self.fit.candidate.effects:
-            price += max(space.real_gain - space.log_size, 0.0)
-        return float(misfit) + price
