@@ -24,7 +24,7 @@ from saddlering_ros.discrepancy.problem.metric import nuisance_columns
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Point
 from saddlering_ros.discrepancy.search import ranking
-from saddlering_ros.discrepancy.search import space as spaces
+from saddlering_ros.discrepancy.search.evidence import forms_of
 from saddlering_ros.discrepancy.search.lack_of_fit import shape_families
 from saddlering_ros.discrepancy.search.selection import in_metric, Search, stopped_sizes
 from saddlering_ros.discrepancy.search.signatures import MIN_LENGTH, Signature
@@ -379,7 +379,7 @@ def _other_forms(space: ModelSpace, fit: Fit) -> Array:
     shares = np.array([effect.form for effect, _ in fit.candidate.effects])
     if not shares.any():
         return np.zeros((space.problem.size, 0))
-    forms, of_effect = spaces.forms_of(space, fit)
+    forms, of_effect = forms_of(space, fit)
     return np.asarray((shares[of_effect] * forms)[:, shares[of_effect] > 0.0])
 
 

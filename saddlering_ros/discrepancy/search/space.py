@@ -1,14 +1,10 @@
 """Models fitted in one metric: each fit is stored under its candidate.
 
 Candidates are refitted together; candidates far behind the best one stop after a few rounds.
-
-A real law differs from the idealised law of the catalogue: it is a mixture of such laws with other
-shapes, or their change times a smooth function of load, highest load so far, direction, time, run
-or channel. These forms compete with a second cause for the misfit that the idealised law leaves.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Any, TypeVar
 
@@ -18,7 +14,7 @@ from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits, tangent
 from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.problem.system import Array, Effect, RunBlocks
+from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search import signatures as shown_by
 from saddlering_ros.discrepancy.search.lack_of_fit import LackOfFitTests, SlowResidual
 from saddlering_ros.discrepancy.search.ranking import rank, Score, shortlist, starts_of_each, Trial
@@ -395,106 +391,3 @@ def space_about(problem: Problem, rough: Fit) -> ModelSpace:
     signatures = shown_by.measure_signatures(metric, base, sensitivities, scale, effects)
     trials = shapes_tried(signatures) + sum(bool(effect.line) for effect in effects)
     return ModelSpace(metric, base, sensitivities, signatures, scale, max(1, trials))
-
-
-LOAD_WAVES = 4
-"""Half waves over the drive by which a law may deviate: as smooth as the declared model error."""
-
-HIGHEST_WAVES = 2
-"""The same over the highest drive so far, which moves in one direction only: fewer."""
-
-OTHER_SHAPES = (-0.2, -0.1, 0.1, 0.2)
-"""Distances to the other laws of a mixture, in ranges of a shape parameter. Film creep with two
-time constants and a load offset of 2.5 kN are named with them only."""
-
-LAGS = (0.01, 0.05, 0.2)
-"""Delays of the change of a law, as shares of a run, a factor of four to five apart."""
-
-
-def with_forms(space: ModelSpace, fit: Fit, about: Fit) -> Fit:
-    """`fit` with the most likely forms of the laws in `about`, and its parameters beside them.
-
-    The prediction is that of the simulator to first order. The misfit counts the forms and the
-    moved parameters by their prior spreads.
-    """
-    forms, _ = forms_of(space, about)
-    forms = np.sqrt(space.settings.form_error) * forms
-    white_forms = space.once('white forms', about, lambda: space.metric.whiten(forms))
-    tangents = space.tangent_of(fit)
-    plain = np.hstack([FREE_SPREAD * tangents.plain, forms])
-    white = np.hstack([FREE_SPREAD * tangents.white, white_forms])
-    gram = np.eye(white.shape[1]) + white.T @ white
-    steps = -np.linalg.solve(gram, white.T @ fit.whitened)
-    whitened = fit.whitened + white @ steps
-    return replace(
-        fit, prediction=fit.prediction + plain @ steps, whitened=whitened,
-        misfit=float(whitened @ whitened + steps @ steps))
-
-
-def forms_of(space: ModelSpace, fit: Fit) -> tuple[Array, Array]:
-    """Other forms of the laws of a fit: columns (n, k), and the number of the effect of each (k,).
-
-    All columns of an effect together have the power of its change. A mixture adds the changes if
-    the law had other values of one of its shape parameters.
-    """
-    return space.once('forms', fit, lambda: _forms(space, fit))
-
-
-def _forms(space: ModelSpace, fit: Fit) -> tuple[Array, Array]:
-    problem, base = space.problem, space.problem.system.base_parameters
-    owners, points = [], []
-    for number, (effect, _, part) in enumerate(fit.candidate.slices(len(base))):
-        shapes = range(part.start + 1, part.stop)
-        for index, parameter in zip(shapes, effect.ordered[1:], strict=True):
-            for apart in OTHER_SHAPES:
-                moved = fit.theta_unit.copy()
-                moved[index] = moved[index] + apart
-                if parameter.periodic or 0.0 <= moved[index] <= 1.0:
-                    owners.append(number)
-                    points.append(fit.candidate.point(base, moved))
-    mixed = problem.predict(points) - fit.prediction[:, None] if points else np.zeros((0, 0))
-    columns: list[Array] = []
-    of_effect: list[int] = []
-    for number, change in enumerate(space.changes_of(fit).T):
-        shaped = [*(np.concatenate([part.ravel() for part in column])
-                    for column in _shapes(problem, problem.by_run(change))),
-                  *(other for owner, other in zip(owners, mixed.T, strict=True)
-                    if owner == number and np.isfinite(other).all())]
-        columns += [column / np.sqrt(len(shaped)) for column in shaped]
-        of_effect += [number] * len(shaped)
-    return np.array(columns).reshape(-1, problem.size).T, np.array(of_effect, dtype=int)
-
-
-def _shapes(problem: Problem, change: list[Array]) -> list[list[Array]]:
-    """The change of an effect (C, N) per run, times each shape."""
-    runs = problem.runs
-    # The first coordinate (N,), or time if a run has none.
-    drives = [next(iter(run.inputs.values()), run.time - run.time[0]) for run in runs]
-    low = min(float(drive.min()) for drive in drives)
-    high = max(float(drive.max()) for drive in drives)
-    places = [(drive - low) / max(high - low, 1e-300) for drive in drives]
-    highest = [np.maximum.accumulate(place) for place in places]
-    factors: list[list[Array]] = [
-        [np.cos(np.pi * wave * place) for place in seen]
-        for seen, waves in ((places, LOAD_WAVES), (highest, HIGHEST_WAVES))
-        for wave in range(1, waves + 1)]
-    factors.append([np.zeros(run.time.size) if run.direction is None else run.direction
-                    for run in runs])
-    factors += [[np.array(float(number == index)) for number in range(len(runs))]
-                for index in range(len(runs))]
-    factors += [[chosen[:, None]] * len(runs) for chosen in np.eye(change[0].shape[0])]
-    shapes = [[part * factor for part, factor in zip(change, own, strict=True)] for own in factors]
-    lagged = [_lagged(part, run) for part, run in zip(change, runs, strict=True)]
-    return shapes + [[slow[number] - part for slow, part in zip(lagged, change, strict=True)]
-                     for number in range(len(LAGS))]
-
-
-def _lagged(change: Array, run: RunBlocks) -> Array:
-    """A change (C, N) delayed by first-order lags (L, C, N), shares of the run's duration."""
-    lags = np.array(LAGS)[:, None] * max(float(np.ptp(run.time)), 1e-300)
-    decay = np.exp(-np.diff(run.time) / lags).T[:, :, None]
-    reached = (1.0 - decay) * change.T[1:, None]
-    slow = np.repeat(change.T[:, None], len(LAGS), axis=1)
-    for number, kept in enumerate(decay):
-        slow[number + 1] = kept * slow[number] + reached[number]
-    return slow.transpose(1, 2, 0)

@@ -103,7 +103,7 @@ def judge_alone(
     # The law of a ring's effect may have another form, which leaves a small part.
     is_other_cause = share < settings.min_total or space.problem.assumptions.exact_laws
     if left and (is_other_cause or space.tests.slow(
-            spaces.with_forms(space, fit, fit)).is_real_and_material(settings)):
+            evidence.with_forms(space, fit, fit)).is_real_and_material(settings)):
         doubts.append(wording.partial_words(titles, share, left))
     doubts += shapes_left(space, fit, after) or view_left(space, fit, published.shares)
     doubts += wrong_inputs(space, fit) if len(ids) > 1 else []
