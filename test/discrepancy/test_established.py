@@ -247,7 +247,8 @@ def test_a_cause_of_a_ring_leaves_a_small_part_of_what_it_takes_along_one_coordi
         titles_of=lambda fit: ['bracket'])
     fit = SimpleNamespace(misfit=500.0, candidate=SimpleNamespace(ids=('bracket',)))
     shape = ShapeTest('gamma', 'load', chance, excess + 12.0, 12, 0.001)
-    doubts = established.shapes_left(space, fit, SimpleNamespace(shapes=(shape,)))
+    shares = results.Shares({}, {}, 0.9, ('gamma', 0.99), ('gamma', 0.99), (0.8, 0.9))
+    doubts = established.left_by_ring(space, fit, SimpleNamespace(shapes=(shape,)), shares)
     assert bool(doubts) is is_doubted
 
 
@@ -257,12 +258,13 @@ def test_a_cause_of_a_ring_leaves_a_small_part_of_each_view_that_it_mainly_moves
     left: float, exact: bool, is_doubted: bool,
 ) -> None:
     """Stand-ins for an arm and a compliance that are not listed left 9 and 3.6 % of the tilt."""
+    fit = SimpleNamespace(misfit=500.0)
     space = SimpleNamespace(
-        problem=SimpleNamespace(assumptions=SimpleNamespace(exact_laws=exact)),
+        problem=SimpleNamespace(assumptions=SimpleNamespace(exact_laws=exact)), base=fit,
         titles_of=lambda fit: ['bracket'])
     shares = results.Shares(
         {'tilt': 1.0 - left, 'y': 1.0}, {}, 0.9, ('tilt', 0.5), ('tilt', 1.0 - left), (0.8, 0.9))
-    doubts = established.view_left(space, SimpleNamespace(), shares)
+    doubts = established.left_by_ring(space, fit, SimpleNamespace(shapes=()), shares)
     assert bool(doubts) is is_doubted
     assert all('3.6 % of the misfit in tilt is left' in doubt for doubt in doubts)
 

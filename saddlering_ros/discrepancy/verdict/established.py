@@ -105,7 +105,7 @@ def judge_alone(
     if left and (is_other_cause or space.tests.slow(
             evidence.with_forms(space, fit, fit)).is_real_and_material(settings)):
         doubts.append(wording.partial_words(titles, share, left))
-    doubts += shapes_left(space, fit, after) or view_left(space, fit, published.shares)
+    doubts += left_by_ring(space, fit, after, published.shares)
     doubts += wrong_inputs(space, fit) if len(ids) > 1 else []
     if crowded([Comparison(space, space.without(fit, name), fit).added for name in ids], settings):
         doubts.append(wording.crowded_words(len(ids)))
@@ -137,21 +137,22 @@ def under_declared_error(space: ModelSpace, fit: Fit) -> str | None:
                Comparison(space, space.without(fit, name), fit).added.items())), None)
 
 
-def shapes_left(space: ModelSpace, fit: Fit, after: Residual) -> list[str]:
-    """A sentence if a ring's fit leaves more along one coordinate than an error of its laws."""
+def left_by_ring(space: ModelSpace, fit: Fit, after: Residual, shares: Shares) -> list[str]:
+    """A sentence if a ring's fit leaves more than an error of its laws along one coordinate.
+
+    If it does not, also if it leaves more of a view that it moves.
+    """
+    if space.problem.assumptions.exact_laws:
+        return []
     least = MAX_LEFT_OVER * (space.base.misfit - fit.misfit)
-    where = '' if space.problem.assumptions.exact_laws else ' and '.join(
+    where = ' and '.join(
         f'{test.view} along {test.coordinate}' for test in after.shapes
         if test.p_value < space.settings.error_rate and test.statistic - test.dimensions > least)
-    return [wording.shape_words(space.titles_of(fit), where)] if where else []
-
-
-def view_left(space: ModelSpace, fit: Fit, shares: Shares) -> list[str]:
-    """A sentence if a ring's fit leaves more of a view that it moves than an error of its laws."""
-    view, least = shares.worst_fitted
-    if space.problem.assumptions.exact_laws or least >= 1.0 - MAX_LEFT_OVER:
-        return []
-    return [wording.view_left_words(space.titles_of(fit), view, 1.0 - least)]
+    if where:
+        return [wording.shape_words(space.titles_of(fit), where)]
+    view, share = shares.worst_fitted
+    return [wording.view_left_words(space.titles_of(fit), view, 1.0 - share)
+            ] if share < 1.0 - MAX_LEFT_OVER else []
 
 
 def wrong_inputs(space: ModelSpace, fit: Fit) -> list[str]:
@@ -255,7 +256,9 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
             title = (space.problem.titles[name] if name else
                      wording.joined(space.titles_of(fit)))
             doubts.append(wording.weak_words(title, shares.best, required))
-    doubts += _unlike(together)
+    view, least = together.worst_view
+    doubts += [*([] if least >= 0.0 else [wording.worse_view_words(view)]),
+               *_unlike_in_runs(together)]
     members = [Comparison(space, space.without(fit, name), fit) for name in fit.candidate.ids]
     if not all(member.is_real for member in members):
         doubts.append(wording.BY_CHANCE)
@@ -308,13 +311,6 @@ def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
     if taken.best < MAINLY:
         doubts.append(wording.weak_words(title, taken.best, MAINLY))
     return doubts
-
-
-def _unlike(shares: Shares) -> list[str]:
-    """Sentences on views and runs in which the misfit falls by too little."""
-    view, least = shares.worst_view
-    doubts = [] if least >= 0.0 else [wording.worse_view_words(view)]
-    return doubts + _unlike_in_runs(shares)
 
 
 def _unlike_in_runs(shares: Shares) -> list[str]:

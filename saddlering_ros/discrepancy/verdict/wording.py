@@ -138,12 +138,6 @@ def joined(titles: Sequence[str]) -> str:
     return ', '.join(titles[:-1]) + ' and ' * (len(titles) > 1) + titles[-1]
 
 
-def remainder_line(remainder: Sequence[Mapping[str, Any]]) -> str:
-    """The largest rests that fit no cause, in three units; '' without a rest."""
-    words = '; '.join(map(quantities.remainder_words, remainder[:MAX_RUNS]))
-    return f'Beyond noise and causes remain: {words}.' if words else ''
-
-
 def free_test_words(evidence: Sequence[HeldOutEvidence]) -> str:
     """What held-out runs say about open alternatives, as the test that needs no record; or ''.
 
@@ -171,13 +165,16 @@ def certainty_lines(document: Mapping[str, Any], title_of: Callable[[str], str])
     """
     influence = document.get('influence', []) if any(
         'effect' in cause for cause in document['causes']) else []
+    # The largest rests that fit no cause, in three units.
+    rests = '; '.join(
+        map(quantities.remainder_words, (document.get('remainder') or ())[:MAX_RUNS]))
     return [*filter(None, (
         certainty_words(
             {title_of(group): share for group, share in document.get('probabilities', {}).items()},
             document.get('stability', 1.0) if document.get('refits', True) else None),
         *(f'The verdict is near its limit: {reason}.'
           for reason in document.get('near_limit', [])),
-        remainder_line(document.get('remainder') or ()),
+        f'Beyond noise and causes remain: {rests}.' if rests else '',
         influence_words([
             (one['run'], one['start'], one['end'], one['evidence']) for one in influence],
             document.get('time_unit', 's'))))]
