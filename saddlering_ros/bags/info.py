@@ -98,7 +98,19 @@ def bag_info(
         except BagError as fault:
             problems.append(str(fault))
     problems += [f'{scanned.path}: {problem}' for problem in facts.problems]
-    problems += _faults_of_readings(scanned.path, raw, rig)
+    for name, topic in raw.items():
+        where = f'{scanned.path}: {name}'
+        try:
+            readings.check_values(where, topic.stamps, topic.values)
+            if name == LOAD_TOPIC:
+                readings.check_load_unit(where, topic.values, rig.limits)
+                continue
+            readings.check_probe_unit(where, topic.values, topic.min_range, topic.max_range)
+            if LOAD_TOPIC in raw:
+                readings.check_overlap(
+                    str(scanned.path), raw[LOAD_TOPIC].stamps, name, topic.stamps)
+        except BagError as fault:
+            problems.append(str(fault))
     run, count = None, None
     if not problems:
         read = {**raw, absent: mirrored_topic(rig, raw)} if absent else raw
@@ -124,21 +136,6 @@ def bag_info(
         start=start, duration=math.nan if start is None or stop is None else (stop - start) / 1e9,
         load_range=(lowest, highest), plateaus=count, sha256=scanned.directory.sha256(),
         problems=tuple(dict.fromkeys(problems)), notes=tuple(notes))
-
-
-def _faults_of_readings(path: Path, raw: dict[str, RawTopic], rig: Rig) -> Iterator[str]:
-    for name, topic in raw.items():
-        where = f'{path}: {name}'
-        try:
-            readings.check_values(where, topic.stamps, topic.values)
-            if name == LOAD_TOPIC:
-                readings.check_load_unit(where, topic.values, rig.limits)
-                continue
-            readings.check_probe_unit(where, topic.values, topic.min_range, topic.max_range)
-            if LOAD_TOPIC in raw:
-                readings.check_overlap(str(path), raw[LOAD_TOPIC].stamps, name, topic.stamps)
-        except BagError as fault:
-            yield str(fault)
 
 
 def _topics(

@@ -6,13 +6,7 @@ from dataclasses import replace
 from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis import verdict
 from saddlering_ros.diagnosis.next_test import next_test, propose, repeated_laws
-from saddlering_ros.diagnosis.records import (
-    build_record,
-    check_set,
-    DiagnosisError,
-    PreparedRecord,
-    rigs_of,
-)
+from saddlering_ros.diagnosis.records import build_record, check_set, DiagnosisError, rigs_of
 from saddlering_ros.diagnosis.rig_dimensions import certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.verdict import Verdict
@@ -39,9 +33,14 @@ def diagnose_ring(
     """
     if not runs:
         raise DiagnosisError('no runs to diagnose: give at least one')
-    records = _with_different_names([
-        *(build_record(rig, run, held_out=False) for run in runs),
-        *(build_record(rig, run, held_out=True) for run in hold_out)])
+    records = [*(build_record(rig, run, held_out=False) for run in runs),
+               *(build_record(rig, run, held_out=True) for run in hold_out)]
+    seen: dict[str, int] = {}
+    for place, record in enumerate(records):  # Runs of one name become 'static_50 (2)' and so on.
+        count = seen[record.run.name] = seen.get(record.run.name, 0) + 1
+        if count > 1:
+            run_blocks = replace(record.run, name=f'{record.run.name} ({count})')
+            records[place] = replace(record, run=run_blocks)
     fitted = [record.run for record in records if not record.run.held_out]
     if on_progress is not None:
         on_progress(Progress('diagnose', 'contact parameters', 0.0))
@@ -104,16 +103,3 @@ def diagnose_ring(
                             probabilities=probabilities_of('unknown', diagnosis.causes))
         sentence = f'Diagnose the bags of each rig separately: {", ".join(rigs)}.'
     return Verdict(diagnosis, figures, tuple(notes), sentence, rig, seed, law)
-
-
-def _with_different_names(records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
-    """Records whose runs have different names: 'static_50', 'static_50 (2)'."""
-    seen: dict[str, int] = {}
-    renamed = []
-    for record in records:
-        count = seen[record.run.name] = seen.get(record.run.name, 0) + 1
-        if count > 1:
-            run = replace(record.run, name=f'{record.run.name} ({count})')
-            record = replace(record, run=run)
-        renamed.append(record)
-    return renamed

@@ -174,7 +174,7 @@ class Verdict:
 
     def to_json(self) -> VerdictDocument:
         """The JSON of docs/diagnosis.md."""
-        diagnosis, gain = self.diagnosis, self.diagnosis.gain
+        diagnosis, gain, law = self.diagnosis, self.diagnosis.gain, self.contact_law
         shapes_after = [_shape_entry(shape) for shape in diagnosis.residual_after.shapes]
         document: VerdictDocument = finite_json({
             'verdict': diagnosis.verdict,
@@ -185,7 +185,16 @@ class Verdict:
                  'test': figures.record.test_run.test, 'held_out': figures.record.run.held_out,
                  'channels': {name: vars(misfit) for name, misfit in figures.channels.items()}}
                 for figures in self.runs],
-            'parameters': _parameters_entry(self.contact_law),
+            'parameters': {
+                'before': {name: estimate.value for name, estimate in law.before.items()},
+                'after': {key: number for name, estimate in law.after.items() for key, number in (
+                    (name, estimate.value),
+                    (f'{name}_std', None if name in law.reasons_after else estimate.std))},
+                'before_std': {
+                    name: None if name in law.reasons_before else estimate.std
+                    for name, estimate in law.before.items()},
+                'undetermined': {
+                    'before': dict(law.reasons_before), 'after': dict(law.reasons_after)}},
             'next_test': self.next_test,
             **diagnosis.certainty(),
             'simulated_tests': [
@@ -220,7 +229,12 @@ def run_figures(
     rig: Rig, diagnosis: Diagnosis, record: PreparedRecord, before: Array, after: Array
 ) -> RunFigures:
     """Misfits and curves of one run, from predictions before and after (C, N)."""
-    run, channels, views = record.run, {}, diagnosis.fits.metric.problem.system.views
+    run, channels, metric = record.run, {}, diagnosis.fits.metric
+    views, start = metric.problem.system.views, float(run.time[0])
+    # The noise of a held-out run is that of the fitted run with block means of about its length.
+    noises = [float(np.mean(metric.noise[metric.alike(run).name, channel].since(
+        run.time, run.width, start - WINDOW_SECONDS, WINDOW_SECONDS)**2))
+        for channel in range(len(run.channels))]
     motions = [measured_displacement(rig.probes, with_absent(rig.probes, increments))
                for increments in (run.channels, before, after)]
     curves = [np.stack([np.asarray(getattr(motion, name)) for name in CHANNELS])
@@ -235,7 +249,9 @@ def run_figures(
         span = max(float(np.ptp(measured)), 1e-12)
         alone, extended = (
             float(np.sqrt(np.mean((one - measured)**2))) / span for one in (first, last))
-        noise = _noise_floor(diagnosis, run, views[name])
+        noise = math.sqrt(sum(
+            weight**2 * of_channel
+            for weight, of_channel in zip(views[name].tolist(), noises, strict=True) if weight))
         channels[name] = ChannelMisfit(alone, extended, noise / span, float(sound[index]) / span)
     return RunFigures(record, channels, *curves)
 
@@ -253,19 +269,6 @@ def unpredicted(
         for run in runs if run.record.run.held_out for name, misfit in run.channels.items()
         if name != 'parity'
         and misfit.nrmse_before > quantities.allowed_misfit(misfit.noise_floor, misfit.sound)]
-
-
-def _noise_floor(diagnosis: Diagnosis, run: discrepancy.RunBlocks, weights: Array) -> float:
-    """Rms noise of a view over the block means of the run, with the noise of the zero.
-
-    The noise of a held-out run is that of the fitted run with block means of about its length.
-    """
-    metric, start = diagnosis.fits.metric, float(run.time[0])
-    noise, name = metric.noise, metric.alike(run).name
-    return math.sqrt(sum(
-        weight**2 * float(np.mean(noise[name, channel].since(
-            run.time, run.width, start - WINDOW_SECONDS, WINDOW_SECONDS)**2))
-        for channel, weight in enumerate(weights.tolist()) if weight))
 
 
 def limit_entry(limit: discrepancy.DetectionLimit) -> dict[str, Any]:
@@ -300,19 +303,6 @@ def _cause_entries(diagnosis: Diagnosis) -> list[discrepancy.CauseEntry | ShapeE
     for cause in causes:
         cause['partial'] = True
     return [*entries, *causes]
-
-
-def _parameters_entry(law: ContactLaw) -> dict[str, Any]:
-    """Values and standard deviations, null for undetermined parameters, and the reasons."""
-    return {
-        'before': {name: estimate.value for name, estimate in law.before.items()},
-        'after': {key: number for name, estimate in law.after.items() for key, number in (
-            (name, estimate.value),
-            (f'{name}_std', None if name in law.reasons_after else estimate.std))},
-        'before_std': {
-            name: None if name in law.reasons_before else estimate.std
-            for name, estimate in law.before.items()},
-        'undetermined': {'before': dict(law.reasons_before), 'after': dict(law.reasons_after)}}
 
 
 def _evidence_entry(one: discrepancy.Evidence) -> dict[str, Any]:

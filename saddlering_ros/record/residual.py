@@ -139,27 +139,23 @@ class ResidualStream:
             self._bridges.clear()
             self.zeros_agree = True
             return _difference(measured, simulated)
-        bridged = self._bridged(measured, simulated, np.flatnonzero(~same))
-        direct = _difference(measured.pick(same), simulated.pick(same))
-        self.counters.zero_differs += len(same) - len(direct) - len(bridged)
-        self.zeros_agree = bool(same[-1]) or bool(
-            len(bridged) and bridged.stamps[-1] == measured.stamps[-1])
-        both = batches.join([direct, bridged])
-        return both.pick(np.argsort(both.stamps, kind='stable'))
-
-    def _bridged(self, measured: Displacements, simulated: Displacements, rows: np.ndarray,
-                 ) -> Displacements:
-        """Residuals of those `rows` whose two zeros could be brought together."""
+        # Residuals of the rows whose two zeros can be brought together.
+        parts, rows = [], np.flatnonzero(~same)
         zeros = np.stack([measured.zero_stamps[rows], simulated.zero_stamps[rows]])
-        residuals = []
         for of_both in np.unique(zeros, axis=1).T.tolist():
             pair = tuple(of_both)
             mine = rows[(pair == zeros.T).all(axis=1)]
             newer = measured if pair[0] > pair[1] else simulated
             self._bridges = {pair: self._bridges.get(pair) or _Bridge(
                 max(pair), float(newer.zero_durations[mine[0]]))}
-            residuals.append(self._bridges[pair].across(measured.pick(mine), simulated.pick(mine)))
-        return batches.join(residuals)
+            parts.append(self._bridges[pair].across(measured.pick(mine), simulated.pick(mine)))
+        bridged = batches.join(parts)
+        direct = _difference(measured.pick(same), simulated.pick(same))
+        self.counters.zero_differs += len(same) - len(direct) - len(bridged)
+        self.zeros_agree = bool(same[-1]) or bool(
+            len(bridged) and bridged.stamps[-1] == measured.stamps[-1])
+        both = batches.join([direct, bridged])
+        return both.pick(np.argsort(both.stamps, kind='stable'))
 
 
 class _Bridge:

@@ -335,8 +335,15 @@ def record_test(plan: TestPlan) -> TestRecord:
         for times in probe_times)
     facts = TestMetadata(schedule.test, math.degrees(physical.elevation), plan.rig_name,
                          plan.run_name)
+    noise, random = plan.instruments.load_noise, chance[11]
+    reading = _between(run.time, run.load, time) + noise * random.normal(size=len(time))
+    reading += slow_noise(time, noise / 3.0, plan.instruments.slow_time, random)
+    reading = np.minimum(reading, recording.load_limit)
+    if plan.instruments.quantised:
+        level = 2.0 * CELL_SPAN * physical.rig.full_scale_load / LEVELS
+        reading = level * np.rint(reading / level)
     return TestRecord(
-        facts, _stamps(begin, time), _load_reading(plan, run, recording, time, chance[11]),
+        facts, _stamps(begin, time), np.asarray(reading),
         probe_stamps, gaps, int(chance[1].integers(1_500, 9_000)) * 1000, run)
 
 
@@ -379,19 +386,6 @@ def _gaps(plan: TestPlan, run: PhysicalRun, recording: Recording, probe: int, ti
     if instruments.quantised:
         gap = probes.min_range + level * np.rint((gap - probes.min_range) / level)
     return np.asarray(np.clip(gap, probes.min_range, probes.max_range))
-
-
-def _load_reading(plan: TestPlan, run: PhysicalRun, recording: Recording, times: Floats,
-                  random: np.random.Generator) -> Floats:
-    """Readings of the load cell [N]."""
-    noise = plan.instruments.load_noise
-    reading = _between(run.time, run.load, times) + noise * random.normal(size=len(times))
-    reading += slow_noise(times, noise / 3.0, plan.instruments.slow_time, random)
-    reading = np.minimum(reading, recording.load_limit)
-    if plan.instruments.quantised:
-        level = 2.0 * CELL_SPAN * plan.physical.rig.full_scale_load / LEVELS
-        reading = level * np.rint(reading / level)
-    return np.asarray(reading)
 
 
 def _between(grid: Floats, values: Floats, times: Floats) -> Floats:
