@@ -21,6 +21,7 @@ from saddlering_ros.discrepancy import Point, Proposal, Reading, RunBlocks
 from saddlering_ros.doubts.comparison import rig_in_words
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import RIG_TESTS, RigTest, UNCLEAR
+from saddlering_ros.effects.common_shapes import MOVES
 from saddlering_ros.quantities import lowered, MATERIAL
 from saddlering_ros.record import Record
 from saddlering_ros.rig import Rig
@@ -56,9 +57,6 @@ CELL_GAIN, CELL_SHARE = 2e-3, 5e-4
 
 INCLINOMETER, SCALE = math.radians(0.02), 1e-3
 """Standard deviations of an inclinometer [rad] and of a measured height [m]."""
-
-MOVES = 'a misfit that moves with the probe'
-"""Outcome of swapped probes for an effect that belongs to the probe and not to its place."""
 
 
 def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig) -> str | None:

@@ -9,8 +9,6 @@ class AxialClearance(ClearanceEffect):
     words = ('The clearance of the axial rows differs from the rig file. Tilt and axial motion '
              'begin with a dead zone and then have a nearly constant error, because fewer or more '
              'rollers share the load.')
-    settled_by = ('Pull-push through zero load: the jump between the two directions is the '
-                  'clearance.')
     outcomes = Outcomes(pull_push='an axial jump other than the clearance in the rig file')
     rows = ('upper_row', 'lower_row')
     channels = ('delta_y', 'gamma')

@@ -59,6 +59,8 @@ class ClearanceEffect(RingEffect):
     """Another clearance than in the rig file; half the change is at each side of a row."""
 
     rows: ClassVar[tuple[str, ...]]
+    settled_by = ('Pull-push through zero load: the jump between the two directions is the '
+                  'clearance.')
     stage = 'ring'
     form = 0.1  # rollers differ by a pattern of their own
     parameters = (
@@ -79,6 +81,9 @@ class ClearanceEffect(RingEffect):
                                     gap_spread=abs(half) * values['spread'])
         return replace(extension, **changed)
 
+
+MOVES = 'a misfit that moves with the probe'
+"""Outcome of swapped probes for an effect that belongs to the probe and not to its place."""
 
 ONE_PROBE = Choice(
     'probe', (1.0, 2.0, 3.0, 4.0), 'radial: 1 rear, 3 front; axial: 2 front, 4 rear')

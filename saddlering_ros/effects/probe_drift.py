@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, Variant
-from saddlering_ros.effects.common_shapes import probe_variants, ProbeEffect
+from saddlering_ros.effects.common_shapes import MOVES, probe_variants, ProbeEffect
 from saddlering_ros.effects.extension import RingExtension, with_probe
 
 RADIAL, AXIAL = 13.0, 24.0
@@ -21,7 +21,7 @@ class ProbeDrift(ProbeEffect):
         second_rate='a misfit that grows with the time and not with the load',
         repeat_cycle='a misfit that continues to grow during the holds at preload',
         zero_load='readings that drift at constant preload',
-        swapped_probes='a misfit that moves with the probe')
+        swapped_probes=MOVES)
     parameters = (
         EffectParameter('rate', 'm/s', -5e-7, 5e-7, 2e-8, 0.0, 'drift per second', amplitude=True),
         EffectParameter('both', 'm/s', -1e-6, 1e-6, 2e-8, 0.0,

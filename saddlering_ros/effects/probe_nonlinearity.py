@@ -1,7 +1,7 @@
 """Bent characteristic of one probe: d_i += q d_i^2."""
 
 from saddlering_ros.effects.base import EffectParameter, Outcomes
-from saddlering_ros.effects.common_shapes import ProbeEffect
+from saddlering_ros.effects.common_shapes import MOVES, ProbeEffect
 
 
 class ProbeNonlinearity(ProbeEffect):
@@ -11,7 +11,7 @@ class ProbeNonlinearity(ProbeEffect):
     settled_by = ('Swapped probes: the error moves with the probe; or another gap at zero, which '
                   'shifts the error along the characteristic.')
     outcomes = Outcomes(
-        swapped_probes='a misfit that moves with the probe',
+        swapped_probes=MOVES,
         other_gap='a misfit that moves to another load')
     parameters = (EffectParameter(
         'curvature', '1/m', -3000.0, 3000.0, 100.0, 0.0,

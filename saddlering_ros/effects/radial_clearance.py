@@ -9,8 +9,6 @@ class RadialClearance(ClearanceEffect):
     words = ('The clearance of the radial row differs from the rig file. The radial channel '
              'begins with a dead zone and then has a nearly constant error, because fewer or more '
              'rollers share the load.')
-    settled_by = ('Pull-push through zero load: the jump between the two directions is the '
-                  'clearance.')
     outcomes = Outcomes(pull_push='a radial jump other than the clearance in the rig file')
     rows = ('radial_row',)
     channels = ('delta_x',)

@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects import base
-from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
-from saddlering_ros.effects.common_shapes import hysteron, loop_parameters
+from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
+from saddlering_ros.effects.common_shapes import hysteron, LOOP_OUTCOMES, loop_parameters
 from saddlering_ros.effects.extension import RingExtension
 
 AXIAL, TILT, EACH = 1.0, 2.0, 3.0
@@ -21,9 +20,7 @@ class TiltFriction(RingEffect):
              'rubs evenly resists axial motion alone.')
     settled_by = ('A repeat cycle with holds at zero and full load: friction shows the same loop '
                   'again, settling does not, and drift continues during the holds.')
-    outcomes = Outcomes(
-        second_rate='a loop of the same height',
-        repeat_cycle='a loop that repeats and stays open during the holds', pull_push=base.UNCLEAR)
+    outcomes = LOOP_OUTCOMES
     stage = 'ring'
     form = 0.1  # sticking exceeds sliding by a tenth to a quarter, and how much the speed decides
     parameters = (

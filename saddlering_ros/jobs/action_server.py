@@ -110,7 +110,7 @@ class ActionNode(Node):
             f'serves {self.resolve_service_name(self.NAME)}; bags from {self.bag_root}')
 
     def request(self, goal: Any) -> Any:
-        """Input of the job; SaddleringError for a goal that cannot be used."""
+        """Input of the job of a goal with bags; SaddleringError for one that cannot be used."""
         raise NotImplementedError
 
     def feedback(self, progress: Progress, elapsed: float) -> Any:
@@ -177,6 +177,8 @@ class ActionNode(Node):
             return 'canceled' if goal_handle.is_cancel_requested else ''
 
         try:
+            if not goal_handle.request.bags:
+                raise NodeError('the goal names no bags: give at least one')
             outcome = self._worker.run(self.request(goal_handle.request), on_progress,
                                        lambda: bool(reason_to_stop()))
         except Cancelled:

@@ -23,8 +23,6 @@ class RingDiagnosisNode(ActionNode):
         super().__init__('ring_diagnosis')
 
     def request(self, goal: DiagnoseRing.Goal) -> DiagnosisRequest:
-        if not goal.bags:
-            raise NodeError('the goal names no bags: give at least one')
         if goal.before and (goal.hold_out or goal.parameters_file):
             raise NodeError('the goal names bags of before: a comparison takes neither hold_out '
                             'nor parameters_file, leave both empty')

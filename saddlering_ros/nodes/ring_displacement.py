@@ -67,8 +67,7 @@ class RingDisplacementNode(StreamingNode):
 
     PARAMETERS = (
         streaming_node.INPUT_RELIABILITY, streaming_node.MAX_GAP,
-        NodeParameter(
-            'frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
+        streaming_node.DISPLACEMENT_FRAME,
         NodeParameter('displaced_frame_id', '', 'frame of the displaced ring, published below '
                       'frame_id on /tf (needs tf2_msgs); none: not published'),
         NodeParameter('parity_noise', 0.3e-6, 'noise of the parity [m]; a mean of more than five '

@@ -36,8 +36,6 @@ class RingIdentificationNode(ActionNode):
         super().__init__('ring_identification')
 
     def request(self, goal: IdentifyRing.Goal) -> IdentificationRequest:
-        if not goal.bags:
-            raise NodeError('the goal names no bags: give at least one')
         self._done_share = 0.0
         settings = settings_of(goal)
         settings.bounds_for(self.rig)

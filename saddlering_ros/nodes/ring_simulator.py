@@ -57,8 +57,7 @@ class RingSimulatorNode(StreamingNode):
                       nan_allowed=True, while_inactive=True),
         NodeParameter(
             'max_step', 1e-3, 'longest time step of the integration [s]', low=1e-6, high=0.1),
-        NodeParameter(
-            'frame_id', 'ring', 'frame of the displacement: reference point C of the ring'),
+        streaming_node.DISPLACEMENT_FRAME,
     )
 
     def __init__(self) -> None:

@@ -46,6 +46,8 @@ AUTOSTART = NodeParameter('autostart', True, 'configure and activate at the star
 INPUT_RELIABILITY = NodeParameter(
     'input_reliability', 'auto', 'requested QoS; auto: reliable if all publishers are reliable, '
                                  'else best effort', choices=raw_topics.RELIABILITIES)
+DISPLACEMENT_FRAME = NodeParameter(
+    'frame_id', 'ring', 'frame of the displacement: reference point C of the ring')
 MAX_GAP = NodeParameter(
     'max_gap', 10.0, 'a larger jump of the stamps [s] restarts zero and simulation', low=0.1,
     high=3600.0)
