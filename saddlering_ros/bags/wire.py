@@ -261,24 +261,18 @@ def encode_list(message_type: str, frame_id: str, stamps: ArrayLike,
     """`encode` with each message separate."""
     times = np.asarray(stamps, dtype=np.int64)
     if len(times) <= FEW:
+        text = frame_id.encode() + b'\0'
+        names = tuple(name for name, _ in LAYOUTS[message_type])
+        row = _row(message_type, _LITTLE_ENDIAN, len(text), names)
+        given = {**DEFAULTS.get(message_type, {}), **fields}
+        columns = [values.tolist() if isinstance(values, np.ndarray) and values.ndim
+                   else [values] * len(times) for values in map(given.get, names, repeat(0))]
         with contextlib.suppress(OverflowError):  # a reading beyond its type becomes infinite
-            return _encode_few(message_type, frame_id, times.tolist(), fields)
+            return [row.pack(b'\0\1', *divmod(stamp, SECOND), len(text), text, *values)
+                    for stamp, *values in zip(times.tolist(), *columns, strict=True)]
     raw = encode(message_type, frame_id, times, fields)
     size, data = raw.shape[1], raw.tobytes()
     return [data[start:start + size] for start in range(0, len(data), size)]
-
-
-def _encode_few(message_type: str, frame_id: str, stamps: Sequence[int],
-                fields: Mapping[str, ArrayLike]) -> list[bytes]:
-    """The same as `encode`, message by message."""
-    text = frame_id.encode() + b'\0'
-    names = tuple(name for name, _ in LAYOUTS[message_type])
-    row = _row(message_type, _LITTLE_ENDIAN, len(text), names)
-    given = {**DEFAULTS.get(message_type, {}), **fields}
-    columns = [values.tolist() if isinstance(values, np.ndarray) and values.ndim
-               else [values] * len(stamps) for values in map(given.get, names, repeat(0))]
-    return [row.pack(b'\0\1', *divmod(stamp, SECOND), len(text), text, *values)
-            for stamp, *values in zip(stamps, *columns, strict=True)]
 
 
 COVARIANCE_BYTES = 128  # 16 doubles, the last field

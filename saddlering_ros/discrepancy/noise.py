@@ -85,7 +85,20 @@ class Noise:
             raise DiscrepancyError(
                 'noise: a spectrum needs two frequencies or more, all above zero, and a density '
                 'above zero at each')
-        return Noise(partial(_in_every_run, _of_spectrum(frequency, density)))
+        low, high = float(frequency.min()), float(frequency.max())
+        constants = record_noise.relaxation_grid(0.5 / (np.pi * high), 0.5 / (np.pi * low))
+        slow = 4.0 * constants / (1.0 + (2.0 * np.pi * frequency[:, None] * constants) ** 2)
+        columns = np.column_stack([np.full(frequency.size, 2.0), slow])
+        unit = columns.max(axis=0)
+        solved = nnls(columns / unit / density[:, None], np.ones(density.size))[0] / unit
+        error = np.log(np.maximum(columns @ solved, 1e-300) / density)
+        if float(np.sqrt(np.mean(error**2))) > MAX_SPECTRUM_ERROR:
+            raise DiscrepancyError(
+                'noise: the spectrum rises with frequency or has lines, which white noise and '
+                'relaxations cannot represent: give from_rest, or smooth the spectrum')
+        white = max(float(solved[0]), 1e-9 * float(density.min()))
+        return Noise(partial(_in_every_run, ChannelNoise(
+            white, solved[1:], 0.0, KNOWN_EXACTLY, constants)))
 
     @staticmethod
     def unknown() -> Noise:
@@ -150,23 +163,6 @@ def _between_repeats(repeats: Sequence[str | Array], records: Records) -> NoiseO
     noise = noise_of_stretches(stretches, step, longest, 'the difference of the repeats')
     degrees = max(1, noise.pairs * (count - 1) // count)
     return dict.fromkeys(by_run, replace(noise, pairs=degrees))
-
-
-def _of_spectrum(frequency: Array, density: Array) -> ChannelNoise:
-    """White noise and relaxations with this spectrum."""
-    low, high = float(frequency.min()), float(frequency.max())
-    constants = record_noise.relaxation_grid(0.5 / (np.pi * high), 0.5 / (np.pi * low))
-    slow = 4.0 * constants / (1.0 + (2.0 * np.pi * frequency[:, None] * constants) ** 2)
-    columns = np.column_stack([np.full(frequency.size, 2.0), slow])
-    unit = columns.max(axis=0)
-    solved = nnls(columns / unit / density[:, None], np.ones(density.size))[0] / unit
-    error = np.log(np.maximum(columns @ solved, 1e-300) / density)
-    if float(np.sqrt(np.mean(error**2))) > MAX_SPECTRUM_ERROR:
-        raise DiscrepancyError(
-            'noise: the spectrum rises with frequency or has lines, which white noise and '
-            'relaxations cannot represent: give from_rest, or smooth the spectrum')
-    white = max(float(solved[0]), 1e-9 * float(density.min()))
-    return ChannelNoise(white, solved[1:], 0.0, KNOWN_EXACTLY, constants)
 
 
 MAX_CHANCE = 1e-3

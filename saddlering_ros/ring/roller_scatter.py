@@ -69,25 +69,18 @@ def scatter_columns(
         parts.append((still + rate[:, None, None] * by_rate, decays))
     q, decays = (np.concatenate(pair, axis=1) for pair in zip(*parts, strict=True))
     if not static:
-        q = _late(time, q, decays)
+        # The columns (N, 3, k) lag behind their equilibrium: dq/dt = decay (equilibrium - q). Two
+        # implicit half steps per sample, to the equilibrium at half the step and at its end.
+        late = q.copy()
+        speed = 0.5 * np.diff(time)[:, None, None] * decays[1:]
+        inverse = np.linalg.inv(np.eye(3) + speed)
+        pull = inverse @ speed
+        drawn = inverse @ (pull @ (0.5 * (q[:-1] + q[1:]))) + pull @ q[1:]
+        kept = inverse @ inverse
+        for index in range(time.size - 1):
+            late[index + 1] = kept[index] @ late[index] + drawn[index]
+        q = late
     return displacement_to_probes(rig.probes, Displacement(q[:, 0], q[:, 1], q[:, 2], 0.0))
-
-
-def _late(time: Floats, q: Floats, decay: Floats) -> Floats:
-    """Columns (N, 3, k) that lag behind their equilibrium: dq/dt = decay (equilibrium - q).
-
-    Two implicit half steps per sample: to the equilibrium at half the step and at its end.
-    """
-    late = q.copy()
-    rate = 0.5 * np.diff(time)[:, None, None] * decay[1:]
-    inverse = np.linalg.inv(np.eye(3) + rate)
-    pull = inverse @ rate
-    half_way = 0.5 * (q[:-1] + q[1:])
-    drawn = inverse @ (pull @ half_way) + pull @ q[1:]
-    kept = inverse @ inverse
-    for index in range(time.size - 1):
-        late[index + 1] = kept[index] @ late[index] + drawn[index]
-    return late
 
 
 def known_rigs(rig: Rig) -> list[tuple[Rig, Rig]]:
