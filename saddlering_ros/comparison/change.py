@@ -451,6 +451,7 @@ def contact_of_sessions(
     # The whole range of a parameter is one standard deviation of its prior, as in every fit.
     covariance = np.linalg.inv(columns.T @ columns + np.eye(columns.shape[1]))
     step = covariance @ (columns.T @ residual)
+    covariance *= diagnosis.residual_after.inflation(problem.settings.error_rate)
     answers, moved = {}, fit.point.effects.get(CONTACT_CHANGE)
     changed = {QUANTITIES[round(moved['quantity'])]: 1.0 + moved['change']} if moved else {}
     for index, parameter in enumerate(parameters):

@@ -15,6 +15,7 @@ from saddlering_ros.comparison.change import (
     common_loads,
     compare_records,
     ComparisonError,
+    contact_of_sessions,
     judged_wear,
     maker_figures,
     MakerFigures,
@@ -246,6 +247,17 @@ def test_a_misfit_that_both_sessions_have_is_no_change(grown):
     both = replace(grown.diagnosis, fits=replace(
         fits, metric=replace(fits.metric, problem=shifted)))
     assert left_between(both, system) < 2e-3
+
+
+def test_a_misfit_beyond_noise_widens_the_contact_law_of_both_sessions(grown):
+    """On a ring whose rest was 15 um in both, K1 was 110 deviations wrong."""
+    system = TwoSessions(RingSystem(RIG), frozenset(record.run.name for record in grown.before))
+    left = grown.diagnosis.residual_after
+    large = replace(left, slow=replace(left.slow, excess=8.0 * left.slow.dimensions))
+    wider = contact_of_sessions(replace(grown.diagnosis, residual_after=large), system)
+    for name, numbers in grown.contact.items():
+        for one, wide in zip(numbers, wider[name], strict=True):
+            assert (wide.value, wide.std) == (one.value, pytest.approx(3.0 * one.std))
 
 
 def test_an_instrument_calibrated_between_the_sessions_may_differ_by_both_certificates(
