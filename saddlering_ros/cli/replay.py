@@ -121,8 +121,8 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
                   flush=True)
         began = time.monotonic()
         try:
-            _wait(group, began + 120.0 + 10.0 * length / min(args.rate or 1.0, 1.0),
-                  length / args.rate if args.rate else None)
+            alarm = _wait(group, began + 120.0 + 10.0 * length / min(args.rate or 1.0, 1.0),
+                          length / args.rate if args.rate else None, args.json != '-')
             sent = {name: len(record[name]) for name in record if name != absent_topic(rig)}
             last = time.monotonic() + LAST_MESSAGES
             while recorder is not None and (missing := recorder.missing(sent)):
@@ -137,15 +137,29 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
         took = time.monotonic() - began
         counts = {} if recorder is None else recorder.counts()
     return {'bag': str(args.bag), 'domain': domain, 'duration': length, 'seconds': took,
-            'recorded': None if args.record is None else str(args.record), 'messages': counts}
+            'recorded': None if args.record is None else str(args.record), 'messages': counts,
+            'alarm': alarm}
 
 
-def _wait(group: Any, deadline: float, seconds: float | None) -> None:
-    """Wait for the end of the bag; NodeError if the clock leaves before it, or does not start."""
+def _wait(group: Any, deadline: float, seconds: float | None, shows: bool) -> str | None:
+    """Wait for the end of the bag; the last state of its alarm, in words, None without one.
+
+    shows: print each state of the alarm. NodeError if the clock leaves before the end, or does not start.
+    """
     from saddlering_ros.ros.launcher import last_line
-    from saddlering_ros.ros.names import NodeError
+    from saddlering_ros.ros.names import NodeError, STATE_TOLD
 
     began, told = time.monotonic(), ''
+    alarm, state = group.processes.get('ring_alarm'), None
+
+    def newest() -> str | None:
+        """The state of the alarm, shown once."""
+        states = [line.partition(STATE_TOLD)[2] for line in alarm.said().splitlines()
+                  if STATE_TOLD in line] if alarm else []
+        if shows and states and states[-1] != state and not states[-1].startswith('waiting'):
+            print(f'ring_alarm: {states[-1]}', flush=True)
+        return states[-1] if states else None
+
     clock = group.processes['replay_clock']
     with Bar() as bar:
         while clock.running and time.monotonic() < deadline:
@@ -154,7 +168,7 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
             if gone and clock.running:
                 raise NodeError(f'{gone[0]} ended before the bag was at its end: repeat the '
                                 'replay')
-            said = clock.said()
+            said, state = clock.said(), newest()
             waits = [line for line in said.splitlines() if 'still waits for' in line]
             if waits and waits[-1] != told:
                 told = waits[-1]
@@ -175,3 +189,4 @@ def _wait(group: Any, deadline: float, seconds: float | None) -> None:
     if 'without' in ends[-1]:
         raise NodeError(f'{ends[-1][ends[-1].index(AT_END):]}, which fell behind: repeat the '
                         'replay')
+    return newest()

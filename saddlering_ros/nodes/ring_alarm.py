@@ -12,7 +12,7 @@ from saddlering_ros.bags.wire import decode_displacements
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring import stream
 from saddlering_ros.monitoring.detector import DEFAULT_PERCENT
-from saddlering_ros.monitoring.monitor import alarm_words, MonitorSettings, state_words
+from saddlering_ros.monitoring.monitor import MonitorSettings, state_words
 from saddlering_ros.monitoring.stream import AlarmStream, Sight
 from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.batches import no_displacements, no_samples
@@ -71,7 +71,7 @@ class RingAlarmNode(StreamingNode):
         self._sought_at = 0.0
         self._lacks = stream.SEEN
         self._published: tuple[object, ...] = ()
-        self._latched = False
+        self._logged = BLIND  # as a node is before it is active
         self._beaten = self._looked = 0.0
         self._make()
         self._teller = self.create_publisher(RingAlarm, names.RING_ALARM, LATCHED)
@@ -84,7 +84,6 @@ class RingAlarmNode(StreamingNode):
     def configure(self) -> None:
         """Make the monitor and its diagnostics; an earlier alarm is cleared."""
         self._make()
-        self._latched = False
         self._streams = [diagnostics.StreamTask(topic)
                          for topic in (f'/{names.RESIDUAL}', LOAD_TOPIC)]
         self.tasks = [diagnostics.FunctionTask('alarm', self._alarm_status),
@@ -194,14 +193,20 @@ class RingAlarmNode(StreamingNode):
                 self._lacks, *missing)
         if news == self._published:
             return
-        rose = monitor.alarm is not None and not self._latched
-        self._published, self._latched = news, monitor.alarm is not None
+        self._published = news
         self._limit.publish(Bool(data=is_within))
         message = alarm_message(monitor, self._words(), self.settings['frame_id'])
         message.state, message.missing = self._state(), missing
         self._teller.publish(message)
-        if rose and monitor.alarm is not None:
-            self.get_logger().error(alarm_words(monitor.alarm))
+        if message.state != self._logged:  # The figures of an alarm change, and are not news.
+            self._logged = message.state
+            words, logger = f'{names.STATE_TOLD}{message.message}', self.get_logger()
+            if message.state == ALARM:
+                logger.error(words)
+            elif message.state == BLIND:
+                logger.warning(words)
+            else:
+                logger.info(words)
 
     def _words(self) -> str:
         monitor, lacks = self._stream.monitor, self._lacks

@@ -76,6 +76,8 @@ INCLINOMETER = 'rig/inclinometer'
 PROGRESS = 'replay/progress'
 STATE = 'replay/state'
 CLOCK = 'clock'
+STATE_TOLD = 'state of the alarm: '
+"""Begin of the line that ring_alarm logs when its state changes; a replay shows it."""
 DIAGNOSTICS = '/diagnostics'
 """Absolute, as every tool expects it; statuses there carry the full name of their node."""
 

@@ -21,6 +21,7 @@ from saddlering_ros.record import TestMetadata
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
 from saddlering_ros.ros.launcher import ALARM_NODES, RING_NODES, start_nodes
 from saddlering_ros.ros.messages import to_stamp
+from saddlering_ros.ros.names import STATE_TOLD
 
 pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -71,6 +72,9 @@ def test_the_alarm_of_a_replay_is_that_of_the_command_and_stays_until_it_is_rese
             assert [line.partition(' s: ')[2] for line in alarm.lapses] == [
                 line.partition(' s: ')[2] for line in expected['notes'] if ' s: ' in line]
             assert 'delta_x has differed from its model' in alarm.message
+            said = group.processes['ring_alarm'].said()
+            assert said.count(STATE_TOLD + 'ALARM') == 1, 'a replay shows it'
+            assert STATE_TOLD + 'no alarm' in said
             wait_until(lambda: bool(limits) and not limits[-1].data, what='beyond the limits')
             wait_until(lambda: one.diagnostics.get('/rig1/ring_alarm: alarm', (0, ''))[0] == 2,
                        what='diagnostics tell it')
