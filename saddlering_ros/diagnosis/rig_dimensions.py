@@ -115,8 +115,8 @@ def entries_of(rig: Rig, causes: Sequence[Cause]) -> list[str]:
                 entry = one.entry
                 if name == cause.effect:
                     value, change = one.read(rig), cause.parameters['change'].value
-                    entry += (f' ({value:.4g} {one.unit} in the file, {value + change:.4g} by '
-                              'these data)')
+                    entry += (f' ({value:.4g} {one.unit} in the file, {value + change:.4g} '
+                              f'{one.unit} by these data)')
             entries.setdefault(name, entry)
     return [*filter(None, entries.values())]
 

@@ -195,7 +195,7 @@ def test_a_wrong_dimension_is_told_with_the_entry_as_it_is_and_as_it_should_be()
     cause = SimpleNamespace(effect='rig_axial_span', group=('rig_axial_span', 'film_creep'),
                             parameters={'change': SimpleNamespace(value=-0.05)})
     assert entries_of(default_rig(), [cause]) == [
-        'rig.probes.axial_span (1.3 m in the file, 1.25 by these data)']
+        'rig.probes.axial_span (1.3 m in the file, 1.25 m by these data)']
 
 
 def test_a_size_is_said_with_its_place_its_sign_and_its_unit():
