@@ -144,7 +144,8 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
 def _wait(group: Any, deadline: float, seconds: float | None, shows: bool) -> str | None:
     """Wait for the end of the bag; the last state of its alarm, in words, None without one.
 
-    shows: print each state of the alarm. NodeError if the clock leaves before the end, or does not start.
+    shows: print each state of the alarm. NodeError if the clock leaves before the end, or does
+    not start.
     """
     from saddlering_ros.ros.launcher import last_line
     from saddlering_ros.ros.names import NodeError, STATE_TOLD

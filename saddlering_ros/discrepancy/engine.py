@@ -24,7 +24,7 @@ from saddlering_ros.discrepancy.search.signatures import observed
 from saddlering_ros.discrepancy.search.small_errors import search_among_small_errors
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
-from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs
+from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs, odd_run
 from saddlering_ros.discrepancy.verdict.published import GainMetric, Publication, publish
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
@@ -168,6 +168,8 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
         is_better = not answer.is_beside_error and not any(
             name in cause.group for cause in answer.published.causes)
         answer = answer.doubted([sentence]) if is_better else answer.noted(sentence)
+    elif answer.verdict == 'unknown' and (run := odd_run(strict.space.base, strict.space.problem)):
+        answer = answer.noted(wording.ODD_RUN.format(run))
     return answer, stability, answer.verdict == 'unknown' and bool(
         unshared or is_better or established.other_laws(answer.search))
 

@@ -375,6 +375,18 @@ def test_a_cause_that_acts_in_some_runs_only_is_told_with_these_runs(
         assert answer.verdict == 'unknown'
 
 
+@pytest.mark.parametrize('wrong', [{1}, {1, 2}])
+def test_a_run_without_which_the_others_fit_together_is_told(wrong: set[int]) -> None:
+    """A load cell that was zeroed anew before one of four tests of a ring got no such note."""
+    model = replace(MODEL, channels={'seen': Channel(noise=Noise.white(STD))})
+    runs = [record(number, 0.0, 0.05 * (number in wrong)) for number in range(4)]
+    answer = diagnose(model, runs)
+    assert answer.verdict == 'unknown'
+    told = [words for words in answer.warnings if 'fit together without' in words]
+    assert len(told) == (len(wrong) == 1)
+    assert all(words.startswith('the runs fit together without run 1: ') for words in told)
+
+
 @pytest.mark.parametrize(('confined', 'verdict'), [('cubic', 'unknown'), ('friction', 'named')])
 def test_another_cause_that_fits_better_in_some_runs_takes_the_name(
     confined: str, verdict: str, monkeypatch: pytest.MonkeyPatch,

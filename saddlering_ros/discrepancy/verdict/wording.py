@@ -253,6 +253,8 @@ def remaining_words(explained: float) -> str:
 
 ONE_RUN = 'there is one run only, so that no prediction of another run supports the causes'
 WORSE_RUN = 'in one of the fitted runs the misfit is larger with the causes'
+ODD_RUN = ('the runs fit together without {}: something was different in it, such as the zero of '
+           'a sensor, or it alone shows the cause: repeat this test')
 NO_SMALL_ERRORS = ('the residual is larger than small errors of all effects in the catalogue '
                    'could be')
 AS_LARGE = ('another cause, which is not established, has a large effect too: which of them is '
