@@ -424,7 +424,8 @@ def _limits_alone(
         start=start, watch=replace(watch, on_progress=None)))
     if space.leaves_misfit(space.base):
         space, _ = discrepancy.space_beside_error(space, space.base)
-    return {effect.effect: effect.limit for effect in discrepancy.observed(space).limits}
+    return {effect.effect: effect.limit
+            for effect in discrepancy.observed(discrepancy.with_inputs(space)).limits}
 
 
 def contact_of_sessions(

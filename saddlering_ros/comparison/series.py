@@ -23,9 +23,9 @@ from saddlering_ros import discrepancy
 from saddlering_ros.comparison import sessions
 from saddlering_ros.comparison.sessions import Array, QUANTITIES
 from saddlering_ros.diagnosis.records import PreparedRecord
+from saddlering_ros.diagnosis.rig_dimensions import DIMENSIONS
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.discrepancy import Point
-from saddlering_ros.effects import catalogue
 from saddlering_ros.progress import Watch
 from saddlering_ros.quantities import compact, MAX_LOG, shares_in_words
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
@@ -180,12 +180,16 @@ def series_of(
     law = np.array([start[name] for name in PARAMETER_NAMES])
     moved = [Point(law * (1.0 + CONTACT_STEP * (np.array(PARAMETER_NAMES) == name)))
              for name in PARAMETER_NAMES]
-    predicted = problem.predict([Point(law), *moved])
-    prediction, contact = predicted[:, 0], predicted[:, 1:] - predicted[:, :1]
+    kinds = [*system.persistent, *({name: {'change': dimension.usual}}
+                                   for name, dimension in DIMENSIONS.items())]
+    dimensions = [Point(law, values) for values in kinds[len(system.persistent):]]
+    predicted = problem.predict([Point(law), *moved, *dimensions])
+    prediction, (contact, rigs) = predicted[:, 0], np.split(
+        predicted[:, 1:] - predicted[:, :1], [len(moved)], axis=1)
     nuisances = discrepancy.nuisance_columns(problem, Point(law), prediction)
     ranges = np.array([entry.high - entry.low for entry in system.base_parameters])
     shapes = np.hstack([
-        nuisances[:, nuisances.shape[1] - len(system.persistent):],
+        nuisances[:, nuisances.shape[1] - len(system.persistent):], rigs,
         contact[:, [PARAMETER_NAMES.index(name) for name in QUANTITIES]]])
     errors = np.hstack([
         nuisances, discrepancy.model_error_columns(own_errors, discrepancy.ModelErrorPrior()),
@@ -200,13 +204,14 @@ def series_of(
                                if problem.runs[index].name in names])
         sums.append(SessionSums.of(errors[rows], shapes[rows], residual[rows]))
     evidence = evidence_of(sums[0], sums[1:])
-    if evidence.kind < len(system.persistent):
-        (effect, values), = system.persistent[evidence.kind].items()
-        size = catalogue()[effect].parameters[0]
-        parameter, unit, spread = size.name, size.unit, values[size.name] - size.neutral
+    if evidence.kind < len(kinds):
+        (effect, values), = kinds[evidence.kind].items()
+        kind = next(one for one in (*system.effects, *system.inputs) if one.id == effect)
+        parameter, unit = kind.size.name, kind.size.unit
+        spread = values[parameter] - kind.neutral
     else:
         effect, unit, spread = sessions.CONTACT_CHANGE, '1', CONTACT_STEP
-        parameter = QUANTITIES[evidence.kind - len(system.persistent)]
+        parameter = QUANTITIES[evidence.kind - len(kinds)]
     deviations = np.hypot(evidence.deviations, sessions.DEFINITION * evidence.sizes)
     return ChangeSeries((base, *later), evidence, effect, parameter, unit, spread * evidence.sizes,
                         spread * deviations)

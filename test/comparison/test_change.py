@@ -21,7 +21,7 @@ from saddlering_ros.comparison.change import (
     MakerFigures,
     renewed_between,
 )
-from saddlering_ros.comparison.series import ChangeSeries, Evidence
+from saddlering_ros.comparison.series import ChangeSeries, Evidence, series_of
 from saddlering_ros.comparison.sessions import (
     beside,
     CONTACT_CHANGE,
@@ -35,6 +35,7 @@ from saddlering_ros.comparison.sessions import (
     TwoSessions,
     with_main_cause,
 )
+from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.ring_wording import title_of
 from saddlering_ros.discrepancy import Cause, Estimate, Point
@@ -43,6 +44,7 @@ from saddlering_ros.discrepancy.verdict.results import NOTHING
 from saddlering_ros.errors import BagError
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.html import pictures_of
+from saddlering_ros.progress import Watch
 from saddlering_ros.report.change import (
     change_chart,
     change_text,
@@ -50,7 +52,7 @@ from saddlering_ros.report.change import (
     wear_words,
     write_change_page,
 )
-from saddlering_ros.rig import Instruments, TRUE_TO_SCALE
+from saddlering_ros.rig import Instruments, PARAMETER_NAMES, TRUE_TO_SCALE
 
 
 @pytest.fixture(scope='module')
@@ -132,6 +134,20 @@ def test_probes_that_were_remounted_at_another_span_are_not_a_change_of_the_ring
         'First ask what was remounted between the sessions, and measure: rig.probes.axial_span (')
     rest = with_main_cause(change.diagnosis, 0.2 * cause.visible)
     assert (rest.verdict, rest.causes[0].partial) == ('unknown', True)
+
+
+def test_a_dimension_that_differs_from_one_session_on_has_a_limit_and_a_series(before, grown):
+    limits = {limit['effect']: limit for limit in grown.to_json()['detection_limits']}
+    span = limits['rig_axial_span']
+    assert 0.002 < span['limit'] < 0.02 < span['one_session']
+    assert 'rig_polarity' not in limits, 'a sign has no smallest size'
+    remounted = session(4, dirt(), rig=RIG.changed('probes', 'axial_span', -0.05))
+    prepared = {name: [build_record(RIG, record, held_out=False) for record in records]
+                for name, records in (('first', before), ('second', remounted))}
+    start = dict(zip(PARAMETER_NAMES, TRUE_TO_SCALE.to_array(), strict=True))
+    series = series_of(RIG, prepared, start, Watch('compare'))
+    assert (series.effect, series.parameter, series.unit) == ('rig_axial_span', 'change', 'm')
+    assert series.sizes[0] == pytest.approx(-0.05, abs=2.0 * series.deviations[0])
 
 
 def test_a_probe_whose_sign_was_reversed_in_one_session_is_told_with_its_place():

@@ -319,12 +319,15 @@ def observed(space: ModelSpace) -> Observability:
     """
     settings, chosen = space.settings, dict[tuple[str, int], Signature]()
     effects: dict[str, list[Signature]] = {}
-    for signature in space.signatures:
+    for signature in space.shown:
+        size = signature.effect.size
+        if not size.low <= signature.effect.neutral <= size.high:
+            continue  # An input that is right or wrong, such as a sign, has no smallest size.
         if not signature.effect.first_variant:  # A wider form has the limit of the plain one.
             effects.setdefault(signature.effect.id, []).append(signature)
         if signature.key not in chosen or signature.length > chosen[signature.key].length:
             chosen[signature.key] = signature
-    rate, limits = settings.error_rate / max(shapes_tried(space.signatures), 1), []
+    rate, limits = settings.error_rate / max(shapes_tried(space.shown), 1), []
     for members in effects.values():
         effect, extra = members[0].effect, len(members[0].effect.ordered)
         needed = float(np.sqrt(extra * fisher_limit(rate, extra, space.pairs))) + POWER_QUANTILE
