@@ -1,6 +1,6 @@
 """The content of a bag and all its faults, not only the first one."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 import math
 from pathlib import Path
@@ -98,19 +98,7 @@ def bag_info(
         except BagError as fault:
             problems.append(str(fault))
     problems += [f'{scanned.path}: {problem}' for problem in facts.problems]
-    for name, topic in raw.items():
-        where = f'{scanned.path}: {name}'
-        try:
-            readings.check_values(where, topic.stamps, topic.values)
-            if name == LOAD_TOPIC:
-                readings.check_load_unit(where, topic.values, rig.limits)
-                continue
-            readings.check_probe_unit(where, topic.values, topic.min_range, topic.max_range)
-            if LOAD_TOPIC in raw:
-                readings.check_overlap(
-                    str(scanned.path), raw[LOAD_TOPIC].stamps, name, topic.stamps)
-        except BagError as fault:
-            problems.append(str(fault))
+    problems += _faults(str(scanned.path), raw, rig)
     run, count = None, None
     if not problems:
         read = {**raw, absent: mirrored_topic(rig, raw)} if absent else raw
@@ -136,6 +124,22 @@ def bag_info(
         start=start, duration=math.nan if start is None or stop is None else (stop - start) / 1e9,
         load_range=(lowest, highest), plateaus=count, sha256=scanned.directory.sha256(),
         problems=tuple(dict.fromkeys(problems)), notes=tuple(notes))
+
+
+def _faults(where: str, raw: Mapping[str, RawTopic], rig: Rig) -> Iterator[str]:
+    """The first fault of the readings of each topic."""
+    for name, topic in raw.items():
+        place = f'{where}: {name}'
+        try:
+            readings.check_values(place, topic.stamps, topic.values)
+            if name == LOAD_TOPIC:
+                readings.check_load_unit(place, topic.values, rig.limits)
+                continue
+            readings.check_probe_unit(place, topic.values, topic.min_range, topic.max_range)
+            if LOAD_TOPIC in raw:
+                readings.check_overlap(where, raw[LOAD_TOPIC].stamps, name, topic.stamps)
+        except BagError as fault:
+            yield str(fault)
 
 
 def _topics(

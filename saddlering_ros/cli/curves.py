@@ -16,7 +16,10 @@ from saddlering_ros.errors import BagError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from saddlering_ros.rig import ParameterSet
+    from saddlering_ros.bags.samples import SamplesSummary
+    from saddlering_ros.record import Record
+    from saddlering_ros.rig import ParameterSet, Rig
+    from saddlering_ros.rig.geometry import ZeroReading
 
 
 def _command(
@@ -60,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.record.displacement import measured_stretches
     from saddlering_ros.record.residual import residual_stretches, simulated_stretches
     from saddlering_ros.record.scratch import extremes
-    from saddlering_ros.rig import CHANNELS, load_rig, MICRO_UNITS
+    from saddlering_ros.rig import CHANNELS, load_rig
 
     if args.out == '-' and args.json == '-':
         raise BagError('--out - and --json -: give stdout to one of them only')
@@ -106,6 +109,23 @@ def run(args: argparse.Namespace) -> int:
         for note in notes:
             print(f'saddlering {args.command}: note: {note}', file=sys.stderr)
         return 0
+    doubtful = _show_curves(run, rig, kind, zero, seen)
+    if doubtful:
+        notes = [*notes, f'column validity marks {doubtful} of {seen.count} samples']
+    console = arguments.stdout_console()
+    for note in notes:
+        console.print(f'note: {note}', highlight=False)
+    if args.out is not None:
+        console.print(f'written: {args.out}', highlight=False)
+    return 0
+
+
+def _show_curves(
+    run: Record, rig: Rig, kind: str, zero: ZeroReading, seen: SamplesSummary,
+) -> str:
+    """Print the extent of the curves; the number of doubtful samples by kind, in words."""
+    from saddlering_ros.rig import MICRO_UNITS
+
     console = arguments.stdout_console()
     console.print(
         f'{run.name}: {run.test} test at {math.degrees(run.elevation):g} deg, '
@@ -118,12 +138,5 @@ def run(args: argparse.Namespace) -> int:
         [(name, *('not known' if math.isnan(of[name]) else f'{1e6 * of[name]:.2f}'
                   for of in (seen.lowest, seen.highest, seen.at_peak, seen.last)), unit)
          for name, unit in MICRO_UNITS.items() if seen.count])
-    doubtful = ', '.join(f'{count} {words}' for words, count in seen.validity.items()
-                         if count and words != 'sound')
-    if doubtful:
-        notes = [*notes, f'column validity marks {doubtful} of {seen.count} samples']
-    for note in notes:
-        console.print(f'note: {note}', highlight=False)
-    if args.out is not None:
-        console.print(f'written: {args.out}', highlight=False)
-    return 0
+    return ', '.join(f'{count} {words}' for words, count in seen.validity.items()
+                     if count and words != 'sound')

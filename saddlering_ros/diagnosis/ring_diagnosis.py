@@ -6,11 +6,17 @@ from dataclasses import replace
 from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis import verdict
 from saddlering_ros.diagnosis.next_test import next_test, propose, repeated_laws
-from saddlering_ros.diagnosis.records import build_record, check_set, DiagnosisError, rigs_of
+from saddlering_ros.diagnosis.records import (
+    build_record,
+    check_set,
+    DiagnosisError,
+    PreparedRecord,
+    rigs_of,
+)
 from saddlering_ros.diagnosis.rig_dimensions import certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.diagnosis.verdict import Verdict
-from saddlering_ros.discrepancy import probabilities_of, Settings
+from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
+from saddlering_ros.discrepancy import Diagnosis, probabilities_of, Settings
 from saddlering_ros.doubts.wiring import wiring_first
 from saddlering_ros.effects import catalogue, LawEffect
 from saddlering_ros.errors import Cancelled
@@ -33,14 +39,9 @@ def diagnose_ring(
     """
     if not runs:
         raise DiagnosisError('no runs to diagnose: give at least one')
-    records = [*(build_record(rig, run, held_out=False) for run in runs),
-               *(build_record(rig, run, held_out=True) for run in hold_out)]
-    seen: dict[str, int] = {}
-    for place, record in enumerate(records):  # Runs of one name become 'static_50 (2)' and so on.
-        count = seen[record.run.name] = seen.get(record.run.name, 0) + 1
-        if count > 1:
-            run_blocks = replace(record.run, name=f'{record.run.name} ({count})')
-            records[place] = replace(record, run=run_blocks)
+    records = _with_own_names([
+        *(build_record(rig, run, held_out=False) for run in runs),
+        *(build_record(rig, run, held_out=True) for run in hold_out)])
     fitted = [record.run for record in records if not record.run.held_out]
     if on_progress is not None:
         on_progress(Progress('diagnose', 'contact parameters', 0.0))
@@ -69,21 +70,8 @@ def diagnose_ring(
     diagnosis = diagnosis.unpredicted(verdict.unpredicted(
         figures, system.units))
     law = verdict.contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
-    named = {name for cause in diagnosis.causes for name in cause.group}
-    laws_of_user = sorted(name for name in named if isinstance(catalogue().get(name), LawEffect))
-    notes = [*check_set(records, rig), *diagnosis.warnings]
-    if law.refusal:
-        notes.append('the contact parameters are those of the diagnosis, not of an '
-                     f'identification: {law.refusal}')
-    notes += certificate_notes(rig, diagnosis.causes)
-    notes += repeated_laws(laws_of_user, verdict.signature_cosines(diagnosis))
-    notes += [f'{record.run.name}: {note}' for record in records for note in record.test_run.notes]
-    # Of probes so coarse, the residual may be their rounding.
-    is_coarse = any(quality.is_coarse for run in figures
-                    for quality in run.record.test_run.quality.values())
-    if diagnosis.verdict == 'unknown' and is_coarse and all(
-            misfit.nrmse_before <= misfit.noise_floor
-            for run in figures for misfit in run.channels.values()):
+    notes = _notes(records, rig, diagnosis, law.refusal)
+    if diagnosis.verdict == 'unknown' and _may_be_rounding(figures):
         diagnosis = diagnosis.as_none()
         notes.append('the misfit does not exceed the noise, which includes the rounding of the '
                      'coarse probes')
@@ -103,3 +91,39 @@ def diagnose_ring(
                             probabilities=probabilities_of('unknown', diagnosis.causes))
         sentence = f'Diagnose the bags of each rig separately: {", ".join(rigs)}.'
     return Verdict(diagnosis, figures, tuple(notes), sentence, rig, seed, law)
+
+
+def _with_own_names(records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
+    """The records, of which the second of one name becomes 'static_50 (2)', and so on."""
+    seen: dict[str, int] = {}
+    named = []
+    for record in records:
+        name = record.run.name
+        count = seen[name] = seen.get(name, 0) + 1
+        named.append(record if count == 1 else replace(
+            record, run=replace(record.run, name=f'{name} ({count})')))
+    return named
+
+
+def _notes(
+    records: Sequence[PreparedRecord], rig: Rig, diagnosis: Diagnosis, refusal: str,
+) -> list[str]:
+    """Notes of the set, of the diagnosis and of each run; refusal: why no law was identified."""
+    notes = [*check_set(records, rig), *diagnosis.warnings]
+    if refusal:
+        notes.append('the contact parameters are those of the diagnosis, not of an '
+                     f'identification: {refusal}')
+    named = {name for cause in diagnosis.causes for name in cause.group}
+    laws_of_user = sorted(name for name in named if isinstance(catalogue().get(name), LawEffect))
+    return [*notes, *certificate_notes(rig, diagnosis.causes),
+            *repeated_laws(laws_of_user, verdict.signature_cosines(diagnosis)),
+            *(f'{record.run.name}: {note}' for record in records
+              for note in record.test_run.notes)]
+
+
+def _may_be_rounding(figures: Sequence[RunFigures]) -> bool:
+    """Whether a probe is so coarse that the residual, which is within noise, may be rounding."""
+    return (any(quality.is_coarse for run in figures
+                for quality in run.record.test_run.quality.values())
+            and all(misfit.nrmse_before <= misfit.noise_floor
+                    for run in figures for misfit in run.channels.values()))

@@ -59,6 +59,18 @@ class ContactLaw:
     reasons_after: Mapping[str, str]
     refusal: str = ''
 
+    def as_dict(self) -> dict[str, Any]:
+        """The section `parameters` of the JSON."""
+        return {
+            'before': {name: estimate.value for name, estimate in self.before.items()},
+            'after': {key: number for name, estimate in self.after.items() for key, number in (
+                (name, estimate.value),
+                (f'{name}_std', None if name in self.reasons_after else estimate.std))},
+            'before_std': {name: None if name in self.reasons_before else estimate.std
+                           for name, estimate in self.before.items()},
+            'undetermined': {
+                'before': dict(self.reasons_before), 'after': dict(self.reasons_after)}}
+
 
 def contact_law(diagnosis: Diagnosis, alone: Identification | str, elevations: int) -> ContactLaw:
     """The contact law of the fitted runs, alone and after a diagnosis.
@@ -185,16 +197,7 @@ class Verdict:
                  'test': figures.record.test_run.test, 'held_out': figures.record.run.held_out,
                  'channels': {name: vars(misfit) for name, misfit in figures.channels.items()}}
                 for figures in self.runs],
-            'parameters': {
-                'before': {name: estimate.value for name, estimate in law.before.items()},
-                'after': {key: number for name, estimate in law.after.items() for key, number in (
-                    (name, estimate.value),
-                    (f'{name}_std', None if name in law.reasons_after else estimate.std))},
-                'before_std': {
-                    name: None if name in law.reasons_before else estimate.std
-                    for name, estimate in law.before.items()},
-                'undetermined': {
-                    'before': dict(law.reasons_before), 'after': dict(law.reasons_after)}},
+            'parameters': law.as_dict(),
             'next_test': self.next_test,
             **diagnosis.certainty(),
             'simulated_tests': [

@@ -1,6 +1,6 @@
 """The result of an identification, and its JSON."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 import math
@@ -101,7 +101,7 @@ INTERVALS = (
 
 def identification_text(identification: Identification) -> str:
     """Method, evaluations, chi square, values with errors, bounds, correlations, notes."""
-    source, contact = identification.parameters.source, identification.parameters.contact
+    source = identification.parameters.source
     lines = [
         '[[Identification]]',
         f'    method              = {identification.method}',
@@ -119,28 +119,9 @@ def identification_text(identification: Identification) -> str:
         *(f'    {parameter_words(name, identification.parameter_entry(index, name))}'
           for index, name in enumerate(PARAMETER_NAMES)),
         f'    {INTERVALS}',
-        '[[Stiffness in N/mm^n, as in ADAMS]]']
-    ratios = line_contact_ratios(contact)
-    for row, stiffness, exponent in (
-            ('K1 (axial rows)', contact.K1, contact.n1),
-            ('K2 (radial row)', contact.K2, contact.n2)):
-        value = stiffness_per_millimetre(stiffness, exponent)
-        is_open = {f'K{row[1]}', f'n{row[1]}'} & identification.reasons.keys()
-        lines.append(
-            f'    {row}: {"best known " if is_open else ""}'
-            f'{quantity(value, "N/mm^n", digits=5)}, {significant(ratios[row[:2]], 2)} '
-            'of one roller in Palmgren line contact (at 0.1 mm)')
-    # How much each imperfection, which no fit can see, would change the free parameters.
-    words_of = {one.name: one.words for one in uncertainty.IMPERFECTIONS}
-    lines.append('[[Effect of small imperfections of the rig]]')
-    for name, shift in identification.systematic.items():
-        words = [
-            f'{parameter} {value:+.3f}' if parameter[0] == 'n'
-            else f'{parameter} {100.0 * np.expm1(np.clip(value, -9, 9)):+.1f} %'
-            for parameter, value in zip(PARAMETER_NAMES, shift, strict=True)
-            if np.isfinite(value) and abs(value) >= 5e-4]
-        lines.append(f'    {words_of.get(name, name)}: {", ".join(words) or "no change"}')
-    lines.append(f'[[Correlations]] (below {CORRELATION_THRESHOLD} not shown)')
+        '[[Stiffness in N/mm^n, as in ADAMS]]', *_stiffness_lines(identification),
+        '[[Effect of small imperfections of the rig]]', *_imperfection_lines(identification),
+        f'[[Correlations]] (below {CORRELATION_THRESHOLD} not shown)']
     pairs = {(first, second): float(identification.correlation[i, j])
              for (i, first), (j, second) in combinations(enumerate(PARAMETER_NAMES), 2)}
     lines += [
@@ -151,6 +132,31 @@ def identification_text(identification: Identification) -> str:
     if identification.notes:
         lines += ['[[Notes]]', *(f'    {note}' for note in identification.notes)]
     return '\n'.join(lines)
+
+
+def _stiffness_lines(identification: Identification) -> Iterator[str]:
+    contact = identification.parameters.contact
+    ratios = line_contact_ratios(contact)
+    for row, stiffness, exponent in (
+            ('K1 (axial rows)', contact.K1, contact.n1),
+            ('K2 (radial row)', contact.K2, contact.n2)):
+        value = stiffness_per_millimetre(stiffness, exponent)
+        is_open = {f'K{row[1]}', f'n{row[1]}'} & identification.reasons.keys()
+        yield (f'    {row}: {"best known " if is_open else ""}'
+               f'{quantity(value, "N/mm^n", digits=5)}, {significant(ratios[row[:2]], 2)} '
+               'of one roller in Palmgren line contact (at 0.1 mm)')
+
+
+def _imperfection_lines(identification: Identification) -> Iterator[str]:
+    """How much each imperfection, which no fit can see, would change the free parameters."""
+    words_of = {one.name: one.words for one in uncertainty.IMPERFECTIONS}
+    for name, shift in identification.systematic.items():
+        words = [
+            f'{parameter} {value:+.3f}' if parameter[0] == 'n'
+            else f'{parameter} {100.0 * np.expm1(np.clip(value, -9, 9)):+.1f} %'
+            for parameter, value in zip(PARAMETER_NAMES, shift, strict=True)
+            if np.isfinite(value) and abs(value) >= 5e-4]
+        yield f'    {words_of.get(name, name)}: {", ".join(words) or "no change"}'
 
 
 def parameter_words(name: str, entry: Mapping[str, Any]) -> str:

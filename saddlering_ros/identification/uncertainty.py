@@ -32,11 +32,11 @@ class Imperfection:
 
     name: str
     words: str
-    load: Callable[[Array, float], Array] = lambda load, full_scale: load
+    load: Callable[[Array, float], Array] = lambda load, full_scale: load  # both [N]
     rig: Callable[[Rig], Rig] = lambda rig: rig
-    elevation: float = 0.0
-    delay: float = 0.0
-    reading: Callable[[Array], Array] = lambda increments: increments
+    elevation: float = 0.0  # [rad], added
+    delay: float = 0.0  # [s] of the probes
+    reading: Callable[[Array], Array] = lambda increments: increments  # (B, 3, N) [m, m, rad]
 
 
 def _parabola(height: float, load: Array, full_scale: float) -> Array:
@@ -119,7 +119,7 @@ class Uncertainty:
     covariance: Array  # (6, 6)
     noise_covariance: Array  # (6, 6), by noise alone: changes by another test of the same ring
     correlation: Array  # (6, 6)
-    intervals: dict[str, tuple[float, float] | None]
+    intervals: dict[str, tuple[float, float] | None]  # 95 %, in the units; None if open
     systematic: dict[str, Array]  # shift (6,) in coordinates by imperfection
     reasons: dict[str, str]  # why a parameter is open, by name
     collinearity: dict[str, float]  # by subset of names ('K1,n1')
@@ -164,13 +164,6 @@ def assess(
     std = np.sqrt(np.diag(whole))
     elevations = distinct_elevations(one.elevation for one in objective.observations)
     reasons = _reasons(space, best, systematic, deviations, elevations, misfit_advice)
-    intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(PARAMETER_NAMES)
-    for position, index in enumerate(space.free):
-        if PARAMETER_NAMES[index] in reasons:
-            continue
-        ends = best.point[position] + WIDTH_95 * deviations[0][index] * np.array([-1.0, 1.0])
-        low, high = np.exp(ends) if space.logarithmic[index] else ends
-        intervals[PARAMETER_NAMES[index]] = (float(low), float(high))
     # Shares of the variance by source: GUM, JCGM 100, 5.1.
     variances = {'noise': np.diag(by_noise), 'unequal_rollers': np.diag(by_rollers),
                  **{name: shift**2 for name, shift in of_instruments.items()}}
@@ -180,7 +173,7 @@ def assess(
         covariance=whole,
         noise_covariance=_with_bounds_alone(by_noise * np.outer(scale, scale), space, bounds),
         correlation=np.asarray(whole / np.outer(std, std)),
-        intervals=intervals,
+        intervals=_intervals(space, best, deviations[0], reasons),
         systematic=systematic,
         reasons=reasons,
         collinearity=collinearity(best.jacobian, space.names),
@@ -249,6 +242,20 @@ def _reasons(
             name, [deviation[index] for deviation in deviations],
             abs(float(systematic[worst.name][index])), worst.words, elevations, misfit_advice)
     return {name: reason for name, reason in reasons.items() if reason is not None}
+
+
+def _intervals(
+    space: SearchSpace, best: Refinement, deviations: Array, reasons: Mapping[str, str],
+) -> dict[str, tuple[float, float] | None]:
+    """95 % intervals, None of an open parameter; deviations (6,) in coordinates."""
+    intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(PARAMETER_NAMES)
+    for position, index in enumerate(space.free):
+        if PARAMETER_NAMES[index] in reasons:
+            continue
+        ends = best.point[position] + WIDTH_95 * deviations[index] * np.array([-1.0, 1.0])
+        low, high = np.exp(ends) if space.logarithmic[index] else ends
+        intervals[PARAMETER_NAMES[index]] = (float(low), float(high))
+    return intervals
 
 
 def _spread_over_six(values: Array, space: SearchSpace) -> Array:

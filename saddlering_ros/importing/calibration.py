@@ -159,10 +159,7 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
             if number > 1:
                 raise ImportingError(f'{path}, line {number}: {line!r} is not two numbers: '
                                      'correct the table') from problem
-            # 'mm', 'gap [mm]', 'gap (mm)' or 'gap in mm'
-            brackets = [re.search(r'[\[(]\s*([^\])]+?)\s*[\])]', cell) for cell in cells]
-            heading = [known_unit(bracket[1] if bracket else cell.split()[-1] if cell else '')
-                       for cell, bracket in zip(cells, brackets, strict=True)]
+            heading = list(map(_unit_of_heading, cells))
     if heading[0] not in (None, reading_unit):
         raise ImportingError(f'{path}: its readings are in {heading[0].name}, the map gives the '
                              f'column in {reading_unit.name}: correct one')
@@ -176,6 +173,12 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
                              'least two lines: sort the table')
     readings, values = zip(*sorted(rows), strict=True)
     return Table(unit, readings, values, path)
+
+
+def _unit_of_heading(text: str) -> Unit | None:
+    """The unit of 'mm', 'gap [mm]', 'gap (mm)' or 'gap in mm'."""
+    bracket = re.search(r'[\[(]\s*([^\])]+?)\s*[\])]', text)
+    return known_unit(bracket[1] if bracket else text.split()[-1] if text else '')
 
 
 Stamps = NDArray[np.int64]

@@ -110,13 +110,7 @@ def import_files(
     sources = open_sources(files, mapping.csv)
     hashes = '; '.join(f'{file.name} sha256 {sha256_of_file(file)}' for file in files)
     feeds = feeds_of(sources, mapping)
-    ranges = {channel.name: channel.range for channel in mapping.channels}
-    for channel in mapping.channels:
-        if channel.topic.type == RANGE_TYPE and not channel.range:
-            if rig is None:
-                raise ImportingError(f'channels.{channel.name}: the range of the probe is not '
-                                     'stated: give range: [low, high] in metres, or --rig')
-            ranges[channel.name] = rig.probes.min_range, rig.probes.max_range
+    ranges = _ranges(mapping, rig)
     runs: list[ImportedRun] = []
     by_run = [groupby(feed.parts(), key=itemgetter(0)) for feed in feeds]
     for streams in zip_longest(*by_run):
@@ -125,11 +119,8 @@ def import_files(
                                  'gaps, or values of the split column, at different places')
         (number, label), _ = streams[0]
         metadata = _metadata(mapping, number, label, hashes, rig)
-        path = out
-        if mapping.split is not None:
-            name = re.sub(r'[^\w.+-]+', '_', metadata.run).strip('._') or f'run_{number + 1}'
-            names = [name, *(f'{name}-{count}' for count in range(2, len(runs) + 2))]
-            path = next(out / name for name in names if out / name not in [r.path for r in runs])
+        path = out if mapping.split is None else _path_below(
+            out, metadata.run, number, [run.path for run in runs])
         parts = [(feed, stream) for feed, (_, stream) in zip(feeds, streams, strict=True)]
         topics = {channel.topic.name: channel.topic.type for channel in mapping.channels}
         with BagWriter(path, topics, metadata.as_text(), overwrite=overwrite) as writer:
@@ -152,6 +143,25 @@ def import_files(
                         'in time:')
     warnings = [line for source in sources for line in source.warnings]
     return ImportResult(tuple(runs), tuple(warnings))
+
+
+def _ranges(mapping: ImportMap, rig: Rig | None) -> dict[str, tuple[float, ...]]:
+    """The range [m] of each probe by its channel: that of the map, or else of the rig."""
+    ranges = {channel.name: channel.range for channel in mapping.channels}
+    for channel in mapping.channels:
+        if channel.topic.type == RANGE_TYPE and not channel.range:
+            if rig is None:
+                raise ImportingError(f'channels.{channel.name}: the range of the probe is not '
+                                     'stated: give range: [low, high] in metres, or --rig')
+            ranges[channel.name] = rig.probes.min_range, rig.probes.max_range
+    return ranges
+
+
+def _path_below(out: Path, run: str, number: int, taken: Sequence[Path]) -> Path:
+    """A path below `out` for the run of this name, or of this number, that no other run has."""
+    name = re.sub(r'[^\w.+-]+', '_', run).strip('._') or f'run_{number + 1}'
+    names = [name, *(f'{name}-{count}' for count in range(2, len(taken) + 2))]
+    return next(out / name for name in names if out / name not in taken)
 
 
 def _metadata(
