@@ -34,7 +34,7 @@ def loop_parameters(presliding_unit: str, low: float, high: float,
 
 
 def hysteron(limit: float, values: Mapping[str, float]) -> Hysteron:
-    """The friction element of height `limit` with the loop parameters in `values`."""
+    """The friction element of height `limit` [N, N m or rad] with the loop parameters."""
     return Hysteron(limit, values['presliding'], values['sharpness'], values['initial'])
 
 

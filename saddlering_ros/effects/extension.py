@@ -23,7 +23,8 @@ NO_PROBE: Four = (0.0, 0.0, 0.0, 0.0)
 class Hysteron:
     """A rate-free friction element: z in [-1, 1] follows a coordinate, the force is limit times z.
 
-    limit: force (or angle, or moment) at full slip; presliding: travel over which it builds up;
+    limit: force [N] (or angle [rad], or moment [N m]) at full slip; presliding: travel [m] (or
+    rad, or N) over which it builds up;
     sharpness: 0 exponential approach (Dahl, LuGre at low speed), 1 elastic-plastic (Jenkins),
     linear mixture between; initial: z at the start of the record.
     """
@@ -155,17 +156,17 @@ class RingExtension:
     radial_compliance: float = in_ring(READING, 0.0)  # delta_x += c F_x [m/N]
     axial_compliance: float = in_ring(READING, 0.0)  # delta_y += c F_y [m/N]
     tilt_compliance: float = in_ring(READING, 0.0)  # gamma += c M [rad/(N m)]
-    opening_compliance: float = in_ring(READING, 0.0)  # gamma += c max(0, M - M0)
+    opening_compliance: float = in_ring(READING, 0.0)  # gamma += c max(0, M - M0) [rad/(N m)]
     opening_moment: float = in_ring(READING, 0.0)  # M0 [N m]
     opening_spread: float = in_ring(READING, 0.0)  # w: M0 spread over M0 - w to M0 + w [N m]
     creep_radial: float = in_ring(READING, 0.0)  # delta_x += c LP_T(delta_x)
     creep_axial: float = in_ring(READING, 0.0)  # delta_y, gamma += c LP_T(.)
     creep_time: float = in_ring(READING, 10.0)  # T [s]
     settling_x: float = in_ring(READING, 0.0)  # delta_x += s max P so far [m/N]
-    settling_y: float = in_ring(READING, 0.0)
+    settling_y: float = in_ring(READING, 0.0)  # [m/N]
     settling_tilt: float = in_ring(READING, 0.0)  # [rad/N]
     resonance_frequency: float = in_ring(READING, 0.0)  # second mode [rad/s]; 0: none
-    resonance_damping: float = in_ring(READING, 0.05)
+    resonance_damping: float = in_ring(READING, 0.05)  # share of the critical damping
     # Share of the motion in the second mode, of delta_x, delta_y, gamma
     resonance_share: Three = in_ring(READING, (1.0, 1.0, 1.0))
     # Measurement
@@ -177,10 +178,10 @@ class RingExtension:
     probe_lag: Four = in_measurement(NO_PROBE)  # low-pass, both time constants [s]
     probe_lag_second: Four = in_measurement(NO_PROBE)  # share of them in a second stage
     pickup_cosine: Four = in_measurement(NO_PROBE)  # d_i += a cos(w t) + b sin(w t) [m]
-    pickup_sine: Four = in_measurement(NO_PROBE)
+    pickup_sine: Four = in_measurement(NO_PROBE)  # [m]
     pickup_frequency: float = in_measurement(50.0)  # [Hz]
     saturation_low: Four = in_measurement((-1.0, -1.0, -1.0, -1.0))  # d_i clipped here [m]
-    saturation_high: Four = in_measurement((1.0, 1.0, 1.0, 1.0))
+    saturation_high: Four = in_measurement((1.0, 1.0, 1.0, 1.0))  # [m]
     clock_offset: float = in_measurement(0.0)  # probes' clock = load's clock + tau [s]
     clock_skew: float = in_measurement(0.0)  # ... + skew * time [s/s]
 

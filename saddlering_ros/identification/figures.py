@@ -49,9 +49,9 @@ class ChannelFigures:
     """
 
     unit: str
-    range: float  # highest less lowest reading measured (plateau means, or smoothed samples)
+    range: float  # highest minus lowest reading measured (plateau means, or smoothed samples)
     zero_error: float  # mean residual, within three standard errors of the zero
-    rmse: float  # over the compared samples, less zero_error
+    rmse: float  # over the compared samples, minus zero_error
     nrmse: float | None  # rmse over the range
     noise_floor: float | None  # rms noise over the range
     sound: float | None  # small errors of a sound ring over the range
@@ -59,15 +59,15 @@ class ChannelFigures:
     bias: float  # mean of measured - simulated; zero_error included, as in all that follow
     slope_ratio: float | None  # slope of measured over simulated
     loop_area: float | None  # measured minus simulated area over load, as a share of both ranges
-    loop_area_measured: float | None
+    loop_area_measured: float | None  # share of both ranges, as the next
     loop_area_simulated: float | None
     zero_return: float  # residual left at the end
     time_shift: float | None  # [s]: how much later the measurement is; None: a static run
     iso18571: float | None  # overall rating, 0 to 1
-    iso18571_parts: dict[str, float] | None
+    iso18571_parts: dict[str, float] | None  # ratings of `Rating`, 0 to 1
     comparison_error: float  # E
     validation_uncertainty: float  # u_val
-    e_over_uval: float | None
+    e_over_uval: float | None  # E over u_val
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class RunValidation:
     channels: dict[str, ChannelFigures]
     time: Array = field(repr=False)  # (N,) [s]
     load: Array = field(repr=False)  # (N,) [N]
-    measured: Array = field(repr=False)  # (4, N) in the order of CHANNELS
+    measured: Array = field(repr=False)  # (4, N) in the order of CHANNELS [m, m, rad, m]
     simulated: Array = field(repr=False)  # (4, N)
     compared: NDArray[np.bool_] = field(repr=False)  # samples that count
     notes: tuple[str, ...] = ()

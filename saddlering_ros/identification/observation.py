@@ -31,7 +31,7 @@ from saddlering_ros.ring.sensitivity import load_sensitivity
 class LoadErrors(NamedTuple):
     """M independent errors of a run's load of unit variance, in its readings and simulation."""
 
-    answers: Array  # (M, 3, N): change of simulated increments by each error
+    answers: Array  # (M, 3, N) [m, m, rad]: change of simulated increments by each error
     loads: Array  # (M, N) [N]: each error at the times of the readings
     at_zero: Array  # (M,) [N]: at the zero
 
@@ -48,7 +48,7 @@ class Observation:
 
     name: str
     dynamic: bool
-    elevation: float
+    elevation: float  # [rad]
     time: Array  # (N,) [s]
     load: Array  # (N,) [N]
     zero_load: float  # [N]
@@ -56,10 +56,10 @@ class Observation:
     branch: Array  # (N,) +1 loading, -1 unloading, 0 neither
     whitening: tuple[Whitener, ...]  # of each channel; 0 where a reading is missing
     correlation: Array  # (3, 3) of the whitened channels
-    zero_error: Array  # (3,): standard deviation of the zero, which all readings share
-    standard_error: Array  # (3, N) of each reading, that of the zero included
-    fine_time: Array  # (N * per_block,)
-    fine_load: Array  # (N * per_block,)
+    zero_error: Array  # (3,) [m, m, rad]: standard deviation of the zero, which readings share
+    standard_error: Array  # (3, N) [m, m, rad] of each reading, that of the zero included
+    fine_time: Array  # (N * per_block,) [s]
+    fine_load: Array  # (N * per_block,) [N]
     per_block: int = 1
     spans: NDArray[np.intp] | None = None  # (N, 2), start and stop of plateaus in the fine grid
     load_errors: LoadErrors | None = None  # effect of the load cell's noise
@@ -68,7 +68,7 @@ class Observation:
     _unmixings: dict[tuple[int, ...], Array] = field(default_factory=dict, init=False, repr=False)
 
     def coarse(self, longest_step: float | None = None) -> Observation:
-        """The same run, simulated at its readings only, which is enough for a swarm."""
+        """The same run, simulated at its readings only (for a swarm), in steps [s]."""
         return replace(self, fine_time=self.time, fine_load=self.load, per_block=1, spans=None,
                        longest_step=longest_step)
 

@@ -62,13 +62,13 @@ class PreparedRun:
 
     run: Record
     measured: MeasuredRun
-    displacement: Array
-    load: Array  # (N,) that the model is driven with
-    explained: Array  # (3, N): what the load explains of the displacement at rest
+    displacement: Array  # (3, N) [m, m, rad], NaN where unknown
+    load: Array  # (N,) [N] that the model is driven with
+    explained: Array  # (3, N) [m, m, rad]: what the load explains of the displacement at rest
     rests: list[tuple[int, int]]
     branch: Array | None  # (M,): of the plateaus of a static run
     interval: float  # [s]
-    parity: Array  # (N,): as `parity_at_rest` has it
+    parity: Array  # (N,) [m]: as `parity_at_rest` has it
     rows: NDArray[np.intp]
     time: Array  # [s]
     rounding: Array | None = None  # (3, N): errors of coarse converters that rest hides
@@ -145,7 +145,10 @@ def without_pauses(time: Array, rests: rest.Stretches) -> tuple[NDArray[np.intp]
 
 
 def block_sizes(interval: float, samples: int, fit_rate: float | None) -> tuple[int, int]:
-    """Number of samples in a block of the fit grid, and of its simulated steps."""
+    """Number of samples in a block of the fit grid, and of its simulated steps.
+
+    interval [s] of the samples; fit_rate [Hz].
+    """
     if fit_rate is None:
         return 1, 1
     size = max(1, int(round(1.0 / (fit_rate * interval))), int(np.ceil(samples / MAX_SAMPLES)))

@@ -38,8 +38,8 @@ class SwarmSettings:
 
     particles: int = 20
     iterations: int = 50
-    cognitive: float = 1.2
-    social: float = 1.7
+    cognitive: float = 1.2  # c1, towards a particle's own best place
+    social: float = 1.7  # c2, towards the best place of all
     inertia_start: float = 0.9
     inertia_end: float = 0.4
     velocity_limit: float = 0.2

@@ -46,10 +46,10 @@ class Carriage:
 
 @dataclass(frozen=True)
 class Trunnion:
-    """Where the load acts on the upper ring, relative to C [m]."""
+    """Where the load acts on the upper ring, relative to C."""
 
-    x: float
-    y: float
+    x: float  # [m] to the rear
+    y: float  # [m] upwards
 
 
 OPPOSITE = {1: 3, 3: 1}
@@ -62,7 +62,7 @@ class Probes:
 
     axial_span: float  # [m] of the axial pair
     radial_height: float  # [m] of the radial pair
-    polarity: tuple[float, float, float, float]
+    polarity: tuple[float, float, float, float]  # 1 or -1: d = polarity (gap - zero)
     min_range: float  # [m], of the gap
     max_range: float  # [m]
     absent: int = 0  # number of the radial probe that the rig lacks, 1 or 3; 0: none
@@ -98,9 +98,10 @@ DEFAULT_BOUNDS: dict[str, Pair] = {
 class Rig:
     """The whole rig; every default is a project assumption, not a measured dimension.
 
-    radial_row is called middle_row in files. full_scale_time [s]: the shortest time in which the
-    hydraulics change the load by full scale. instruments: what certificates state; wear_limits:
-    the user's own [m], by the names of WEAR_LIMITS. source: its file, '' for none.
+    radial_row is called middle_row in files. Preload and full scale are in N. full_scale_time [s]:
+    the shortest time in which the hydraulics change the load by full scale. instruments: what
+    certificates state; wear_limits: the user's own [m], by the names of WEAR_LIMITS. source: its
+    file, '' for none.
     """
 
     axial_rows: RollerRow

@@ -102,11 +102,11 @@ def displacement_to_probes(probes: Probes, displacement: Displacement) -> NDArra
 
 @dataclass(frozen=True)
 class ResolvedLoad:
-    """Force [N] and moment [N m] at C, load-positive; the dead weight is not in it."""
+    """The load at C, as (...) arrays; the dead weight is not in it."""
 
-    force_x: NDArray[np.float64]
-    force_y: NDArray[np.float64]
-    moment: NDArray[np.float64]
+    force_x: NDArray[np.float64]  # [N] to the rear
+    force_y: NDArray[np.float64]  # [N] upwards
+    moment: NDArray[np.float64]  # [N m] in the sense of gamma
 
 
 def resolve_load(rig: Rig, load: ArrayLike, elevation: ArrayLike) -> ResolvedLoad:

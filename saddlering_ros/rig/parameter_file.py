@@ -120,15 +120,15 @@ EXPONENTS = (0.5, 5.0)
 class ContactParameters:
     """Force law of the contact units, F = max(0, K p^n + s(p) D dp/dt); 1: axial, 2: radial row.
 
-    K [N/m^n], n [-], D [N s/m]; the names are the published model's.
+    The names are the published model's; docs/ring.md has the law.
     """
 
-    K1: float
+    K1: float  # [N/m^n1]
     n1: float
-    D1: float
-    K2: float
+    D1: float  # [N s/m]
+    K2: float  # [N/m^n2]
     n2: float
-    D2: float
+    D2: float  # [N s/m]
 
     def __post_init__(self) -> None:
         for name in PARAMETER_NAMES:
@@ -147,7 +147,7 @@ class ContactParameters:
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> ContactParameters:
-        """From six numbers in the order of `PARAMETER_NAMES`."""
+        """From six numbers in the order of `PARAMETER_NAMES`, shape (6,)."""
         array = np.asarray(values, dtype=np.float64)
         if array.shape != (6,):
             raise RigError(f'contact parameters have shape {array.shape}: six numbers are needed')

@@ -1,4 +1,4 @@
-"""The mechanics of the ring: contact, equilibrium, dynamics; a readable reference and kernels."""
+"""The mechanics of the ring: contact, equilibrium, dynamics, tangents; compiled in `kernels/`."""
 
 from saddlering_ros.ring.simulator import (
     dynamic_batch,

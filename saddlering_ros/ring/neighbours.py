@@ -54,15 +54,15 @@ def has_tangent(centre: Candidate, neighbour: Candidate) -> bool:
 
 @dataclass(frozen=True)
 class _Record:
-    """A run: time, load (N,), its zero; readings are means over the blocks [starts, stops)."""
+    """A run under its load; readings are means over the blocks [starts, stops)."""
 
-    elevation: float
-    time: Floats
-    load: Floats
-    zero_load: float
-    max_step: float
-    starts: Places
-    stops: Places
+    elevation: float  # [rad]
+    time: Floats  # (N,) [s]
+    load: Floats  # (N,) [N]
+    zero_load: float  # [N]
+    max_step: float  # [s]
+    starts: Places  # (B,)
+    stops: Places  # (B,)
 
     def means(self, readings: Floats) -> Floats:
         """Block means (P, 4, B) of readings (P, N, 4)."""

@@ -103,7 +103,7 @@ def known_errors(
 ) -> list[Floats]:
     """Changes of a prediction by one standard deviation of each quantity of `known_rigs`.
 
-    The changes by the square of each follow. usual: the prediction for `rig` itself.
+    The changes by the square of each follow. usual (...): the prediction for `rig` itself.
     """
     sides = [(predict(above), predict(below)) for above, below in known_rigs(rig)]
     return [*(0.5 * (above - below) for above, below in sides),

@@ -34,7 +34,7 @@ from saddlering_ros.ring.simulator import check_simulation, dynamic_batch
 
 
 class FollowedMotion:
-    """Motion (3, N) of a contact law (6,) from rest at load[0], NaN where a step failed."""
+    """Motion (3, N) [m, m, rad] of a contact law (6,) from rest at load[0]; NaN if steps fail."""
 
     def __init__(self, rig: Rig, contact: ArrayLike, elevation: float, time: ArrayLike,
                  load: ArrayLike, max_step: float = 1e-3) -> None:
@@ -81,13 +81,16 @@ class MotionPath:
 
     time: Floats  # (M,) [s]
     load: Floats  # (M,) [N]
-    motion: Floats  # (M, 3)
+    motion: Floats  # (M, 3) [m, m, rad]
     samples: NDArray[np.intp]  # (N,): their steps
-    readings: Floats  # (N, 4)
+    readings: Floats  # (N, 4) [m]
     records: Floats  # (M, width): sums over the rollers, for tangents (kernels/courses.py)
 
     def read_by(self, model: Model, zero_load: float, time: Floats, load: Floats) -> MotionPath:
-        """The same motion as read by a model with other additions; NaN if steps failed."""
+        """The same motion as read by a model with other additions; NaN if steps failed.
+
+        zero_load [N]; time (N,) [s], load (N,) [N]: of the samples.
+        """
         readings = np.empty((time.size, 4))
         courses.read_courses(model, zero_load, time, load, self.motion[self.samples],
                              *courses.UNCHANGED, readings[None])
@@ -131,7 +134,7 @@ def tangents_along(model: Model, rows: Rows, law: Floats, external: Floats, fric
 
 
 def external_along(model: Model, zero_load: float, path: MotionPath) -> Floats:
-    """Force and moment on the ring (M, 3) at every step."""
+    """Force [N] and moment [N m] on the ring (M, 3) at every step."""
     external = np.empty((path.time.size, 3))
     courses.load_course(model, zero_load, path.load, external)
     return external

@@ -270,13 +270,13 @@ def static_batch(rig: Rig, contacts: ArrayLike, elevation: float, loads: ArrayLi
 
 
 def static_response(rig: Rig, contact: ArrayLike, elevation: float, loads: ArrayLike) -> Floats:
-    """Absolute equilibrium (3, N) of one contact law (6,) at loads (N,)."""
+    """Absolute equilibrium (3, N) [m, m, rad] of one contact law (6,) at loads (N,) [N]."""
     return np.asarray(static_batch(rig, np.atleast_2d(np.asarray(contact)), elevation, loads)[0])
 
 
 def dynamic_batch(rig: Rig, contacts: ArrayLike, elevation: float, time: ArrayLike,
                   load: ArrayLike, max_step: float = 1e-3) -> Floats:
-    """Absolute motion (B, 3, N) of each contact law (B, 6) over a record, at rest at load[0].
+    """Absolute motion (B, 3, N) [m, m, rad] of laws (B, 6) over a record, at rest at load[0].
 
     NaN where a time step did not converge, and everywhere for a law that is not finite. Raises
     SimulationError if time, a load, the elevation or the step is not finite.
