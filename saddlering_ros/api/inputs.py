@@ -10,7 +10,7 @@ import importlib
 import math
 import os
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any, Protocol, TYPE_CHECKING
 
 import numpy as np
 
@@ -37,7 +37,16 @@ class ApiError(SaddleringError):
 RigLike = Rig | Path | str | None
 """A rig, a rig file, or None for that of SADDLERING_RIG, or else for the shipped rig."""
 
-ParametersLike = Any
+
+class HasParameters(Protocol):
+    """A result that found contact parameters."""
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """Contact law and effects."""
+
+
+ParametersLike = ParameterSet | HasParameters | Path | str
 """Contact parameters: a `ParameterSet`, a parameter file, or a result that found some."""
 
 Columns = Mapping[str, Any]

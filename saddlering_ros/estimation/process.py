@@ -1,7 +1,8 @@
 """The noise of one channel as a process: white noise, relaxations, and a held part of a converter.
 
-White noise, Ornstein-Uhlenbeck noise and a random walk have a closed covariance between block
-means. A non-negative mixture of them therefore describes noise at any spacing of samples.
+White noise, Ornstein-Uhlenbeck (OU) noise and a random walk have a closed covariance between
+block means (D. T. Gillespie, Phys. Rev. E 54 (1996) 2084). A non-negative mixture of them
+therefore describes noise at any spacing of samples.
 """
 
 from __future__ import annotations

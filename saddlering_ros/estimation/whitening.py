@@ -1,4 +1,8 @@
-"""Residuals whitened by a noise process in O(N): even and uneven samples, block means, gaps."""
+"""Residuals whitened by a noise process in O(N): even and uneven samples, block means, gaps.
+
+The covariance of T relaxations is semiseparable, and its Cholesky factor has T numbers a sample
+(Foreman-Mackey, Agol, Ambikasaran and Angus, Astron. J. 154 (2017) 220).
+"""
 
 from __future__ import annotations
 
@@ -22,11 +26,11 @@ class Whitener:
     rounding.
     """
 
-    ahead: Array
-    gaps: Array
-    inside: Array
-    pivots: Array
-    gains: Array
+    ahead: Array  # (N, T): covariance of a sample with what its first edge carries on
+    gaps: Array  # (N, T): decay over the gap before a sample
+    inside: Array  # (N, T): decay over the sample itself
+    pivots: Array  # (N,): squares of the diagonal of L, infinite where a sample is missing
+    gains: Array  # (N, T): what a whitened sample adds to the state of each relaxation
 
     @property
     def present(self) -> Array:

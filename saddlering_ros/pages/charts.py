@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import matplotlib
+from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -241,7 +242,7 @@ def draw(chart: Chart) -> Figure:
         return figure
 
 
-def _draw_panel(axes: Any, panel: Panel, *, is_small: bool) -> None:
+def _draw_panel(axes: Axes, panel: Panel, *, is_small: bool) -> None:
     for band in panel.bands:
         axes.axhspan(band.low, band.high, color=NOISE, alpha=band.opacity, lw=0.0)
     for level in panel.levels:

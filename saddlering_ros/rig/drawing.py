@@ -1,12 +1,14 @@
 """The drawing of a rig in the plane of the load, and the draft of a commented rig file."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 import io
 import math
 from operator import attrgetter
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, TextIO, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,9 @@ from saddlering_ros.files import whole_file
 from saddlering_ros.plain_yaml import parse_strict_yaml
 from saddlering_ros.rig.description import FIELDS, Rig, rig_from_parameters, short_digest
 from saddlering_ros.rig.parameter_file import plain_exponents, RigError, unfold
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 STEEL, FIXED, ROLLER, PROBE = '#c6d4e3', '#d9d5cc', '#666666', '#0072B2'
 LOAD, SIGN, MEASURE = '#D55E00', '#222222', '#777777'
@@ -43,7 +48,7 @@ def drawing_svg(rig: Rig, elevation_deg: float = DRAWN_ELEVATION_DEG) -> str:
     return re.sub(r'width="[^"]*" height="[^"]*"', 'width="100%"', svg, count=1)
 
 
-def _save(rig: Rig, elevation_deg: float, place: Any, kind: str) -> None:
+def _save(rig: Rig, elevation_deg: float, place: Path | TextIO, kind: str) -> None:
     """Draw and save; equal rigs give equal files, and their text is text."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
@@ -74,24 +79,24 @@ def _save(rig: Rig, elevation_deg: float, place: Any, kind: str) -> None:
                        metadata={'Date': None} if kind == 'svg' else None)
 
 
-def _box(axes: Any, corner: Floats, opposite: Floats, colour: str, hatch: str = '') -> None:
+def _box(axes: Axes, corner: Floats, opposite: Floats, colour: str, hatch: str = '') -> None:
     xs, ys = zip(corner, opposite, strict=True)
     axes.fill([xs[0], xs[1], xs[1], xs[0]], [ys[0], ys[0], ys[1], ys[1]], facecolor=colour,
               hatch=hatch, edgecolor='#666666', linewidth=0.8)
 
 
-def _arrow(axes: Any, start: Floats, stop: Floats, colour: str, width: float = 1.6,
+def _arrow(axes: Axes, start: Floats, stop: Floats, colour: str, width: float = 1.6,
            **style: Any) -> None:
-    axes.annotate('', stop, start, arrowprops={
+    axes.annotate('', (stop[0], stop[1]), (start[0], start[1]), arrowprops={
         'arrowstyle': '-|>', 'color': colour, 'linewidth': width, 'shrinkA': 0, 'shrinkB': 0,
         'mutation_scale': 13, **style})
 
 
-def _text(axes: Any, x: float, y: float, text: str, colour: str = SIGN, **style: Any) -> None:
+def _text(axes: Axes, x: float, y: float, text: str, colour: str = SIGN, **style: Any) -> None:
     axes.text(x, y, text, color=colour, va='center', **{'ha': 'center', 'fontsize': 8.5, **style})
 
 
-def _draw_ring(axes: Any, rig: Rig, degrees: float, reach: float) -> None:
+def _draw_ring(axes: Axes, rig: Rig, degrees: float, reach: float) -> None:
     """The fixed ring below, the upper ring, the rows of rollers, the load, and the dimensions."""
     _box(axes, (-reach - 0.35, -0.98), (reach + 0.35, -0.82), FIXED, '///')
     _box(axes, (-reach, 0.34), (reach, 0.5), STEEL)
@@ -130,7 +135,7 @@ def _draw_ring(axes: Any, rig: Rig, degrees: float, reach: float) -> None:
     _text(axes, right + 0.08, y / 2, f'y_t = {trunnion.y:g} m', rotation=90)
 
 
-def _draw_probes(axes: Any, rig: Rig, reach: float) -> None:
+def _draw_probes(axes: Axes, rig: Rig, reach: float) -> None:
     """Each probe on that side of its target on which the gap grows as its polarity says."""
     probes, radius = rig.probes, rig.axial_rows.pitch_radius
     level = max(-0.6, min(0.6, probes.radial_height / radius)) - 0.42

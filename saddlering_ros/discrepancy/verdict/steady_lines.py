@@ -131,13 +131,7 @@ def find_line(
     if not inside.any():
         return LineSearch(None, np.inf)
     trials, count = int(moving.sum()) * int(inside.sum()), len(usable)
-    # The amplitude in the quietest channel that is found nine times in ten. Under a Hann window,
-    # an amplitude a over n samples of noise s has a^2 n / (6 s^2) times the power of the noise.
-    unit = np.mean([length / (6.0 * _detrended(segment.values[moving]).var(axis=1))
-                    for length, segment in zip(lengths, usable, strict=True)], axis=0).max()
-    beyond = max(fisher_limit(error_rate / trials, 2 * count, freedom) - 1.0, 0.0)
-    beyond += POWER_QUANTILE * np.sqrt((1.0 + 2.0 * beyond) / count)
-    limit = float(np.sqrt(beyond / unit))
+    limit = _amplitude_found(usable, moving, fisher_limit(error_rate / trials, 2 * count, freedom))
     chance = fisher_chance(ratio, 2 * count, freedom) * trials
     chance[:, ~inside] = np.inf
     # The chance of a very strong line is 0 at several frequencies; the ratio separates them.
@@ -146,14 +140,35 @@ def find_line(
     p_value = float(chance[channel, place])
     if p_value >= error_rate:
         return LineSearch(None, limit)
-    around = np.log(power[channel, place - 1 : place + 2])
-    bend = around[0] - 2.0 * around[1] + around[2]
-    shift = 0.5 * (around[0] - around[2]) / bend if bend < 0.0 else 0.0
-    at = float(frequency[place] + shift / (size * step))
+    at = float(frequency[place]
+               + _peak_shift(power[channel, place - 1 : place + 2]) / (size * step))
     amplitude, deviation, worth = _measured(usable, at)
     own = chance[:, place - 1 : place + 2].min(axis=1) < error_rate
     line = Line(at, amplitude, deviation, own, min(1.0, p_value), worth, step)
     return LineSearch(line, limit)
+
+
+def _amplitude_found(
+    segments: Sequence[RestSegment], moving: NDArray[np.bool_], ratio: float,
+) -> float:
+    """Amplitude in the quietest moving channel that reaches `ratio` nine times in ten.
+
+    Under a Hann window, an amplitude a over n samples of noise s has a^2 n / (6 s^2) times the
+    power of the noise.
+    """
+    unit = np.mean([
+        segment.values.shape[1] / (6.0 * _detrended(segment.values[moving]).var(axis=1))
+        for segment in segments], axis=0).max()
+    beyond = max(ratio - 1.0, 0.0)
+    beyond += POWER_QUANTILE * np.sqrt((1.0 + 2.0 * beyond) / len(segments))
+    return float(np.sqrt(beyond / unit))
+
+
+def _peak_shift(power: Array) -> float:
+    """Distance of a peak from the middle of three powers, in their spacing, by a parabola."""
+    around = np.log(power)
+    bend = around[0] - 2.0 * around[1] + around[2]
+    return float(0.5 * (around[0] - around[2]) / bend) if bend < 0.0 else 0.0
 
 
 def _ratios(segments: Sequence[RestSegment], size: int) -> tuple[Array, Array, float]:
