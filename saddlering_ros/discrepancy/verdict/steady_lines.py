@@ -140,8 +140,10 @@ def find_line(
     p_value = float(chance[channel, place])
     if p_value >= error_rate:
         return LineSearch(None, limit)
-    at = float(frequency[place]
-               + _peak_shift(power[channel, place - 1 : place + 2]) / (size * step))
+    around = np.log(power[channel, place - 1 : place + 2])
+    bend = around[0] - 2.0 * around[1] + around[2]
+    shift = 0.5 * (around[0] - around[2]) / bend if bend < 0.0 else 0.0
+    at = float(frequency[place] + shift / (size * step))
     amplitude, deviation, worth = _measured(usable, at)
     own = chance[:, place - 1 : place + 2].min(axis=1) < error_rate
     line = Line(at, amplitude, deviation, own, min(1.0, p_value), worth, step)
@@ -162,13 +164,6 @@ def _amplitude_found(
     beyond = max(ratio - 1.0, 0.0)
     beyond += POWER_QUANTILE * np.sqrt((1.0 + 2.0 * beyond) / len(segments))
     return float(np.sqrt(beyond / unit))
-
-
-def _peak_shift(power: Array) -> float:
-    """Distance of a peak from the middle of three powers, in their spacing, by a parabola."""
-    around = np.log(power)
-    bend = around[0] - 2.0 * around[1] + around[2]
-    return float(0.5 * (around[0] - around[2]) / bend) if bend < 0.0 else 0.0
 
 
 def _ratios(segments: Sequence[RestSegment], size: int) -> tuple[Array, Array, float]:
