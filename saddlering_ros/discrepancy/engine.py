@@ -25,7 +25,12 @@ from saddlering_ros.discrepancy.search.small_errors import search_among_small_er
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
 from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs, odd_run
-from saddlering_ros.discrepancy.verdict.published import GainMetric, Publication, publish
+from saddlering_ros.discrepancy.verdict.published import (
+    GainMetric,
+    Publication,
+    publish,
+    publish_settled,
+)
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
     Diagnosis,
@@ -250,23 +255,22 @@ def _among_small_errors(strict: Answer) -> Answer:
     if not among.best.visible:
         return strict
     best, space = among.best, among.space
-    before = _residual_of(space, space.base)
+    before, after = (_residual_of(space, fit) for fit in (space.base, best.fit))
 
     def published_of(fit: Fit) -> tuple[Search, Publication]:
         search = replace(strict.search, space=space, fit=fit, alternatives={})
-        # Small errors can take what contact parameters imitate, so that these would be open.
-        return search, publish(search, before, _residual_of(space, fit),
-                               known=strict.search.space.fits)
+        return search, publish_settled(search, best.fit, before, after)
 
     search, published = published_of(best.fit)
     main, small = established.main_among(among, published)
     doubts = established.doubts_among(among, main, published)
-    fit, left_out = best.fit, [*small, *established.small_secondary_causes(published, main)]
+    left_out = {*small, *established.small_secondary_causes(published, main)}
     while not doubts and left_out:
-        for name in dict.fromkeys(left_out):  # Each in turn is refitted: the order matters.
-            fit = space.without(fit, name)
-        search, published = published_of(fit)
-        left_out = established.small_secondary_causes(published, main)
+        # A second cause counts in the size of the main one, whether it has a name or not.
+        search, published = published_of(fitting.refit_base(
+            space.metric, search.fit, {*search.fit.candidate.ids} - left_out,
+            space.settings.max_rounds))
+        left_out = {*established.small_secondary_causes(published, main)}
     doubts += [*established.other_laws(search), *published.doubts,
                *established.wrong_inputs(space, search.fit),
                *established.uncertain_law(space, published)]

@@ -9,7 +9,7 @@ differenced at every step.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -66,6 +66,19 @@ class Candidate:
                    for parameter, u in zip(effect.ordered, theta_unit[part], strict=True)}
             effects[effect.id] = {**own, **effect.variants[variant]}
         return Point(values, effects)
+
+
+@dataclass(frozen=True)
+class _Settled(Candidate):
+    """A model whose effects keep their parameters (k,), bound-scaled: only the base is fitted."""
+
+    kept: Array = field(default_factory=lambda: np.zeros(0))
+
+    def parameters(self, base: Sequence[Parameter]) -> tuple[Parameter, ...]:
+        return tuple(base)
+
+    def point(self, base: Sequence[Parameter], theta_unit: Array) -> Point:
+        return super().point(base, np.concatenate([theta_unit, self.kept]))
 
 
 @dataclass(frozen=True)
@@ -231,6 +244,21 @@ def tangent(metric: Whitening, fit: Fit) -> Tangent:
     answers = metric.problem.predict_neighbours([points])[0]
     plain = _differences((answers[:, 1:] - answers[:, :1]) / np.array(steps))
     return Tangent(plain, metric.whiten(plain))
+
+
+def refit_base(metric: Whitening, fit: Fit, names: Collection[str], rounds: int) -> Fit:
+    """The base refitted in a metric, beside those effects of a fit, with the sizes found there."""
+    base = len(metric.problem.system.base_parameters)
+    kept = [(effect, variant, fit.theta_unit[part])
+            for effect, variant, part in fit.candidate.slices(base) if effect.id in names]
+    effects = tuple((effect, variant) for effect, variant, _ in kept)
+    candidate = _Settled(effects, np.concatenate([np.zeros(0), *(part for *_, part in kept)]))
+    [settled] = run_refits(
+        metric, [refit(metric, candidate, fit.theta_unit[:base], rounds=rounds)])
+    whole = replace(settled, candidate=Candidate(effects), plain=None,
+                    theta_unit=np.concatenate([settled.theta_unit, candidate.kept]))
+    sensitivities = tangent(metric, whole)
+    return replace(whole, plain=sensitivities.plain, jacobian=sensitivities.white)
 
 
 def begun_in(metric: Whitening, fit: Fit) -> Fit | None:

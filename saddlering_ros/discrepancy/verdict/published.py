@@ -87,31 +87,79 @@ class Publication:
         return max(self.causes, key=lambda cause: cause.visible)
 
 
-def publish(
-    search: Search, before: Residual, after: Residual,
-    known: Mapping[fitting.Key, Fit] | None = None,
-) -> Publication:
+@dataclass(frozen=True)
+class _Model:
+    """A fit without nuisance parameters and, `plain`, in the metric of the gain.
+
+    left: its residuals (C, N) of predicted runs.
+    """
+
+    fit: Fit
+    plain: Fit
+    left: Sequence[Array]
+
+
+def publish(search: Search, before: Residual, after: Residual) -> Publication:
     """Refit the selected model and its base with no other freedom than the offsets of the runs.
 
     During naming, parameters and nuisance parameters share a misfit, but a parameter file
     holds parameters only. This fit therefore gives the published values, predictions and
     gains. The part that nuisance parameters would have explained adds to the uncertainty of
-    the published values. before, after: residuals of the base and of the model; known: fits
-    of the same models elsewhere. What model error was learnt is in none of these fits.
+    the published values. before, after: residuals of the base and of the model. What model
+    error was learnt is in none of these fits.
     """
+    problem, rounds = search.space.problem, search.space.settings.max_rounds
+    fits = refit_full_jacobian(_metric_of(search.space), _wanted(search), rounds)
+    return _publication(search, search.fit, before, after, [
+        _Model(fit, plain, predicted_residuals(problem, plain) if search.fit.candidate.effects
+               else []) for fit, plain in zip(fits, plain_fits(problem, fits), strict=True)])
+
+
+def publish_settled(
+    search: Search, source: Fit, before: Residual, after: Residual
+) -> Publication:
+    """Publish causes of the size that a fit beside small errors gives them.
+
+    With noise alone they would take what belongs to the small errors. The base is refitted beside
+    them, because a parameter file holds no small errors. source: the fit, which can have more
+    effects; before, after: residuals of the base and of this fit.
+    """
+    space, rounds, models = search.space, search.space.settings.max_rounds, []
+    problem = space.problem
+    for own in _wanted(search):
+        names = own.candidate.ids
+        fit = fitting.refit_base(_metric_of(space), own, names, rounds)
+        plain = fitting.refit_base(GainMetric.about(problem, fit), fit, names, rounds)
+        models.append(_Model(fit, plain, predicted_residuals(
+            problem, plain, _moves_without_runs(space, own))))
+    return _publication(search, source, before, after, models)
+
+
+def _wanted(search: Search) -> list[Fit]:
+    """The base, the model, and the model without each of its causes."""
+    fit, space = search.fit, search.space
+    less = [space.without(fit, name) for name in fit.candidate.ids]
+    return list({each.candidate.key: each for each in (space.base, fit, *less)}.values())
+
+
+def _metric_of(space: ModelSpace) -> Metric:
+    """The metric of published fits: without nuisance parameters but for offsets."""
+    return space.metric if space.problem.assumptions.is_persistent else space.metric.with_offsets()
+
+
+def _publication(
+    search: Search, source: Fit, before: Residual, after: Residual, models: Sequence[_Model],
+) -> Publication:
+    """The numbers of models that were fitted without nuisance parameters, those of `_wanted`."""
     space, fit, problem = search.space, search.fit, search.space.problem
     parameters = problem.system.base_parameters
-    is_persistent = problem.assumptions.is_persistent
-    metric = space.metric if is_persistent else space.metric.with_offsets()
     less = {name: space.without(fit, name) for name in fit.candidate.ids}
-    base, model, *others = _refitted(
-        space, metric, [space.base, fit, *less.values()], known or {})
-    covariance = _covariance(space, fit, model, after)
-    refitted = {refit.candidate.key: refit for refit in (base, model, *others)}
-    plain = dict(zip(refitted, plain_fits(problem, list(refitted.values())), strict=True))
-    whole_key = model.candidate.key
-    left = {key: predicted_residuals(problem, each) if fit.candidate.effects else []
-            for key, each in plain.items()}
+    by_key = {each.fit.candidate.key: each for each in models}
+    whole_key = fit.candidate.key
+    model, base = by_key[whole_key].fit, by_key[space.base.candidate.key].fit
+    plain = {key: each.plain for key, each in by_key.items()}
+    left = {key: each.left for key, each in by_key.items()}
+    covariance = _covariance(space, source, model, after)
     taken = {key: shares_of(space.metric, other, plain[whole_key], (left[key], left[whole_key]))
              for key, other in plain.items() if key != whole_key}
 
@@ -171,28 +219,12 @@ def publish(
                 run, *problem.simulate(run, [base.point, model.point]))
             for run in problem.all_runs),
         fits=results.PublishedFits(
-            metric, base, model, covariance[:count, :count] * np.outer(slopes, slopes)),
+            _metric_of(space), base, model, covariance[:count, :count] * np.outer(slopes, slopes)),
         shares=taken.get(base.candidate.key),
         member_shares={} if len(less) < 2 else {
             name: taken[other.candidate.key] for name, other in less.items()},
-        doubts=(*sizes_at_bounds(problem, model), *failed[:1]), plain=plain[model.candidate.key],
-        converged=all(refit.converged for refit in [*refitted.values(), *plain.values()]))
-
-
-def _refitted(
-    space: ModelSpace, metric: Metric, fits: Sequence[Fit], known: Mapping[fitting.Key, Fit]
-) -> list[Fit]:
-    """The fits in another metric, each the better of its own and of what is `known`.
-
-    A law with kinks has many minima, and one that is good beside model error can be poor alone.
-    """
-    starts = [fit for each in fits for fit in (each, known.get(each.candidate.key)) if fit]
-    best: dict[fitting.Key, Fit] = {}
-    for fit in refit_full_jacobian(metric, starts, space.settings.max_rounds):
-        stored = best.get(fit.candidate.key)
-        if stored is None or fit.misfit < stored.misfit:
-            best[fit.candidate.key] = fit
-    return [best[fit.candidate.key] for fit in fits]
+        doubts=(*sizes_at_bounds(problem, model), *failed[:1]), plain=plain[whole_key],
+        converged=all(each.fit.converged and each.plain.converged for each in models))
 
 
 def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
@@ -207,11 +239,19 @@ def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
             *([wording.base_at_bound_words(stopped)] if stopped else [])]
 
 
-def _covariance(space: ModelSpace, fit: Fit, published: Fit, residual: Residual) -> Array:
-    """Covariance in bound-scaled coordinates, widened by misfit and nuisance parameters."""
-    fitted = covariance(space.tangent_of(fit).white, PRIOR)
+def _covariance(space: ModelSpace, source: Fit, published: Fit, residual: Residual) -> Array:
+    """Covariance in bound-scaled coordinates, widened by misfit and nuisance parameters.
+
+    source: the fit in the space, with the effects of the published one and perhaps more.
+    """
+    base = len(space.problem.system.base_parameters)
+    same = np.concatenate([np.arange(base), *(
+        np.arange(part.start, part.stop) for effect, _, part in source.candidate.slices(base)
+        if effect.id in published.candidate.ids)])
+    fitted = covariance(space.tangent_of(source).white, PRIOR)[np.ix_(same, same)]
     widened = fitted * residual.inflation(space.settings.error_rate)
-    return np.asarray(widened + np.diag((published.theta_unit - fit.theta_unit) ** 2))
+    return np.asarray(
+        widened + np.diag((published.theta_unit - source.theta_unit[same]) ** 2))
 
 
 def _estimates(
@@ -336,10 +376,13 @@ def ratio(before: float, after: float) -> float:
     return 1.0 - float(np.sqrt(after / before))
 
 
-def predicted_residuals(problem: Problem, fit: Fit) -> list[Array]:
+def predicted_residuals(
+    problem: Problem, fit: Fit, moves: Sequence[Array] | None = None
+) -> list[Array]:
     """Residuals (C, N) of the held-out runs; without any, of each run but for a single one.
 
-    Such a run is predicted from the others by one Gauss-Newton step.
+    Such a run is predicted from the others by one Gauss-Newton step. moves: those of the last
+    parameters without each run, where these are settled elsewhere.
     """
     if problem.held_out:
         return [problem.simulate(run, [fit.point])[0] - run.channels
@@ -353,13 +396,32 @@ def predicted_residuals(problem: Problem, fit: Fit) -> list[Array]:
     owners = np.tile(np.repeat(np.arange(len(sizes)), sizes), len(problem.system.views))
     residuals, first = [], 0
     for number, run in enumerate(problem.runs):
-        others = owners != number
+        last = np.zeros(0) if moves is None else moves[number]
+        count = fit.theta_unit.size - last.size
+        move = np.concatenate([np.zeros(count), last])
+        free, others = slice(count), owners != number
         white = sensitivities.white[others]
-        gram = white.T @ white + PRIOR**2 * np.eye(white.shape[1])
-        slope = white.T @ residual[others] + PRIOR**2 * (fit.theta_unit - 0.5)
-        theta_unit = np.clip(fit.theta_unit - np.linalg.solve(gram, slope), 0.0, 1.0)
+        move[free] = _step(white[:, free], residual[others] + white @ move, fit.theta_unit[free])
+        move = np.clip(fit.theta_unit + move, 0.0, 1.0) - fit.theta_unit
         part = slice(first, first + run.channels.size)
         first = part.stop
-        moved = fit.prediction[part] + sensitivities.plain[part] @ (theta_unit - fit.theta_unit)
+        moved = fit.prediction[part] + sensitivities.plain[part] @ move
         residuals.append(moved.reshape(run.channels.shape) - run.channels)
     return residuals
+
+
+def _moves_without_runs(space: ModelSpace, fit: Fit) -> list[Array]:
+    """Moves (k,) of the parameters of a fit's effects, to first order, without each run."""
+    white, count = space.tangent_of(fit).white, len(space.problem.system.base_parameters)
+    owners = np.concatenate([np.full(run.channels.size, number)
+                             for number, run in enumerate(space.problem.runs)])
+    # A fit beside effects that are left out is not where it would be without these.
+    own, *steps = (_step(white[used], fit.whitened[used], fit.theta_unit)
+                   for used in [owners >= 0, *(owners != run for run in np.unique(owners))])
+    return [(step - own)[count:] for step in steps]
+
+
+def _step(white: Array, residual: Array, theta_unit: Array) -> Array:
+    """The Gauss-Newton step (p,) from a point, bound-scaled, with the prior of every fit."""
+    gram = white.T @ white + PRIOR**2 * np.eye(white.shape[1])
+    return -np.linalg.solve(gram, white.T @ residual + PRIOR**2 * (theta_unit - 0.5))
