@@ -4,7 +4,7 @@ For any simulator that follows `System` it finds where measurement and simulatio
 cause explains it, which causes cannot be told apart, and what no cause of the catalogue explains.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import time as clock
 
@@ -257,19 +257,23 @@ def _among_small_errors(strict: Answer) -> Answer:
     best, space = among.best, among.space
     before, after = (_residual_of(space, fit) for fit in (space.base, best.fit))
 
-    def published_of(fit: Fit) -> tuple[Search, Publication]:
-        search = replace(strict.search, space=space, fit=fit, alternatives={})
-        return search, publish_settled(search, best.fit, before, after)
-
-    search, published = published_of(best.fit)
+    search = replace(strict.search, space=space, fit=best.fit, alternatives={})
+    published = publish_settled(search, best.fit, before, after)
     main, small = established.main_among(among, published)
     doubts = established.doubts_among(among, main, published)
     left_out = {*small, *established.small_secondary_causes(published, main)}
+
+    def only(fit: Fit, names: Collection[str]) -> Fit:
+        """Some effects of a fit alone, of the size that they have beside the others."""
+        return fitting.refit_base(space.metric, fit, names, space.settings.max_rounds)
+
+    group, *_ = among.group_of(main)
+    search = replace(search, alternatives={
+        main: tuple(only(other.fit, {name}) for name, other in group.items())})
     while not doubts and left_out:
-        # A second cause counts in the size of the main one, whether it has a name or not.
-        search, published = published_of(fitting.refit_base(
-            space.metric, search.fit, {*search.fit.candidate.ids} - left_out,
-            space.settings.max_rounds))
+        names = {*search.fit.candidate.ids} - left_out
+        search = replace(search, fit=only(search.fit, names))
+        published = publish_settled(search, best.fit, before, after)
         left_out = {*established.small_secondary_causes(published, main)}
     doubts += [*established.other_laws(search), *published.doubts,
                *established.wrong_inputs(space, search.fit),

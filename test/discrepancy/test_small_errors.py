@@ -228,6 +228,27 @@ def test_a_cause_that_others_replace_beside_larger_errors_is_not_established() -
     assert not replace(among, errors=errors).stands_out('friction')
 
 
+def test_causes_that_explain_alike_are_one_group() -> None:
+    """A wrong moment arm and a wrong pitch radius in the rig file turn the upper ring alike."""
+    best, alike = model_of(50.0, arm=0.02, friction=1e-3), model_of(45.0, radius=0.02)
+    group, other, margin = among_of(best, [alike, model_of(20.0, gap=0.02)]).group_of('arm')
+    assert (group, [*other.visible], margin) == ({'radius': alike}, ['gap'], 30.0)
+    # What is no larger than small errors, and models with the same cause, are no alternatives.
+    small = model_of(45.0, radius=1e-3)
+    assert among_of(best, [small, model_of(0.0)]).group_of('arm') == ({}, small, 5.0)
+    fewer = model_of(45.0, friction=0.02)
+    assert among_of(best, [fewer, model_of(0.0)]).group_of('arm') == ({}, fewer, 5.0)
+
+
+def test_a_group_among_small_errors_is_ambiguous(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(SHAPES, 'grip', lambda drive, speed: np.tanh(speed / 0.051))
+    answer = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES)
+    assert answer.verdict == 'ambiguous'
+    [cause] = answer.causes
+    assert {*cause.group} == {'friction', 'grip'}
+    assert abs(cause.parameters['size'].value - 0.3) < 0.01
+
+
 def test_one_error_that_is_much_larger_makes_no_cause_smaller() -> None:
     """A clock that was off by 30 times the other errors made all of them look as large."""
     among = among_of(model_of(50.0, friction=0.02), [model_of(0.0)])

@@ -65,6 +65,9 @@ probes, which is in no catalogue, 0.39."""
 MAX_CAUSES = 3
 """Effects of a model at most: each further one fits what is left of a cause that is not listed."""
 
+MAX_OTHERS = 2
+"""Other causes in the group of a main cause, at most."""
+
 MAX_TRIED = 4
 """Effects that are refitted in a place of a model: the best to first order."""
 
@@ -114,22 +117,41 @@ class Among:
     others: Sequence[Model]
     errors: SmallErrors
 
-    def closest_without(self, name: str) -> tuple[Model, float]:
-        """The best model without an effect, and the logarithm of the likelihood over that of it.
+    def closest_without(self, *names: str) -> tuple[Model, float]:
+        """The best model without effects, and the logarithm of the likelihood over that of it.
 
-        A law that contains the effect, or that it contains, is no other cause. Other errors may
-        be larger than the common spread in both models.
+        A law that contains such an effect, or that it contains, is no other cause. Other errors
+        may be larger than the common spread in both models.
         """
-        named = {effect.id: effect for effect, _ in self.best.fit.candidate.effects}[name]
-        alike = {name, *named.contains}
+        effects = {effect.id: effect for model in (self.best, *self.others)
+                   for effect, _ in model.fit.candidate.effects}
+        alike = {*names, *(part for name in names for part in effects[name].contains)}
         others = sorted((other for other in self.others if not any(
-            effect.id in alike or name in effect.contains
+            effect.id in alike or {*names} & {*effect.contains}
             for effect, _ in other.fit.candidate.effects)), key=lambda other: -other.evidence)
         evidences = [(self.errors.with_larger(self.space, other.fit, alike)[0], number)
                      for number, other in enumerate(others[:MAX_COMPARED])]
         evidence, number = max(evidences)
         best, _ = self.errors.with_larger(self.space, self.best.fit, ())
         return others[number], best - evidence
+
+    def group_of(self, name: str) -> tuple[dict[str, Model], Model, float]:
+        """Other causes that explain as well as an effect of the best model, each in its model.
+
+        With them the best model without all of them, and the logarithm of the likelihood over
+        that of it. Each stands out as the effect does.
+        """
+        group = dict[str, Model]()
+        while True:
+            other, margin = self.closest_without(name, *group)
+            more = {own: size for own, size in other.visible.items()
+                    if own not in self.best.visible}
+            cause = max(more, default='', key=lambda own: more[own])
+            _, spread = self.errors.with_larger(self.space, other.fit, ())
+            if (margin >= MIN_MARGIN or len(group) == MAX_OTHERS or not cause
+                    or more[cause] < MIN_TIMES * spread):
+                return group, other, margin
+            group[cause] = other
 
     def times(self, name: str) -> float:
         """Size of an effect of the best model over the common spread beside one larger error."""

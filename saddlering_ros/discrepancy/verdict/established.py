@@ -305,7 +305,7 @@ def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
         if min(share, taken.predicted.get(view, share)) < -MAX_LEFT_OVER)]
     if among.times(name) < MIN_TIMES:
         doubts.append(wording.no_outlier_words(title, among.times(name), MIN_TIMES))
-    other, margin = among.closest_without(name)
+    _, other, margin = among.group_of(name)
     if margin < MIN_MARGIN:
         doubts.append(wording.close_words(title, among.space.titles_of(other.fit)))
     if taken.best < MAINLY:
