@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 import re
 import stat
-from typing import Any
+from typing import Any, TypeGuard
 
 import yaml
 
@@ -52,6 +52,11 @@ class YamlRefused(yaml.YAMLError):
 
 def _line(place: yaml.Event | yaml.Node) -> int:
     return place.start_mark.line + 1 if place.start_mark is not None else 0
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether a value of a file is a number, which True and False are not."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def parse_yaml(text: str) -> Any:

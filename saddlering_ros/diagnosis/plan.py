@@ -278,6 +278,9 @@ def plan_tests(
     noise: float = PROBE_NOISE, on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
 ) -> Plan:
-    """What the tests would find and the best further one; without tests, the four best."""
+    """What the tests would find and the best further one; without tests, the four best.
+
+    noise [m]: standard deviation of a reading of a probe.
+    """
     planner = Planner(rig, contact, noise, Watch('plan', on_progress, is_cancelled))
     return planner.plan(list(tests), ALL_TESTS) if tests else planner.best()

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from saddlering_ros.effects.base import EffectError, EffectParameter, RingEffect
 from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.memory_operators import Direction, Plays, Relaxations
-from saddlering_ros.plain_yaml import read_strict_yaml
+from saddlering_ros.plain_yaml import is_number, read_strict_yaml
 from saddlering_ros.rig import Rig
 
 Floats = NDArray[np.float64]
@@ -161,11 +160,10 @@ def read_law_effect(path: Path) -> LawEffect:
     return LawEffect(str(document.get('id', path.stem)), law, parameter, words)
 
 
-def _numbers(path: Path, name: str, values: Any) -> tuple[float, ...]:
+def _numbers(path: Path, name: str, values: object) -> tuple[float, ...]:
     if not isinstance(values, list):
         raise EffectError(f'{path}: {name} is missing: give a list of numbers')
     for value in values:
-        good = isinstance(value, int | float) and not isinstance(value, bool)
-        if not good or not np.isfinite(value):
+        if not is_number(value) or not np.isfinite(value):
             raise EffectError(f'{path}: {name} holds {value!r}: give finite numbers')
     return tuple(map(float, values))

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from saddlering_ros.errors import did_you_mean, refuse_unknown_keys
+from saddlering_ros.plain_yaml import is_number
 from saddlering_ros.quantities import compact
 from saddlering_ros.rig import units
 from saddlering_ros.rig.instruments import Instruments, instruments_from
@@ -167,10 +168,6 @@ def default_rig() -> Rig:
     )
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
-
-
 class _Section:
     """A mapping of the file with its dotted name, for messages."""
 
@@ -202,7 +199,7 @@ class _Section:
 
     def number(self, key: str, low: float, high: float, default: float | None = None) -> float:
         value = self.take(key, default)
-        if not _is_number(value):
+        if not is_number(value):
             raise RigError(f'{self.where}: {self.name}.{key} is {value!r}: give a number')
         if not math.isfinite(value) or not low <= value <= high:
             raise RigError(f'{self.where}: {self.name}.{key} is {value}: '
@@ -275,7 +272,7 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
     bounds = {}
     for name, usual in DEFAULT_BOUNDS.items():
         pair = ranges.take(name, list(usual))
-        if not (isinstance(pair, list) and len(pair) == 2 and all(map(_is_number, pair))):
+        if not (isinstance(pair, list) and len(pair) == 2 and all(map(is_number, pair))):
             raise RigError(f'{where}: bounds.{name} is {pair!r}: give [low, high]')
         bounds[name] = (float(pair[0]), float(pair[1]))
     result = Rig(
@@ -340,6 +337,6 @@ def _canonical(value: object) -> object:
                 if key not in NOT_OF_THE_RIG}
     if isinstance(value, (list, tuple)):
         return [_canonical(entry) for entry in value]
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
+    if is_number(value):
         return float(value) + 0.0
     return value

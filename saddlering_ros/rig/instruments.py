@@ -20,6 +20,7 @@ from xml.parsers import expat
 import numpy as np
 
 from saddlering_ros.errors import refuse_unknown_keys
+from saddlering_ros.plain_yaml import is_number
 from saddlering_ros.rig.parameter_file import RigError
 
 FOUR_PROBES = 'probe_gain'
@@ -75,8 +76,7 @@ def instruments_from(values: Any, where: str) -> Instruments:
                    for one in (value if isinstance(value, list) else [value])]
         count = 4 if name == FOUR_PROBES and isinstance(value, list) else 1
         usable = len(numbers) == count and all(
-            isinstance(one, (int, float)) and not isinstance(one, bool) and 0.0 < one < 1e9
-            for one in numbers)
+            is_number(one) and 0.0 < one < 1e9 for one in numbers)
         if not usable:
             also = ' or four of them' if name == FOUR_PROBES else ''
             raise RigError(f'{where}: rig.instruments.{name} is {value!r}: give a standard '

@@ -18,7 +18,7 @@ import yaml
 
 from saddlering_ros.errors import did_you_mean, plain_number, refuse_unknown_keys, SaddleringError
 from saddlering_ros.files import Origin, write_text
-from saddlering_ros.plain_yaml import read_strict_yaml
+from saddlering_ros.plain_yaml import is_number, read_strict_yaml
 from saddlering_ros.rig.units import stiffness_per_millimetre
 
 SECTIONS = ('rig', 'bounds', 'contact', 'effects', 'source')
@@ -236,8 +236,8 @@ def parameters_from_mapping(parameters: Mapping[str, Any], where: str) -> Parame
     return ParameterSet(law, effects, _source(parameters.get('source', {}), where))
 
 
-def _number(value: Any, name: str, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+def _number(value: object, name: str, where: str) -> float:
+    if not is_number(value) or not math.isfinite(value):
         raise RigError(f'{where}: {name} is {value!r}: give a finite number')
     return float(value)
 

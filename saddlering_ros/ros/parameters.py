@@ -16,7 +16,7 @@ from rclpy.utilities import remove_ros_args
 import yaml
 
 from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError
-from saddlering_ros.plain_yaml import read_strict_yaml
+from saddlering_ros.plain_yaml import is_number, read_strict_yaml
 from saddlering_ros.rig import default_rig, load_rig, PARAMETER_NAMES, Rig, rig_from_parameters
 from saddlering_ros.rig.drawing import dotted, ENTRIES, entry_values
 from saddlering_ros.rig.instruments import instruments_from
@@ -71,8 +71,7 @@ class NodeParameter:
             return ''
         if isinstance(value, float) and not math.isfinite(value):
             return f'{self.name} is {value}: give a finite number'
-        if isinstance(value, (int, float)) and not isinstance(value, bool) \
-                and not self.low <= value <= self.high:
+        if is_number(value) and not self.low <= value <= self.high:
             return f'{self.name} is {value:g}: give a number from {self.low:g} to {self.high:g}'
         return ''
 
