@@ -33,7 +33,7 @@ class Relaxations:
         self._left = np.zeros(constants.size)
 
     def push(self, step: float, change: float) -> Array:
-        """The drive less the lags (T,) after it changed evenly by `change` during `step` [s]."""
+        """The drive minus the lags (T,) after it changed evenly by `change` during `step` [s]."""
         if step <= 0.0:
             self._left = self._left + change
             return self._left

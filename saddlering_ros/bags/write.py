@@ -55,7 +55,7 @@ _FOREVER = {'sec': 9223372036, 'nsec': 854775807}
 QOS = {'history': 'keep_last', 'depth': 1000, 'reliability': 'reliable', 'deadline': _FOREVER,
        'lifespan': _FOREVER, 'liveliness': 'automatic', 'liveliness_lease_duration': _FOREVER,
        'avoid_ros_namespace_conventions': False}
-"""Quality of service of every topic, less its durability."""
+"""Quality of service of every topic, without its durability."""
 
 
 class _WithoutAliases(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]

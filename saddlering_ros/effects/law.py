@@ -71,7 +71,7 @@ class LawHistory:
         self._zero = self._value(time, load)
 
     def push(self, time: Floats, load: Floats) -> Floats:
-        """Values (N,) at samples (N,), less the value at the start."""
+        """Values (N,) at samples (N,), minus the value at the start."""
         if self._law.coordinate in ('load', 'time'):
             along = load if self._law.coordinate == 'load' else time - self._begin
             values = self._law.size * np.interp(along, self._at, self._values)

@@ -1,8 +1,9 @@
 """Bounded least squares of whitened residuals, and the covariance at the optimum.
 
-The method is Levenberg-Marquardt in coordinates whose box is 0 to 1. A descent is a generator that
-yields points and receives answers. Many descents can therefore share batches of simulations, and
-sensitivities can come from the cheapest source.
+The method is Levenberg-Marquardt (Marquardt, J. SIAM 11 (1963) 431) in coordinates whose box is 0
+to 1. Sensitivities that are not computed anew have Broyden's update (Math. Comp. 19 (1965) 577). A
+descent is a generator that yields points and receives answers. Many descents can therefore share
+batches of simulations, and sensitivities can come from the cheapest source.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ of the remainder is assumed to continue at slower times (a flat spectrum below).
 freedom are those of the fast part, and tests against this noise are F tests with this number. The
 record needs no rest. The remainder has no slow part, so that statistics over time would be biased,
 but its spectrum above the removed waves is not. White noise and relaxations maximise the Whittle
-likelihood there: the lines of a spectrum are independent and exponentially distributed about their
-expectation.
+likelihood there (P. Whittle, Ark. Mat. 2 (1953) 423): the lines of a spectrum are independent and
+exponentially distributed about their expectation.
 """
 
 from collections.abc import Iterator, Sequence

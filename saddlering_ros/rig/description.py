@@ -231,8 +231,8 @@ def _probes(section: _Section) -> Probes:
         raise RigError(f'{section.where}: rig.probes.absent is {absent!r}: give 1 or 3, the '
                        'number of the radial probe that is missing, or 0')
     if absent and absent not in OPPOSITE:
-        raise RigError(f'{section.where}: rig.probes.absent is {absent}: without it delta_y and '
-                       'gamma cannot be parted, only a radial probe (1 or 3) can be absent: '
+        raise RigError(f'{section.where}: rig.probes.absent is {absent}: delta_y and gamma need '
+                       'both axial probes, and only a radial probe (1 or 3) can be absent: '
                        'repair or move the axial probe')
     probes = Probes(
         section.number('axial_span', 1e-2, 100.0), section.number('radial_height', -5.0, 5.0),
