@@ -116,7 +116,8 @@ def test_the_stream_gives_the_displacement_of_the_file_bit_for_bit(tmp_path, mov
 
 
 @pytest.mark.parametrize(('stated', 'words'), [
-    ('2', 'delta_y and gamma cannot be parted'), ('5', 'give 1 or 3'), ('true', 'give 1 or 3')])
+    ('2', 'delta_y and gamma need both axial probes'), ('5', 'give 1 or 3'),
+    ('true', 'give 1 or 3')])
 def test_another_probe_cannot_be_absent(tmp_path, stated, words):
     shipped = share_directory() / 'config' / 'rig.yaml'
     file = tmp_path / 'rig.yaml'
