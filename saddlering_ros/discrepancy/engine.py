@@ -24,7 +24,7 @@ from saddlering_ros.discrepancy.search.signatures import observed
 from saddlering_ros.discrepancy.search.small_errors import search_among_small_errors
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
-from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs, odd_run
+from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs, hidden_causes, odd_run
 from saddlering_ros.discrepancy.verdict.published import (
     GainMetric,
     Publication,
@@ -95,7 +95,8 @@ def diagnose_system(problem: Problem) -> Diagnosis:
             wording.free_test_words(by_held_out),
             separations[0].proposal.sentence if separations else ''))) or None,
         separations=separations,
-        warnings=answer.warnings,
+        warnings=answer.warnings if verdict == 'unknown' else (
+            *answer.warnings, *hidden_causes(space, published.fits, published.causes)),
         converged=space.base.converged and fit.converged and published.converged,
         runs=published.runs,
         fits=published.fits,

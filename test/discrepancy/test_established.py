@@ -375,6 +375,34 @@ def test_a_cause_that_acts_in_some_runs_only_is_told_with_these_runs(
         assert answer.verdict == 'unknown'
 
 
+@pytest.mark.parametrize('is_told', [True, False])
+def test_a_size_that_a_cause_too_small_to_show_may_change_is_told(is_told: bool) -> None:
+    """A size was 0.396 +- 0.016 for 0.3 without a word, beside a cause just below its limit."""
+    def drag(run: Run) -> np.ndarray:
+        speed = np.asarray(run.inputs['speed'])
+        return np.tanh(speed / 0.8) if is_told else np.sin(9.0 * run.time)
+
+    model = Model(
+        lambda values, run: {'seen': simulate({**values, 'cubic.size': 0.0}, run)['seen']
+                             + values['drag.size'] * drag(run)},
+        MODEL.base,
+        {'friction': MODEL.effects['friction'],
+         'drag': Effect('Drag', {'size': Parameter(-1, 1, unit='N')})},
+        {'seen': Channel(noise=Noise.white(STD))})
+    runs = [record(number, 0.03, 0.0) for number in range(3)]
+    runs = [replace(run, outputs={'seen': run.outputs['seen'] + 0.004 * is_told * drag(run)})
+            for run in runs]
+    answer = diagnose(model, runs)
+    assert [cause.effect for cause in answer.causes] == ['friction']
+    size = answer.causes[0].parameters['size']
+    told = [words for words in answer.warnings if 'counts no cause too small' in words]
+    assert len(told) == is_told
+    if is_told:
+        assert abs(size.value - 0.03) > 3.0 * size.std
+        shift = float(told[0].rpartition(' by ')[2].replace(' × 10⁻³', 'e-3'))
+        assert abs(size.value - 0.03) < shift + 2.0 * size.std
+
+
 @pytest.mark.parametrize('wrong', [{1}, {1, 2}])
 def test_a_run_without_which_the_others_fit_together_is_told(wrong: set[int]) -> None:
     """A load cell that was zeroed anew before one of four tests of a ring got no such note."""

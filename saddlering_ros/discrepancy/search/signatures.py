@@ -327,10 +327,10 @@ def observed(space: ModelSpace) -> Observability:
             effects.setdefault(signature.effect.id, []).append(signature)
         if signature.key not in chosen or signature.length > chosen[signature.key].length:
             chosen[signature.key] = signature
-    rate, limits = settings.error_rate / max(shapes_tried(space.shown), 1), []
+    limits = []
     for members in effects.values():
-        effect, extra = members[0].effect, len(members[0].effect.ordered)
-        needed = float(np.sqrt(extra * fisher_limit(rate, extra, space.pairs))) + POWER_QUANTILE
+        effect = members[0].effect
+        needed = length_needed(space, effect)
         limit = _limit_of(effect, members, needed, settings.materiality)
         if space.problem.assumptions.many_valleys:
             limit = _confirmed(space, limit, effect, needed)
@@ -340,6 +340,13 @@ def observed(space: ModelSpace) -> Observability:
               for one in kept]
     stack = np.column_stack([one.white / one.length for one in kept]) if kept else np.zeros((0, 0))
     return Observability(tuple(limits), tuple(labels), np.abs(stack.T @ stack))
+
+
+def length_needed(space: ModelSpace, effect: Effect) -> float:
+    """Length of the signature of an effect that is found nine times in ten."""
+    rate = space.settings.error_rate / max(shapes_tried(space.shown), 1)
+    extra = len(effect.ordered)
+    return float(np.sqrt(extra * fisher_limit(rate, extra, space.pairs))) + POWER_QUANTILE
 
 
 def _limit_of(

@@ -365,6 +365,11 @@ def unsteady_size_words(title: str, kind: str, least: float, most: float) -> str
             'has another law')
 
 
+def hidden_words(title: str, other: str, size: str, shift: str) -> str:
+    return (f'the interval of {title} counts no cause too small to show: {other} of {size} would '
+            f'change the size by {shift}')
+
+
 def some_runs_words(
     title: str, runs: Sequence[str], size: tuple[float, float], unit: str,
     elsewhere: tuple[float, float],
