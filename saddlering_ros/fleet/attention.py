@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saddlering_ros.errors import plain_number
 from saddlering_ros.fleet import history, statistics
 from saddlering_ros.fleet.history import Drift, RemainingLife, RingHistory
 from saddlering_ros.fleet.statistics import COORDINATES, FleetError, PARAMETERS, SessionFigures
@@ -142,9 +143,10 @@ def limits_from_text(texts: Sequence[str]) -> dict[str, float]:
         if name not in allowed:
             raise FleetError(f'--limit {text}: give one of {", ".join(allowed)} as K1=6e7')
         try:
-            limits[name] = float(value)
+            limits[name] = plain_number(value)
         except ValueError:
-            raise FleetError(f'--limit {text}: {value!r} is not a number') from None
+            raise FleetError(f'--limit {text}: {value!r} is not a number: write NAME=NUMBER'
+                             ) from None
         if not (math.isfinite(limits[name]) and limits[name] > 0.0):
             raise FleetError(f'--limit {text}: give a number above 0 (SI units)')
     return limits

@@ -159,7 +159,7 @@ class RingDisplacementNode(StreamingNode):
     def _on_zero(self, _: Trigger.Request) -> str:
         stamp = self._stream.newest_stamp
         if not stamp:
-            raise NodeError('no aligned samples yet: nothing to zero')
+            raise NodeError('no aligned samples yet: start the driver or the replay first')
         self._stream.zero_after(stamp)
         self._zero_request.publish(ZeroRequest(
             header=Header(stamp=to_time(stamp), frame_id=self.settings['frame_id']),

@@ -228,7 +228,7 @@ class RingSimulatorNode(StreamingNode):
 
     def _on_zero(self, _: Trigger.Request) -> str:
         if not self._stream.newest_stamp:
-            raise NodeError('no load yet: nothing to zero')
+            raise NodeError('no load yet: start the driver or the replay first')
         self._stream.zero_after(self._stream.newest_stamp)
         return ('restarts, zeroed at the first steady stretch from '
                 f'{self._rig.force_words(self._stream.load, 2)}')

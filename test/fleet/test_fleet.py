@@ -216,6 +216,7 @@ def test_stiffness_at_the_reference_penetration_is_known_better_than_k():
 def test_limits_that_cannot_be_used_are_one_line():
     assert limits_from_text(['K1=6e7']) == {'K1': 6e7}
     for text, words in (('k=3', 'give one of K1'), ('K1=x', 'is not a number'),
+                        ('K1=1_0', 'is not a number'),
                         ('K1=-1', 'above 0')):
         with pytest.raises(FleetError, match=words):
             limits_from_text([text])

@@ -93,7 +93,8 @@ class Run:
                                            f'{array.shape}, time {time.shape}')
                 if kind == 'coordinates' and not np.all(np.isfinite(array)):
                     raise DiscrepancyError(
-                        f'run {self.name}: coordinate {name} has a value that is not a number')
+                        f'run {self.name}: coordinate {name} has a value that is not a number: '
+                        'leave its sample out')
             object.__setattr__(self, kind, arrays)
 
 
@@ -138,7 +139,8 @@ class Model:
             for name in (*effect.parameters, *effect.variants[0]))])
         twice = sorted(name for name, count in names.items() if count > 1)
         if twice:
-            raise DiscrepancyError(f'model: two parameters are called {", ".join(twice)}')
+            raise DiscrepancyError(f'model: two parameters are called {", ".join(twice)}: give '
+                                   'each its own name')
         for key, effect in self.effects.items():
             size = effect.size
             is_never_zero = size.low > 0.0 or size.high < 0.0
@@ -350,7 +352,8 @@ class ModelSystem:
         missing = [name for name in self.channel_names if name not in outputs]
         if missing:
             raise DiscrepancyError(
-                f'simulator: no channel {", ".join(missing)} in its result for run {run.name}')
+                f'simulator: no channel {", ".join(missing)} in its result for run {run.name}: '
+                'return every declared channel')
         try:
             rows = [np.asarray(outputs[name], dtype=np.float64) for name in self.channel_names]
         except (TypeError, ValueError) as error:

@@ -220,7 +220,9 @@ class Problem:
             part, began = points[done : done + self._at_once], clock.monotonic()
             batch = self.system.predict_many(run, part)
             if batch.shape != (len(part), *run.channels.shape):
-                raise DiscrepancyError(f'simulator: wrong shape {batch.shape} for run {run.name}')
+                raise DiscrepancyError(
+                    f'simulator: wrong shape {batch.shape} for run {run.name}: return '
+                    f'{(len(part), *run.channels.shape)}')
             answer[done : done + len(part)] = batch
             each, done = (clock.monotonic() - began) / len(part), done + len(part)
             self._at_once = int(np.clip(TELL_EVERY / max(each, 1e-9), 1, 1e9))

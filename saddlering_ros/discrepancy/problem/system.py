@@ -250,11 +250,14 @@ class RunBlocks:
 
     def __post_init__(self) -> None:
         if self.channels.ndim != 2 or self.channels.shape[1] != self.time.size:
-            raise DiscrepancyError(f'run {self.name}: channels must be (C, {self.time.size})')
+            raise DiscrepancyError(f'run {self.name}: channels have shape {self.channels.shape}: '
+                                   f'give (C, {self.time.size})')
         if self.time.size < 8:
-            raise DiscrepancyError(f'run {self.name}: {self.time.size} samples are too few')
+            raise DiscrepancyError(
+                f'run {self.name}: {self.time.size} samples are too few: give at least 8')
         if not np.isfinite(self.channels).all():
-            raise DiscrepancyError(f'run {self.name}: a channel has a value that is not a number')
+            raise DiscrepancyError(f'run {self.name}: a channel has a value that is not a number: '
+                                   'leave its sample out')
 
 
 @dataclass(frozen=True)
