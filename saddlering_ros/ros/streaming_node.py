@@ -4,7 +4,7 @@ Below it: from a command line to a running node and its exit status, ended clean
 """
 
 import atexit
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import ctypes
 import gc
@@ -318,7 +318,7 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
     launcher.follow_lifeline()
     launcher.sweep()
     node: Any = None
-    told = False
+    told, status = False, 1
 
     def finish(*_: object) -> None:
         nonlocal told
@@ -340,27 +340,30 @@ def run(make: Callable[[], Any], spin: Callable[[Any], None],
             node.get_logger().error(crowded)
         if not told:
             spin(node)
-        return 0
+        status = 0
     except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
+        status = 0
     except Exception as problem:
         if not isinstance(problem, SaddleringError):
             if node is not None and not node.context.ok():
-                return 0  # a signal came in the middle of work
+                status = 0  # a signal came in the middle of work
+                return status
             if node is not None or type(problem).__name__ not in REFUSALS:
                 raise
         print(refusal_words(' '.join(str(problem).split())), file=sys.stderr)
-        return UNUSABLE
+        status = UNUSABLE
     finally:
         # Destroy the node and the context; a second Ctrl-C must not interrupt this.
         for number in launcher.SIGNALS:
             with contextlib.suppress(ValueError):
                 signal.signal(number, signal.SIG_IGN)
-        if node is not None:
+        with _abandoned(status, LONGEST_END):
+            if node is not None:
+                with contextlib.suppress(Exception):
+                    node.destroy_node()
             with contextlib.suppress(Exception):
-                node.destroy_node()
-        with contextlib.suppress(Exception):
-            rclpy.try_shutdown()
+                rclpy.try_shutdown()
+    return status
 
 
 def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
@@ -375,9 +378,23 @@ def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
     nothing is lost, and other participants forget this one after its lease.
     """
     gc.disable()  # an automatic collection could reach the middleware before the handlers are set
-    # End with `status` at a crash of this process from now on, or after `longest` seconds. The
-    # handler is one of the C runtime: the middleware may keep the interpreter while it hangs, and
-    # Python would run its own handlers only after that.
+    with _abandoned(status, longest, signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS):
+        gc.unfreeze()
+        gc.collect()  # the node leaves the network
+        atexit._run_exitfuncs()
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(status)
+
+
+@contextlib.contextmanager
+def _abandoned(status: int, longest: float, *crashes: signal.Signals) -> Iterator[None]:
+    """End the process with `status` if the block takes longer than `longest` [s], or crashes.
+
+    The handler is one of the C runtime: the middleware may keep the interpreter while it hangs,
+    and Python would run its own handlers only after that.
+    """
     def end(_number: int) -> None:
         os._exit(status)
 
@@ -385,14 +402,12 @@ def leave(status: int, longest: float = LONGEST_END) -> NoReturn:
     handler = handler_type(end)
     set_handler = ctypes.CDLL(None).signal
     set_handler.argtypes, set_handler.restype = (ctypes.c_int, handler_type), ctypes.c_void_p
-    for number in (signal.SIGALRM, signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS):
+    for number in (signal.SIGALRM, *crashes):
         set_handler(number, handler)
     signal.setitimer(signal.ITIMER_REAL, longest)
-    gc.unfreeze()
-    gc.collect()  # the node leaves the network
-    atexit._run_exitfuncs()
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):
-            stream.flush()
-    del handler
-    os._exit(status)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        del handler

@@ -38,6 +38,25 @@ def make():
 
 leave(run(make, lambda node: print('spins'), []))
 """
+DESTROYED = """
+import ctypes, sys
+from saddlering_ros.errors import SaddleringError
+from saddlering_ros.ros import streaming_node
+streaming_node.LONGEST_END = 0.5
+
+class Node:
+    context = None
+
+    def destroy_node(self):
+        ctypes.PyDLL(None).sleep(3600)  # a call into C that keeps the interpreter
+
+def spin(node):
+    if sys.argv[2] == 'refuses':
+        raise SaddleringError('no use')
+
+streaming_node.parameters.refuse_undeclared = lambda node: None
+streaming_node.leave(streaming_node.run(Node, spin, []))
+"""
 HELD = """
 import ctypes, gc, signal, sys
 from saddlering_ros.ros.streaming_node import leave
@@ -83,6 +102,15 @@ def test_a_middleware_that_does_not_leave_the_network_is_abandoned(fault: str) -
     node = subprocess.run([sys.executable, '-c', HELD, fault], capture_output=True, text=True,
                           timeout=60, check=False)  # an hour, were it not abandoned
     assert (node.returncode, node.stderr) == (0, '')
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(('ending', 'status'), [('ends', 0), ('refuses', 2)])
+def test_a_node_that_hangs_while_it_is_destroyed_is_abandoned(ending: str, status: int) -> None:
+    """Fast DDS kept the interpreter in destroy_node, and SIGTERM was ignored by then."""
+    node = told_to_stop('ring_alarm', ending, DESTROYED)
+    assert node.returncode == status, node.stderr
+    assert node.stderr.splitlines() == ['no use'] * (ending == 'refuses')
 
 
 class Told(BaseException):

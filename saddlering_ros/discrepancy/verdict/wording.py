@@ -133,8 +133,7 @@ def rest_words(share_of_range: float, channel: str) -> str:
     return f'; a rest of {percent(share_of_range)} of range in {channel} fits no cause'
 
 
-def joined(titles: Sequence[str]) -> str:
-    """'a, b and c'."""
+def joined(titles: Sequence[str]) -> str:  # 'a, b and c'
     return ', '.join(titles[:-1]) + ' and ' * (len(titles) > 1) + titles[-1]
 
 
@@ -376,8 +375,8 @@ def some_runs_words(
 ) -> str:
     """size: in these runs; elsewhere: share of it in the others; both with deviation."""
     there = quantities.signed_percent(*size) if unit == '1' else quantity(size[0], unit, size[1])
-    left = quantities.signed_percent(*elsewhere, is_signed=False)
-    return (f'{title} acts in {joined(runs)} only (size {there} there, {left} of it elsewhere): '
+    return (f'{title} acts in {joined(runs)} only (size {there} there, '
+            f'{quantities.signed_percent(*elsewhere, is_signed=False)} of it elsewhere): '
             'something changed between the runs, or the law depends on what differs between them')
 
 
