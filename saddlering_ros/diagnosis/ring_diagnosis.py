@@ -45,15 +45,8 @@ def diagnose_ring(
     fitted = [record.run for record in records if not record.run.held_out]
     if on_progress is not None:
         on_progress(Progress('diagnose', 'contact parameters', 0.0))
-    # The contact law of the fitted runs without causes, or the reason why there is none.
-    alone: Identification | str
-    try:
-        alone = identify(runs, rig, is_cancelled=is_cancelled)
-    except IdentificationError as refusal:
-        alone = str(refusal)
-    else:
-        if alone.cancelled:
-            raise Cancelled('diagnose: cancelled')
+    alone = _without_causes(runs, rig, is_cancelled)
+    if not isinstance(alone, str):
         parameters = parameters or alone.parameters
     start = None
     if parameters is not None:
@@ -91,6 +84,19 @@ def diagnose_ring(
                             probabilities=probabilities_of('unknown', diagnosis.causes))
         sentence = f'Diagnose the bags of each rig separately: {", ".join(rigs)}.'
     return Verdict(diagnosis, figures, tuple(notes), sentence, rig, seed, law)
+
+
+def _without_causes(
+    runs: Sequence[Record], rig: Rig, is_cancelled: IsCancelled | None,
+) -> Identification | str:
+    """The contact law of the fitted runs without causes, or the reason why there is none."""
+    try:
+        alone = identify(runs, rig, is_cancelled=is_cancelled)
+    except IdentificationError as refusal:
+        return str(refusal)
+    if alone.cancelled:
+        raise Cancelled('diagnose: cancelled')
+    return alone
 
 
 def _with_own_names(records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
