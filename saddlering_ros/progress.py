@@ -32,9 +32,10 @@ class SearchStep:
 class Progress:
     """One report of a running computation.
 
-    task: 'read', 'identify', 'validate' or 'diagnose'; stage: the present step, in words, or the
-    bag; share: the part of the task or stage that is done, 0 to 1; detail: a figure to show, or
-    ''; search: the iteration of an identification.
+    task: 'read', 'displacement', 'simulate', 'identify', 'validate', 'diagnose', 'compare' or
+    'plan'; stage: the present step, in words, or the bag; share: the part of the task or stage
+    that is done, 0 to 1; detail: a figure to show, or ''; search: the iteration of an
+    identification.
     """
 
     task: str

@@ -120,8 +120,8 @@ def diagnose(
     """Name the cause that the simulation lacks for these bags, and measure its misfit reduction.
 
     hold_out: bags that take no part in the diagnosis; the misfit reduction is measured on them.
-    parameters: the start of the fit of the contact law (None: the true-to-scale values). The other
-    arguments are those of `identify`.
+    parameters: the start of the fit of the contact law (None: those that `identify` finds). The
+    other arguments are those of `identify`.
     """
     inputs.check_whole('seed', seed, 0)
     given = inputs.inputs_of(bags, hold_out=hold_out, rig=rig, trust_rig=trust_rig,
