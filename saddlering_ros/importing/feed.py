@@ -100,6 +100,7 @@ def feeds_of(sources: Sequence[Source], mapping: ImportMap) -> list[Feed]:
                 ((_, split),) = find_column([source], mapping.split.column, 'split.column')
             piece = pieces.setdefault((source.path, time, together), Piece(source, time, split))
             piece.columns[channel.name] = column
+            source.compare_unit(column, channel.unit, f'{where}.unit')
             if channel.rod_pressure:
                 ((_, piece.rod_pressures[channel.name]),) = find_column(
                     [source], channel.rod_pressure, f'{where}.rod_pressure')
@@ -119,6 +120,8 @@ def _clock(
         return time, source.column(column).rows
     if not isinstance(time, calibration.FileTime):
         names = [find_column([source], name, 'time.column')[0][1] for name in time.columns]
+        if isinstance(time, CountedTime):
+            source.compare_unit(names[0], time.unit, 'time.unit')
         return replace(time, columns=tuple(names)), None
     timing = source.column(column).timing
     if timing is None:

@@ -47,7 +47,7 @@ NUMBERS = {'piston_area': 0.0, 'rod_area': 0.0, 'polarity': 1.0, 'delay': 0.0}
 
 @dataclass(frozen=True)
 class ChannelMap:
-    """One channel: its column, the way to SI, and its clock.
+    """One channel: its column and the unit there, the way to SI, and its clock.
 
     delay [s]: the reading lags the quantity by so much, its stamp is that much earlier;
     polarity: -1 turns the reading's sign before anything else; range [m] of a probe, () if not
@@ -58,6 +58,7 @@ class ChannelMap:
     name: str
     topic: RigTopic
     column: str
+    unit: calibration.Unit
     calibration: Calibration
     time: TimeSource | None = None
     file: str = '*'
@@ -198,7 +199,8 @@ def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
     if section.get('unit') in (None, ''):
         raise ImportingError(f'{where}: the unit of column {section["column"]!r} is not stated: '
                              'give unit:')
-    law = _calibration(section, unit_of(section['unit'], f'{where}.unit'), where, folder)
+    unit = unit_of(section['unit'], f'{where}.unit')
+    law = _calibration(section, unit, where, folder)
     numbers = {key: _number(section.get(key, usual), f'{where}.{key}')
                for key, usual in NUMBERS.items()}
     if ('rod_area' in section) != ('rod_pressure' in section):
@@ -231,7 +233,7 @@ def _channel(name: str, given: Any, file: str, folder: Path) -> ChannelMap:
             raise ImportingError(f'{where}.uncertainty.{key} is {uncertainty[key]!r}: give a '
                                  'standard uncertainty above zero')
     return ChannelMap(
-        name=name, topic=topic, column=str(section['column']), calibration=law,
+        name=name, topic=topic, column=str(section['column']), unit=unit, calibration=law,
         time=(_time(section['time'], file, f'channels.{name}.time') if 'time' in section
               else None),
         file=str(section.get('file', '*')), delay=numbers['delay'], polarity=numbers['polarity'],

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.errors import did_you_mean
 from saddlering_ros.files import resolved
-from saddlering_ros.importing.calibration import ImportingError
+from saddlering_ros.importing.calibration import ImportingError, known_unit, Unit
 
 BLOCK_ROWS = 1 << 16
 """Rows that are read at a time."""
@@ -100,6 +100,13 @@ class Source:
         number: of cases more, 0 for a fault that is not counted; first: place of the first case.
         """
         self._warnings.setdefault(f'{self.path}: {words}', [0, first])[0] += number
+
+    def compare_unit(self, column: str, unit: Unit, key: str) -> None:
+        """Note a unit of the map, at `key`, that is not the one that the file states."""
+        stated = known_unit(self.column(column).unit)
+        if stated is not None and stated != unit:
+            self.warn(f'column {column!r} is in {stated.name} by the file and in {unit.name} by '
+                      f'the map ({key}), which counts: correct the map if the file is right')
 
     @property
     def warnings(self) -> list[str]:

@@ -116,7 +116,8 @@ def mdf4_bytes(start: int, table: np.ndarray, zipped: bool) -> bytes:
         kind, offset = table.dtype[name], table.dtype.fields[name][1]  # type: ignore[index]
         is_master = name == (table.dtype.names or ())[0]
         text = block('##TX', [], name.encode() + b'\0')
-        unit = block('##TX', [], (b's' if is_master else b'N') + b'\0')
+        stated = b's' if is_master else b'N' if name == CHANNELS[0] else b'm'
+        unit = block('##TX', [], stated + b'\0')
         conversion = block('##CC', [0] * 4, struct.pack(
             '<BBHHHdddd', 1, 0, 0, 0, 2, 0.0, 0.0, 0.0, 1e-9)) if is_master else 0
         channels = block('##CN', [channels, 0, text, 0, conversion, 0, unit, 0], struct.pack(

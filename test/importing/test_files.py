@@ -11,6 +11,7 @@ from logger_files import make_record
 from map_documents import (
     convert,
     document,
+    LOAD,
     plain_table,
     PROBE,
     readings,
@@ -43,6 +44,16 @@ def test_rows_of_another_width_are_left_out_and_counted(tmp_path: Path) -> None:
     assert len(readings(tmp_path)) == ROWS - 1
     assert result.warnings == (
         f'{tmp_path}/a.csv: rows without 3 columns are left out: 1, first line 11 with 4',)
+
+
+def test_a_unit_that_the_file_states_otherwise_is_told(tmp_path: Path) -> None:
+    """A time in ms that the map took for s was imported without a word."""
+    text = plain_table().replace('t;F;w', 't [ms];F [kN];w in mm', 1)
+    result = convert(tmp_path, text, document({**LOAD, 'column': 'F*'}, {**PROBE, 'column': 'w*'},
+                                              time={**TIME, 'column': 't*'}))
+    assert result.warnings == (
+        f"{tmp_path}/a.csv: column 't [ms]' is in ms by the file and in s by the map (time.unit), "
+        'which counts: correct the map if the file is right',)
 
 
 def test_one_time_that_cannot_be_read_or_goes_back_costs_its_row_alone(tmp_path: Path) -> None:
