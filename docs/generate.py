@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 import importlib
 import inspect
-from itertools import pairwise
+from itertools import groupby, pairwise
 import math
+from operator import itemgetter
 from pathlib import Path
 import re
 from typing import Any
@@ -249,8 +250,10 @@ def thresholds_page() -> str:
         parts += [f'## {heading}', '', '| constant | value | meaning |', '|---|---|---|']
         for file in sorted([*package.glob(f'{room}.py'), *package.glob(f'{room}/**/*.py')]):
             module = '.'.join(file.relative_to(package).with_suffix('').parts)
-            parts += [f'| `{module}.{name}` | {_cell(value)} | {_cell(meaning)} |'
-                      for name, value, meaning in _numbers(file)]
+            for meaning, alike in groupby(_numbers(file), itemgetter(2)):
+                names, values, _ = zip(*alike, strict=True)
+                listed = ', '.join([f'`{module}.{names[0]}`', *(f'`{one}`' for one in names[1:])])
+                parts.append(f'| {listed} | {", ".join(map(_cell, values))} | {_cell(meaning)} |')
         parts.append('')
     return '\n'.join(parts)
 
