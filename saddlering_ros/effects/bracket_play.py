@@ -10,7 +10,7 @@ class BracketPlay(FrictionEffect):
     title = 'Play in the loading bracket'
     words = ('The bracket or trunnion shifts a little when the load changes direction. The angle '
              'of a rising load therefore differs slightly from that of a falling load. A small '
-             'loop results, of opposite sign in the radial and in the tilting channels.')
+             'loop results, of opposite sense in the axial channel and in the two others.')
     settled_by = 'An inclinometer on the bracket, read while loading and unloading.'
     outcomes = replace(
         LOOP_OUTCOMES,

@@ -6,8 +6,9 @@ from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
 class ElevationError(RingEffect):
     title = 'Elevation error'
     words = ('The elevation of the barrel differs from the record. At 50 degrees one degree too '
-             'much takes 2.1 % from the radial channel and adds 1.5 % to the tilting ones; at 70 '
-             'degrees it is 4.8 % and 0.6 %, so runs at two elevations tell it from a gain.')
+             'much takes 2.1 % from the radial force and 1.6 % from the moment on the shipped '
+             'rig, and adds 1.5 % to the axial force. At 70 degrees it is 4.8, 3.2 and 0.6 %, so '
+             'runs at two elevations tell it from a gain.')
     settled_by = 'An inclinometer on the loading axis, read at zero and at full load.'
     outcomes = Outcomes(
         inclinometer='an angle other than the one recorded',

@@ -6,8 +6,8 @@ from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
 class LoadNonlinearity(RingEffect):
     title = 'Bent load characteristic'
     words = ('The load measurement is right at zero and at full scale, and wrong between them. '
-             'The error is a parabola over load, of equal size in force units in the radial and '
-             'in the tilting channels, up and down alike.')
+             'The error is a parabola over load, of equal size in force units in all channels, '
+             'up and down alike.')
     settled_by = 'A reference load in several steps up to full scale.'
     outcomes = Outcomes(reference_load='a difference that is largest at half load')
     stage = 'load path'
