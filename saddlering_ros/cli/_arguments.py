@@ -385,12 +385,21 @@ def finish(args: argparse.Namespace, result: Result,
     It is told first, so that it is not lost if a file cannot be written. save: writes files of
     one command; their paths.
     """
-    if args.json != '-':
-        print(result.summary(), flush=True)
-    is_json_alone = args.json is not None and tell_json(args, result.to_json())
+    is_json_alone, reader_gone = args.json == '-', None
+    try:
+        if is_json_alone:
+            tell_json(args, result.to_json())
+        else:
+            print(result.summary(), flush=True)
+    except BrokenPipeError as problem:  # as with `| head`: the files are wanted all the same
+        reader_gone = problem
+    if args.json is not None and not is_json_alone:
+        tell_json(args, result.to_json())
     written = [*save()]
     if args.report is not None:
         written += result.write_report(args.report, command=args.command_line)
+    if reader_gone is not None:
+        raise reader_gone
     for path in [] if is_json_alone else written:
         print(f'written: {path}')
     return 0

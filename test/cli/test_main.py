@@ -202,3 +202,22 @@ def test_a_result_is_told_before_a_file_that_cannot_be_written(place, capsys):
     with pytest.raises(SaddleringError, match='No space left'):
         finish(args, result)
     assert 'verdict' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('place', [None, '-'])
+def test_a_reader_that_is_gone_takes_no_file_away(place, monkeypatch):
+    """`saddlering diagnose ... --report r.html | head -3` wrote no report, without a word."""
+    written = []
+    result = SimpleNamespace(
+        summary=lambda: 'verdict', to_json=lambda: {'verdict': 'none'},
+        write_report=lambda path, command: [written.append(path)])
+    args = argparse.Namespace(json=place, report=Path('r.html'), command_line='')
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    with open(write_end, 'w') as stream:
+        monkeypatch.setattr('sys.stdout', stream)
+        with pytest.raises(BrokenPipeError):
+            finish(args, result)
+        monkeypatch.undo()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), write_end)
+    assert written == [Path('r.html')]
