@@ -54,11 +54,11 @@ def compact(value: float | None, digits: int = 3) -> str:
     return f'{mantissa} × 10{superscript(int(power))}' if power else text
 
 
-def span(low: float, high: float, unit: str = '') -> str:
+def span(low: float, high: float, unit: str = '', digits: int = 4) -> str:
     """'(1.27 to 1.33) × 10⁸ N/m^n': two numbers with one power of ten."""
     size = max(abs(low), abs(high))
     power = math.floor(math.log10(size)) if size and not 1e-2 <= size < 1e4 else 0
-    words = f'{low / 10.0**power:.4g} to {high / 10.0**power:.4g}'
+    words = f'{low / 10.0**power:.{digits}g} to {high / 10.0**power:.{digits}g}'
     text = f'({words}) × 10{superscript(power)}' if power else words
     return text if unit in PLAIN else f'{text} {unit}'
 

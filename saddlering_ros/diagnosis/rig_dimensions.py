@@ -101,6 +101,11 @@ def changed_title(effect_id: str) -> str:
     return DIMENSIONS[effect_id].title if effect_id in DIMENSIONS else ''
 
 
+def entry_of(effect_id: str) -> str:
+    """The entry of the rig file whose error an effect is or would look like; '' for others."""
+    return DIMENSIONS[effect_id].entry if effect_id in DIMENSIONS else ENTRIES.get(effect_id, '')
+
+
 def entries_of(rig: Rig, causes: Sequence[Cause]) -> list[str]:
     """Entries of the rig file that would make one of the causes or its alternatives.
 
@@ -109,14 +114,12 @@ def entries_of(rig: Rig, causes: Sequence[Cause]) -> list[str]:
     entries: dict[str, str] = {}
     for cause in causes:
         for name in cause.group:
-            entry = ENTRIES.get(name, '')
-            if name in DIMENSIONS:
+            entry = entry_of(name)
+            if name in DIMENSIONS and name == cause.effect:
                 one = DIMENSIONS[name]
-                entry = one.entry
-                if name == cause.effect:
-                    value, change = one.read(rig), cause.parameters['change'].value
-                    entry += (f' ({value:.4g} {one.unit} in the file, {value + change:.4g} '
-                              f'{one.unit} by these data)')
+                value, change = one.read(rig), cause.parameters['change'].value
+                entry += (f' ({value:.4g} {one.unit} in the file, {value + change:.4g} '
+                          f'{one.unit} by these data)')
             entries.setdefault(name, entry)
     return [*filter(None, entries.values())]
 

@@ -32,7 +32,7 @@ def certainty(document: Mapping[str, Any], title_of: Callable[[str], str] = str)
     stretches, unit = document.get('influence') or (), document.get('time_unit', 's')
     total = sum(max(item['evidence'], 0.0) for item in stretches)
     influences = [
-        (f'{item["run"]}, {span(item["start"], item["end"], unit)}',
+        (f'{item["run"]}, {span(item["start"], item["end"], unit, 3)}',
          100.0 * item['evidence'] / total, AFTER if item['evidence'] > 0.0 else BEFORE)
         for item in sorted(stretches, key=lambda item: -abs(item['evidence']))] if total else []
     remainders = [

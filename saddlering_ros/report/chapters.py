@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.diagnosis import ring_wording
+from saddlering_ros.diagnosis.rig_dimensions import entry_of
 from saddlering_ros.diagnosis.ring_wording import bag_name, causes_of, value_words, VerdictDocument
 from saddlering_ros.discrepancy import CauseEntry, wording
 from saddlering_ros.effects import catalogue
@@ -101,7 +102,9 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
         document.get('candidates') or []) if item['effects']}
     alike: list[list[str | Cell]] = [
         [ring_wording.title_of(name), code(name), compact(tried.get(name), 4),
-         effects[name].settled_by if name in effects else ''] for name in cause['group']]
+         effects[name].settled_by if name in effects else
+         f'{entry_of(name)} of the rig file, compared with the drawing and the ring.']
+        for name in cause['group']]
     is_alone = len(alike) == 1
     is_next = lowered(title) in (document.get('next_test') or '')
     partial = wording.standing(document.get('remainder'), is_partial=cause.get('partial'))
@@ -117,7 +120,7 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
             ["largest share of a channel's range", percent(cause['share_of_range'])],
             ['probability by chance alone', probability(evidence['p_value'])],
             ['evidence (ΔBIC)', compact(evidence['delta_bic'])]]),
-        html.table(['alternatives for these data', 'id', number('evidence (ΔBIC)'),
+        html.table(['alternatives for these data', 'id', number('alone at first (ΔBIC)'),
                     'measurement that tells them apart'], [] if is_alone else alike),
         html.paragraph(f'To confirm it: {effect.settled_by}'
                        if effect is not None and is_alone and not is_next else '', 'note'),

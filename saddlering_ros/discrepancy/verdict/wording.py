@@ -220,7 +220,7 @@ def influence_words(
         _, start, end = max(runs[run])
         if sums[run] > 0.0:
             words.append(f'{run} {percent(sums[run] / whole)} (most of it from '
-                         f'{quantities.span(start, end, time_unit)})')
+                         f'{quantities.span(start, end, time_unit, 3)})')
     against = [run for run, share in sums.items() if share < -MIN_AGAINST * whole]
     more = f'; against the causes: {", ".join(against)}' if against else ''
     return f'Evidence by run: {", ".join(words)}{more}.'
