@@ -27,7 +27,7 @@ from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.discrepancy.search.small_errors import Among, MIN_MARGIN, MIN_TIMES
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
-from saddlering_ros.discrepancy.verdict.parts import unsteady_sizes
+from saddlering_ros.discrepancy.verdict.parts import uneven_rest, unsteady_sizes
 from saddlering_ros.discrepancy.verdict.published import (
     MAINLY,
     plain_fits,
@@ -235,7 +235,7 @@ def doubts_beside_error(
     doubts = [*doubts_of(search, published), *unsteady_sizes(space, fit, published.causes),
               *narrow, *(unlike_channels(alone.space, published.plain)
                          or unlike_channels_unpatched(alone.space, search, main.effect)),
-              *uncertain_law(space, published)]
+              *uncertain_law(space, published), *uneven_rest(published.fits)]
     if most_dropped**2 > MAINLY * main.visible**2:
         doubts.append(wording.AS_LARGE)
     return doubts, 0.0 if narrow else published.shares.best

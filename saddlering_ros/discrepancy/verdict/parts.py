@@ -17,10 +17,11 @@ from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.signatures import length_needed, orthonormal, SMALLER
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
-from saddlering_ros.discrepancy.verdict.results import Cause, PublishedFits
+from saddlering_ros.discrepancy.verdict.published import MAINLY
+from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, PublishedFits
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.estimation.statistics import fisher_chance
-from saddlering_ros.quantities import quantity
+from saddlering_ros.quantities import GOOD, percent, quantity
 
 INTERVAL = 2.0
 """Standard deviations of a size by which another cause, too small to show, may change it: the
@@ -125,6 +126,29 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
                 sentences.append(wording.unsteady_size_words(
                     titles[effect.id], kind, float(parts.sizes.min()), float(parts.sizes.max())))
     return sentences
+
+
+def uneven_rest(fits: PublishedFits) -> list[str]:
+    """A sentence if one run keeps much more than each other, though the causes act there.
+
+    What a right law leaves is error of one model, in each run about as large. Counted beyond noise
+    in the view that the causes change most, of its range and as a share of the misfit. A run of
+    which they take enough to be established shows nothing.
+    """
+    problem = fits.metric.problem
+    before, after = (fit.prediction - problem.measured for fit in (fits.before, fits.after))
+    changes = {view: problem.view_sizes(before - after, view) for view in problem.view_ranges}
+    view = max(changes, key=lambda name: float(changes[name] @ changes[name]))
+    whole, left = (problem.view_sizes(residual, view) for residual in (before, after))
+    noise = np.array([fits.metric.noise_power(run, view) for run in problem.runs])
+    beyond = np.sqrt(np.maximum(left**2 - noise / problem.view_ranges[view] ** 2, 0.0))
+    acting = (changes[view]**2 > MAINLY * whole**2) & (
+        beyond**2 > (1.0 - MIN_TAKEN) * whole**2) & (whole.size > 1)
+    return [
+        wording.UNEVEN_RUN.format(problem.runs[run].name, percent(left[run]), view)
+        for run in np.flatnonzero(acting) if all(
+            beyond[run] / part[run] > GOOD * np.delete(left / part, run).max()
+            for part in (np.ones_like(whole), whole))]
 
 
 def cause_of_some_runs(space: ModelSpace, selected: Fit) -> tuple[str, str] | None:

@@ -244,8 +244,7 @@ def tried_words(compared: int, refitted: int, *, has_law: bool | None) -> str:
 def remaining_words(explained: float) -> str:
     """What a share of the misfit leaves: '12 % of the power ..'; '< 1 %' is never '0 %'."""
     left = 100.0 * (1.0 - explained)
-    share = f'{left:.0f} %' if left >= 0.5 else '< 1 %'
-    return f'{share} of the power of the misfit beyond noise'
+    return (f'{left:.0f}' if left >= 0.5 else '< 1') + ' % of the power of the misfit beyond noise'
 
 
 # Warnings: why causes have no name.
@@ -254,6 +253,7 @@ ONE_RUN = 'there is one run only, so that no prediction of another run supports 
 WORSE_RUN = 'in one of the fitted runs the misfit is larger with the causes'
 ODD_RUN = ('the runs fit together without {}: something was different in it, such as the zero of '
            'a sensor, or it alone shows the cause: repeat this test')
+UNEVEN_RUN = '{} keeps {} of range in {}, more than twice what each other run keeps'
 NO_SMALL_ERRORS = ('the residual is larger than small errors of all effects in the catalogue '
                    'could be')
 AS_LARGE = ('another cause, which is not established, has a large effect too: which of them is '
