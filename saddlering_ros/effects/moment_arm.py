@@ -6,13 +6,13 @@ from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
 class MomentArm(RingEffect):
     title = 'Wrong moment arm'
     words = ('The load acts higher or lower over the ring than in the rig file. Only the tilting '
-             'moment changes. Tilt and axial motion change in proportion, and the radial channel '
-             'does not change.')
+             'moment changes. Tilt changes, and axial motion with it, because the same rows carry '
+             'both. The radial channel does not change.')
     settled_by = ('Measure the height of the loading axis over the ring, or hang a reference load '
                   'from a known arm.')
     outcomes = Outcomes(
         heights='another height of the loading axis than in the rig file',
-        other_elevation='a misfit of tilt and axial motion only, in the same share')
+        other_elevation='a misfit of tilt and axial motion only')
     stage = 'load path'
     channels = ('delta_y', 'gamma')
     parameters = (EffectParameter(
