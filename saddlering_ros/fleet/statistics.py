@@ -2,7 +2,7 @@
 
 A ring is described by six coordinates: log stiffness of both contacts at a reference penetration,
 exponents, and log damping. K and n of one contact are all but exchangeable (their correlation is
-about -0.98); the stiffness at the penetration where the ring works is what a session measures.
+above 0.99); the stiffness at the penetration where the ring works is what a session measures.
 
 At 1 % a verdict, a thousand sound sessions give ten false alarms: Benjamini and Hochberg, J. R.
 Stat. Soc. B 57 (1995) 289; e-values: Vovk and Wang, Ann. Stat. 49 (2021) 1736; e-BH: Wang and
