@@ -259,7 +259,8 @@ def _among_small_errors(strict: Answer) -> Answer:
     before, after = (_residual_of(space, fit) for fit in (space.base, best.fit))
 
     search = replace(strict.search, space=space, fit=best.fit, alternatives={})
-    published = publish_settled(search, best.fit, before, after)
+    sources = [model.fit for model in among.likely]
+    published = publish_settled(search, sources, before, after)
     main, small = established.main_among(among, published)
     doubts = established.doubts_among(among, main, published)
     left_out = {*small, *established.small_secondary_causes(published, main)}
@@ -274,7 +275,7 @@ def _among_small_errors(strict: Answer) -> Answer:
     while not doubts and left_out:
         names = {*search.fit.candidate.ids} - left_out
         search = replace(search, fit=only(search.fit, names))
-        published = publish_settled(search, best.fit, before, after)
+        published = publish_settled(search, sources, before, after)
         left_out = {*established.small_secondary_causes(published, main)}
     doubts += [*established.other_laws(search), *published.doubts,
                *established.wrong_inputs(space, search.fit),

@@ -315,6 +315,26 @@ def test_a_size_does_not_take_what_belongs_to_small_errors() -> None:
     assert abs(size.value - 0.4) < min(0.001, 2.0 * size.std)
 
 
+def test_an_interval_counts_the_sizes_in_models_that_are_nearly_as_likely() -> None:
+    """A bent load cell of -0.0158 was -0.0127 +- 0.0006, and -0.0150 in a model as likely."""
+    law, other = (Effect(name, {'size': Parameter(0, 1)}) for name in ('law', 'other'))
+
+    def fit(theta: Sequence[float], *effects: Effect) -> Any:
+        return SimpleNamespace(candidate=Candidate(tuple((effect, 0) for effect in effects)),
+                               theta_unit=np.array(theta))
+
+    space: Any = SimpleNamespace(
+        tangent_of=lambda fit: SimpleNamespace(white=1e3 * np.eye(fit.theta_unit.size)),
+        settings=SimpleNamespace(error_rate=1e-3),
+        problem=SimpleNamespace(system=SimpleNamespace(base_parameters=(Parameter(0, 1),))))
+    residual: Any = SimpleNamespace(inflation=lambda rate: 1.0)
+    first, others = fit([0.5, 0.2], law), [fit([0.51, 0.9, 0.23], other, law)]
+    own, wide = (np.sqrt(np.diag(published._covariance(space, sources, first, residual)))
+                 for sources in ([first], [first, *others]))
+    assert own == pytest.approx([1e-3, 1e-3], rel=1e-3)
+    assert wide == pytest.approx([0.01, 0.03], rel=0.01)
+
+
 def test_without_held_out_runs_a_run_counts_in_no_size_that_predicts_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

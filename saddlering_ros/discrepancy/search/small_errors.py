@@ -117,6 +117,12 @@ class Among:
     others: Sequence[Model]
     errors: SmallErrors
 
+    @property
+    def likely(self) -> list[Model]:
+        """The best model and all that are nearly as likely; more likely ones may cancel."""
+        least = self.best.evidence - MIN_MARGIN
+        return [self.best, *(other for other in self.others if other.evidence > least)]
+
     def closest_without(self, *names: str) -> tuple[Model, float]:
         """The best model without effects, and the logarithm of the likelihood over that of it.
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain, PRIOR
@@ -110,19 +111,20 @@ def publish(search: Search, before: Residual, after: Residual) -> Publication:
     """
     problem, rounds = search.space.problem, search.space.settings.max_rounds
     fits = refit_full_jacobian(_metric_of(search.space), _wanted(search), rounds)
-    return _publication(search, search.fit, before, after, [
+    return _publication(search, [search.fit], before, after, [
         _Model(fit, plain, predicted_residuals(problem, plain) if search.fit.candidate.effects
                else []) for fit, plain in zip(fits, plain_fits(problem, fits), strict=True)])
 
 
 def publish_settled(
-    search: Search, source: Fit, before: Residual, after: Residual
+    search: Search, sources: Sequence[Fit], before: Residual, after: Residual
 ) -> Publication:
     """Publish causes of the size that a fit beside small errors gives them.
 
     With noise alone they would take what belongs to the small errors. The base is refitted beside
-    them, because a parameter file holds no small errors. source: the fit, which can have more
-    effects; before, after: residuals of the base and of this fit.
+    them, because a parameter file holds no small errors. sources: the fit, which can have more
+    effects, and others that are nearly as likely; before, after: residuals of the base and of
+    this fit.
     """
     space, rounds, models = search.space, search.space.settings.max_rounds, []
     problem = space.problem
@@ -132,7 +134,8 @@ def publish_settled(
         plain = fitting.refit_base(GainMetric.about(problem, fit), fit, names, rounds)
         models.append(_Model(fit, plain, predicted_residuals(
             problem, plain, _moves_without_runs(space, own))))
-    return _publication(search, source, before, after, models)
+    alike = [each for each in sources if {*search.fit.candidate.key} <= {*each.candidate.key}]
+    return _publication(search, alike, before, after, models)
 
 
 def _wanted(search: Search) -> list[Fit]:
@@ -148,7 +151,8 @@ def _metric_of(space: ModelSpace) -> Metric:
 
 
 def _publication(
-    search: Search, source: Fit, before: Residual, after: Residual, models: Sequence[_Model],
+    search: Search, sources: Sequence[Fit], before: Residual, after: Residual,
+    models: Sequence[_Model],
 ) -> Publication:
     """The numbers of models that were fitted without nuisance parameters, those of `_wanted`."""
     space, fit, problem = search.space, search.fit, search.space.problem
@@ -159,7 +163,7 @@ def _publication(
     model, base = by_key[whole_key].fit, by_key[space.base.candidate.key].fit
     plain = {key: each.plain for key, each in by_key.items()}
     left = {key: each.left for key, each in by_key.items()}
-    covariance = _covariance(space, source, model, after)
+    covariance = _covariance(space, sources, model, after)
     taken = {key: shares_of(space.metric, other, plain[whole_key], (left[key], left[whole_key]))
              for key, other in plain.items() if key != whole_key}
 
@@ -212,7 +216,7 @@ def _publication(
         causes=tuple(causes),
         base=_estimates(parameters, model.theta_unit, covariance),
         base_alone=_estimates(
-            parameters, base.theta_unit, _covariance(space, space.base, base, before)),
+            parameters, base.theta_unit, _covariance(space, [space.base], base, before)),
         gain=whole,
         runs=tuple(
             results.RunPrediction(
@@ -239,19 +243,30 @@ def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
             *([wording.base_at_bound_words(stopped)] if stopped else [])]
 
 
-def _covariance(space: ModelSpace, source: Fit, published: Fit, residual: Residual) -> Array:
+def _covariance(
+    space: ModelSpace, sources: Sequence[Fit], published: Fit, residual: Residual
+) -> Array:
     """Covariance in bound-scaled coordinates, widened by misfit and nuisance parameters.
 
-    source: the fit in the space, with the effects of the published one and perhaps more.
+    sources: fits in the space with the effects of the published one and perhaps more. The first
+    gives the covariance; the others, which are nearly as likely, widen it by their distance.
     """
-    base = len(space.problem.system.base_parameters)
-    same = np.concatenate([np.arange(base), *(
-        np.arange(part.start, part.stop) for effect, _, part in source.candidate.slices(base)
-        if effect.id in published.candidate.ids)])
-    fitted = covariance(space.tangent_of(source).white, PRIOR)[np.ix_(same, same)]
+    base = space.problem.system.base_parameters
+
+    def places_in(fit: Fit) -> NDArray[np.intp]:
+        own = {effect.id: part for effect, _, part in fit.candidate.slices(len(base))}
+        return np.concatenate([np.arange(len(base)), *(
+            np.arange(own[name].start, own[name].stop) for name in published.candidate.ids)])
+
+    first = places_in(sources[0])
+    points = np.array([fit.theta_unit[places_in(fit)] for fit in sources])
+    apart = np.abs(points - points[0])
+    periodic = [parameter.periodic for parameter in published.candidate.parameters(base)]
+    apart = np.where(periodic, np.minimum(apart, 1.0 - apart), apart)
+    fitted = covariance(space.tangent_of(sources[0]).white, PRIOR)[np.ix_(first, first)]
     widened = fitted * residual.inflation(space.settings.error_rate)
-    return np.asarray(
-        widened + np.diag((published.theta_unit - source.theta_unit[same]) ** 2))
+    return np.asarray(widened + np.diag(
+        apart.max(axis=0) ** 2 + (published.theta_unit - points[0]) ** 2))
 
 
 def _estimates(
