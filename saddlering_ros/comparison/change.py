@@ -425,7 +425,7 @@ def _limits_alone(
     if space.leaves_misfit(space.base):
         space, _ = discrepancy.space_beside_error(space, space.base)
     return {effect.effect: effect.limit
-            for effect in discrepancy.observed(discrepancy.with_inputs(space)).limits}
+            for effect in discrepancy.observed(space.with_inputs()).limits}
 
 
 def contact_of_sessions(

@@ -36,7 +36,7 @@ from saddlering_ros.discrepancy.problem.system import (
 )
 from saddlering_ros.discrepancy.search.evidence import Evidence
 from saddlering_ros.discrepancy.search.lack_of_fit import ShapeTest
-from saddlering_ros.discrepancy.search.selection import space_beside_error, with_inputs
+from saddlering_ros.discrepancy.search.selection import space_beside_error
 from saddlering_ros.discrepancy.search.signatures import DetectionLimit, Observability, observed
 from saddlering_ros.discrepancy.search.space import prepare
 from saddlering_ros.discrepancy.verdict import wording
@@ -62,5 +62,5 @@ __all__ = [
     'SystemWithTangents', 'Term',
     'check', 'describe', 'diagnose', 'diagnose_system', 'direction_of', 'model_error_columns',
     'noise_metric', 'nuisance_columns', 'observed', 'prepare', 'probabilities_of',
-    'space_beside_error', 'tangent', 'with_inputs', 'wording',
+    'space_beside_error', 'tangent', 'wording',
 ]

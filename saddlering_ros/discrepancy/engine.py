@@ -63,7 +63,7 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     slow_lines, runs = find_slow_lines(start.metric, start.base, start.trials)
     search = selection.search_about(prepare(problem.with_runs(runs)) if slow_lines else start)
     # What two sessions could show of a rig that differs between them.
-    observability = observed(selection.with_inputs(search.begun)
+    observability = observed(search.begun.with_inputs()
                              if problem.assumptions.is_persistent else search.begun)
     watch.progress('misfit reduction', 0.8)
     answer, (refits, near_limit, influence), is_other = _tested(search, _judged(search))

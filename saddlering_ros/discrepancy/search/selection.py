@@ -105,7 +105,7 @@ def _search(begun: ModelSpace) -> Search:
     gains = [score.gain for score in space.scores(space.base)] if errors else []
     # Where nothing is wrong to first order, no input of the simulator is accused.
     if errors and (max(gains, default=0.0) >= space.real_gain or space.leaves_misfit(space.base)):
-        space = with_inputs(space)
+        space = space.with_inputs()
     fit = select(space, log)
     alternatives: Alternatives = {}
     space.watch.progress('check of alternatives', 0.75)
@@ -122,14 +122,6 @@ def _search(begun: ModelSpace) -> Search:
         fit = prune(space, fit, log)
         fit, alternatives = check_alternatives(space, fit, log)
     return Search(begun, space, fit, alternatives, log)
-
-
-def with_inputs(space: ModelSpace) -> ModelSpace:
-    """The space with the errors of the simulator's inputs as possible causes."""
-    inputs = shown_by.measure_signatures(
-        space.metric, space.base, space.base_tangent, space.scale,
-        getattr(space.problem.system, 'inputs', ()))
-    return replace(space, trials=space.trials + shown_by.shapes_tried(inputs), inputs=inputs)
 
 
 def in_metric(space: ModelSpace, metric: Metric, fit: Fit) -> tuple[ModelSpace, Fit]:

@@ -4,7 +4,7 @@ Candidates are refitted together; candidates far behind the best one stop after 
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, TypeVar
 
@@ -218,6 +218,13 @@ class ModelSpace:
         for number, fit in zip(best, refitted_fully, strict=True):
             refined[number] = fit
         return refined
+
+    def with_inputs(self) -> 'ModelSpace':
+        """The space with the errors of the simulator's inputs as possible causes."""
+        inputs = shown_by.measure_signatures(
+            self.metric, self.base, self.base_tangent, self.scale,
+            getattr(self.problem.system, 'inputs', ()))
+        return replace(self, trials=self.trials + shapes_tried(inputs), inputs=inputs)
 
     def without(self, fit: Fit, effect_id: str) -> Fit:
         """The model without one effect, refitted."""
