@@ -111,8 +111,11 @@ def raw_topic(scanned: Scan, name: str) -> RawTopic:
         have = ', '.join(sorted(scanned.topics)) or 'none'
         radial = (f', or state rig.probes.absent: {name[-1]} in the rig file if the rig does not '
                   'have this probe') if name in [PROBE_TOPICS[one - 1] for one in OPPOSITE] else ''
-        raise BagError(f'{scanned.path}: has no topic {name} (it has: {have}): record this topic '
-                       f'too{radial}')
+        space = next((one.removesuffix(name) for one in scanned.topics if one.endswith(name)), '')
+        remedy = (f'it stands in the namespace {space}, and a bag holds names without one: record '
+                  f'by saddlering record OUT --namespace {space[1:]}, or rename the topics'
+                  ) if space else f'record this topic too{radial}'
+        raise BagError(f'{scanned.path}: has no topic {name} (it has: {have}): {remedy}')
     if topic.fault:
         raise BagError(f'{where}: {topic.fault}')
     wrong = sorted(kind for kind in topic.types if kind != TOPICS[name].type)

@@ -281,8 +281,9 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
                 f'{name}: a static run with one plateau only: '
                 'identification needs readings at several loads')
         if not np.any(np.asarray(readings.branch) < 0):
+            cut = ''.join(f' ({note})' for note in run.notes if 'is cut off' in note)
             raise IdentificationError(
-                f'{name}: there is no unloading branch in this static run: '
+                f'{name}: there is no unloading branch in this static run{cut}: '
                 'record the steps down to zero as well')
         return readings
     end = min(max(1, len(run.load) // 100), MAX_END)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 import zlib
 
 from mcap.writer import CompressionType
@@ -11,6 +12,7 @@ import yaml
 
 from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.bags.mcap_read import MAGIC, MESSAGE, RECORD_HEAD
+from saddlering_ros.bags.reader import raw_topic
 from saddlering_ros.cli.main import main
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, Record
@@ -83,6 +85,14 @@ def test_a_missing_topic(tmp_path, recording, raw, topic):
     line = refusal(raw(tmp_path / 'bag.mcap', recording.without(topic)))
     assert f'no topic {topic}' in line
     assert PROBE_TOPICS[0] in line
+
+
+def test_a_topic_in_a_namespace_is_told_with_it():
+    """A bag of `ros2 bag record` in /rig1 was told to record this topic too."""
+    scanned = SimpleNamespace(path='bag', topics={f'/rig1{LOAD_TOPIC}': None}, fault=None,
+                              message_count=5)
+    with pytest.raises(BagError, match=r'in the namespace /rig1, .* --namespace rig1, or rename'):
+        raw_topic(scanned, LOAD_TOPIC)
 
 
 @pytest.mark.parametrize('topic', [LOAD_TOPIC, PROBE])

@@ -305,6 +305,8 @@ def still():
     (lambda: [still()], {}, 'too few|one plateau'),
     (lambda: [half_of(static_run(50.0))], {}, 'no unloading branch'),
     (lambda: [half_of(dynamic_run(50.0))], {}, 'no unloading branch'),
+    (lambda: [replace(half_of(static_run(50.0)), notes=['a.mcap: the file is cut off'])], {},
+     r'unloading branch .*\(a.mcap: the file is cut off\): record'),
     (lambda: [replace(static_run(50.0), elevation=np.nan)], {}, 'elevation'),
     (lambda: [dynamic_run(50.0)], {'method': 'paper'}, 'needs a static run'),
     (lambda: [static_run(50.0)], {'bounds': {'K1': (1e9, 2e7)}}, 'K1')])
