@@ -173,21 +173,27 @@ def test_a_law_that_contains_the_cause_is_no_alternative_to_it() -> None:
     assert swapped.margin('every') == 29.0
 
 
-@pytest.mark.parametrize(('own', 'evidence', 'name'), [
-    (0.501, 45.0, 'friction'), (0.501, 30.0, 'wide'), (0.6, 45.0, 'wide')])
-def test_a_law_stands_for_one_that_contains_it_and_is_nothing_itself(
-    own: float, evidence: float, name: str,
+@pytest.mark.parametrize(('own', 'moved', 'evidence', 'name'), [
+    (0.501, 0.02, 45.0, 'friction'), (0.501, 0.02, 30.0, 'wide'), (0.6, 0.02, 45.0, 'wide'),
+    (0.6, 1e-3, 45.0, 'friction'), (0.6, 1e-3, 40.0, 'wide')])
+def test_a_law_stands_for_one_that_contains_it_and_adds_nothing_that_stands_out(
+    own: float, moved: float, evidence: float, name: str,
 ) -> None:
-    """An axial compliance was one of every coordinate, of which the tilt's was nothing."""
+    """An axial compliance was one of every coordinate, of which the tilt's was nothing.
+
+    Friction in the radial row was named friction in the axial rows, which was a small error.
+    """
     law = Effect('wide', {'size': Parameter(-1, 1), 'friction': Parameter(-1, 1)}, id='wide',
                  contains=('friction',))
-    fit: Any = SimpleNamespace(
-        candidate=Candidate(((law, 0),)), theta_unit=np.array([own, 0.9]))
+    fit: Any = SimpleNamespace(candidate=Candidate(((law, 0),)), theta_unit=np.array([own, 0.9]),
+                               prediction=np.zeros(1))
     space: Any = SimpleNamespace(
         tangent_of=lambda fit: SimpleNamespace(white=100.0 * np.eye(2)),
-        problem=SimpleNamespace(system=SimpleNamespace(base_parameters=())))
+        scale=SimpleNamespace(sizes=lambda change: np.array([moved])),
+        problem=SimpleNamespace(predict=lambda points: np.zeros((1, 1)),
+                                system=SimpleNamespace(base_parameters=())))
     models = [small_errors.Model(fit, 50.0, 1e-4, {'wide': 0.02}, 1.0),
-              model_of(evidence, friction=0.02)]
+              model_of(evidence, friction=0.02), model_of(0.0)]
     assert [*small_errors._with_contained_law(space, models).visible] == [name]
 
 

@@ -65,6 +65,11 @@ probes, which is in no catalogue, 0.39."""
 MAX_CAUSES = 3
 """Effects of a model at most: each further one fits what is left of a cause that is not listed."""
 
+MAX_LOST = 0.15
+"""Share of the logarithm of the likelihood, over that without both, that a law may lose in the
+place of one that contains it. On four dirty rings with friction in the radial row it was 0.2 to
+11 %."""
+
 MAX_OTHERS = 2
 """Other causes in the group of a main cause, at most."""
 
@@ -232,20 +237,32 @@ def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
 
 
 def _with_contained_law(space: ModelSpace, models: Collection[Model]) -> Model:
-    """The best model, or one with a contained law that is nearly as likely.
+    """The best model, or one with a law that a law of the best one contains.
 
-    A law that contains others gives way to one of them if its own size may be zero.
+    A law that contains others gives way to one of them that is nearly as likely if its own size
+    may be zero. If its own part is a small error it gives way to one that stands out and takes
+    most of what it does: a ring with large friction in one row has some in the others.
     """
-    best = _best(models)
+    best, base = _best(models), space.problem.system.base_parameters
     half = WIDTH_95 * np.sqrt(np.diag(covariance(space.tangent_of(best.fit).white, PRIOR)))
-    base = len(space.problem.system.base_parameters)
-    contained = {
-        name for effect, _, part in best.fit.candidate.slices(base)
-        if abs(best.fit.theta_unit[part.start] - effect.size.to_unit(effect.neutral))
-        <= half[part.start] for name in effect.contains}
-    return _best([
-        model for model in models if contained & {*model.visible}
-        and model.is_acceptable and model.evidence > best.evidence - MIN_MARGIN] or [best])
+    chosen = []
+    for effect, _, part in best.fit.candidate.slices(len(base)):
+        alike = {effect.id, *effect.contains}
+        without = [model.evidence for model in models if not alike & {*model.visible}]
+        point = best.fit.theta_unit.copy()
+        point[part.start] = effect.size.to_unit(effect.neutral)
+        least = np.inf
+        if abs(point - best.fit.theta_unit)[part.start] <= half[part.start]:
+            least = best.evidence - MIN_MARGIN
+        elif effect.contains and without:
+            moved = best.fit.prediction - space.problem.predict(
+                [best.fit.candidate.point(base, point)])[:, 0]
+            if float(space.scale.sizes(moved[:, None]).max()) < MIN_TIMES * best.spread:
+                least = best.evidence - MAX_LOST * (best.evidence - max(without))
+        chosen += [model for model in models if model.is_acceptable and model.evidence > least
+                   and any(model.visible.get(name, 0.0) >= MIN_TIMES * model.spread
+                           for name in effect.contains)]
+    return _best(chosen or [best])
 
 
 def _with_another(
