@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from saddlering_ros.comparison.change import AXIAL, standard_errors
+from saddlering_ros.comparison.wear import AXIAL, standard_errors
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.plateaus import find_holds, plateau_means, plateaus
 from saddlering_ros.rig import TONNE

@@ -12,13 +12,9 @@ from sessions_made import dirt, RIG, session, with_size
 from saddlering_ros.comparison.change import (
     change_words,
     check_sessions,
-    common_loads,
     compare_records,
     ComparisonError,
     contact_of_sessions,
-    judged_wear,
-    maker_figures,
-    MakerFigures,
     renewed_between,
 )
 from saddlering_ros.comparison.series import ChangeSeries, Evidence, series_of
@@ -35,6 +31,7 @@ from saddlering_ros.comparison.sessions import (
     TwoSessions,
     with_main_cause,
 )
+from saddlering_ros.comparison.wear import common_loads, judged_wear, maker_figures, MakerFigures
 from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.ring_wording import title_of
