@@ -141,7 +141,8 @@ def model_of(evidence: float, joint: float = 1.0, **visible: float) -> small_err
     """A model of laws without content; `every` contains `friction`."""
     laws = tuple((SimpleNamespace(
         id=name, contains=('friction',) if name == 'every' else ()), 0) for name in visible)
-    fit: Any = SimpleNamespace(candidate=SimpleNamespace(effects=laws))
+    ids = tuple(visible)
+    fit: Any = SimpleNamespace(candidate=SimpleNamespace(effects=laws, ids=ids, key=ids))
     return small_errors.Model(fit, evidence, 1e-4, visible, joint)
 
 
@@ -195,6 +196,35 @@ def test_a_law_stands_for_one_that_contains_it_and_adds_nothing_that_stands_out(
     models = [small_errors.Model(fit, 50.0, 1e-4, {'wide': 0.02}, 1.0),
               model_of(evidence, friction=0.02), model_of(0.0)]
     assert [*small_errors._with_contained_law(space, models).visible] == [name]
+
+
+def test_what_takes_a_place_in_a_model_that_cancels_is_tried(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An elevation error was named for the moment arm of ring 311, whose model was not tried."""
+    models = {one.fit.candidate.ids: one for one in (
+        model_of(0.0), model_of(10.0, tilt=0.02), model_of(1.0, elevation=0.02),
+        model_of(1.0, arm=0.02), model_of(50.0, 0.5, tilt=0.02, elevation=0.02),
+        model_of(60.0, tilt=0.02, arm=0.02))}
+    more = {((), ()): 'tilt', (('tilt',), ()): 'tilt elevation',
+            (('tilt',), ('tilt', 'elevation')): 'tilt arm'}
+
+    def with_another(space: Any, fit: Any, most: Any = None, excluded: Any = ()) -> list[Any]:
+        added = more.get((fit.candidate.ids, tuple(excluded)), '')
+        return [models[tuple(added.split())].fit] if added else []
+
+    monkeypatch.setattr(small_errors, '_with_another', with_another)
+    monkeypatch.setattr(small_errors, 'stopped_sizes', lambda problem, fit: [])
+    monkeypatch.setattr(small_errors, '_with_contained_law', lambda space, tried: (
+        small_errors._best(tried)))
+    space: Any = SimpleNamespace(
+        problem=None, base=models[()].fit, foreseen=lambda fit: 0.0,
+        watch=SimpleNamespace(check=lambda: None),
+        without=lambda fit, name: models[tuple(
+            own for own in fit.candidate.ids if own != name)].fit)
+    errors: Any = SimpleNamespace(model_of_fit=lambda space, fit: models[fit.candidate.ids])
+    among = small_errors._climb(space, errors, models['tilt',].fit)
+    assert [*among.best.visible] == ['tilt', 'arm']
 
 
 def taking(**shares: float) -> Any:

@@ -221,16 +221,20 @@ def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
     done: set[object] = set()
     for _ in range(MAX_STEPS):
         space.watch.check()
-        best = _best(models.values())
-        if best.fit.candidate.key in done:
+        # Effects that cancel each other are no model, but what takes the place of one may be.
+        likely = max(models.values(), key=lambda model: model.evidence)
+        steps = [model.fit for model in (_best(models.values()), likely)
+                 if model.fit.candidate.key not in done]
+        if not steps:
             break
-        done.add(best.fit.candidate.key)
-        names = best.fit.candidate.ids
-        if len(names) < MAX_CAUSES:
-            add(_with_another(space, best.fit, MAX_TRIED))
-        for name in names:
-            less = space.without(best.fit, name)
-            add([less, *_with_another(space, less, MAX_TRIED, names)])
+        for own in steps:
+            done.add(own.candidate.key)
+            names = own.candidate.ids
+            if len(names) < MAX_CAUSES:
+                add(_with_another(space, own, MAX_TRIED))
+            for name in names:
+                less = space.without(own, name)
+                add([less, *_with_another(space, less, MAX_TRIED, names)])
     best = _with_contained_law(space, models.values())
     others = [model for model in models.values() if model is not best]
     return Among(space, best, others, errors)
