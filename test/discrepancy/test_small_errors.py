@@ -276,6 +276,21 @@ def test_causes_that_explain_alike_are_one_group() -> None:
     assert among_of(best, [fewer, model_of(0.0)]).group_of('arm') == ({}, fewer, 5.0)
 
 
+@pytest.mark.parametrize(('taken', 'is_refused'), [(0.9, False), (0.6, True)])
+def test_a_group_takes_as_much_as_a_right_cause(taken: float, is_refused: bool) -> None:
+    """An elevation error or a moment arm was established for a bent probe that was not listed."""
+    best, alike = model_of(50.0, arm=0.02), model_of(45.0, radius=0.02)
+    among = among_of(best, [alike, model_of(0.0)])
+    among.space.problem = SimpleNamespace(titles={'arm': 'arm'})
+    shares = results.Shares({'gamma': taken}, {}, 0.5, ('gamma', taken), ('gamma', taken),
+                            (0.3, 0.5))
+    published: Any = SimpleNamespace(member_shares={}, shares=shares)
+    assert bool(established.doubts_among(among, 'arm', published)) == is_refused
+    alone = among_of(best, [model_of(0.0)])
+    alone.space.problem = SimpleNamespace(titles={'arm': 'arm'})
+    assert not established.doubts_among(alone, 'arm', published)
+
+
 def test_a_group_among_small_errors_is_ambiguous(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(SHAPES, 'grip', lambda drive, speed: np.tanh(speed / 0.051))
     answer = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES)

@@ -305,11 +305,13 @@ def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
         if min(share, taken.predicted.get(view, share)) < -MAX_LEFT_OVER)]
     if among.times(name) < MIN_TIMES:
         doubts.append(wording.no_outlier_words(title, among.times(name), MIN_TIMES))
-    _, other, margin = among.group_of(name)
+    group, other, margin = among.group_of(name)
+    # Where listed causes replace each other, one that is not listed may replace both.
+    required = MIN_TAKEN if group else MAINLY
     if margin < MIN_MARGIN:
         doubts.append(wording.close_words(title, among.space.titles_of(other.fit)))
-    if taken.best < MAINLY:
-        doubts.append(wording.weak_words(title, taken.best, MAINLY))
+    if taken.best < required:
+        doubts.append(wording.weak_words(title, taken.best, required))
     return doubts
 
 
