@@ -269,9 +269,11 @@ def _among_small_errors(strict: Answer) -> Answer:
         """Some effects of a fit alone, of the size that they have beside the others."""
         return fitting.refit_base(space.metric, fit, names, space.settings.max_rounds)
 
-    group, *_ = among.group_of(main)
-    search = replace(search, alternatives={
-        main: tuple(only(other.fit, {name}) for name, other in group.items())})
+    group = {} if doubts else among.group_of(main)[0]
+    if group:
+        search = replace(search, alternatives={
+            main: tuple(only(other.fit, {name}) for name, other in group.items())})
+        published = publish_settled(search, sources, before, after)
     while not doubts and left_out:
         names = {*search.fit.candidate.ids} - left_out
         search = replace(search, fit=only(search.fit, names))

@@ -300,6 +300,18 @@ def test_a_group_among_small_errors_is_ambiguous(monkeypatch: pytest.MonkeyPatch
     assert abs(cause.parameters['size'].value - 0.3) < 0.01
 
 
+def test_a_group_is_stated_where_every_second_cause_is_named_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where nothing was left out, the numbers were those from before the group was known."""
+    monkeypatch.setitem(SHAPES, 'grip', lambda drive, speed: np.tanh(speed / 0.051))
+    monkeypatch.setattr(established, 'main_among', lambda among, published: ('friction', []))
+    monkeypatch.setattr(established, 'small_secondary_causes', lambda published, main: [])
+    answer = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES)
+    assert answer.verdict == 'ambiguous'
+    assert ('friction', 'grip') in [cause.group for cause in answer.causes]
+
+
 def test_one_error_that_is_much_larger_makes_no_cause_smaller() -> None:
     """A clock that was off by 30 times the other errors made all of them look as large."""
     among = among_of(model_of(50.0, friction=0.02), [model_of(0.0)])
