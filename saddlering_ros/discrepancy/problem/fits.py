@@ -201,6 +201,13 @@ def linear_misfit(fit: Fit, base: Sequence[Parameter]) -> float:
     return float(left @ left)
 
 
+def stepped_misfit(products: Array) -> float:
+    """The misfit after one step without bounds, by products (p + 1, p + 1), the residual last."""
+    gram, slope = products[:-1, :-1], products[:-1, -1]
+    return float(products[-1, -1] - slope @ np.linalg.solve(
+        gram + PRIOR**2 * np.eye(slope.size), slope))
+
+
 def _differences(columns: Array) -> Array:
     """Sensitivities (n, k); None if the simulator failed at a neighbour."""
     return np.where(np.isfinite(columns).all(axis=0), columns, 0.0)

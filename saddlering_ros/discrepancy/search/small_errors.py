@@ -158,16 +158,18 @@ class Among:
             more = {own: size for own, size in other.visible.items()
                     if own not in self.best.visible}
             cause = max(more, default='', key=lambda own: more[own])
-            _, spread = self.errors.with_larger(self.space, other.fit, ())
             if (margin >= MIN_MARGIN or len(group) == MAX_OTHERS or not cause
-                    or more[cause] < MIN_TIMES * spread):
+                    or self._times(other, cause) < MIN_TIMES):
                 return group, other, margin
             group[cause] = other
 
     def times(self, name: str) -> float:
         """Size of an effect of the best model over the common spread beside one larger error."""
-        _, spread = self.errors.with_larger(self.space, self.best.fit, ())
-        return self.best.visible[name] / spread
+        return self._times(self.best, name)
+
+    def _times(self, model: Model, name: str) -> float:
+        _, spread = self.errors.with_larger(self.space, model.fit, ())
+        return model.visible[name] / spread
 
     def margin(self, name: str) -> float:
         """Logarithm of the likelihood over that of the best model without an effect."""
@@ -251,18 +253,20 @@ def _with_contained_law(space: ModelSpace, models: Collection[Model]) -> Model:
     half = WIDTH_95 * np.sqrt(np.diag(covariance(space.tangent_of(best.fit).white, PRIOR)))
     chosen = []
     for effect, _, part in best.fit.candidate.slices(len(base)):
-        alike = {effect.id, *effect.contains}
-        without = [model.evidence for model in models if not alike & {*model.visible}]
+        if not effect.contains:
+            continue
         point = best.fit.theta_unit.copy()
         point[part.start] = effect.size.to_unit(effect.neutral)
         least = np.inf
         if abs(point - best.fit.theta_unit)[part.start] <= half[part.start]:
             least = best.evidence - MIN_MARGIN
-        elif effect.contains and without:
+        else:
             moved = best.fit.prediction - space.problem.predict(
                 [best.fit.candidate.point(base, point)])[:, 0]
             if float(space.scale.sizes(moved[:, None]).max()) < MIN_TIMES * best.spread:
-                least = best.evidence - MAX_LOST * (best.evidence - max(without))
+                alike = {effect.id, *effect.contains}
+                without = max(model.evidence for model in models if not alike & {*model.visible})
+                least = best.evidence - MAX_LOST * (best.evidence - without)
         chosen += [model for model in models if model.is_acceptable and model.evidence > least
                    and any(model.visible.get(name, 0.0) >= MIN_TIMES * model.spread
                            for name in effect.contains)]

@@ -1,6 +1,7 @@
-"""Sizes of a cause by run and by channel: whether it has one size, and whether it acts everywhere.
+"""What to first order changes a cause or a size: runs, channels, and causes too small to show.
 
-The sizes are found to first order about a fit, beside its other parameters.
+Whether a cause has one size and acts everywhere, whether one run differs from the others, and by
+how much a cause that would not be found changes the size of another one. No refit is needed.
 """
 
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR, tangent
+from saddlering_ros.discrepancy.problem.fits import Fit, stepped_misfit, tangent
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search import space as spaces
@@ -200,10 +201,8 @@ def odd_run(base: Fit, problem: Problem) -> str:
     # Products and numbers of samples of all runs, and without each of them.
     sums = [products.sum(axis=0), *(products.sum(axis=0) - products)]
     counts = np.array([np.count_nonzero(block[:, -1]) for block in blocks])
-    whole, *left = [
-        total[-1, -1] - total[:-1, -1] @ np.linalg.solve(
-            total[:-1, :-1] + PRIOR**2 * np.eye(len(total) - 1), total[:-1, -1]) - count
-        for total, count in zip(sums, [counts.sum(), *(counts.sum() - counts)], strict=True)]
+    whole, *left = [stepped_misfit(total) - count for total, count in zip(
+        sums, [counts.sum(), *(counts.sum() - counts)], strict=True)]
     places = np.argsort(left)
     is_odd = len(left) > 2 and left[places[0]] < ODD * whole and left[places[1]] > OTHER * whole
     return problem.runs[places[0]].name if is_odd else ''

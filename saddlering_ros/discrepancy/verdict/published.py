@@ -159,31 +159,29 @@ def _publication(
     parameters = problem.system.base_parameters
     less = {name: space.without(fit, name) for name in fit.candidate.ids}
     by_key = {each.fit.candidate.key: each for each in models}
-    whole_key = fit.candidate.key
-    model, base = by_key[whole_key].fit, by_key[space.base.candidate.key].fit
-    plain = {key: each.plain for key, each in by_key.items()}
-    left = {key: each.left for key, each in by_key.items()}
+    chosen = by_key[fit.candidate.key]
+    model, base = chosen.fit, by_key[space.base.candidate.key].fit
     covariance = _covariance(space, sources, model, after)
-    taken = {key: shares_of(space.metric, other, plain[whole_key], (left[key], left[whole_key]))
-             for key, other in plain.items() if key != whole_key}
+    taken = {key: shares_of(space.metric, each.plain, chosen.plain, (each.left, chosen.left))
+             for key, each in by_key.items() if each is not chosen}
 
     def gain_over(other: Fit) -> Gain:
         """Gain of the model over another one, on the fitted runs and on predicted ones."""
-        key = other.candidate.key
-        if key == whole_key:
+        one = by_key[other.candidate.key]
+        if one is chosen:
             return Gain(0.0, 0.0, 'none')
         fitted = ratio(*(
             problem.squared_misfit(
-                problem.runs, problem.by_run(each.prediction - problem.measured))
-            for each in (plain[key], plain[whole_key])))
-        if not left[key]:
+                problem.runs, problem.by_run(each.plain.prediction - problem.measured))
+            for each in (one, chosen)))
+        if not one.left:
             return Gain(fitted, None, 'one run only')
-        predicted = ratio(*(problem.squared_misfit(problem.held_out or problem.runs, residuals)
-                            for residuals in (left[key], left[whole_key])))
+        predicted = ratio(*(problem.squared_misfit(problem.held_out or problem.runs, each.left)
+                            for each in (one, chosen)))
         if problem.held_out and not np.isfinite(predicted):
             return Gain(fitted, None, 'the simulator failed on a held-out run')
         return Gain(fitted, predicted, 'held out' if problem.held_out else 'held out in turn',
-                    taken[key].interval)
+                    taken[other.candidate.key].interval)
 
     causes = []
     for effect, variant, indices in model.candidate.slices(len(parameters)):
@@ -227,7 +225,7 @@ def _publication(
         shares=taken.get(base.candidate.key),
         member_shares={} if len(less) < 2 else {
             name: taken[other.candidate.key] for name, other in less.items()},
-        doubts=(*sizes_at_bounds(problem, model), *failed[:1]), plain=plain[whole_key],
+        doubts=(*sizes_at_bounds(problem, model), *failed[:1]), plain=chosen.plain,
         converged=all(each.fit.converged and each.plain.converged for each in models))
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
+from saddlering_ros.discrepancy.problem.fits import Fit, stepped_misfit
 from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.system import Array, FREE_STRENGTH
 from saddlering_ros.discrepancy.search.evidence import Comparison
@@ -135,11 +135,7 @@ class _Sums:
 
     def penalised(self, space: ModelSpace, weights: Array) -> float:
         """Misfit after one step, plus the price of its parameters and of its first effect."""
-        products = np.tensordot(weights, self._products, axes=1)
-        gram, slope = products[:-1, :-1], products[:-1, -1]
-        misfit = products[-1, -1] - slope @ np.linalg.solve(
-            gram + PRIOR**2 * np.eye(slope.size), slope)
         price = space.log_size * self.fit.theta_unit.size
         if self.fit.candidate.effects:
             price += max(space.real_gain - space.log_size, 0.0)
-        return float(misfit) + price
+        return stepped_misfit(np.tensordot(weights, self._products, axes=1)) + price
