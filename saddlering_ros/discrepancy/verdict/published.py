@@ -131,7 +131,9 @@ def publish_settled(
     for own in _wanted(search):
         names = own.candidate.ids
         fit = fitting.refit_base(_metric_of(space), own, names, rounds)
-        plain = fitting.refit_base(GainMetric.about(problem, fit), fit, names, rounds)
+        plain = fitting.refit_base(
+            GainMetric.about(problem, fit), fit, names, rounds) if names else plain_fits(
+                problem, [fit])[0]
         models.append(_Model(fit, plain, predicted_residuals(
             problem, plain, _moves_without_runs(space, own))))
     alike = [each for each in sources if {*search.fit.candidate.key} <= {*each.candidate.key}]
