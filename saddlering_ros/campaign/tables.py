@@ -65,43 +65,34 @@ def results_of(
 
 def write_tables(store: Store, tasks: Sequence[SessionTask]) -> None:
     """verdicts.parquet, parameters.parquet and detection_limits.parquet, each whole or not."""
-    for name, schema in (
-            ('verdicts', VERDICTS), ('parameters', PARAMETERS), ('detection_limits', LIMITS)):
-        rows = (row for task, result in results_of(store, tasks)
-                for row in _rows_of(name, task, result))
+    for name, schema, rows_of in (
+        ('verdicts', VERDICTS, _verdict_rows), ('parameters', PARAMETERS, _parameter_rows),
+        ('detection_limits', LIMITS, _limit_rows),
+    ):
+        rows = ({**_session(task), **row} for task, result in results_of(store, tasks)
+                for row in rows_of(task, result, result.get('verdict') or {}))
         with whole_file(store.folder / f'{name}.parquet', CampaignError) as temporary, \
                 pyarrow.parquet.ParquetWriter(temporary, schema) as writer:
             while group := list(islice(rows, GROUP)):
                 writer.write_table(pyarrow.Table.from_pylist(group, schema=schema))
 
 
-def _rows_of(
-    table: str, task: SessionTask, result: Mapping[str, Any],
-) -> list[dict[str, Any]]:
-    """The rows of a session in a table; a failed one has no verdict.
-
-    verdicts: one row; parameters: a row a contact parameter, whose covariance is the row of the
-    session's matrix; detection_limits: a row an effect, with the size that would have shown.
-    """
-    document, time = result.get('verdict') or {}, task.time
-    session = {
+def _session(task: SessionTask) -> dict[str, Any]:
+    """The columns that all tables share."""
+    time = task.time
+    return {
         'key': task.key, 'session': task.name, 'ring': task.ring, 'bench': task.bench,
         'time': None if time is None else datetime.fromtimestamp(time, timezone.utc),
         'service_hours': task.service_hours}
-    if table == 'parameters':
-        after = (document.get('parameters') or {}).get('after') or {}
-        names = [name for name in after if not name.endswith('_std')]
-        covariance = result.get('covariance') or [[None] * len(names)] * len(names)
-        return [{**session, 'parameter': name, 'value': after[name],
-                 'std': after.get(f'{name}_std'), 'covariance': list(covariance[row])}
-                for row, name in enumerate(names)]
-    if table == 'detection_limits':
-        return [{**session, **{name: limit.get(name) for name in LIMITS.names[len(_SESSION):]}}
-                for limit in document.get('detection_limits') or []]
+
+
+def _verdict_rows(
+    task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
+) -> list[dict[str, Any]]:
+    """The one row of a session in verdicts.parquet; of a failed one without a verdict."""
     gain, change = document.get('gain') or {}, result.get('change') or {}
     return [{
-        **session, 'maintenance': task.maintenance,
-        'status': result['status'], 'kind': result.get('kind'),
+        'maintenance': task.maintenance, 'status': result['status'], 'kind': result.get('kind'),
         'reason': result.get('reason'), 'verdict': document.get('verdict'),
         'causes': [_cause(cause) for cause in document.get('causes', [])],
         'p_value': p_value_of(document) if document else None,
@@ -125,6 +116,25 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
         'p_value': (cause.get('evidence') or cause).get('p_value'),
         'misfit_reduction': gain.get('fit'), 'misfit_reduction_held_out': gain.get('held_out'),
         'partial': bool(cause.get('partial', name is None))}
+
+
+def _parameter_rows(
+    task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
+) -> list[dict[str, Any]]:
+    """A row a contact parameter; its covariance is the row of the session's matrix."""
+    after = (document.get('parameters') or {}).get('after') or {}
+    names = [name for name in after if not name.endswith('_std')]
+    covariance = result.get('covariance') or [[None] * len(names)] * len(names)
+    return [{'parameter': name, 'value': after[name], 'std': after.get(f'{name}_std'),
+             'covariance': list(covariance[row])} for row, name in enumerate(names)]
+
+
+def _limit_rows(
+    task: SessionTask, result: Mapping[str, Any], document: Mapping[str, Any],
+) -> list[dict[str, Any]]:
+    """A row an effect of the catalogue: the size that this session could have shown."""
+    return [{name: limit.get(name) for name in LIMITS.names[len(_SESSION):]}
+            for limit in document.get('detection_limits') or []]
 
 
 def p_value_of(document: Mapping[str, Any]) -> float:
