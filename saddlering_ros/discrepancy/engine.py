@@ -18,10 +18,10 @@ from saddlering_ros.discrepancy.problem.fits import Fit, Tangent
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
 from saddlering_ros.discrepancy.search import selection
+from saddlering_ros.discrepancy.search.among import search_among_small_errors
 from saddlering_ros.discrepancy.search.lack_of_fit import consistency_tests
 from saddlering_ros.discrepancy.search.selection import Search
 from saddlering_ros.discrepancy.search.signatures import observed
-from saddlering_ros.discrepancy.search.small_errors import search_among_small_errors
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
 from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs, hidden_causes, odd_run

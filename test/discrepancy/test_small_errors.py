@@ -15,6 +15,7 @@ from saddlering_ros.discrepancy.diagnosis import problem_of
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.fits import Candidate, Gain
+from saddlering_ros.discrepancy.search import among as searching
 from saddlering_ros.discrepancy.search import small_errors
 from saddlering_ros.discrepancy.verdict import established, published, results, wording
 from saddlering_ros.discrepancy.verdict.results import Cause
@@ -148,21 +149,21 @@ def model_of(evidence: float, joint: float = 1.0, **visible: float) -> small_err
 
 def among_of(
     best: small_errors.Model, others: Sequence[small_errors.Model], *inputs: str
-) -> small_errors.Among:
+) -> searching.Among:
     """Models whose errors are all of one size; `inputs` are errors of the rig file."""
     evidence = {id(model.fit): model.evidence for model in (best, *others)}
     errors: Any = SimpleNamespace(
         with_larger=lambda space, fit, small: (evidence[id(fit)], 1e-4))
     space: Any = SimpleNamespace(inputs=[
         SimpleNamespace(effect=SimpleNamespace(id=name)) for name in inputs])
-    return small_errors.Among(space, best, others, errors)
+    return searching.Among(space, best, others, errors)
 
 
 def test_effects_that_cancel_each_other_are_no_best_model() -> None:
     """Such a pair can fit a law that is not listed."""
     pair, alone = model_of(50.0, 0.4, gap=0.1, kink=0.1), model_of(10.0, gap=0.1)
-    assert small_errors._best([pair, alone]) is alone
-    assert small_errors._best([replace(pair, joint=0.9), alone]).evidence == 50.0
+    assert searching._best([pair, alone]) is alone
+    assert searching._best([replace(pair, joint=0.9), alone]).evidence == 50.0
 
 
 def test_a_law_that_contains_the_cause_is_no_alternative_to_it() -> None:
@@ -195,7 +196,7 @@ def test_a_law_stands_for_one_that_contains_it_and_adds_nothing_that_stands_out(
                                 system=SimpleNamespace(base_parameters=())))
     models = [small_errors.Model(fit, 50.0, 1e-4, {'wide': 0.02}, 1.0),
               model_of(evidence, friction=0.02), model_of(0.0)]
-    assert [*small_errors._with_contained_law(space, models).visible] == [name]
+    assert [*searching._with_contained_law(space, models).visible] == [name]
 
 
 def test_what_takes_a_place_in_a_model_that_cancels_is_tried(
@@ -213,17 +214,17 @@ def test_what_takes_a_place_in_a_model_that_cancels_is_tried(
         added = more.get((fit.candidate.ids, tuple(excluded)), '')
         return [models[tuple(added.split())].fit] if added else []
 
-    monkeypatch.setattr(small_errors, '_with_another', with_another)
-    monkeypatch.setattr(small_errors, 'stopped_sizes', lambda problem, fit: [])
-    monkeypatch.setattr(small_errors, '_with_contained_law', lambda space, tried: (
-        small_errors._best(tried)))
+    monkeypatch.setattr(searching, '_with_another', with_another)
+    monkeypatch.setattr(searching, 'stopped_sizes', lambda problem, fit: [])
+    monkeypatch.setattr(searching, '_with_contained_law', lambda space, tried: (
+        searching._best(tried)))
     space: Any = SimpleNamespace(
         problem=None, base=models[()].fit, foreseen=lambda fit: 0.0,
         watch=SimpleNamespace(check=lambda: None),
         without=lambda fit, name: models[tuple(
             own for own in fit.candidate.ids if own != name)].fit)
     errors: Any = SimpleNamespace(model_of_fit=lambda space, fit: models[fit.candidate.ids])
-    among = small_errors._climb(space, errors, models['tilt',].fit)
+    among = searching._climb(space, errors, models['tilt',].fit)
     assert [*among.best.visible] == ['tilt', 'arm']
 
 

@@ -21,10 +21,10 @@ from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR, tangent
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search import evidence
 from saddlering_ros.discrepancy.search import space as spaces
+from saddlering_ros.discrepancy.search.among import Among, MIN_MARGIN, MIN_TIMES
 from saddlering_ros.discrepancy.search.evidence import Comparison, crowded
 from saddlering_ros.discrepancy.search.selection import error_process, Search
 from saddlering_ros.discrepancy.search.signatures import orthonormal
-from saddlering_ros.discrepancy.search.small_errors import Among, MIN_MARGIN, MIN_TIMES
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.parts import uneven_rest, unsteady_sizes
