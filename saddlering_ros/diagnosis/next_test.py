@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from saddlering_ros import discrepancy
+from saddlering_ros.diagnosis.proposed_law import CHANNELS as CHANNELS_OF_LAW
 from saddlering_ros.diagnosis.records import Array, LoadGrid, LONGEST_STEP
 from saddlering_ros.diagnosis.rig_dimensions import entries_of, title_of_dimension
 from saddlering_ros.diagnosis.ring_wording import title_of
@@ -22,6 +23,7 @@ from saddlering_ros.doubts.comparison import rig_in_words
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import RIG_TESTS, RigTest, UNCLEAR
 from saddlering_ros.effects.common_shapes import MOVES
+from saddlering_ros.identification.uncertainty import distinct_elevations
 from saddlering_ros.quantities import lowered, MATERIAL
 from saddlering_ros.record import Record
 from saddlering_ros.rig import Rig
@@ -69,17 +71,22 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
         limits = diagnosis.observability.limits
         return for_unseen([limit.effect for limit in limits if not limit.testable])
     free = discrepancy.wording.free_test_words(diagnosis.held_out_evidence)
+    tests = _open_tests(runs)
     if diagnosis.verdict == 'unknown':
         first = '' if all(run.rig_hash == rig.digest for run in runs) else (
             f'First compare the rig file with the ring ({rig_in_words(rig)}): saddlering rig '
             '--check BAG and its drawing show a wrong dimension, span, polarity or elevation.')
-        group = next((cause.group for cause in diagnosis.causes if len(cause.group) > 1), ())
-        sentence = for_group(group, diagnosis.separations) if group else None
+        # Causes that explain little are likely to be others, which their test would not show.
+        causes = diagnosis.causes if diagnosis.explained >= discrepancy.PARTED else ()
+        group = next((cause.group for cause in causes if len(cause.group) > 1), ())
+        sentence = for_group(group, diagnosis.separations, tests) if group else None
         parting = sentence and f'If the cause is {_either(group)}: {sentence}'
+        if causes and not group and not title_of_dimension(causes[0].effect):
+            parting = confirming(causes[0].effect, [], tests)
         # Shapes that are all within chance need no test beside another one.
         after = diagnosis.residual_after
         is_told = not parting or shapes_left(after) or after.fast.visible >= MATERIAL
-        rest = for_residual(after) if is_told else ''
+        rest = for_residual(after, diagnosis.law) if is_told else ''
         return ' '.join(filter(None, (free, first, parting, rest)))
     entries = entries_of(rig, diagnosis.causes)
     first = ('First compare the rig file with the drawing and the ring: '
@@ -88,32 +95,57 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
     open_groups = [cause.group for cause in diagnosis.causes if len(cause.group) > 1]
     sentence = ''
     if open_groups:
-        sentence = for_group(open_groups[0], diagnosis.separations) or next(
+        sentence = for_group(open_groups[0], diagnosis.separations, tests) or next(
             (catalogue()[name].settled_by for name in open_groups[0]
              if not title_of_dimension(name)), '')
     elif not title_of_dimension(named):
-        alike = look_alikes(named, signature_cosines(diagnosis))
-        sentence = confirming(named, alike[:MAX_ALTERNATIVES])
+        alike = look_alikes(_place_of(diagnosis.causes[0]), signature_cosines(diagnosis))
+        sentence = confirming(named, alike[:MAX_ALTERNATIVES], tests)
     places = ' '.join(
         f'These data leave open where {lowered(title_of(cause.effect))} acts: examine each place.'
         for cause in diagnosis.causes if cause.elsewhere)
     return ' '.join(filter(None, (free, first, sentence, places)))
 
 
-def for_residual(after: discrepancy.Residual) -> str:
+def _open_tests(runs: Sequence[Record]) -> tuple[RigTest, ...]:
+    """The tests of the table without another elevation, if static tests of these runs have two."""
+    static = distinct_elevations(run.elevation for run in runs if run.test == 'static')
+    return tuple(test for test in RIG_TESTS if static < 2 or test.id != 'other_elevation')
+
+
+def _place_of(cause: discrepancy.Cause) -> str:
+    """The label of a cause where it acts, as in 'probe_bracket:3'; its id if it has one place."""
+    variants = cause.definition.variants
+    return cause.effect if len(variants) == 1 else next(
+        f'{cause.effect}:{number}' for number, values in enumerate(variants)
+        if all(cause.parameters[name].value == value for name, value in values.items()))
+
+
+def for_residual(
+    after: discrepancy.Residual, law: discrepancy.LawProposal | None = None,
+) -> str:
     """The test for the largest part of the misfit that no cause explains; else the least likely.
 
-    Among shapes that are all within chance, the largest one is that of the noisiest channel.
+    Among shapes that are all within chance, the largest one is that of the noisiest channel. A
+    proposed law tells the coordinate better than the largest shape: a loop that follows the
+    direction also has a part along the load, and the law predicts other runs.
     """
     shapes = shapes_left(after)
     largest = (max(shapes, key=lambda shape: shape.visible) if shapes else
                min(after.shapes, key=lambda shape: shape.p_value))
-    fast, channel = after.fast, largest.view
+    fast, channel, coordinate = after.fast, largest.view, largest.coordinate
     if fast.visible >= max(MATERIAL, largest.visible):
         return (f'Record ten minutes at constant preload, at the highest sampling rate. If '
                 f'{fast.view} oscillates at {fast.frequency:.2g} Hz there too, pickup of a probe '
                 'is the cause. If it does not, the rig oscillates with the load.')
-    probes = '2 and 4' if channel in ('delta_y', 'gamma') else '1 and 3'
+    if law is not None:
+        channel, coordinate = CHANNELS_OF_LAW.get(
+            law.terms[0].target, law.terms[0].target), law.terms[0].coordinate
+    if channel == 'hydraulic_load':
+        return ('Put a calibrated load cell in line with the cylinder and repeat the static test. '
+                'If it differs from the recorded load, the load is the cause.')
+    is_axial = channel in ('delta_y', 'gamma', 'eddy_current_2', 'eddy_current_4')
+    probes = '2 and 4' if is_axial else '1 and 3'
     sentences = {
         'load': f'Swap probes {probes} and repeat the static test. If the misfit of {channel} '
         'moves with a probe, the probe is the cause. If the misfit stays, the ring or the load '
@@ -128,7 +160,8 @@ def for_residual(after: discrepancy.Residual) -> str:
         'time': f'Record ten minutes at constant preload. If {channel} moves without any load, '
         'drift or pickup of a probe is the cause. If it does not move, creep of the ring is the '
         'cause.'}
-    return sentences.get(largest.coordinate, sentences['load'])
+    sentences['hysteresis'] = sentences['direction']
+    return sentences.get(coordinate, sentences['load'])
 
 
 def outcome(effect_id: str, test: RigTest) -> str:
@@ -145,20 +178,23 @@ def separated(test: RigTest, effects: Sequence[str]) -> int:
     return sum(UNCLEAR not in pair and pair[0] != pair[1] for pair in combinations(shown, 2))
 
 
-def for_group(effects: Sequence[str], separations: Sequence[discrepancy.Separation]) -> str | None:
+def for_group(
+    effects: Sequence[str], separations: Sequence[discrepancy.Separation],
+    tests: Sequence[RigTest] = RIG_TESTS,
+) -> str | None:
     """The next test for a group, with its share of simulated draws that leave only the true cause.
 
     A test that could not be simulated comes first if no simulated test separates the group.
     """
-    table = _of_table(effects)
+    table = _of_table(effects, tests)
     best = separations[0] if separations else None
     simulated = {one.proposal.kind for one in separations}
     if best is None or (best.share < ENOUGH and table is not None and table.id not in simulated):
-        return between(effects)
+        return between(effects, tests)
     if not best.alone:
         words = (f'None of {len(separations)} simulated tests leaves one of these causes alone: '
                  'compare the size of each with the rig.')
-        return ' '.join(filter(None, (between(effects), words)))
+        return ' '.join(filter(None, (between(effects, tests), words)))
     meanings = ''.join(_meanings(test, effects) for test in RIG_TESTS
                        if test.id == best.proposal.kind and separated(test, effects))
     share, low, high = (round(100.0 * value) for value in (best.share, *best.interval))
@@ -187,42 +223,47 @@ def _either(effects: Sequence[str]) -> str:
     return ' or '.join(lowered(title_of(name)) for name in effects)
 
 
-def between(effects: Sequence[str]) -> str | None:
-    """The test of the table that separates most of these effects, with every outcome."""
-    test = _of_table(effects)
+def between(effects: Sequence[str], tests: Sequence[RigTest] = RIG_TESTS) -> str | None:
+    """The test of a table that separates most of these effects, with every outcome."""
+    test = _of_table(effects, tests)
     return None if test is None else f'{test.instruction} {_meanings(test, effects)}'
 
 
-def _of_table(effects: Sequence[str]) -> RigTest | None:
+def _of_table(effects: Sequence[str], tests: Sequence[RigTest]) -> RigTest | None:
     """The test that separates most pairs; among equal ones, the first effect from most others."""
     def score(test: RigTest) -> tuple[int, int]:
         first, *others = (outcome(name, test) for name in effects)
         return separated(test, effects), sum(
             UNCLEAR not in (first, other) and other != first for other in others)
 
-    best = max(RIG_TESTS, key=score)
+    best = max(tests, key=score)
     return best if score(best)[0] else None
 
 
-def confirming(effect_id: str, alternatives: Sequence[str]) -> str:
+def confirming(
+    effect_id: str, alternatives: Sequence[str], tests: Sequence[RigTest] = RIG_TESTS,
+) -> str:
     """The test that confirms a named effect against its look-alikes in these data."""
-    alone = (f'{test.instruction} {_capital(shown)} confirms it.' for test in RIG_TESTS
+    alone = (f'{test.instruction} {_capital(shown)} confirms it.' for test in tests
              if (shown := outcome(effect_id, test)) not in (UNCLEAR, test.otherwise))
-    sentence = between([effect_id, *alternatives]) if alternatives else None
+    sentence = between([effect_id, *alternatives], tests) if alternatives else None
     effect = catalogue().get(effect_id)
     words = sentence or next(alone, '' if effect is None else effect.settled_by)
     return f'To confirm {lowered(title_of(effect_id))}: {words}'
 
 
 def look_alikes(
-    effect_id: str, cosines: Mapping[str, Mapping[str, float]], least: float = MIN_LIKENESS
+    effect: str, cosines: Mapping[str, Mapping[str, float]], least: float = MIN_LIKENESS
 ) -> list[str]:
-    """Other effects with a cosine of `least` or more in any variant, the most similar first."""
+    """Other effects with a cosine of `least` or more in any variant, the most similar first.
+
+    effect: its id, or the label of one variant, as 'probe_gain:3', of which alone others count.
+    """
     alike: dict[str, float] = {}
     for label, row in cosines.items():
-        for other, value in row.items() if label.partition(':')[0] == effect_id else ():
+        for other, value in row.items() if effect in (label, label.partition(':')[0]) else ():
             name = other.partition(':')[0]
-            if name != effect_id and value >= least:
+            if name != effect.partition(':')[0] and value >= least:
                 alike[name] = max(value, alike.get(name, 0.0))
     return sorted(alike, key=lambda name: -alike[name])
 

@@ -7,7 +7,7 @@ engine may import.
 """
 
 from saddlering_ros.discrepancy.diagnosis import check, diagnose
-from saddlering_ros.discrepancy.engine import diagnose_system
+from saddlering_ros.discrepancy.engine import diagnose_system, PARTED
 from saddlering_ros.discrepancy.law.families import direction_of
 from saddlering_ros.discrepancy.law.proposal import describe, LawProposal, Term
 from saddlering_ros.discrepancy.noise import Noise
@@ -54,7 +54,7 @@ from saddlering_ros.discrepancy.verdict.results import (
 from saddlering_ros.estimation.rest import RestSegment
 
 __all__ = [
-    'Assumptions', 'Cause', 'CauseEntry', 'Channel', 'DetectionLimit', 'Diagnosis',
+    'PARTED', 'Assumptions', 'Cause', 'CauseEntry', 'Channel', 'DetectionLimit', 'Diagnosis',
     'DiscrepancyError', 'Effect', 'Estimate', 'Evidence', 'LawProposal', 'Model',
     'ModelErrorPrior', 'Neighbourhood', 'Noise', 'Observability', 'Parameter', 'Point', 'Problem',
     'Proposal', 'Reading', 'ReductionEntry', 'Remainder', 'Residual', 'RestSegment', 'Run',

@@ -115,10 +115,68 @@ def test_a_simulated_test_states_which_alternatives_it_parts(together, words):
     assert words in sentence
     found = SimpleNamespace(
         verdict='unknown', held_out_evidence=(), separations=[replace(one, together=together)],
-        causes=[SimpleNamespace(effect='load_gain', group=group)],
-        residual_after=SimpleNamespace(fast=STILL, shapes=[]))
+        causes=[SimpleNamespace(effect='load_gain', group=group)], explained=0.3, law=None,
+        residual_after=AFTER)
+    told = next_test.next_test(found, [], default_rig())
+    assert told == f'If the cause is {told_titles(group)}: {sentence} {told_swap()}'
+    found.residual_after = SimpleNamespace(fast=STILL, shapes=[])
     told = next_test.next_test(found, [], default_rig())
     assert told == f'If the cause is {told_titles(group)}: {sentence}'
+
+
+def told_swap() -> str:
+    return next_test.for_residual(AFTER)
+
+
+def an_unknown(explained: float, *group: str, law=None) -> str:
+    """The next test of an `unknown` whose causes explain this share of the misfit."""
+    cause = SimpleNamespace(effect=group[0], group=group)
+    found = SimpleNamespace(
+        verdict='unknown', held_out_evidence=(), separations=(), causes=[cause], law=law,
+        explained=explained, residual_after=AFTER)
+    return next_test.next_test(found, [], default_rig())
+
+
+def test_causes_that_explain_little_get_no_test_of_their_own():
+    group = ('bolt_opening', 'tilt_friction')
+    assert an_unknown(0.3, *group).startswith('If the cause is opening bolted joint or dry ')
+    assert an_unknown(0.014, *group) == told_swap()
+
+
+def test_one_cause_that_is_not_established_gets_the_test_that_would_confirm_it():
+    assert an_unknown(0.8, 'tilt_compliance').startswith(
+        'To confirm tilt compliance in series: Repeat the static test at another elevation.')
+
+
+@pytest.mark.parametrize(('target', 'coordinate', 'words'), [
+    ('gamma', 'hysteresis', 'If the loop of gamma repeats'),
+    ('d1', 'time', 'If eddy_current_1 moves without any load'),
+    ('d4', 'load', 'Swap probes 2 and 4'),
+    ('hydraulic_load', 'load', 'Put a calibrated load cell in line')])
+def test_a_proposed_law_tells_what_the_next_test_is_about(target, coordinate, words):
+    law = SimpleNamespace(terms=[SimpleNamespace(target=target, coordinate=coordinate)])
+    assert words in an_unknown(0.0, 'settling', law=law)
+
+
+def test_a_test_at_another_elevation_is_not_proposed_where_two_were_recorded():
+    """A bent bracket was to be confirmed by a test that the bags held already."""
+    variants = ({'probe': 1.0}, {'probe': 4.0})
+    cause = SimpleNamespace(
+        effect='probe_bracket', group=('probe_bracket',), elsewhere=(),
+        definition=SimpleNamespace(variants=variants),
+        parameters={'probe': SimpleNamespace(value=4.0)})
+    labels = ('probe_bracket:0', 'probe_bracket:1', 'ring_ovalisation', 'axial_compliance')
+    cosines = np.array([[1, 0, 0.9, 0], [0, 1, 0, 0.7], [0.9, 0, 1, 0], [0, 0.7, 0, 1]])
+    found = SimpleNamespace(
+        verdict='named', causes=[cause], held_out_evidence=(), separations=(),
+        observability=SimpleNamespace(labels=labels, cosines=cosines))
+    one, other, fast = (SimpleNamespace(test=test, elevation=math.radians(degrees))
+                        for test, degrees in (('static', 38), ('static', 62), ('dynamic', 62)))
+    told = next_test.next_test(found, [one, fast], default_rig())
+    assert 'Repeat the static test at another elevation.' in told
+    assert 'ovalisation' not in told  # that of probe 1 alone looks alike
+    told = next_test.next_test(found, [one, other], default_rig())
+    assert told.startswith('To confirm probe bracket bends with load: Swapped probes')
 
 
 def told_titles(group) -> str:
@@ -274,11 +332,12 @@ def test_the_rig_file_comes_before_the_probes_unless_a_hash_vouches_for_it(
         verdict, rig_hash, is_first):
     unseen = SimpleNamespace(limits=[SimpleNamespace(effect='film_creep', testable=False)],
                              labels=(), cosines=())
-    cause = SimpleNamespace(effect='radial_friction', group=('radial_friction',), elsewhere=())
+    cause = SimpleNamespace(effect='radial_friction', group=('radial_friction',), elsewhere=(),
+                            definition=SimpleNamespace(variants=({},)))
     found = SimpleNamespace(
         verdict=verdict, causes=[cause], residual_after=AFTER, observability=unseen,
-        held_out_evidence=())
-    run = SimpleNamespace(rig_hash=rig_hash)
+        held_out_evidence=(), explained=0.0, law=None)
+    run = SimpleNamespace(rig_hash=rig_hash, test='static', elevation=0.0)
     sentence = next_test.next_test(found, [run], default_rig())
     assert (SWAP in sentence) == (verdict == 'unknown')
     assert sentence.startswith('First compare the rig file') == is_first
