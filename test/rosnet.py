@@ -64,11 +64,11 @@ class Client(ServedNode):
         """Keep what has come."""
         for topic, subscription in self.subscriptions.items():
             self.raw[topic] += subscription.take()
-        for message in self._progress.take():
-            said = deserialize_message(message, ReplayProgress)
+        for said in self._progress.take_each(lambda raw: deserialize_message(raw, ReplayProgress)):
             self.progress[said.node] = said
-        for message in self._diagnostics.take():
-            for status in deserialize_message(message, DiagnosticArray).status:
+        for told in self._diagnostics.take_each(
+                lambda raw: deserialize_message(raw, DiagnosticArray)):
+            for status in told.status:
                 self._note(status)
 
     def _note(self, status: DiagnosticStatus) -> None:

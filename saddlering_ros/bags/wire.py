@@ -340,6 +340,8 @@ def covariance_of(message: bytes) -> NDArray[np.float64]:
 
 def decode_time(message: bytes) -> int:
     """The time [ns] that a message begins with: a Clock, or one with a header."""
+    if len(message) < 12:
+        raise CdrError('a message is shorter than its time')
     second, nanosecond = struct.unpack_from('<iI', message, 4)
     return int(second) * SECOND + int(nanosecond)
 

@@ -61,10 +61,10 @@ def run(args: argparse.Namespace) -> int:
         while not node.done and not told_to_end.wait(0.05):
             if args.duration is not None and time.monotonic() - began >= args.duration:
                 break
-        counts, contradiction = node.counts(), node.settle_rig()
+        contradiction = node.settle_rig()
     if contradiction:
         print(f'note: {contradiction}', file=sys.stderr)
-    seconds = time.monotonic() - began
+    seconds, counts = time.monotonic() - began, node.counts()
     if not tell_json(args, {'bag': str(args.out), 'seconds': seconds, 'messages': counts}):
         print(f'{args.out}: {sum(counts.values())} messages in {seconds:.1f} s')
     if not any(counts.values()):

@@ -1,7 +1,7 @@
 """A node that records the topics of the rig and of the nodes as a rosbag2 bag."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, ExitStack
+from contextlib import contextmanager, ExitStack, suppress
 import os
 from pathlib import Path
 import sys
@@ -11,12 +11,13 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
+from rclpy._rclpy_pybind11 import RMWError
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool
 
 from saddlering_interfaces import msg
-from saddlering_ros.bags.wire import decode_time
+from saddlering_ros.bags.wire import CdrError, decode_time
 from saddlering_ros.bags.write import BagWriter, RECORDED_CHUNK_SIZE
 from saddlering_ros.errors import LiveError
 from saddlering_ros.record.topics import TOPICS
@@ -44,7 +45,8 @@ class Recorder(StreamingNode):
 
     def __init__(self, bag: BagWriter, context: Any, namespace: str = '') -> None:
         super().__init__(NAME, context=context, namespace=namespace)
-        self.problem_writing: Exception | None = None
+        self.fault: Exception | None = None
+        self.writing = threading.RLock()
         self._bag, self._namespace = bag, namespace
         self._published: dict[str, int] = {}
         self._rigs: dict[str, str] = {}
@@ -73,7 +75,8 @@ class Recorder(StreamingNode):
             messages = flow.take()
             if messages:
                 self._keep(topic, messages)
-                flow.last_stamp = decode_time(messages[-1])
+                with suppress(CdrError):  # kept as it came
+                    flow.last_stamp = decode_time(messages[-1])
 
     def missing(self, sent: Mapping[str, int]) -> str:
         """Samples that have not arrived, of those `sent` by topic and of those nodes report."""
@@ -105,19 +108,25 @@ class Recorder(StreamingNode):
 
     def _hear(self, topic: str, message: bytes) -> None:
         """Keep a message; of /diagnostics, which all rigs of a domain share, those of its rig."""
-        if topic == names.DIAGNOSTICS:
-            told = deserialize_message(message, DiagnosticArray).status
+        with suppress(RMWError):
+            told = (deserialize_message(message, DiagnosticArray).status
+                    if topic == names.DIAGNOSTICS else ())
             if told and all(names.is_of_another_rig(one.name, self._namespace) for one in told):
                 return
         self._keep(topic, [message])
 
     def _keep(self, topic: str, messages: list[bytes]) -> None:
-        try:
+        with self.writing:
             for number, message in enumerate(messages, start=time.time_ns()):
                 self._bag.write_message(topic, number, message)
-        except Exception as problem:  # set by the caller of the recorder
-            self.problem_writing = problem
-            self.done = True
+
+    def spin(self) -> None:
+        """Record until `done` is set, or until a fault ends it; then take what has come."""
+        try:
+            raw_topics.spin_streaming(self)
+            self.process_batch()
+        except Exception as problem:  # raised where the recording ends
+            self.fault, self.done = problem, True
 
 
 def streams() -> dict[str, Any]:
@@ -156,22 +165,22 @@ def recording(
     topics = {topic: raw_topics.type_name(kind)
               for topic, kind in {**streams(), **KEPT, **OTHERS}.items()}
     context = rclpy.Context()
-    with ExitStack() as stack:
-        bag = stack.enter_context(BagWriter(
+    with ExitStack() as network, BagWriter(  # the bag is closed first: leaving may hang or crash
             path, topics, facts or {}, definitions=definitions(), latched=frozenset(KEPT),
-            overwrite=overwrite, chunk_size=RECORDED_CHUNK_SIZE, recorded=True))
+            overwrite=overwrite, chunk_size=RECORDED_CHUNK_SIZE, recorded=True) as bag:
         rclpy.init(context=context, args=[], domain_id=domain_id,
                    signal_handler_options=SignalHandlerOptions.NO)
-        stack.callback(rclpy.try_shutdown, context=context)
+        network.callback(rclpy.try_shutdown, context=context)
         node = Recorder(bag, context, namespace)
-        stack.callback(node.destroy_node)
+        network.callback(node.destroy_node)
         node.start()
-        thread = threading.Thread(target=raw_topics.spin_streaming, args=(node,), daemon=True)
+        thread = threading.Thread(target=node.spin, daemon=True)
         thread.start()
         try:
             yield node
         finally:
             node.done = True
             thread.join(5.0)
-        if node.problem_writing is not None:
-            raise node.problem_writing
+            node.writing.acquire()  # a thread that still hangs writes nothing into a closed bag
+        if node.fault is not None:
+            raise node.fault

@@ -16,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from numpy.typing import NDArray
 import rclpy
+from rclpy._rclpy_pybind11 import RMWError
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -285,8 +286,8 @@ class Watcher:
         # Every node reports a thousand times a second; the last report of each counts.
         last = {report[:NODE_NAME]: report for report in self._reports.take()}
         for report in last.values():
-            said = deserialize_message(report, msg.ReplayProgress)
-            with self.lock:
+            with contextlib.suppress(RMWError), self.lock:
+                said = deserialize_message(report, msg.ReplayProgress)
                 self._published.update(zip(said.outputs, map(int, said.published), strict=False))
         for action in self.actions.values():
             action.look_after()

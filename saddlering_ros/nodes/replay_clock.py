@@ -132,8 +132,8 @@ class ReplayClockNode(BagNode):
     def process_batch(self) -> None:
         """Take reports of the participants, and advance the time at once if they allow it."""
         now = time.monotonic()
-        for raw in self._heard.take():
-            self._group.hear(deserialize_message(raw, ReplayProgress), now)
+        for report in self._heard.take_each(lambda raw: deserialize_message(raw, ReplayProgress)):
+            self._group.hear(report, now)
         self.at_intervals(now)
 
     def at_intervals(self, now: float) -> float:
@@ -308,7 +308,8 @@ class ReplayClockNode(BagNode):
         figures = {'time [s]': f'{(self._time - self._start) / 1e9:.3f}',
                    'length [s]': f'{(self._end - self._start) / 1e9:.3f}',
                    'rate': f'{self._rate:g}', 'speed': f'{max(0.0, self._speed):.2f}',
-                   'malformed progress': str(self._group.malformed),
+                   'malformed progress': str(
+                       self._group.malformed + sum(flow.malformed for flow in self.inputs)),
                    'time-outs': str(self._timeouts),
                    'bag': Path(self.settings['bag']).name}
         if self._group.excused and self._lockstep:

@@ -153,12 +153,9 @@ class ReplayNode(BagNode):
                         for track in self._tracks]
 
     def process_batch(self) -> None:
-        messages = self._clock_flow.take()
-        if not messages:
-            return
-        self._heard = time.monotonic()
-        for message in messages:
-            self._follow(decode_time(message))
+        for now in self._clock_flow.take_each(decode_time):
+            self._heard = time.monotonic()
+            self._follow(now)
 
     def _follow(self, now: int) -> None:
         if self._now == 0 or now < self._now or now - self._now > JUMP:
@@ -184,7 +181,8 @@ class ReplayNode(BagNode):
 
     def _task_status(self) -> TaskStatus:
         sent = {flow.topic: str(flow.published) for flow in self.outputs}
-        figures = {**sent, 'jumps of the clock': str(self._jumps)}
+        figures = {**sent, 'jumps of the clock': str(self._jumps),
+                   'malformed clock': str(sum(flow.malformed for flow in self.inputs))}
         if not self._now:
             return TaskStatus(WARN, 'no /clock yet: start replay_clock, or ros2 bag play --clock',
                               figures)

@@ -12,6 +12,7 @@ import time
 from typing import Any, TYPE_CHECKING, TypeVar
 
 from rclpy import qos
+from rclpy._rclpy_pybind11 import RMWError
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
 from rclpy.duration import Duration
@@ -70,6 +71,7 @@ MANY_REQUESTS = stream_qos(depth=2000)
 """Requests that may wait: of 50 goals at once the default queue keeps 10, and drops the others."""
 
 Batch = TypeVar('Batch', Samples, Displacements)
+One = TypeVar('One')
 
 RELIABILITIES = ('auto', 'reliable', 'best_effort')
 
@@ -169,22 +171,29 @@ class RawSubscription:
         messages = self.take()
         try:
             batch = decode(messages)
-        except CdrError as problem:
-            sound = []
-            for message in messages:
-                with suppress(CdrError):
-                    decode([message])
-                    sound.append(message)
-            self.malformed += len(messages) - len(sound)
-            self._node.get_logger().error(
-                f'{self.topic}: malformed messages are dropped: {problem}',
-                throttle_duration_sec=1.0)
-            batch = decode(sound)
+        except CdrError:
+            batch = decode(self._sound(messages, lambda message: (decode([message]), message)[1]))
         if len(batch):
             self.last_stamp = int(batch.stamps[-1])
             if self._task is not None:
                 self._task.push(batch.stamps)
         return batch
+
+    def take_each(self, decode: Callable[[bytes], One]) -> list[One]:
+        """Everything that has arrived, decoded one by one; undecodable ones are counted."""
+        return self._sound(self.take(), decode)
+
+    def _sound(self, messages: list[bytes], decode: Callable[[bytes], One]) -> list[One]:
+        found = []
+        for message in messages:
+            try:
+                found.append(decode(message))
+            except (CdrError, RMWError) as problem:
+                self.malformed += 1
+                self._node.get_logger().error(
+                    f'{self.topic}: malformed messages are dropped: {problem}',
+                    throttle_duration_sec=1.0)
+        return found
 
     def take_samples(self, topic: RigTopic) -> Samples:
         """Everything that has arrived on a topic of the rig."""

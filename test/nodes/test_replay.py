@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
 from rosnet import Client, wait_until
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress, ReplayState
 from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.nodes.replay_clock import shortest_time_of
-from saddlering_ros.ros.launcher import start_nodes
+from saddlering_ros.ros.launcher import NodeGroup, start_nodes
 from saddlering_ros.ros.messages import LockstepGroup, SPECTATOR_LEASE, to_time
-from saddlering_ros.ros.names import NodeError
+from saddlering_ros.ros.names import CLOCK, NodeError, PROGRESS
+from saddlering_ros.ros.raw_topics import RawPublisher
 
 pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -170,3 +173,22 @@ def test_time_goes_on_only_when_all_that_was_published_is_dealt_with() -> None:
     assert [reason.partition(':')[0] for reason in group.behind(100)] == ['reader']
     group.hear(said('reader', inputs=[('/t', 99, 1)]), 0.0)
     assert group.behind(100) == []
+
+
+@pytest.mark.parametrize(('name', 'topic', 'kind', 'figure'), [
+    ('replay_clock', PROGRESS, ReplayProgress, 'malformed progress'),
+    ('hydraulic_load', CLOCK, Clock, 'malformed clock')])
+def test_a_damaged_message_is_counted_and_ends_no_node(
+        name: str, topic: str, kind: Any, figure: str, bag: Path, group: NodeGroup,
+        heard: Client) -> None:
+    node = group.start(name, {'bag': str(bag)})
+    with heard.lock:
+        publisher = RawPublisher(heard.node, topic, kind)
+
+    def is_counted() -> bool:
+        publisher.send([b'\0\1\0\0'], 0)
+        return not node.running or int(
+            heard.figures.get(f'{name}: replay', {}).get(figure, 0)) > 0
+
+    wait_until(is_counted, what='it is counted')
+    assert node.running, node.said()

@@ -1,0 +1,95 @@
+"""A recording is whole: what has come is in the bag, and the bag is closed before the network."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+import pytest
+from rclpy.duration import Duration
+from rosbags.highlevel import AnyReader
+from rosnet import wait_until
+
+from benchmarks.served_node import ServedNode
+from saddlering_ros.bags.wire import encode_samples
+from saddlering_ros.live import recorder
+from saddlering_ros.record import LOAD_TOPIC
+from saddlering_ros.record.batches import Samples
+from saddlering_ros.record.topics import LOAD
+from saddlering_ros.ros.raw_topics import RawPublisher
+
+pytestmark = pytest.mark.ros
+SOUND = encode_samples(Samples(np.arange(1, 6) * 1_000_000, np.ones(5)), LOAD)
+
+
+def recorded(bag: Path) -> list[bytes]:
+    """Messages of the load in a bag."""
+    with AnyReader([bag]) as reader:
+        return [data for item, _, data in reader.messages() if item.topic == LOAD_TOPIC]
+
+
+class Publisher(ServedNode):
+    """Publishes the load as bytes."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__(domain, 'publisher')
+        self.load = RawPublisher(self.node, LOAD_TOPIC, WrenchStamped)
+        self.serve()
+
+    def send(self, messages: list[bytes]) -> None:
+        """Send messages; all have arrived at the recorder then."""
+        wait_until(lambda: self.load.subscriptions() > 0, what='the recorder')
+        self.load.send(messages, 0)
+        assert self.load.publisher.wait_for_all_acked(Duration(seconds=60))
+
+
+@pytest.fixture
+def publisher(ros_domain: int):
+    one = Publisher(ros_domain)
+    yield one
+    one.close()
+
+
+def test_what_has_arrived_when_a_recording_ends_is_in_its_bag(
+        publisher: Publisher, ros_domain: int, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(recorder.raw_topics, 'spin_streaming',
+                        lambda node: wait_until(lambda: node.done))
+    with recorder.recording(tmp_path / 'bag', ros_domain) as node:
+        publisher.send(SOUND)
+    assert recorded(tmp_path / 'bag') == SOUND
+    assert node.counts()[LOAD_TOPIC] == len(SOUND)
+
+
+def test_a_bag_is_in_its_place_before_its_recorder_leaves_the_network(
+        ros_domain: int, tmp_path: Path, monkeypatch: Any) -> None:
+    was_there: list[bool] = []
+    leave = recorder.Recorder.destroy_node
+    monkeypatch.setattr(recorder.Recorder, 'destroy_node', lambda node: (
+        was_there.append((tmp_path / 'bag').is_dir()), leave(node)))
+    with recorder.recording(tmp_path / 'bag', ros_domain):
+        pass
+    assert was_there == [True]
+
+
+def test_a_damaged_message_does_not_end_a_recording(
+        publisher: Publisher, ros_domain: int, tmp_path: Path) -> None:
+    messages = [SOUND[0], SOUND[0][:8], *SOUND[1:]]
+    with recorder.recording(tmp_path / 'bag', ros_domain) as node:
+        for count, message in enumerate(messages, 1):
+            publisher.send([message])
+            wait_until(lambda: node.counts()[LOAD_TOPIC] == count, 10.0)  # noqa: B023
+    assert recorded(tmp_path / 'bag') == messages
+
+
+def test_a_fault_of_the_recorder_is_told(
+        ros_domain: int, tmp_path: Path, monkeypatch: Any) -> None:
+    def fail(node: Any) -> None:
+        raise RuntimeError('of the middleware')
+
+    monkeypatch.setattr(recorder.raw_topics, 'spin_streaming', fail)
+    with pytest.raises(RuntimeError, match='of the middleware'), \
+            recorder.recording(tmp_path / 'bag', ros_domain) as node:
+        wait_until(lambda: node.done, 10.0)
+    assert recorded(tmp_path / 'bag') == []
