@@ -22,7 +22,7 @@ from saddlering_ros.jobs.worker import CANCELED, DONE, FAILED, Outcome, REFUSED,
 from saddlering_ros.progress import Progress
 from saddlering_ros.rig import Rig
 from saddlering_ros.ros import names, parameters
-from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, to_message
+from saddlering_ros.ros.diagnostics import ERROR, Namesakes, OK, TaskStatus, to_message, WARN
 from saddlering_ros.ros.messages import parameters_to_message, to_time
 from saddlering_ros.ros.names import NodeError
 from saddlering_ros.ros.parameters import NodeParameter
@@ -100,6 +100,7 @@ class ActionNode(Node):
         self._done = self.create_guard_condition(lambda: None)
         self._found = self.create_publisher(RingParameters, names.PARAMETERS_IN_FORCE, LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, names.DIAGNOSTICS, 10)
+        self._namesakes = Namesakes(self)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._server = PacedActionServer(
             self, self.ACTION, self.NAME, pace=self._pace, execute_callback=self._execute,
@@ -219,7 +220,8 @@ class ActionNode(Node):
         self.get_logger().info(f'goal {self._last}')
 
     def _diagnose(self) -> None:
-        status = TaskStatus(self._level, self._stage, {'last goal': self._last})
+        twice, figures = self._namesakes.words(), {'last goal': self._last}
+        status = TaskStatus(WARN if twice else self._level, twice or self._stage, figures)
         self._diagnostics.publish(to_message(self, self.settings['hardware_id'], [
             (f'/{self.NAME}', status), ('rig', self._agreement.report(1.0))]))
 

@@ -43,6 +43,8 @@ class Recorder(StreamingNode):
     A bag holds them by the names of the root namespace, for any namespace of the rig.
     """
 
+    IS_SINGLE = False
+
     def __init__(self, bag: BagWriter, context: Any, namespace: str = '') -> None:
         super().__init__(NAME, context=context, namespace=namespace)
         self.fault: Exception | None = None

@@ -192,6 +192,27 @@ class FunctionTask:
         return self.find()
 
 
+class Namesakes:
+    """Notices nodes that have the full name of this one; logs a warning when one comes."""
+
+    def __init__(self, node: Node) -> None:
+        self._node, self._is_told = node, False
+
+    def words(self) -> str:
+        """A warning for /diagnostics while there is one; else ''."""
+        own = self._node.get_name(), self._node.get_namespace()
+        if self._node.get_node_names_and_namespaces().count(own) < 2:
+            self._is_told = False
+            return ''
+        words = (f'runs twice: another node named {self._node.get_fully_qualified_name()} is in '
+                 'this ROS domain, and what they publish and serve is mixed: end one of them, or '
+                 'give one a namespace (a node that was killed is forgotten within 20 s)')
+        if not self._is_told:
+            self._node.get_logger().warning(words)
+        self._is_told = True
+        return words
+
+
 def sources_status(publishers: Mapping[str, int], unheard: Sequence[str] = ()) -> TaskStatus:
     """One source of each topic that is read: two mixed sources cannot be separated.
 

@@ -186,7 +186,7 @@ class Readiness:
             if state is None:
                 reasons.append(f'{node} does not report')
             elif state.words != ACTIVE:
-                reasons.append(f'{node} is {state.words}')
+                reasons.append(f'{node}: {state.words}')
             else:
                 reasons += [f'{node}: {task}: {status.words}' for task, status in current.items()
                             if status.level > OK and task != EVENTS_TASK]

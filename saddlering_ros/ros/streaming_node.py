@@ -66,6 +66,8 @@ class StreamingNode(LifecycleNode):
 
     PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = ()
     TELLS_PROGRESS: ClassVar[bool] = True
+    IS_SINGLE: ClassVar[bool] = True
+    """Whether a second node of its name is a mistake."""
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
@@ -78,6 +80,7 @@ class StreamingNode(LifecycleNode):
         self.active = self.done = self._is_starting = False
         self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         self._progress = self.create_publisher(ReplayProgress, PROGRESS, raw_topics.PROGRESS_QOS)
+        self._namesakes = diagnostics.Namesakes(self)
         self._told = self._beat = 0.0
         self._untold = False
         self._diagnosed = time.monotonic()
@@ -253,7 +256,9 @@ class StreamingNode(LifecycleNode):
 
     def _diagnose(self, now: float) -> None:
         elapsed, self._diagnosed = now - self._diagnosed, now
-        if self.active:
+        if self.IS_SINGLE and (twice := self._namesakes.words()):
+            state = TaskStatus(diagnostics.WARN, twice)
+        elif self.active:
             state = TaskStatus(OK, diagnostics.ACTIVE)
         elif self.problem is not None:
             state = TaskStatus(diagnostics.ERROR, f'not active: {self.problem}')
