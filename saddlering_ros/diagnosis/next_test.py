@@ -70,7 +70,8 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
     if diagnosis.verdict == 'none':
         limits = diagnosis.observability.limits
         return for_unseen([limit.effect for limit in limits if not limit.testable])
-    free = discrepancy.wording.free_test_words(diagnosis.held_out_evidence)
+    free = (discrepancy.wording.free_test_words(diagnosis.held_out_evidence)
+            or discrepancy.wording.fit_too_words(diagnosis.remainder))
     tests = _open_tests(runs)
     if diagnosis.verdict == 'unknown':
         first = '' if all(run.rig_hash == rig.digest for run in runs) else (

@@ -174,8 +174,7 @@ def headline(document: VerdictDocument) -> str:
         sizes.setdefault(tuple(cause['group']), []).append(size_of(cause))
     causes = [wording.cause_words([lowered(title_of(name)) for name in group], wording.joined(own))
               for group, own in sizes.items()]
-    rest = ''.join(wording.rest_words(most['share_of_range'], most['channel'])
-                   for most in document.get('remainder', [])[:1])
+    rest = ''.join(map(wording.rest_words, document.get('remainder', [])[:1]))
     if not rest:
         return wording.lacking_words(causes)
     gain = document['gain']

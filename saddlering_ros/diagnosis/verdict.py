@@ -265,13 +265,13 @@ def unpredicted(
     """Misfits of held-out runs that `validate` does not allow a sound ring."""
     return [
         discrepancy.Remainder(
-            run.record.run.name, name, misfit.nrmse_before,
-            misfit.nrmse_before / misfit.noise_floor, '',
-            misfit.nrmse_before * float(np.ptp(run.measured[CHANNELS.index(name)])),
+            run.record.run.name, name, misfit.nrmse_after,
+            misfit.nrmse_after / misfit.noise_floor, '',
+            misfit.nrmse_after * float(np.ptp(run.measured[CHANNELS.index(name)])),
             units[name])
         for run in runs if run.record.run.held_out for name, misfit in run.channels.items()
         if name != 'parity'
-        and misfit.nrmse_before > quantities.allowed_misfit(misfit.noise_floor, misfit.sound)]
+        and misfit.nrmse_after > quantities.allowed_misfit(misfit.noise_floor, misfit.sound)]
 
 
 def limit_entry(limit: discrepancy.DetectionLimit) -> dict[str, Any]:

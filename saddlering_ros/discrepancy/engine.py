@@ -115,7 +115,8 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         near_limit=near_limit,
         influence=influence,
         held_out_evidence=by_held_out,
-    ).unpredicted(_remainder_of(space, [*_unpredicted(space)]) if verdict == 'none' else ())
+    ).unpredicted(_remainder_of(space, [*_unpredicted(space, fit)]) if verdict in (
+        'none', 'named') else ())
 
 
 @dataclass(frozen=True)
@@ -369,23 +370,23 @@ def _remainder_of(space: ModelSpace, left: Sequence[Rest]) -> tuple[Remainder, .
     return tuple(remainder)
 
 
-def _unpredicted(space: ModelSpace) -> Iterator[Rest]:
-    """What the base leaves of a declared machine's held-out runs that it does not leave of others.
+def _unpredicted(space: ModelSpace, model: Fit) -> Iterator[Rest]:
+    """What a model leaves of a declared machine's held-out runs that it does not leave of others.
 
-    The base is fitted to each as well, because fitted runs may not determine what it needs.
+    It is fitted to each as well, because fitted runs may not determine what it needs.
     """
-    problem, base = space.problem, space.base
+    problem = space.problem
     for run in problem.held_out if problem.assumptions.exact_laws else []:
-        if not np.isfinite(problem.simulate(run, [base.point])[0]).all():
+        if not np.isfinite(problem.simulate(run, [model.point])[0]).all():
             continue
         joint = problem.with_runs([*problem.runs, replace(run, held_out=False)])
-        metric = GainMetric(joint, GainMetric.about(problem, base).unit)
+        metric = GainMetric(joint, GainMetric.about(problem, model).unit)
         [fit] = fitting.run_refits(metric, [
-            fitting.refit(metric, base.candidate, base.theta_unit)])
+            fitting.refit(metric, model.candidate, model.theta_unit)])
         for view, scale in problem.view_ranges.items():
             share = float(joint.view_sizes(fit.prediction - joint.measured, view)[-1])
             share *= joint.view_ranges[view] / scale
-            usual = problem.view_sizes(base.prediction - problem.measured, view).max()
+            usual = problem.view_sizes(model.prediction - problem.measured, view).max()
             noise = space.metric.noise_power(run, view) ** 0.5 / scale
             declared = max(space.settings.materiality, problem.allowed_sizes[view])
             if share > max(GOOD * max(usual, noise), declared):

@@ -114,7 +114,8 @@ def test_a_simulated_test_states_which_alternatives_it_parts(together, words):
     sentence = next_test.for_group(group, [replace(one, together=together)])
     assert words in sentence
     found = SimpleNamespace(
-        verdict='unknown', held_out_evidence=(), separations=[replace(one, together=together)],
+        verdict='unknown', held_out_evidence=(), remainder=(),
+        separations=[replace(one, together=together)],
         causes=[SimpleNamespace(effect='load_gain', group=group)], explained=0.3, law=None,
         residual_after=AFTER)
     told = next_test.next_test(found, [], default_rig())
@@ -132,8 +133,8 @@ def an_unknown(explained: float, *group: str, law=None) -> str:
     """The next test of an `unknown` whose causes explain this share of the misfit."""
     cause = SimpleNamespace(effect=group[0], group=group)
     found = SimpleNamespace(
-        verdict='unknown', held_out_evidence=(), separations=(), causes=[cause], law=law,
-        explained=explained, residual_after=AFTER)
+        verdict='unknown', held_out_evidence=(), remainder=(), separations=(), causes=[cause],
+        law=law, explained=explained, residual_after=AFTER)
     return next_test.next_test(found, [], default_rig())
 
 
@@ -168,7 +169,7 @@ def test_a_test_at_another_elevation_is_not_proposed_where_two_were_recorded():
     labels = ('probe_bracket:0', 'probe_bracket:1', 'ring_ovalisation', 'axial_compliance')
     cosines = np.array([[1, 0, 0.9, 0], [0, 1, 0, 0.7], [0.9, 0, 1, 0], [0, 0.7, 0, 1]])
     found = SimpleNamespace(
-        verdict='named', causes=[cause], held_out_evidence=(), separations=(),
+        verdict='named', causes=[cause], held_out_evidence=(), separations=(), remainder=(),
         observability=SimpleNamespace(labels=labels, cosines=cosines))
     one, other, fast = (SimpleNamespace(test=test, elevation=math.radians(degrees))
                         for test, degrees in (('static', 38), ('static', 62), ('dynamic', 62)))
@@ -177,6 +178,10 @@ def test_a_test_at_another_elevation_is_not_proposed_where_two_were_recorded():
     assert 'ovalisation' not in told  # that of probe 1 alone looks alike
     told = next_test.next_test(found, [one, other], default_rig())
     assert told.startswith('To confirm probe bracket bends with load: Swapped probes')
+    found.remainder = (SimpleNamespace(run='static_62', along='time'),
+                       SimpleNamespace(run='static_70', along=''))
+    told = next_test.next_test(found, [one, other], default_rig())
+    assert told.startswith('Fit static_70 too, which the model does not predict. To confirm ')
 
 
 def told_titles(group) -> str:
@@ -336,7 +341,7 @@ def test_the_rig_file_comes_before_the_probes_unless_a_hash_vouches_for_it(
                             definition=SimpleNamespace(variants=({},)))
     found = SimpleNamespace(
         verdict=verdict, causes=[cause], residual_after=AFTER, observability=unseen,
-        held_out_evidence=(), explained=0.0, law=None)
+        held_out_evidence=(), remainder=(), explained=0.0, law=None)
     run = SimpleNamespace(rig_hash=rig_hash, test='static', elevation=0.0)
     sentence = next_test.next_test(found, [run], default_rig())
     assert (SWAP in sentence) == (verdict == 'unknown')
@@ -376,7 +381,8 @@ def test_a_moment_arm_with_five_alternatives_is_told_the_tests_that_need_no_reco
                                 float(name == 'moment_arm'), name == 'moment_arm')
                 for name in group]
     found = SimpleNamespace(
-        verdict='ambiguous', causes=[cause], held_out_evidence=evidence, separations=())
+        verdict='ambiguous', causes=[cause], held_out_evidence=evidence, separations=(),
+        remainder=())
     sentence = next_test.next_test(found, [], default_rig())
     free, drawing, record = (sentence.index(words) for words in (
         'Fit static_70 too: the model with wrong moment arm predicts static_70 best (over 99 %',

@@ -20,6 +20,8 @@ from saddlering_ros.discrepancy import (
     Run,
 )
 from saddlering_ros.discrepancy.verdict.published import ratio
+from saddlering_ros.discrepancy.verdict.results import Shares
+from saddlering_ros.discrepancy.verdict.wording import weak_words
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import Chart
 
@@ -285,6 +287,16 @@ def test_a_second_cause_is_looked_for_in_runs_without_coordinates() -> None:
     drifted = {'seen': run.outputs['seen'] + 0.05 * TIME / 10.0 + 0.03 * np.sin(5.0 * TIME)}
     found = diagnose(model, [replace(run, outputs=drifted, coordinates={})])
     assert found.causes[0].effect == 'bend'
+
+
+@pytest.mark.parametrize(('fitted', 'predicted', 'words'), [
+    (0.99, 0.0, '99 % of the power of the misfit beyond noise is explained by a on fitted runs, '
+     'but 0 % on predicted ones, and at least 85 % is required'),
+    (0.60, 0.7, '60 % of the power of the misfit beyond noise is explained by a, and at least')])
+def test_a_cause_that_one_run_alone_shows_is_not_said_to_explain_nothing(
+        fitted, predicted, words) -> None:
+    shares = Shares({'y': fitted}, {'y': predicted}, 0.0, ('y', 0.0), ('y', 0.0), None)
+    assert weak_words('a', shares, 0.85).startswith(words)
 
 
 def three_bends(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:

@@ -38,6 +38,19 @@ def test_a_held_out_run_with_a_cause_of_its_own_is_told():
     assert answer.probabilities['none'] == 0.0
 
 
+def test_a_name_states_what_a_held_out_run_keeps():
+    """A cause explains the fitted runs; a held-out run has four times of it."""
+    runs = [record('a', 0.7, friction=0.5), record('b', 1.1, friction=0.5)]
+    answer = diagnose(MODEL, runs, hold_out=[
+        record('same', 0.9, friction=0.5), record('other', 1.3, friction=2.0)])
+    assert (answer.verdict, answer.complete) == ('named', False)
+    assert [(rest.run, rest.along) for rest in answer.remainder] == [('other', '')]
+    assert ' of range in force of held-out other fits no cause.' in answer.headline
+    assert any('the causes do not predict held-out other' in one for one in answer.warnings)
+    assert 'next test: Fit other too, which the model does not predict.' in answer.summary()
+    assert diagnose(MODEL, runs, hold_out=[record('same', 0.9, friction=0.5)]).complete
+
+
 def test_what_the_fitted_runs_do_not_determine_is_no_misfit():
     small = [record('a', 0.7, size=0.03), record('b', 1.1, size=0.03)]
     answer = diagnose(MODEL, small, hold_out=[record('wide', 0.9)])
@@ -48,7 +61,7 @@ def test_what_the_fitted_runs_do_not_determine_is_no_misfit():
 
 def test_a_ring_is_judged_by_what_validate_allows():
     def run(held_out: bool, misfit: float) -> SimpleNamespace:
-        channels = {'delta_x': ChannelMisfit(misfit, misfit, 0.002, 0.004),
+        channels = {'delta_x': ChannelMisfit(0.4, misfit, 0.002, 0.004),
                     'parity': ChannelMisfit(0.5, 0.5, 0.1, 0.0)}
         return SimpleNamespace(
             channels=channels, measured=np.array([[0.0, 1e-4]]),

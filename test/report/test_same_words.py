@@ -93,7 +93,7 @@ def test_the_headline_of_any_simulator_and_of_a_change_is_one_sentence(verdict):
         verdict=verdict, complete=verdict == 'none', gain=cause.gain,
         causes=[] if verdict == 'none' else [cause], probabilities={},
         title_of={'friction': 'Dry friction', 'play': 'Play'}.get,
-        remainder=[SimpleNamespace(share_of_range=0.004, channel='force')])
+        remainder=[SimpleNamespace(share_of_range=0.004, channel='force', along='time')])
     change = Change.headline.fget(SimpleNamespace(verdict=verdict, diagnosis=found))
     for said in (headline_of(found), change):
         assert said.endswith('.')

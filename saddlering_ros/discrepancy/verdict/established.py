@@ -122,7 +122,7 @@ def judge_alone(
         more += unlike_channels_unpatched(space, search, published.main.effect)
     if any(space.problem.assumptions.allowed_error or ()):
         if taken < MIN_TAKEN:
-            more.append(wording.weak_words(wording.joined(titles), taken, MIN_TAKEN))
+            more.append(wording.weak_words(wording.joined(titles), published.shares, MIN_TAKEN))
         more += shared_directions(search)
     more += uncertain_law(space, published)
     return [*sentences, *more], not doubts and not more
@@ -255,7 +255,7 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
         if shares.best < required:
             title = (space.problem.titles[name] if name else
                      wording.joined(space.titles_of(fit)))
-            doubts.append(wording.weak_words(title, shares.best, required))
+            doubts.append(wording.weak_words(title, shares, required))
     view, least = together.worst_view
     doubts += [*([] if least >= 0.0 else [wording.worse_view_words(view)]),
                *_unlike_in_runs(together)]
@@ -311,7 +311,7 @@ def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
     if margin < MIN_MARGIN:
         doubts.append(wording.close_words(title, among.space.titles_of(other.fit)))
     if taken.best < required:
-        doubts.append(wording.weak_words(title, taken.best, required))
+        doubts.append(wording.weak_words(title, taken, required))
     return doubts
 
 

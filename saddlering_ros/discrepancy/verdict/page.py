@@ -1,4 +1,4 @@
-"""A diagnosis as one HTML page: verdict, causes, misfit by run and channel, curves."""
+"""A diagnosis as one HTML page: verdict, causes, misfit by run and channel, curves; as text."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from saddlering_ros.pages import charts, html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import Chart, MAIN, Panel, ShadedBand, STRIP, Version
 from saddlering_ros.pages.html import code, number
-from saddlering_ros.quantities import probability, quantity, verdict_line
+from saddlering_ros.quantities import CHANCE, percent, probability, quantity, verdict_line
 
 PAUSE = 10.0
 """Times the usual step between two samples above which their line is broken."""
@@ -25,7 +25,7 @@ MAX_POINTS = 600
 def write_page(answer: Diagnosis, path: Path) -> None:
     """Write the page whole, or not at all."""
     along = next((rest.along for rest in answer.remainder), '')
-    next_step = answer.next_test or {
+    next_step = answer.next_test or wording.fit_too_words(answer.remainder) or {
         'none': 'none is needed; the detection limits state what these data could not show.',
         'named': 'put the cause with its size into the simulator and predict a run that was not '
                  'fitted.',
@@ -147,3 +147,39 @@ def _misfit(answer: Diagnosis, channels: Sequence[_Channel]) -> str:
 
 def _place(prediction: RunPrediction) -> str:
     return f'{prediction.run.name}, {"held out" if prediction.run.held_out else "fitted"}'
+
+
+def summary_text(diagnosis: Diagnosis) -> str:
+    """Verdict, causes, misfit reduction, parameters, warnings of a declared model."""
+    lines = [verdict_line(diagnosis.verdict), diagnosis.headline]
+    for cause in diagnosis.causes:
+        lines += wording.cause_lines(
+            cause.entry(), wording.estimates_words(cause.parameters), diagnosis.title_of,
+            diagnosis.gain.how, diagnosis.remainder)
+    if next_test := diagnosis.next_test or wording.fit_too_words(diagnosis.remainder):
+        share = ''.join(
+            ' If the true cause is an alternative, the test leaves it alone in '
+            f'{round(100 * best.share)} of 100 simulated draws{best.caveat}.'
+            for best in diagnosis.separations[:1])
+        lines.append(f'next test: {next_test}{share}')
+    gain = diagnosis.gain
+    if diagnosis.causes and gain.how != 'none':
+        lines.append(f'misfit reduction: {wording.gain_words(gain.fit, gain.held_out, gain.how)}')
+    lines += wording.certainty_lines(wording.certainty_document(diagnosis), diagnosis.title_of)
+    if diagnosis.verdict == 'unknown':
+        lines.append(wording.tried_words(
+            len(diagnosis.observability.limits), len(diagnosis.search.candidates),
+            has_law=diagnosis.law is not None
+            if diagnosis.fits.metric.problem.assumptions.proposes_law else None))
+        after = diagnosis.residual_after
+        tests = sorted((*after.consistency, *after.shapes), key=lambda test: test.p_value)
+        lines += [
+            f'  residual: {shape.view} along {shape.coordinate}, {percent(shape.visible)} of range'
+            for shape in tests[:4] if shape.p_value < CHANCE]
+    lines += ['', 'base parameters (alone -> with the causes):', *(
+        f'  {name}: {wording.estimate_words(diagnosis.base_alone[name])} -> '
+        f'{wording.estimate_words(estimate)}' for name, estimate in diagnosis.base.items())]
+    lines += [f'warning: {warning}' for warning in diagnosis.warnings]
+    if not diagnosis.converged:
+        lines.append('not converged: a fit on which the verdict rests ended before its optimum')
+    return '\n'.join(lines)

@@ -350,15 +350,21 @@ class Diagnosis:
         return ' or '.join(titles.get(name, name) for name in group.split(' or '))
 
     def unpredicted(self, rests: Sequence[Remainder]) -> 'Diagnosis':
-        """The same data with `unknown` for `none` if held-out runs have a misfit of their own."""
+        """The same data with what held-out runs keep, and with `unknown` for `none` then.
+
+        Of open alternatives another one may predict them, which `held_out_evidence` tells.
+        """
         from saddlering_ros.discrepancy.verdict.wording import unpredicted_words
 
-        if self.verdict != 'none' or not rests:
+        if self.verdict not in ('none', 'named') or not rests:
             return self
-        largest = sorted(rests, key=lambda rest: -rest.share_of_range)
-        return replace(self, verdict='unknown', complete=False, remainder=tuple(largest),
-                       probabilities=probabilities_of('unknown'),
-                       warnings=(*self.warnings, unpredicted_words(largest[0])))
+        is_none, largest = self.verdict == 'none', max(rests, key=lambda rest: rest.share_of_range)
+        changed = replace(
+            self, complete=False, remainder=tuple(sorted(
+                (*self.remainder, *rests), key=lambda rest: -rest.share_of_range)),
+            warnings=(*self.warnings, unpredicted_words(largest, has_causes=not is_none)))
+        return replace(changed, verdict='unknown', probabilities=probabilities_of('unknown')
+                       ) if is_none else changed
 
     @property
     def headline(self) -> str:
@@ -369,7 +375,7 @@ class Diagnosis:
 
     def summary(self) -> str:
         """The verdict in plain lines."""
-        from saddlering_ros.discrepancy.verdict.wording import summary_text
+        from saddlering_ros.discrepancy.verdict.page import summary_text
 
         return summary_text(self)
 

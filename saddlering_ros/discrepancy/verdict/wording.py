@@ -1,4 +1,4 @@
-"""Every sentence of a verdict, for a ring and for a declared model, and the latter's summary."""
+"""Every sentence of a verdict, for a ring and for a declared model."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -89,8 +89,7 @@ def headline_of(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence: whether a cause is established, and the largest remainder."""
     if diagnosis.verdict == 'none':
         return 'These data show nothing that the simulation lacks.'
-    rest = ''.join(rest_words(most.share_of_range, most.channel)
-                   for most in diagnosis.remainder[:1])
+    rest = ''.join(rest_words(vars(most)) for most in diagnosis.remainder[:1])
     if diagnosis.verdict == 'unknown':
         return f'{doubt_words(diagnosis.probabilities)}, and no cause is established{rest}.'
     gain = diagnosis.gain
@@ -128,9 +127,20 @@ def lacking_words(
             f'{runs}{rest}.')
 
 
-def rest_words(share_of_range: float, channel: str) -> str:
-    """The end of a headline: '; a rest of 0.4 % of range in delta_y fits no cause'."""
-    return f'; a rest of {percent(share_of_range)} of range in {channel} fits no cause'
+def rest_words(rest: Mapping[str, Any]) -> str:
+    """The end of a headline: '; a rest of 0.4 % of range in delta_y fits no cause'.
+
+    A rest that follows no coordinate is that of a held-out run.
+    """
+    of_run = f' of held-out {rest["run"]}' if rest.get('along') == '' else ''
+    return (f'; a rest of {percent(rest["share_of_range"])} of range in {rest["channel"]}{of_run} '
+            'fits no cause')
+
+
+def fit_too_words(remainder: Sequence[Remainder]) -> str:
+    """The test that needs no record if held-out runs keep a misfit of their own; else ''."""
+    runs = list(dict.fromkeys(rest.run for rest in remainder if not rest.along))
+    return f'Fit {joined(runs)} too, which the model does not predict.' if runs else ''
 
 
 def joined(titles: Sequence[str]) -> str:  # 'a, b and c'
@@ -316,10 +326,12 @@ def uncertain_words(title: str, name: str, interval: str, limit: str) -> str:
     return f'{title}: the 95 % interval of its {name}, {interval}, includes {limit}'
 
 
-def weak_words(title: str, taken: float, needed: float) -> str:
-    return (f'{percent(max(taken, 0.0))} of the power of the misfit beyond noise is explained by '
-            f'{title}, and at least {percent(needed)} is required, because a wrong cause can '
-            'explain nearly as much')
+def weak_words(title: str, shares: results.Shares, needed: float) -> str:
+    fitted, taken = max(shares.fitted.values(), default=0.0), percent(max(shares.best, 0.0))
+    where = '' if fitted < needed else f' on fitted runs, but {taken} on predicted ones'
+    return (f'{percent(fitted) if where else taken} of the power of the misfit beyond noise is '
+            f'explained by {title}{where}, and at least {percent(needed)} is required, because a '
+            'wrong cause can explain nearly as much')
 
 
 def outlier_words(title: str, times: float) -> str:
@@ -380,8 +392,9 @@ def some_runs_words(
             'something changed between the runs, or the law depends on what differs between them')
 
 
-def unpredicted_words(rest: Remainder) -> str:
-    return (f'the fitted runs show no cause, and do not predict held-out {rest.run}: '
+def unpredicted_words(rest: Remainder, *, has_causes: bool) -> str:
+    fitted = 'the causes' if has_causes else 'the fitted runs show no cause, and'
+    return (f'{fitted} do not predict held-out {rest.run}: '
             f'{percent(rest.share_of_range)} of range in {rest.channel} remains there: look for '
             'what changed between the runs, or fit it too')
 
@@ -459,42 +472,3 @@ def barely_real_words(title: str, times: float) -> str:
 def barely_taken_words(taken: float, needed: float) -> str:
     return (f'the causes explain {percent(taken)} of the power of the misfit beyond noise, and at '
             f'least {percent(needed)} is required')
-
-
-# The summary of a declared model.
-
-
-def summary_text(diagnosis: Diagnosis) -> str:
-    """Verdict, causes, misfit reduction, parameters, warnings of a declared model."""
-    lines = [quantities.verdict_line(diagnosis.verdict), diagnosis.headline]
-    for cause in diagnosis.causes:
-        lines += cause_lines(
-            cause.entry(), estimates_words(cause.parameters), diagnosis.title_of,
-            diagnosis.gain.how, diagnosis.remainder)
-    if diagnosis.next_test:
-        share = ''.join(
-            ' If the true cause is an alternative, the test leaves it alone in '
-            f'{round(100 * best.share)} of 100 simulated draws{best.caveat}.'
-            for best in diagnosis.separations[:1])
-        lines.append(f'next test: {diagnosis.next_test}{share}')
-    gain = diagnosis.gain
-    if diagnosis.causes and gain.how != 'none':
-        lines.append(f'misfit reduction: {gain_words(gain.fit, gain.held_out, gain.how)}')
-    lines += certainty_lines(certainty_document(diagnosis), diagnosis.title_of)
-    if diagnosis.verdict == 'unknown':
-        lines.append(tried_words(
-            len(diagnosis.observability.limits), len(diagnosis.search.candidates),
-            has_law=diagnosis.law is not None
-            if diagnosis.fits.metric.problem.assumptions.proposes_law else None))
-        after = diagnosis.residual_after
-        tests = sorted((*after.consistency, *after.shapes), key=lambda test: test.p_value)
-        lines += [
-            f'  residual: {shape.view} along {shape.coordinate}, {percent(shape.visible)} of range'
-            for shape in tests[:4] if shape.p_value < quantities.CHANCE]
-    lines += ['', 'base parameters (alone -> with the causes):', *(
-        f'  {name}: {estimate_words(diagnosis.base_alone[name])} -> {estimate_words(estimate)}'
-        for name, estimate in diagnosis.base.items())]
-    lines += [f'warning: {warning}' for warning in diagnosis.warnings]
-    if not diagnosis.converged:
-        lines.append('not converged: a fit on which the verdict rests ended before its optimum')
-    return '\n'.join(lines)
