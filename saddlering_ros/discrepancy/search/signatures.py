@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from operator import attrgetter
 from typing import TYPE_CHECKING
@@ -109,10 +110,10 @@ class Signature:
     def key(self) -> tuple[str, int]:
         return self.effect.id, self.variant
 
-    @property
+    @cached_property
     def shape(self) -> tuple[object, ...]:
         """A key that is equal for signatures that differ in size only."""
-        return (*self.key, *np.round(self.theta_unit[1:], 6))
+        return (*self.key, *np.round(self.theta_unit[1:], 6).tolist())
 
 
 def measure_signatures(

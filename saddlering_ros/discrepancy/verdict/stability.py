@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit, stepped_misfit
-from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.system import Array, FREE_STRENGTH
 from saddlering_ros.discrepancy.search.evidence import Comparison
 from saddlering_ros.discrepancy.search.selection import Search
@@ -97,45 +96,46 @@ def _refits(search: Search) -> tuple[Refit, ...]:
         cases.append((f'stretches drawn again, {number + 1}', 1.0,
                       np.bincount(drawn, minlength=plain.size).astype(float)))
     cases += [('half the model error', HALF, plain), ('twice the model error', TWICE, plain)]
-    for factor in (1.0, HALF, TWICE):
-        # What declared error covers needs no cause.
-        tried = models.values() if factor < search.covered else [space.base]
-        sums = [_Sums(space.metric, factor, model) for model in tried]
-        for change, needed, weights in cases:
-            if needed == factor:
-                best = min(sums, key=lambda model: model.penalised(space, weights.ravel()))
-                effects = [effect for effect, _ in best.fit.candidate.effects]
-                is_same = any(effect.id in wanted | narrower or wanted & set(effect.contains)
-                              for effect in effects) if effects else not wanted
-                first = min((effect.id for effect in effects), default=None, key=lambda name: (
-                    name not in wanted))
-                answers.append(Refit(change, first, is_same))
+    sums = [_Sums(space, model) for model in models.values()]
+    for change, factor, weights in cases:
+        # What declared error covers needs no cause: the base comes first.
+        tried = sums if factor < search.covered else sums[:1]
+        best = min(tried, key=lambda model: model.penalised(factor, weights.ravel()))
+        effects = [effect for effect, _ in best.fit.candidate.effects]
+        is_same = any(effect.id in wanted | narrower or wanted & set(effect.contains)
+                      for effect in effects) if effects else not wanted
+        first = min((effect.id for effect in effects), default=None, key=lambda name: (
+            name not in wanted))
+        answers.append(Refit(change, first, is_same))
     return tuple(answers)
 
 
 class _Sums:
-    """Products of residual and sensitivities of a fit by stretch, for any weights of stretches.
+    """Products of residual and sensitivities of a fit: by stretch, and along the model error."""
 
-    factor: of the model error and other nuisance parameters with a spread.
-    """
-
-    def __init__(self, metric: Metric, factor: float, fit: Fit) -> None:
-        self.fit = fit
-        shared = metric.shared
-        strength = shared.strength
-        other = np.where(strength < FREE_STRENGTH, factor * strength, strength)
-        ratio = np.sqrt((1.0 + strength**2) / (1.0 + other**2)) - 1.0
+    def __init__(self, space: ModelSpace, fit: Fit) -> None:
+        self.fit, self._space = fit, space
         columns = np.column_stack([fit.jacobian, fit.whitened])
-        columns = columns + shared.directions @ (ratio[:, None] * (shared.directions.T @ columns))
         parts = [
             block[:, part].reshape(-1, columns.shape[1])
-            for block in metric.problem.by_run(columns)
+            for block in space.problem.by_run(columns)
             for part in np.array_split(np.arange(block.shape[1]), STRETCHES)]
         self._products = np.array([part.T @ part for part in parts])
+        self._along = space.metric.shared.directions.T @ columns
 
-    def penalised(self, space: ModelSpace, weights: Array) -> float:
-        """Misfit after one step, plus the price of its parameters and of its first effect."""
-        price = space.log_size * self.fit.theta_unit.size
+    def penalised(self, factor: float, weights: Array) -> float:
+        """Misfit after one step, plus the price of its parameters and of its first effect.
+
+        factor: of the model error and other nuisance parameters with a spread. Stretches have
+        weights with a factor of one only.
+        """
+        price = self._space.log_size * self.fit.theta_unit.size
         if self.fit.candidate.effects:
-            price += max(space.real_gain - space.log_size, 0.0)
-        return stepped_misfit(np.tensordot(weights, self._products, axes=1)) + price
+            price += max(self._space.real_gain - self._space.log_size, 0.0)
+        products = np.tensordot(weights, self._products, axes=1)
+        if factor != 1.0:
+            strength = self._space.metric.shared.strength
+            other = np.where(strength < FREE_STRENGTH, factor * strength, strength)
+            more = (strength**2 - other**2) / (1.0 + other**2)
+            products += (self._along.T * more) @ self._along
+        return stepped_misfit(products) + price
