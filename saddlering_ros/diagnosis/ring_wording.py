@@ -199,7 +199,8 @@ def partial_words(document: VerdictDocument) -> str:
         return ''
     standing = wording.PARTIAL if document.get('remainder') else (
         f'may explain the misfit, but {wording.OPEN}')
-    words = [f'{title_of(cause["effect"])} ({size_of(cause)}) {standing}.'
+    words = [f'{title_of(cause["effect"])} ({size_of(cause)}) '
+             f'{wording.ABSENT if cause.get("may_be_absent") else standing}.'
              for cause in causes_of(document)]
     shapes = '; '.join(shape_words(shape) for shape in shapes_of(document))
     return ' '.join([*words, f'Shape of the residual: {shapes}.' if shapes else '']).strip()

@@ -107,7 +107,7 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
         for name in cause['group']]
     is_alone = len(alike) == 1
     is_next = lowered(title) in (document.get('next_test') or '')
-    partial = wording.standing(document.get('remainder'), is_partial=cause.get('partial'))
+    partial = wording.standing(document.get('remainder'), cause)
     evidence, gain = cause['evidence'], cause['gain']
     predicted = wording.PREDICTED.get(document['gain'].get('how', ''), 'held-out runs')
     return '\n'.join([

@@ -14,14 +14,15 @@ from saddlering_ros.discrepancy import (
     Diagnosis,
     DiscrepancyError,
     Effect,
+    Estimate,
     Model,
     Noise,
     Parameter,
     Run,
 )
 from saddlering_ros.discrepancy.verdict.published import ratio
-from saddlering_ros.discrepancy.verdict.results import Shares
-from saddlering_ros.discrepancy.verdict.wording import weak_words
+from saddlering_ros.discrepancy.verdict.results import Cause, Gain, Shares
+from saddlering_ros.discrepancy.verdict.wording import standing, weak_words
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import Chart
 
@@ -287,6 +288,16 @@ def test_a_second_cause_is_looked_for_in_runs_without_coordinates() -> None:
     drifted = {'seen': run.outputs['seen'] + 0.05 * TIME / 10.0 + 0.03 * np.sin(5.0 * TIME)}
     found = diagnose(model, [replace(run, outputs=drifted, coordinates={})])
     assert found.causes[0].effect == 'bend'
+
+
+@pytest.mark.parametrize(('deviation', 'words'), [
+    (0.6, 'may not be there'), (0.1, 'explains only a part')])
+def test_a_cause_whose_interval_includes_its_absence_is_not_said_to_explain_a_part(
+        deviation, words) -> None:
+    cause = Cause('bend', BEND, 0, ('bend',), {'size': Estimate(0.5, deviation, 'N')}, 1e-9, 40.0,
+                  0.05, Gain(0.9, 0.8, 'held out'), partial=True)
+    assert standing(['a rest'], cause.entry()).startswith(f' ({words}')
+    assert standing(['a rest'], replace(cause, partial=False).entry()) == ''
 
 
 @pytest.mark.parametrize(('fitted', 'predicted', 'words'), [

@@ -199,13 +199,17 @@ def test_the_banner_of_unknown_has_one_bold_sentence_and_titles_in_place_of_ids(
     assert 'unknown 90 %, dry friction in the radial row or load gain error 10 %.' in banner
 
 
-@pytest.mark.parametrize(('rest', 'words'), [
-    ([], 'is not established'),
-    ([{'run': 'static_50', 'channel': 'gamma', 'along': 'load', 'share_of_range': 0.02,
-       'times_noise': 3.0}], 'explains only a part of the misfit')])
-def test_a_cause_of_unknown_explains_a_part_only_where_a_rest_is_left(rest, words):
+REST = {'run': 'static_50', 'channel': 'gamma', 'along': 'load', 'share_of_range': 0.02,
+        'times_noise': 3.0}
+
+
+@pytest.mark.parametrize(('rest', 'changes', 'words'), [
+    ([], {}, 'is not established'), ([REST], {}, 'explains only a part of the misfit'),
+    ([REST], {'may_be_absent': True},
+     'may not be there: the 95 % interval of its size includes its absence')])
+def test_a_cause_of_unknown_explains_a_part_only_where_a_rest_is_left(rest, changes, words):
     said = document('unknown', remainder=rest)
-    said['causes'] = [{**said['causes'][0], 'partial': True, 'title': 'Dry friction'}]
+    said['causes'] = [{**said['causes'][0], 'partial': True, 'title': 'Dry friction', **changes}]
     text, page = document_text(said), chapters.causes(said).replace('\xa0', ' ')
     assert f'[radial_friction] ({words})' in text
     assert f'{words}.' in text.splitlines()[2]

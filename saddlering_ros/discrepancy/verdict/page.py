@@ -35,7 +35,7 @@ def write_page(answer: Diagnosis, path: Path) -> None:
     }[answer.verdict]
     causes = html.table(
         ['cause', 'parameters', 'alternatives', 'misfit reduction', number('p')],
-        [[cause.definition.title + wording.standing(answer.remainder, is_partial=cause.partial),
+        [[cause.definition.title + wording.standing(answer.remainder, cause.entry()),
           wording.estimates_words(cause.parameters),
           ', '.join(map(answer.title_of, cause.group[1:])) or '–',
           wording.gain_words(cause.gain.fit, cause.gain.held_out, cause.gain.how),

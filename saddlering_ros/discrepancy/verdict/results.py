@@ -48,6 +48,7 @@ class ReductionEntry(TypedDict):
 
 class _CausePartial(TypedDict, total=False):
     partial: bool
+    may_be_absent: bool
     elsewhere: list[dict[str, float]]
     title: str
     titles: list[str]
@@ -58,7 +59,8 @@ class CauseEntry(_CausePartial):
     """A cause, of a ring and of a declared model alike, as JSON has it.
 
     group: every id that these data cannot separate from the effect; titles: of each, for a ring.
-    partial: the cause is real, and something else is wrong besides.
+    partial: the cause is real, and something else is wrong besides. may_be_absent: the 95 %
+    interval of its size includes the size at which it does nothing.
     """
 
     effect: str
@@ -102,6 +104,9 @@ class Cause:
             'share_of_range': self.visible, 'title': self.definition.title}
         if self.partial:
             entry['partial'] = True
+            low, high = self.parameters[self.definition.size.name].interval or (np.inf, np.inf)
+            if low <= self.definition.neutral <= high:
+                entry['may_be_absent'] = True
         if self.elsewhere:
             entry['elsewhere'] = [dict(values) for values in self.elsewhere]
         return entry

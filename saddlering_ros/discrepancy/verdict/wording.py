@@ -11,7 +11,9 @@ from saddlering_ros.discrepancy.verdict.results import Diagnosis, HeldOutEvidenc
 from saddlering_ros.quantities import percent, quantity
 
 PARTIAL, OPEN = 'explains only a part of the misfit', 'is not established'
-"""Words on a cause of an `unknown`: where a rest is left, and where none is."""
+ABSENT = 'may not be there: the 95 % interval of its size includes its absence'
+"""Words on a cause of an `unknown`: where a rest is left, where none is, and where its size may be
+that of no effect."""
 
 MAX_RUNS = 4
 """Runs whose share of the evidence is reported in a line."""
@@ -49,9 +51,10 @@ def change_words(shares: Sequence[tuple[float | None, str]]) -> str:
     return ', and '.join(words)
 
 
-def standing(remainder: Sequence[object] | None, *, is_partial: bool | None) -> str:
+def standing(remainder: Sequence[object] | None, cause: results.CauseEntry) -> str:
     """What keeps a cause from being established, behind its title; '' for one that is."""
-    return f' ({PARTIAL if remainder else OPEN})' if is_partial else ''
+    words = ABSENT if cause.get('may_be_absent') else PARTIAL if remainder else OPEN
+    return f' ({words})' if cause.get('partial') else ''
 
 
 def cause_lines(
@@ -61,8 +64,7 @@ def cause_lines(
     """A cause with its parameters, which are `values` in words, its gain and its alternatives."""
     gain = cause['gain']
     lines = [
-        f'  {cause["title"]} [{cause["effect"]}]'
-        f'{standing(remainder, is_partial=cause.get("partial"))}',
+        f'  {cause["title"]} [{cause["effect"]}]{standing(remainder, cause)}',
         f'    {values}',
         f'    misfit reduction {gain_words(gain["fit"], gain["held_out"], how)}; '
         f'p {quantities.probability(cause["evidence"]["p_value"])}',
