@@ -82,6 +82,40 @@ def test_without_the_law_of_the_large_cause_nothing_is_named(main: str) -> None:
     assert diagnosed({**SMALL, main: 0.3}, *listed).verdict == 'unknown'
 
 
+@pytest.mark.parametrize(('is_imitated', 'hidden', 'is_named'), [
+    (False, {'mount.size': 0.3}, True), (True, {'mount.size': 0.3}, False),
+    (True, {'turned': 0.3}, False)])
+def test_a_cause_must_show_in_every_view_that_it_moves(
+    is_imitated: bool, hidden: Mapping[str, float], is_named: bool,
+) -> None:
+    """A bent bracket of a probe was named for a compliance of the tilt, which was not listed.
+
+    What it adds to the displacement is what a softer ring does, and confirms nothing.
+    """
+    def two_views(parameters: Mapping[str, float], run: Run) -> dict[str, np.ndarray]:
+        drive, speed = (np.asarray(run.inputs[name]) for name in ('drive', 'speed'))
+        shape = drive if is_imitated else np.tanh(speed / 0.05)
+        mount = parameters.get('mount.size', 0.0) * shape
+        turn = drive + parameters.get('turned', 0.0) * shape + mount
+        return {'seen': simulate(parameters, run)['seen'] + mount, 'turn': turn}
+
+    one = model(*[name for name in SHAPES if name != 'friction'])
+    laws = {**one.effects, 'mount': Effect('mount', {'size': Parameter(-1, 1)})}
+    runs, draw = [], np.random.default_rng(3)
+    for number in range(4):
+        run = record(number, {})
+        views = two_views({'gain': 1.2, **hidden, **{
+            f'{name}.size': 2.0 * size for name, size in SMALL.items()}}, run)
+        runs.append(replace(run, outputs={
+            name: value + 5e-4 * draw.normal(size=TIME.size) for name, value in views.items()}))
+    problem = problem_of(replace(one, simulate=two_views, effects=laws, channels={
+        'seen': Channel(), 'turn': Channel()}), runs[:3], runs[3:])
+    rough = replace(problem.assumptions, exact_laws=False)
+    answer = diagnose_system(replace(problem, assumptions=rough))
+    assert (answer.verdict == 'named') == is_named
+    assert is_named or any('mount in turn alone' in words for words in answer.warnings)
+
+
 def test_a_cause_among_small_errors_whose_size_may_be_nothing_has_no_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -153,7 +187,8 @@ def among_of(
     """Models whose errors are all of one size; `inputs` are errors of the rig file."""
     evidence = {id(model.fit): model.evidence for model in (best, *others)}
     errors: Any = SimpleNamespace(
-        with_larger=lambda space, fit, small: (evidence[id(fit)], 1e-4))
+        with_larger=lambda space, fit, small: (evidence[id(fit)], 1e-4),
+        in_one_view=lambda space, model, name: {})
     space: Any = SimpleNamespace(inputs=[
         SimpleNamespace(effect=SimpleNamespace(id=name)) for name in inputs])
     return searching.Among(space, best, others, errors)

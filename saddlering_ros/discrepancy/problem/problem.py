@@ -284,6 +284,14 @@ class Problem:
         return [self.freed(np.tensordot(weights, block, axes=1), run, view)
                 for run, block in zip(self.runs, self.by_run(residual), strict=True)]
 
+    def in_one_view(self, stacked: Array, view: str) -> Array:
+        """The part of stacked columns (n,) or (n, B) that moves one view and no other one."""
+        weights = self.system.views[view]
+        pattern = np.outer(weights, weights) / float(weights @ weights)
+        return np.concatenate([
+            np.tensordot(pattern, block, axes=1).reshape(-1, *stacked.shape[1:])
+            for block in self.by_run(stacked)])
+
     def freed(self, seen: Array, run: RunBlocks, view: str) -> Array:
         """Values of one view (N,) or (N, k), minus their mean if a constant is free."""
         channels = np.flatnonzero(self.system.views[view])

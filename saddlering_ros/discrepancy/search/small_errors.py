@@ -110,13 +110,22 @@ class SmallErrors:
 
         Each is larger at the price of a choice. small: effects whose errors are not.
         """
-        return space.once(
-            f'unequal {sorted(small)}', fit, lambda: self._with_larger(space, fit, small))
+        return space.once(f'unequal {sorted(small)}', fit, lambda: self._with_larger(
+            self._projected(space, fit), small))
 
-    def _with_larger(
-        self, space: ModelSpace, fit: Fit, small: Collection[str],
-    ) -> tuple[float, float]:
-        seen = self._projected(space, fit)
+    def in_one_view(self, space: ModelSpace, model: Model, name: str) -> dict[str, float]:
+        """Fall of the evidence, with larger errors of other kinds, if an effect acted in one view.
+
+        For each view; empty if the effect moves no more than small errors in any other one.
+        """
+        fit = model.fit
+        small = {name, *next(
+            effect.contains for effect, _ in fit.candidate.effects if effect.id == name)}
+        whole = self.with_larger(space, fit, small)[0]
+        return {view: whole - self._with_larger(self._project(space, fit, *confined), small)[0]
+                for view, *confined in space.in_one_view(fit, name, model.spread)}
+
+    def _with_larger(self, seen: _Projected, small: Collection[str]) -> tuple[float, float]:
         along = seen.along[self._leading]
         outside = seen.whole - along.T @ along
         common = np.diag(self._powers[self._leading])
@@ -175,13 +184,17 @@ class SmallErrors:
         return max(tried)
 
     def _projected(self, space: ModelSpace, fit: Fit) -> _Projected:
-        return space.once('seen among errors', fit, lambda: self._project(space, fit))
+        return space.once('seen among errors', fit, lambda: self._project(
+            space, fit, space.tangent_of(fit).plain, fit.prediction))
 
-    def _project(self, space: ModelSpace, fit: Fit) -> _Projected:
+    def _project(
+        self, space: ModelSpace, fit: Fit, tangent: Array, prediction: Array
+    ) -> _Projected:
+        """Sensitivities `tangent` (n, k) and `prediction` (n,) of a fit in the metric."""
         problem = space.problem
         forms = _other_forms(space, fit)
         white = self._metric.whiten(np.column_stack([
-            FREE_SPREAD * space.tangent_of(fit).plain, forms, fit.prediction - problem.measured]))
+            FREE_SPREAD * tangent, forms, prediction - problem.measured]))
         count, base = fit.theta_unit.size, len(problem.system.base_parameters)
         free = np.array([*range(base), *range(count, count + forms.shape[1])])
         price = (count - base) * space.log_size

@@ -3,7 +3,7 @@
 Candidates are refitted together; candidates far behind the best one stop after a few rounds.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, TypeVar
@@ -115,6 +115,25 @@ class ModelSpace:
         """Change (n, E) of the prediction of a fit by each of its effects, computed once."""
         return self.once('changes', fit, lambda: self.problem.changes_of_effects(
             fit.point, fit.prediction))
+
+    def in_one_view(
+        self, fit: Fit, name: str, least: float
+    ) -> Iterator[tuple[str, Array, Array]]:
+        """Each view, sensitivities (n, k) and prediction (n,) if an effect acted there alone.
+
+        To first order. Nothing for an effect that moves other views by `least` of range at most.
+        """
+        problem, tangent = self.problem, self.tangent_of(fit).plain
+        slices = fit.candidate.slices(len(problem.system.base_parameters))
+        change, own = next((moved, part) for (effect, _, part), moved in zip(
+            slices, self.changes_of(fit).T, strict=True) if effect.id == name)
+        moves = {view: float(problem.view_sizes(change, view).max())
+                 for view in problem.system.views}
+        seen = [view for view, move in moves.items() if move > least]
+        for view in seen if len(seen) > 1 else ():
+            confined = tangent.copy()
+            confined[:, own] = problem.in_one_view(tangent[:, own], view)
+            yield view, confined, fit.prediction - change + problem.in_one_view(change, view)
 
     def slow_residual(self, fit: Fit) -> SlowResidual:
         """The slow structure of the residual of a fit."""

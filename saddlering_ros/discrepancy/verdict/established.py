@@ -257,7 +257,7 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
                      wording.joined(space.titles_of(fit)))
             doubts.append(wording.weak_words(title, shares, required))
     view, least = together.worst_view
-    doubts += [*([] if least >= 0.0 else [wording.worse_view_words(view)]),
+    doubts += [*([] if least >= 0.0 else [wording.WORSE_VIEW.format(view)]),
                *_unlike_in_runs(together)]
     members = [Comparison(space, space.without(fit, name), fit) for name in fit.candidate.ids]
     if not all(member.is_real for member in members):
@@ -301,7 +301,7 @@ def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
     assert taken is not None
     # A view with little misfit can be worse by the size of the small errors.
     doubts = [*_unlike_in_runs(taken), *(
-        wording.worse_view_words(view) for view, share in taken.fitted.items()
+        wording.WORSE_VIEW.format(view) for view, share in taken.fitted.items()
         if min(share, taken.predicted.get(view, share)) < -MAX_LEFT_OVER)]
     if among.times(name) < MIN_TIMES:
         doubts.append(wording.no_outlier_words(title, among.times(name), MIN_TIMES))
@@ -310,6 +310,10 @@ def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
     required = MIN_TAKEN if group else MAINLY
     if margin < MIN_MARGIN:
         doubts.append(wording.close_words(title, among.space.titles_of(other.fit)))
+    falls = among.errors.in_one_view(among.space, among.best, name)
+    view = min(falls, key=lambda view: falls[view], default='')
+    if view and falls[view] < MIN_MARGIN:
+        doubts.append(wording.ONE_VIEW.format(title, view))
     if taken.best < required:
         doubts.append(wording.weak_words(title, taken, required))
     return doubts

@@ -265,6 +265,9 @@ ONE_RUN = 'there is one run only, so that no prediction of another run supports 
 WORSE_RUN = 'in one of the fitted runs the misfit is larger with the causes'
 ODD_RUN = ('the runs fit together without {}: something was different in it, such as the zero of '
            'a sensor, or it alone shows the cause: repeat this test')
+WORSE_VIEW = 'in {}, which the causes change most, the misfit is larger with the causes'
+ONE_VIEW = ('{} in {} alone explains the misfit nearly as well, so that what the cause does '
+            'elsewhere is not confirmed')
 UNEVEN_RUN = '{} keeps {} of range in {}, more than twice what each other run keeps'
 NO_SMALL_ERRORS = ('the residual is larger than small errors of all effects in the catalogue '
                    'could be')
@@ -356,10 +359,6 @@ def close_words(title: str, others: Sequence[str]) -> str:
 def suspect_words(titles: Sequence[str], doubts: Sequence[str]) -> str:
     return (f'if the remainder is model error, the best explanation is {joined(titles)}, which is '
             f'not established: {"; ".join(doubts)}')
-
-
-def worse_view_words(view: str) -> str:
-    return f'in {view}, which the causes change most, the misfit is larger with the causes'
 
 
 def uncertain_gain_words(low: float, high: float) -> str:
