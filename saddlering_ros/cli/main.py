@@ -14,6 +14,7 @@ import pkgutil
 import shlex
 import signal
 import sys
+import time
 from types import FrameType, ModuleType
 from typing import Any
 
@@ -32,12 +33,17 @@ UNUSABLE_FILE = frozenset({
 })
 """Operating system errors that mean the user named a file that cannot be used."""
 
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RETRY = 0.01
 """Seconds after which a signal that came at a bad moment is taken up again."""
 
-CALLED_BACK = frozenset({'_numba_unpickle', 'typeof_pyval', '__del__', '_remove', 'remove'})
-"""Functions that compiled code calls: those of numba, and those that end an object, in which
-Python drops an exception."""
+CALLED_BACK = frozenset({'_numba_unpickle', 'typeof_pyval', '__del__'})
+ENDS_OF_OBJECTS = frozenset({('weakref', 'remove'), ('_weakrefset', '_remove')})
+"""Functions, the latter with their modules, that compiled code calls: those of numba, and those
+that end an object, in which Python drops an exception."""
+
+LONGEST_CLOSING = 5.0
+"""A signal that is repeated within this time [s] waits: what is open is being closed."""
 
 SHOWN = ('demo', 'info', 'identify', 'diagnose', 'live')
 """Commands whose first example stands in the help of saddlering itself."""
@@ -156,7 +162,7 @@ def leave_by_exception() -> None:
     end of an object) and does not check whether that raised: an exception there ends in a
     segmentation fault, or is lost. There the signal is put off by some milliseconds.
     """
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    for number in ENDING[1:]:
         signal.signal(number, _leave)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
@@ -165,11 +171,21 @@ def leave_by_exception() -> None:
 def _leave(number: int, frame: FrameType | None) -> None:
     inner = frame
     while inner is not None:  # whether compiled code waits for one of the frames to return
-        if inner.f_code.co_name in CALLED_BACK:
+        name = inner.f_code.co_name
+        if name in CALLED_BACK or (inner.f_globals.get('__name__'), name) in ENDS_OF_OBJECTS:
             signal.signal(signal.SIGALRM, lambda _, later: _leave(number, later))
             signal.setitimer(signal.ITIMER_REAL, RETRY)
             return
         inner = inner.f_back
+    began = time.monotonic()
+
+    def again(number: int, frame: FrameType | None) -> None:
+        if time.monotonic() - began > LONGEST_CLOSING:
+            _leave(number, frame)
+
+    for one in ENDING:
+        if signal.getsignal(one) is _leave:
+            signal.signal(one, again)
     if number == signal.SIGINT:
         raise KeyboardInterrupt
     raise SystemExit(128 + number)

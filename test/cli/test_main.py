@@ -125,7 +125,7 @@ def test_a_reader_who_leaves_is_no_error():
 
 
 @pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_closes_what_is_open(tmp_path, number, status):
+def test_a_signal_that_is_repeated_closes_what_is_open(tmp_path, number, status):
     code = (
         'import pathlib, sys, time, types\n'
         'from saddlering_ros.cli import main as command\n'
@@ -134,6 +134,9 @@ def test_a_signal_closes_what_is_open(tmp_path, number, status):
         f'        pathlib.Path({str(tmp_path / "running")!r}).touch()\n'
         '        time.sleep(30)\n'
         '    finally:\n'
+        f'        pathlib.Path({str(tmp_path / "closing")!r}).touch()\n'
+        f'        while not pathlib.Path({str(tmp_path / "repeated")!r}).exists():\n'
+        '            time.sleep(0.01)\n'
         f'        pathlib.Path({str(tmp_path / "closed")!r}).touch()\n'
         'declared = command.arguments.Command("try", "", "", (), ())\n'
         'only = types.SimpleNamespace(COMMANDS=[declared], run=run)\n'
@@ -141,10 +144,12 @@ def test_a_signal_closes_what_is_open(tmp_path, number, status):
         'sys.exit(command.main(["try"]))\n')
     child = subprocess.Popen([sys.executable, '-c', code], stderr=subprocess.PIPE, text=True,
                              cwd=ROOT)
-    while not (tmp_path / 'running').exists():
-        assert child.poll() is None
-        time.sleep(0.01)
-    os.kill(child.pid, number)
+    for state in ('running', 'closing'):
+        while not (tmp_path / state).exists():
+            assert child.poll() is None
+            time.sleep(0.01)
+        os.kill(child.pid, number)
+    (tmp_path / 'repeated').touch()
     _, err = child.communicate(timeout=30)
     assert (child.returncode, err) == (status, '')
     assert (tmp_path / 'closed').exists()
@@ -165,6 +170,18 @@ def test_a_signal_waits_until_compiled_code_has_its_answer(number, status):
     done = subprocess.run([sys.executable, '-c', code], text=True, capture_output=True, cwd=ROOT,
                           timeout=60, check=False)
     assert (done.stdout, done.returncode) == ('7', status)
+
+
+def test_a_function_of_a_name_that_compiled_code_calls_is_left_at_once():
+    code = (
+        'import os, signal, time\n'
+        'from saddlering_ros.cli.main import leave_by_exception\n'
+        'leave_by_exception()\n'
+        'def remove():\n os.kill(os.getpid(), signal.SIGTERM)\n os.write(1, b"7")\n'
+        'remove()\n')
+    done = subprocess.run([sys.executable, '-c', code], text=True, capture_output=True, cwd=ROOT,
+                          timeout=60, check=False)
+    assert (done.stdout, done.returncode) == ('', 143)
 
 
 @pytest.mark.parametrize('made', ids=['its end', 'a weak reference'], argvalues=[
