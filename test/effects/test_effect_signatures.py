@@ -23,6 +23,7 @@ from saddlering_ros.rig import (
     PARAMETER_NAMES,
     ParameterSet,
     probes_to_displacement,
+    Rig,
     TONNE,
     TRUE_TO_SCALE,
 )
@@ -65,10 +66,11 @@ def channels(probes: Floats) -> Floats:
 
 
 def simulated(effects: Mapping[str, Mapping[str, float]], record: tuple[Floats, Floats],
-              elevation: float = PUSHED, contact: Floats = CONTACT) -> dict[str, Floats]:
+              elevation: float = PUSHED, contact: Floats = CONTACT,
+              rig: Rig = RIG) -> dict[str, Floats]:
     """Channels by name of one record under effects."""
     candidates = [(contact, extension_of(effects))]
-    probes = probe_batch(RIG, candidates, elevation, *record, max_step=5e-3)[0]
+    probes = probe_batch(rig, candidates, elevation, *record, max_step=5e-3)[0]
     return dict(zip(CHANNELS, channels(probes), strict=True))
 
 
@@ -224,6 +226,17 @@ def test_a_bolted_joint_opens_at_one_moment_whatever_the_elevation(elevation: fl
     assert np.all(np.abs(change[moment < 8e4]) < 1e-12)
     expected = 2e-10 * (moment - 8e4)[moment > 8e4]
     assert change[moment > 8e4] == pytest.approx(expected, rel=1e-3, abs=1e-9)
+
+
+def test_the_moment_of_the_dead_weight_helps_to_open_a_joint() -> None:
+    record = slow_cycle()
+    rig = replace(RIG, carriage=replace(RIG.carriage, weight_x=0.5))
+    moment, _ = opening({})
+    total = moment + rig.carriage.weight * 0.5
+    effects = {'bolt_opening': {'compliance': 2e-10, 'moment': 8e4}}
+    change = (simulated(effects, record, rig=rig)['gamma']
+              - simulated({}, record, rig=rig)['gamma'])
+    assert change == pytest.approx(2e-10 * np.maximum(0.0, total - 8e4), abs=1e-10)
 
 
 def test_bolts_that_open_one_after_another_bend_the_tilt_as_their_mean_does() -> None:

@@ -96,7 +96,10 @@ def opened(beyond: Any, spread: Any) -> Any:
 
 @kernel(**INNER)
 def series_motion(m: Any, s: Any, w: Any) -> Any:
-    """Set w[MOTION] (3,): contact motion, series compliances, settling; no creep or resonance."""
+    """Set w[MOTION] (3,): contact motion, series compliances, settling; no creep or resonance.
+
+    A joint opens at one moment of load and dead weight together.
+    """
     highest = s[at.HIGHEST_LOAD]
     moment = w[at.RESOLVED + 2]
     w[at.MOTION] = (s[at.Q] + m.radial_compliance * w[at.RESOLVED]
@@ -106,7 +109,8 @@ def series_motion(m: Any, s: Any, w: Any) -> Any:
     w[at.MOTION + 2] = (s[at.Q + 2] + m.tilt_compliance * moment
                         + m.settling_tilt * highest
                         + m.opening_compliance * opened(
-                            moment - m.opening_moment, m.opening_spread))
+                            moment + m.weight * m.weight_x - m.opening_moment,
+                            m.opening_spread))
 
 
 @kernel(**INNER)
