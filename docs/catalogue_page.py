@@ -44,7 +44,7 @@ def catalogue_page() -> str:
 def _tests() -> Iterator[str]:
     """The tests that the next test of a verdict is chosen from."""
     yield ('\n## Tests that tell causes apart\n\nThe next test of a named cause is the test that '
-           'tells most of its look-alikes apart. Among equal tests, the first one of this table '
+           'tells it from most of its look-alikes. Among equal tests, the first one of this table '
            'is chosen. The next test of an `ambiguous` verdict is '
            '[simulated](../diagnosis.md#the-next-test-of-an-ambiguous-verdict).\n\n'
            '| test | instruction | result for other causes |\n|---|---|---|')

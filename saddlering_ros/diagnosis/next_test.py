@@ -224,21 +224,29 @@ def _either(effects: Sequence[str]) -> str:
     return ' or '.join(lowered(title_of(name)) for name in effects)
 
 
-def between(effects: Sequence[str], tests: Sequence[RigTest] = RIG_TESTS) -> str | None:
+def between(
+    effects: Sequence[str], tests: Sequence[RigTest] = RIG_TESTS, *, is_first_named: bool = False,
+) -> str | None:
     """The test of a table that separates most of these effects, with every outcome."""
-    test = _of_table(effects, tests)
+    test = _of_table(effects, tests, is_first_named=is_first_named)
     return None if test is None else f'{test.instruction} {_meanings(test, effects)}'
 
 
-def _of_table(effects: Sequence[str], tests: Sequence[RigTest]) -> RigTest | None:
-    """The test that separates most pairs; among equal ones, the first effect from most others."""
-    def score(test: RigTest) -> tuple[int, int]:
+def _of_table(
+    effects: Sequence[str], tests: Sequence[RigTest], *, is_first_named: bool = False,
+) -> RigTest | None:
+    """The test that separates most pairs; among equal ones, the first effect from most others.
+
+    If the first one is named, its own pairs come first: the others need not be told apart.
+    """
+    def score(test: RigTest) -> tuple[int, ...]:
         first, *others = (outcome(name, test) for name in effects)
-        return separated(test, effects), sum(
-            UNCLEAR not in (first, other) and other != first for other in others)
+        counts = (separated(test, effects), sum(
+            UNCLEAR not in (first, other) and other != first for other in others))
+        return counts[::-1] if is_first_named else counts
 
     best = max(tests, key=score)
-    return best if score(best)[0] else None
+    return best if any(score(best)) else None
 
 
 def confirming(
@@ -247,7 +255,8 @@ def confirming(
     """The test that confirms a named effect against its look-alikes in these data."""
     alone = (f'{test.instruction} {_capital(shown)} confirms it.' for test in tests
              if (shown := outcome(effect_id, test)) not in (UNCLEAR, test.otherwise))
-    sentence = between([effect_id, *alternatives], tests) if alternatives else None
+    sentence = between(
+        [effect_id, *alternatives], tests, is_first_named=True) if alternatives else None
     effect = catalogue().get(effect_id)
     words = sentence or next(alone, '' if effect is None else effect.settled_by)
     return f'To confirm {lowered(title_of(effect_id))}: {words}'

@@ -79,6 +79,16 @@ def test_look_alikes_of_the_data_are_what_a_named_cause_is_confirmed_against():
     assert 'a loop whose height depends on the rate means creep of the oil film' in sentence
 
 
+@pytest.mark.parametrize(('named', 'alike', 'test'), [
+    ('bracket_play', ('cylinder_friction', 'load_nonlinearity', 'damping_law'), 'inclinometer'),
+    ('bolt_opening', ('probe_bracket', 'probe_saturation', 'probe_nonlinearity'), 'Slew the')])
+def test_a_name_is_confirmed_by_the_test_that_tells_it_from_each_look_alike(named, alike, test):
+    """Not by one that tells look-alikes from each other, and leaves the most similar open."""
+    sentence = next_test.confirming(named, alike)
+    assert test in sentence
+    assert f'means {lowered(title_of(named))}{";" if ";" in sentence else "."}' in sentence
+
+
 def proposed():
     class Payload:
         elevation = math.radians(50.0)
