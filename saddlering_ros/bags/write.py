@@ -148,8 +148,9 @@ class BagWriter:
                     temporary_folder(self.path.parent, f'.{self.path.name}.'))
             self._written = self._folder / self.path.name
             self._written.mkdir(mode=0o755)
-            self._file = McapWriter(self._written / f'{self.path.name}_0.mcap', 'saddlering_ros',
-                                    self._chunk_size)
+            self._name = f'{self.path.name}_0.mcap'  # the bag may be put elsewhere at its end
+            self._file = McapWriter(
+                self._written / self._name, 'saddlering_ros', self._chunk_size)
             if self._recorded:
                 self._kept = f'; the recording until then is readable in {self._written}'
             self._file.add_metadata(METADATA_RECORD, self.metadata)
@@ -190,18 +191,17 @@ class BagWriter:
 
     def _information(self, first: int, last: int, counts: Mapping[str, int]) -> dict[str, Any]:
         """The content of metadata.yaml; first, last: log times [ns]; counts: by topic."""
-        file = f'{self.path.name}_0.mcap'
         times = {'starting_time': {'nanoseconds_since_epoch': first},
                  'duration': {'nanoseconds': max(0, last - first)},
                  'message_count': sum(counts.values())}
         return {
             'version': 9,  # that of Jazzy
-            'storage_identifier': 'mcap', 'relative_file_paths': [file], **times,
+            'storage_identifier': 'mcap', 'relative_file_paths': [self._name], **times,
             'topics_with_message_count': [
                 {'topic_metadata': topic, 'message_count': counts.get(name, 0)}
                 for name, topic in self._topics.items()],
             'compression_format': '', 'compression_mode': '',
-            'files': [{'path': file, **times}],
+            'files': [{'path': self._name, **times}],
             'custom_data': self.metadata or None, 'ros_distro': 'rosbags'}
 
     @contextmanager
