@@ -23,6 +23,7 @@ from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, 
 from saddlering_ros.discrepancy.verdict.wrong_law import (
     narrow_laws,
     shared_directions,
+    shown_in_one_view,
     unlike_channels,
     unlike_channels_unpatched,
 )
@@ -68,6 +69,7 @@ def judge_alone(
             evidence.with_forms(space, fit, fit)).is_real_and_material(settings)):
         doubts.append(wording.partial_words(titles, share, left))
     doubts += left_by_ring(space, fit, after, published.shares)
+    doubts += shown_in_one_view(space, fit)
     doubts += wrong_inputs(space, fit) if len(ids) > 1 else []
     if crowded([Comparison(space, space.without(fit, name), fit).added for name in ids], settings):
         doubts.append(wording.crowded_words(len(ids)))

@@ -5,7 +5,7 @@ misfit of friction that falls with speed. What such a law leaves goes along the 
 which the cause acts, and predicts runs left out. What a cause changes lasts where the system has
 a memory, so that the rest is no curve over the coordinate in itself. How a curve lasts is read
 from what the cause changes, which has no noise. A cause can also act in the right channels by the
-wrong shares.
+wrong shares, or act in one view only where it should act in several.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.law import families
 from saddlering_ros.discrepancy.law.families import OTHER_PIECES, ShapeFamily
-from saddlering_ros.discrepancy.problem.fits import Fit, tangent
+from saddlering_ros.discrepancy.problem.fits import Fit, stepped_misfit, tangent
 from saddlering_ros.discrepancy.problem.system import Array
 from saddlering_ros.discrepancy.search.selection import error_process, Search
 from saddlering_ros.discrepancy.search.signatures import orthonormal
@@ -50,6 +50,22 @@ A cause three times as large as the rest, which is over the limit there, bends b
 
 MAX_SAMPLES = 4000
 """Samples of a run, evenly chosen, in which the change is followed. Chosen for cost."""
+
+
+def shown_in_one_view(space: ModelSpace, fit: Fit) -> list[str]:
+    """A sentence for every cause of a ring whose law in one view alone explains as much."""
+    if space.problem.assumptions.exact_laws:
+        return []
+
+    def misfit(tangent: Array, prediction: Array) -> float:
+        white = space.metric.whiten(np.column_stack([
+            tangent, prediction - space.problem.measured]))
+        return stepped_misfit(white.T @ white)
+
+    least = misfit(space.tangent_of(fit).plain, fit.prediction) + space.real_gain
+    return [wording.ONE_VIEW.format(space.problem.titles[name], view)
+            for name in fit.candidate.ids for view, *confined in space.in_one_view(
+                fit, name, space.settings.materiality) if misfit(*confined) < least]
 
 
 def shared_directions(search: Search) -> list[str]:
