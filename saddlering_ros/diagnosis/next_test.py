@@ -135,7 +135,7 @@ def for_residual(
     largest = (max(shapes, key=lambda shape: shape.visible) if shapes else
                min(after.shapes, key=lambda shape: shape.p_value))
     fast, channel, coordinate = after.fast, largest.view, largest.coordinate
-    if fast.visible >= max(MATERIAL, largest.visible):
+    if law is None and fast.visible >= max(MATERIAL, largest.visible):
         return (f'Record ten minutes at constant preload, at the highest sampling rate. If '
                 f'{fast.view} oscillates at {fast.frequency:.2g} Hz there too, pickup of a probe '
                 'is the cause. If it does not, the rig oscillates with the load.')

@@ -167,6 +167,8 @@ def test_one_cause_that_is_not_established_gets_the_test_that_would_confirm_it()
 def test_a_proposed_law_tells_what_the_next_test_is_about(target, coordinate, words):
     law = SimpleNamespace(terms=[SimpleNamespace(target=target, coordinate=coordinate)])
     assert words in an_unknown(0.0, 'settling', law=law)
+    shaking = SimpleNamespace(view='delta_y', frequency=0.076, visible=0.02)
+    assert words in next_test.for_residual(SimpleNamespace(shapes=AFTER.shapes, fast=shaking), law)
 
 
 def test_a_test_at_another_elevation_is_not_proposed_where_two_were_recorded():
