@@ -191,9 +191,10 @@ MIN_RATING = 0.8
 """Smallest ISO 18571 rating of a good curve."""
 
 
-def allowed_misfit(noise_floor: float | None, sound: float | None = None) -> float:
+def allowed_misfit(noise_floor: float | None, sound: float | None = None,
+                   material: float = MATERIAL) -> float:
     """Largest misfit, as a share of range, that noise and a sound ring's small errors allow."""
-    return max(GOOD * math.hypot(noise_floor or 0.0, sound or 0.0), MATERIAL)
+    return max(GOOD * math.hypot(noise_floor or 0.0, sound or 0.0), material)
 
 
 def is_left(p_value: float | None, share_of_range: float | None) -> bool:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 import contextlib
+from functools import partial
 import os
 from pathlib import Path
 import sys
@@ -122,7 +124,9 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
         began = time.monotonic()
         try:
             alarm = _wait(group, began + 120.0 + 10.0 * length / min(args.rate or 1.0, 1.0),
-                          length / args.rate if args.rate else None, args.json != '-')
+                          length / args.rate if args.rate else None,
+                          (lambda _: None) if args.json == '-' else partial(
+                              print, 'ring_alarm:', flush=True))
             sent = {name: len(record[name]) for name in record if name != absent_topic(rig)}
             last = time.monotonic() + LAST_MESSAGES
             while recorder is not None and (missing := recorder.missing(sent)):
@@ -141,10 +145,11 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
             'alarm': alarm}
 
 
-def _wait(group: Any, deadline: float, seconds: float | None, shows: bool) -> str | None:
+def _wait(group: Any, deadline: float, seconds: float | None,
+          on_alarm: Callable[[str], None]) -> str | None:
     """Wait for the end of the bag; the last state of its alarm, in words, None without one.
 
-    shows: print each state of the alarm. NodeError if the clock leaves before the end, or does
+    on_alarm: called with each new state. NodeError if the clock leaves before the end, or does
     not start.
     """
     from saddlering_ros.ros.launcher import last_line
@@ -154,11 +159,11 @@ def _wait(group: Any, deadline: float, seconds: float | None, shows: bool) -> st
     alarm, state = group.processes.get('ring_alarm'), None
 
     def newest() -> str | None:
-        """The state of the alarm, shown once."""
+        """The state of the alarm."""
         states = [line.partition(STATE_TOLD)[2] for line in alarm.said().splitlines()
                   if STATE_TOLD in line] if alarm else []
-        if shows and states and states[-1] != state and not states[-1].startswith('waiting'):
-            print(f'ring_alarm: {states[-1]}', flush=True)
+        if states and states[-1] != state and not states[-1].startswith('waiting'):
+            on_alarm(states[-1])
         return states[-1] if states else None
 
     clock = group.processes['replay_clock']

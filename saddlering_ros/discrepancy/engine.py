@@ -41,7 +41,7 @@ from saddlering_ros.discrepancy.verdict.results import (
 from saddlering_ros.discrepancy.verdict.stability import HALF, Stability, stability_of
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
 from saddlering_ros.progress import one_blas_thread
-from saddlering_ros.quantities import GOOD
+from saddlering_ros.quantities import allowed_misfit
 
 PARTIAL_SUBJECT = 0.5
 """A law is proposed beside partial causes that explain this share of the misfit, else alone: with
@@ -389,7 +389,7 @@ def _unpredicted(space: ModelSpace, model: Fit) -> Iterator[Rest]:
             usual = problem.view_sizes(model.prediction - problem.measured, view).max()
             noise = space.metric.noise_power(run, view) ** 0.5 / scale
             declared = max(space.settings.materiality, problem.allowed_sizes[view])
-            if share > max(GOOD * max(usual, noise), declared):
+            if share > allowed_misfit(max(usual, noise), material=declared):
                 yield run, view, share, ''
 
 

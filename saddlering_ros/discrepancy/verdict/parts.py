@@ -22,11 +22,7 @@ from saddlering_ros.discrepancy.verdict.published import MAINLY
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, PublishedFits
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.estimation.statistics import fisher_chance
-from saddlering_ros.quantities import GOOD, percent, quantity
-
-INTERVAL = 2.0
-"""Standard deviations of a size by which another cause, too small to show, may change it: the
-95 % interval."""
+from saddlering_ros.quantities import GOOD, percent, quantity, WIDTH_95
 
 STRAIGHT_SHARE = 0.1
 """Share of an effect beside the base parameters from which its influence on a size is told: below
@@ -225,7 +221,7 @@ def hidden_causes(space: ModelSpace, fits: PublishedFits, causes: Sequence[Cause
         own = columns[:, index] - beside @ (beside.T @ columns[:, index])
         length, size = float(np.linalg.norm(own)), cause.parameters[effect.size.name]
         slope = effect.size.slope(float(fit.theta_unit[index]))
-        largest = (INTERVAL * size.std, '')
+        largest = (WIDTH_95 * size.std, '')  # a change within the interval is none
         for signature, white in others:
             if signature.effect.id in (*fit.candidate.ids, *cause.group):
                 continue

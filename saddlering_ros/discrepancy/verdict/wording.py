@@ -145,7 +145,8 @@ def fit_too_words(remainder: Sequence[Remainder]) -> str:
     return f'Fit {joined(runs)} too, which the model does not predict.' if runs else ''
 
 
-def joined(titles: Sequence[str]) -> str:  # 'a, b and c'
+def joined(titles: Sequence[str]) -> str:
+    """'a, b and c'."""
     return ', '.join(titles[:-1]) + ' and ' * (len(titles) > 1) + titles[-1]
 
 
