@@ -7,7 +7,7 @@ engine may import.
 """
 
 from saddlering_ros.discrepancy.diagnosis import check, diagnose
-from saddlering_ros.discrepancy.engine import diagnose_system, PARTED
+from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.law.families import direction_of
 from saddlering_ros.discrepancy.law.proposal import describe, LawProposal, Term
 from saddlering_ros.discrepancy.noise import Noise
@@ -44,6 +44,7 @@ from saddlering_ros.discrepancy.verdict.results import (
     Cause,
     CauseEntry,
     Diagnosis,
+    PARTED,
     probabilities_of,
     ReductionEntry,
     Remainder,

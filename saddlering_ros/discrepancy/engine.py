@@ -34,6 +34,7 @@ from saddlering_ros.discrepancy.verdict.published import (
 from saddlering_ros.discrepancy.verdict.results import (
     Cause,
     Diagnosis,
+    PARTED,
     Remainder,
     Residual,
     Verdict,
@@ -46,10 +47,6 @@ from saddlering_ros.quantities import allowed_misfit
 PARTIAL_SUBJECT = 0.5
 """A law is proposed beside partial causes that explain this share of the misfit, else alone: with
 less than half explained, the causes describe the misfit worse than the law might."""
-
-PARTED = 0.25
-"""Share of the misfit that partial causes explain from which on simulated tests and held-out runs
-part their alternatives: with less, the cause is likely to be another one. Chosen."""
 
 Rest = tuple[RunBlocks, str, float, str]
 """Run, view, share of range and coordinate of a rest."""
