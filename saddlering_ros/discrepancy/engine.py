@@ -19,6 +19,7 @@ from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
 from saddlering_ros.discrepancy.search import selection
 from saddlering_ros.discrepancy.search.among import search_among_small_errors
+from saddlering_ros.discrepancy.search.evidence import leaves_more_than_forms
 from saddlering_ros.discrepancy.search.lack_of_fit import consistency_tests
 from saddlering_ros.discrepancy.search.selection import Search
 from saddlering_ros.discrepancy.search.signatures import observed
@@ -148,13 +149,27 @@ class Answer:
 
 
 def _judged(search: Search) -> Answer:
-    """The verdict by noise alone, or if it is open by the rest as error of model or machine."""
-    answer, problem = _answer(search), search.space.problem
-    is_open = answer.verdict == 'unknown' and bool(problem.system.effects)
-    if not is_open or problem.assumptions.is_persistent:
+    """The verdict by noise alone, or if it is open by the rest as error of model or machine.
+
+    A ring that leaves more than its laws may err is open by noise alone, whatever its numbers are.
+    """
+    space, assumptions = search.space, search.space.problem.assumptions
+    is_ring = not (assumptions.exact_laws or assumptions.is_persistent)
+    among: Answer | list[str] | None = None
+    if is_ring and search.fit.candidate.effects and leaves_more_than_forms(space, search.fit):
+        among = _among_small_errors(search)
+        if isinstance(among, Answer):
+            return among
+    answer = _answer(search)
+    is_open = answer.verdict == 'unknown' and bool(space.problem.system.effects)
+    if not is_open or assumptions.is_persistent:
         return answer
-    problem.watch.progress('causes beside model error', 0.83)
-    return (_beside_error if problem.assumptions.exact_laws else _among_small_errors)(answer)
+    if assumptions.exact_laws:
+        space.watch.progress('causes beside model error', 0.83)
+        return _beside_error(answer)
+    if among is None:
+        among = _among_small_errors(answer.search)
+    return among if isinstance(among, Answer) else answer.doubted(among)
 
 
 def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
@@ -243,20 +258,23 @@ def _verdict(is_established: bool, published: Publication) -> Verdict:
     return 'ambiguous' if is_open else 'named'
 
 
-def _among_small_errors(strict: Answer) -> Answer:
+def _among_small_errors(strict: Search) -> Answer | list[str]:
     """The verdict on a ring if what remains is small errors of all that its catalogue lists.
 
-    Effects that do not stand out among these errors are left out, and belong to them.
+    Effects that do not stand out among these errors are left out, and belong to them. Without a
+    verdict the reasons for it.
     """
-    among = search_among_small_errors(strict.search)
+    alone = strict.space
+    alone.watch.progress('causes beside model error', 0.83)
+    among = search_among_small_errors(strict)
     if among is None:
-        return strict.doubted([wording.NO_SMALL_ERRORS])
+        return [wording.NO_SMALL_ERRORS]
     if not among.best.visible:
-        return strict
+        return []
     best, space = among.best, among.space
     before, after = (_residual_of(space, fit) for fit in (space.base, best.fit))
 
-    search = replace(strict.search, space=space, fit=best.fit, alternatives={})
+    search = replace(strict, space=space, fit=best.fit, alternatives={})
     sources = [model.fit for model in among.likely]
     published = publish_settled(search, sources, before, after)
     main, small = established.main_among(among, published)
@@ -281,9 +299,9 @@ def _among_small_errors(strict: Answer) -> Answer:
                *established.wrong_inputs(space, search.fit),
                *established.uncertain_law(space, published)]
     if doubts:
-        return strict.doubted([wording.suspect_words([space.problem.titles[main]], doubts)])
+        return [wording.suspect_words([space.problem.titles[main]], doubts)]
     # What the small errors could take of the main cause is left.
-    return _answer_beside(strict, search, published, [
+    return _answer_beside(alone, _residual_of(alone, alone.base), search, published, [
         wording.outlier_words(space.problem.titles[name], among.times(name))
         for name in search.fit.candidate.ids],
         1.0 - 1.0 / among.times(main), is_established=True)
@@ -315,7 +333,7 @@ def _beside_error(strict: Answer) -> Answer:
             doubts, taken = established.doubts_beside_error(
                 strict.search, search, published, most_dropped)
             answer = _answer_beside(
-                strict, search, published, doubts or [wording.REST_IS_ERROR], taken,
+                noise_alone, strict.before, search, published, doubts or [wording.REST_IS_ERROR], taken,
                 is_established=not doubts)
             if answer.verdict == 'unknown':
                 unknown = unknown or answer
@@ -332,17 +350,16 @@ def _beside_error(strict: Answer) -> Answer:
 
 
 def _answer_beside(
-    strict: Answer, search: Search, published: Publication, warnings: Sequence[str], taken: float,
-    *, is_established: bool,
+    alone: ModelSpace, before: Residual, search: Search, published: Publication,
+    warnings: Sequence[str], taken: float, *, is_established: bool,
 ) -> Answer:
     """The answer on causes beside learnt error, with what they leave in the metric without it."""
-    alone = strict.search.space
     seen = _seen_in(alone, published.fits.after)
     left = _residual_of(alone, seen)
     return Answer(
-        search, _verdict(is_established, published), tuple(warnings), strict.before, left,
+        search, _verdict(is_established, published), tuple(warnings), before, left,
         published, _remainder_of(alone, _left(alone, seen, left)),
-        strict.before.explained_by(left), taken, is_beside_error=True)
+        before.explained_by(left), taken, is_beside_error=True)
 
 
 def _residual_of(space: ModelSpace, fit: Fit) -> Residual:

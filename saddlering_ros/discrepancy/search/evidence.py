@@ -337,6 +337,12 @@ def with_forms(space: ModelSpace, fit: Fit, about: Fit) -> Fit:
         misfit=float(whitened @ whitened + steps @ steps))
 
 
+def leaves_more_than_forms(space: ModelSpace, fit: Fit) -> bool:
+    """Whether a fit leaves a real and material misfit, also with other forms of its laws."""
+    return all(residual.is_real_and_material(space.settings) for residual in (
+        space.slow_residual(fit), space.tests.slow(with_forms(space, fit, fit))))
+
+
 def forms_of(space: ModelSpace, fit: Fit) -> tuple[Array, Array]:
     """Other forms of the laws of a fit: columns (n, k), and the number of the effect of each (k,).
 
