@@ -333,8 +333,8 @@ def _beside_error(strict: Answer) -> Answer:
             doubts, taken = established.doubts_beside_error(
                 strict.search, search, published, most_dropped)
             answer = _answer_beside(
-                noise_alone, strict.before, search, published, doubts or [wording.REST_IS_ERROR], taken,
-                is_established=not doubts)
+                noise_alone, strict.before, search, published,
+                doubts or [wording.REST_IS_ERROR], taken, is_established=not doubts)
             if answer.verdict == 'unknown':
                 unknown = unknown or answer
             elif answer.verdict == 'named' or len(sizes) == 1:
