@@ -60,8 +60,8 @@ def diagnose_ring(
     figures = tuple(
         verdict.run_figures(rig, diagnosis, record, prediction.before, prediction.after)
         for record, prediction in zip(records, diagnosis.runs, strict=True))
-    diagnosis = diagnosis.unpredicted(verdict.unpredicted(
-        figures, system.units))
+    if diagnosis.verdict == 'none':  # what `validate` would not allow
+        diagnosis = diagnosis.unpredicted(verdict.unpredicted(figures, system.units))
     law = verdict.contact_law(diagnosis, alone, distinct_elevations(run.elevation for run in runs))
     notes = _notes(records, rig, diagnosis, law.refusal)
     if diagnosis.verdict == 'unknown' and _may_be_rounding(figures):

@@ -113,8 +113,8 @@ def diagnose_system(problem: Problem) -> Diagnosis:
         near_limit=near_limit,
         influence=influence,
         held_out_evidence=by_held_out,
-    ).unpredicted(_remainder_of(space, [*_unpredicted(space, fit)]) if verdict in (
-        'none', 'named') else ())
+    ).unpredicted(_remainder_of(space, [*_unpredicted(space, fit)]) if verdict == 'named' or (
+        verdict == 'none' and space.problem.assumptions.exact_laws) else ())
 
 
 @dataclass(frozen=True)
@@ -385,12 +385,12 @@ def _remainder_of(space: ModelSpace, left: Sequence[Rest]) -> tuple[Remainder, .
 
 
 def _unpredicted(space: ModelSpace, model: Fit) -> Iterator[Rest]:
-    """What a model leaves of a declared machine's held-out runs that it does not leave of others.
+    """What a model leaves of held-out runs that it does not leave of others.
 
     It is fitted to each as well, because fitted runs may not determine what it needs.
     """
     problem = space.problem
-    for run in problem.held_out if problem.assumptions.exact_laws else []:
+    for run in problem.held_out:
         if not np.isfinite(problem.simulate(run, [model.point])[0]).all():
             continue
         joint = problem.with_runs([*problem.runs, replace(run, held_out=False)])
