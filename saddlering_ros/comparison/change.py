@@ -290,9 +290,9 @@ def _next_test(diagnosis: Diagnosis, doubts: Mapping[str, str], rig: Rig) -> str
     groups = [cause.group for cause in diagnosis.causes if len(cause.group) > 1]
     named, sentence = [name for cause in diagnosis.causes for name in cause.group], ''
     if diagnosis.verdict == 'ambiguous' and groups:
-        sentence = next_test.for_group(groups[0], diagnosis.separations) or (
+        sentence = next_test.for_groups(groups, diagnosis.separations) or (
             diagnosis.causes[0].definition.settled_by)
-        for name in groups[0]:
+        for name in named:
             sentence = sentence.replace(lowered(title_of(name)), lowered(name_of(name)))
     has_dimensions = any(map(rig_dimensions.changed_title, named))
     if diagnosis.verdict == 'named' and not has_dimensions:

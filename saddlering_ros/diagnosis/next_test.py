@@ -79,10 +79,10 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
             '--check BAG and its drawing show a wrong dimension, span, polarity or elevation.')
         # Causes that explain little are likely to be others, which their test would not show.
         causes = diagnosis.causes if diagnosis.explained >= discrepancy.PARTED else ()
-        group = next((cause.group for cause in causes if len(cause.group) > 1), ())
-        sentence = for_group(group, diagnosis.separations, tests) if group else None
-        parting = sentence and f'If the cause is {_either(group)}: {sentence}'
-        if causes and not group and not title_of_dimension(causes[0].effect):
+        groups = [cause.group for cause in causes if len(cause.group) > 1]
+        sentence = for_groups(groups, diagnosis.separations, tests) if groups else None
+        parting = sentence and f'If the cause is {_either(groups[0])}: {sentence}'
+        if causes and not groups and not title_of_dimension(causes[0].effect):
             parting = confirming(causes[0].effect, [], tests)
         # Shapes that are all within chance need no test beside another one.
         after = diagnosis.residual_after
@@ -96,7 +96,7 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
     open_groups = [cause.group for cause in diagnosis.causes if len(cause.group) > 1]
     sentence = ''
     if open_groups:
-        sentence = for_group(open_groups[0], diagnosis.separations, tests) or next(
+        sentence = for_groups(open_groups, diagnosis.separations, tests) or next(
             (catalogue()[name].settled_by for name in open_groups[0]
              if not title_of_dimension(name)), '')
     elif not title_of_dimension(named):
@@ -177,6 +177,28 @@ def separated(test: RigTest, effects: Sequence[str]) -> int:
     """Number of pairs of these effects that the test separates."""
     shown = [outcome(name, test) for name in effects]
     return sum(UNCLEAR not in pair and pair[0] != pair[1] for pair in combinations(shown, 2))
+
+
+def for_groups(
+    groups: Sequence[Sequence[str]], separations: Sequence[discrepancy.Separation],
+    tests: Sequence[RigTest] = RIG_TESTS,
+) -> str | None:
+    """The next test for the first group, and what parts the others: it, or a test of the table.
+
+    None if no test is known for the first group.
+    """
+    first = for_group(groups[0], separations, tests)
+    if first is None:
+        return None
+    words = [first]
+    for effects in groups[1:]:
+        together = next((one.together for one in separations[:1]
+                         if first.startswith(one.proposal.sentence)), ())
+        is_open = not together or any(
+            all(any(name in model for model in models) for name in effects) for models in together)
+        shown = between(effects, tests) if is_open else _parted(effects, together)
+        words += [f'Of {_either(effects)}: {shown}'] if shown else []
+    return ' '.join(words)
 
 
 def for_group(

@@ -135,6 +135,26 @@ def test_a_simulated_test_states_which_alternatives_it_parts(together, words):
     assert told == f'If the cause is {told_titles(group)}: {sentence}'
 
 
+@pytest.mark.parametrize(('verdict', 'explained', 'together', 'words'), [
+    ('unknown', 0.3, ((('tilt_friction', 'load_gain'), ('tilt_friction', 'load_offset')),
+                      (('tilt_friction', 'moment_arm'),), (('clock_offset', 'load_gain'),)),
+     'this test leaves the true cause alone (95 % interval 79 to 92). Of load gain error or load '
+     'zero offset or wrong moment arm: It parts wrong moment arm from all others; it leaves open '
+     'load gain error or load zero offset.'),
+    ('ambiguous', 0.9, ((('tilt_friction', 'load_gain'), ('tilt_friction', 'load_offset'),
+                         ('tilt_friction', 'moment_arm')), (('clock_offset', 'load_gain'),)),
+     'Of load gain error or load zero offset or wrong moment arm: Put a calibrated load cell')])
+def test_each_group_is_told_what_parts_it(verdict, explained, together, words):
+    (one,) = simulated('repeat_cycle', 0.87)
+    groups = (('tilt_friction', 'clock_offset'), ('load_gain', 'load_offset', 'moment_arm'))
+    found = SimpleNamespace(
+        verdict=verdict, held_out_evidence=(), remainder=(),
+        separations=[replace(one, together=together)], causes=[
+            SimpleNamespace(effect=group[0], group=group, elsewhere=()) for group in groups],
+        explained=explained, law=None, residual_after=AFTER)
+    assert words in next_test.next_test(found, [], default_rig())
+
+
 def told_swap() -> str:
     return next_test.for_residual(AFTER)
 
