@@ -79,7 +79,7 @@ def test_a_damaged_message_does_not_end_a_recording(
     with recorder.recording(tmp_path / 'bag', ros_domain) as node:
         for count, message in enumerate(messages, 1):
             publisher.send([message])
-            wait_until(lambda: node.counts()[LOAD_TOPIC] == count, 10.0)  # noqa: B023
+            wait_until(lambda: node.counts()[LOAD_TOPIC] == count)  # noqa: B023
     assert recorded(tmp_path / 'bag') == messages
 
 
@@ -91,5 +91,5 @@ def test_a_fault_of_the_recorder_is_told(
     monkeypatch.setattr(recorder.raw_topics, 'spin_streaming', fail)
     with pytest.raises(RuntimeError, match='of the middleware'), \
             recorder.recording(tmp_path / 'bag', ros_domain) as node:
-        wait_until(lambda: node.done, 10.0)
+        wait_until(lambda: node.done)
     assert recorded(tmp_path / 'bag') == []
