@@ -17,6 +17,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from saddlering_ros.discrepancy.problem.fits import Fit
 from saddlering_ros.discrepancy.problem.problem import Problem
@@ -131,9 +132,7 @@ class SmallErrors:
         common = np.diag(self._powers[self._leading])
 
         def evidence(spread: float, powers: Array) -> float:
-            root = np.linalg.cholesky(np.eye(len(powers)) + spread**2 * powers)
-            inside = np.linalg.solve(root, along)
-            volume = 2.0 * float(np.log(np.diag(root)).sum())
+            inside, volume = _in_errors(spread**2 * powers, along)
             return seen.evidence(outside + inside.T @ inside, volume)
 
         best, spread = max((evidence(one, common), float(one)) for one in SPREADS[::2])
@@ -161,20 +160,21 @@ class SmallErrors:
         small: Collection[str],
     ) -> tuple[float, int, float]:
         """Gain of the evidence, kind and factor of the errors that are best made larger."""
-        along = seen.along[self._leading]
-        inverse = np.linalg.inv(np.eye(len(powers)) + spread**2 * powers)
-        beside = inverse @ along
-        products = outside + along.T @ beside
-        inner = products[:-1, :-1] + np.eye(len(products) - 1)
-        columns, left = beside[:, :-1], beside[:, -1]
-        left = left - columns @ np.linalg.solve(inner, products[:-1, -1])
-        weights = inverse - columns @ np.linalg.solve(inner, columns.T)
+        ends = np.cumsum([len(outside), *(kind.shape[1] for _, kind in self._kinds)])
+        inside, *kinds = np.split(_in_errors(spread**2 * powers, np.hstack([
+            seen.along[self._leading], *(kind for _, kind in self._kinds)]))[0], ends[:-1], axis=1)
+        products = outside + inside.T @ inside
+        columns, root = inside[:, :-1], np.linalg.cholesky(
+            products[:-1, :-1] + np.eye(len(products) - 1))
+        beside = solve_triangular(root, columns.T @ np.hstack(kinds), lower=True)
+        slope = solve_triangular(root, products[:-1, -1], lower=True)
         tried = [(0.0, 0, 1.0)]
-        for number, (name, kind) in enumerate(self._kinds):
+        for number, ((name, _), kind, taken) in enumerate(zip(
+                self._kinds, kinds, np.split(beside, ends[1:-1] - ends[0], axis=1), strict=True)):
             if name in small:
                 continue
-            values, vectors = np.linalg.eigh(kind.T @ weights @ kind)
-            squares = (vectors.T @ (kind.T @ left)) ** 2
+            values, vectors = np.linalg.eigh(kind.T @ kind - taken.T @ taken)
+            squares = (vectors.T @ (kind.T @ inside[:, -1] - taken.T @ slope)) ** 2
             for factor in FACTORS:
                 if factor > factors[number]:
                     added = spread**2 * (factor**2 - factors[number] ** 2)
@@ -199,6 +199,16 @@ class SmallErrors:
         free = np.array([*range(base), *range(count, count + forms.shape[1])])
         price = (count - base) * space.log_size
         return _Projected(self._directions.T @ white, white.T @ white, free, price)
+
+
+def _in_errors(powers: Array, columns: Array) -> tuple[Array, float]:
+    """Columns (m, c) in units of noise and errors, and their volume; powers (m, m) of errors."""
+    if not np.count_nonzero(powers - np.diag(np.diag(powers))):
+        shares = 1.0 + np.diag(powers)
+        return columns / np.sqrt(shares)[:, None], float(np.log(shares).sum())
+    root = np.linalg.cholesky(np.eye(len(powers)) + powers)
+    return (solve_triangular(root, columns, lower=True, check_finite=False),
+            2.0 * float(np.log(np.diag(root)).sum()))
 
 
 @dataclass(frozen=True)
