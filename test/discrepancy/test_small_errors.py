@@ -323,7 +323,7 @@ def test_a_group_takes_as_much_as_a_right_cause(taken: float, is_refused: bool) 
     among.space.problem = SimpleNamespace(titles={'arm': 'arm'})
     shares = results.Shares({'gamma': taken}, {}, 0.5, ('gamma', taken), ('gamma', taken),
                             (0.3, 0.5))
-    published: Any = SimpleNamespace(member_shares={}, shares=shares)
+    published: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[])
     assert bool(established.doubts_among(among, 'arm', published)) == is_refused
     alone = among_of(best, [model_of(0.0)])
     alone.space.problem = SimpleNamespace(titles={'arm': 'arm'})
@@ -378,8 +378,40 @@ def test_a_view_that_keeps_its_misfit_refuses_no_cause(worse: float, is_refused:
     among.space.titles_of = lambda fit: []
     shares = results.Shares({'delta_y': -worse, 'parity': 1.0}, {}, 0.5, ('parity', 1.0),
                             ('parity', 1.0), (0.3, 0.5))
-    published: Any = SimpleNamespace(member_shares={}, shares=shares)
+    published: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[])
     assert bool(established.doubts_among(among, 'oval', published)) == is_refused
+
+
+def test_no_main_cause_predicts_held_out_runs_worse() -> None:
+    """Runs held out in turn can outweigh them in the interval."""
+    among: Any = among_of(model_of(50.0, arm=0.02), [model_of(0.0)])
+    among.space.problem = SimpleNamespace(titles={'arm': 'arm'})
+    shares = results.Shares({'gamma': 0.9}, {}, 0.5, ('gamma', 0.9), ('gamma', 0.9), (0.3, 0.5))
+
+    def doubts(held_out: float) -> list[str]:
+        gain = Gain(0.5, held_out, 'held out', (held_out - 0.3, held_out + 0.3))
+        found: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[
+            SimpleNamespace(effect='arm', gain=gain), SimpleNamespace(effect='other', gain=gain)])
+        return established.doubts_among(among, 'arm', found)
+
+    assert not doubts(0.1)
+    [sentence] = doubts(-0.1)
+    assert 'arm: not named, because the model with this cause predicts held-out' in sentence
+
+
+def test_runs_held_out_in_turn_count_beside_held_out_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The four stretches of one held-out run left a play of the bracket uncertain."""
+    seen = []
+    publish_settled = engine.publish_settled
+    monkeypatch.setattr(engine, 'publish_settled', lambda *given: (
+        seen.append(publish_settled(*given)) or seen[-1]))
+    answer = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES)
+    shares, held_out = seen[-1].shares, answer.causes[0].gain.interval
+    assert shares.held_out == held_out
+    assert shares.held_out != shares.interval
+    assert np.ptp(shares.interval) < np.ptp(shares.held_out)
 
 
 def test_the_base_alone_is_published_as_for_any_other_verdict(

@@ -267,6 +267,9 @@ def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
     doubts = [*_unlike_in_runs(taken), *(
         wording.WORSE_VIEW.format(view) for view, share in taken.fitted.items()
         if min(share, taken.predicted.get(view, share)) < -MAX_LEFT_OVER)]
+    doubts += [wording.worse_prediction_words(title, -cause.gain.held_out, cause.gain.how)
+               for cause in published.causes
+               if cause.effect == name and cause.gain.held_out and cause.gain.held_out < 0.0]
     if among.times(name) < MIN_TIMES:
         doubts.append(wording.no_outlier_words(title, among.times(name), MIN_TIMES))
     group, other, margin = among.group_of(name)

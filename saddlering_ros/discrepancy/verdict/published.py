@@ -92,12 +92,14 @@ class Publication:
 class _Model:
     """A fit without nuisance parameters and, `plain`, in the metric of the gain.
 
-    left: its residuals (C, N) of predicted runs.
+    left: its residuals (C, N) of predicted runs; turned: those of fitted runs, each
+    predicted from the others, where there are held-out runs beside.
     """
 
     fit: Fit
     plain: Fit
     left: Sequence[Array]
+    turned: Sequence[Array] = ()
 
 
 def publish(search: Search, before: Residual, after: Residual) -> Publication:
@@ -134,8 +136,10 @@ def publish_settled(
         plain = fitting.refit_base(
             GainMetric.about(problem, fit), fit, names, rounds) if names else plain_fits(
                 problem, [fit])[0]
-        models.append(_Model(fit, plain, predicted_residuals(
-            problem, plain, _moves_without_runs(space, own))))
+        moves = _moves_without_runs(space, own)
+        models.append(_Model(fit, plain, predicted_residuals(problem, plain, moves), (
+            predicted_residuals(problem.with_runs(problem.runs), plain, moves)
+            if problem.held_out else ())))
     alike = [each for each in sources if {*search.fit.candidate.key} <= {*each.candidate.key}]
     return _publication(search, alike, before, after, models)
 
@@ -164,7 +168,7 @@ def _publication(
     chosen = by_key[fit.candidate.key]
     model, base = chosen.fit, by_key[space.base.candidate.key].fit
     covariance = _covariance(space, sources, model, after)
-    taken = {key: shares_of(space.metric, each.plain, chosen.plain, (each.left, chosen.left))
+    taken = {key: shares_of(space.metric, each, chosen)
              for key, each in by_key.items() if each is not chosen}
 
     def gain_over(other: Fit) -> Gain:
@@ -183,7 +187,7 @@ def _publication(
         if problem.held_out and not np.isfinite(predicted):
             return Gain(fitted, None, 'the simulator failed on a held-out run')
         return Gain(fitted, predicted, 'held out' if problem.held_out else 'held out in turn',
-                    taken[other.candidate.key].interval)
+                    taken[other.candidate.key].held_out)
 
     causes = []
     for effect, variant, indices in model.candidate.slices(len(parameters)):
@@ -280,29 +284,32 @@ def _estimates(
             parameters, theta_unit, np.sqrt(np.diag(covariance)), strict=False)}
 
 
-def shares_of(
-    metric: Metric, less: Fit, more: Fit, left: Sequence[Sequence[Array]]
-) -> Shares:
-    """What a plain fit `more` takes of the misfit of `less`; left: predicted residuals of both."""
+def shares_of(metric: Metric, less: _Model, more: _Model) -> Shares:
+    """What the plain fit of `more` takes of the misfit of `less`."""
     problem = metric.problem
     floor = np.array([
         np.mean([metric.noise_power(run, view) for run in problem.runs])
         / problem.view_ranges[view] ** 2 + allowed**2
         for view, allowed in problem.allowed_sizes.items()])
     fitted = _Powers.of(problem, floor, problem.runs, [
-        problem.by_run(fit.prediction - problem.measured) for fit in (less, more)])
+        problem.by_run(model.plain.prediction - problem.measured) for model in (less, more)])
     touched = moved = fitted.touched()
-    interval, taken = None, {}
+    interval, held_out, taken = None, None, {}
+    left = less.left, more.left
     if left[0] and all(np.isfinite(run).all() for residuals in left for run in residuals):
         predicted = _Powers.of(problem, floor, problem.held_out or problem.runs, left)
         touched = moved + predicted.touched()
-        interval, taken = predicted.interval(), predicted.taken()
+        interval = held_out = predicted.interval()
+        taken = predicted.taken()
+        if less.turned:
+            interval = _Powers.of(problem, floor, [*problem.held_out, *problem.runs], [
+                [*model.left, *model.turned] for model in (less, more)]).interval()
     by_run = fitted.more.sum(axis=(1, 2)) / np.maximum(fitted.less.sum(axis=(1, 2)), 1e-300)
     # What a cause may leave of the worst view is a small misfit in another one.
     counted = fitted.taken(1.0 - MIN_TAKEN)
     return Shares(
         counted, taken, 1.0 - float(by_run.max()), _worst_of(touched),
-        _worst_of([view for view in moved if view[0] in counted]), interval)
+        _worst_of([view for view in moved if view[0] in counted]), interval, held_out)
 
 
 def _worst_of(views: Sequence[tuple[str, float]]) -> tuple[str, float]:

@@ -269,7 +269,8 @@ class Shares:
     fitted: of views with no small misfit beside that of the worst; worst_run: share of all
     misfit in the run with the least; worst_view: view and share of the least where the model
     moves more than half of the misfit, worst_fitted of those of `fitted`; interval: 95 % of the
-    reduction on predicted runs.
+    reduction on predicted runs, held out and, among small errors, held out in turn; held_out: of
+    the former alone.
     """
 
     fitted: Mapping[str, float]
@@ -278,6 +279,7 @@ class Shares:
     worst_view: tuple[str, float]
     worst_fitted: tuple[str, float]
     interval: tuple[float, float] | None
+    held_out: tuple[float, float] | None = None
 
     @property
     def best(self) -> float:
