@@ -308,6 +308,9 @@ def test_causes_that_explain_alike_are_one_group() -> None:
     best, alike = model_of(50.0, arm=0.02, friction=1e-3), model_of(45.0, radius=0.02)
     group, other, margin = among_of(best, [alike, model_of(20.0, gap=0.02)]).group_of('arm')
     assert (group, [*other.visible], margin) == ({'radius': alike}, ['gap'], 30.0)
+    # A worn arc was in a group with a radius of the rig file that was more likely by 21.
+    better = model_of(70.0, radius=0.02)
+    assert among_of(best, [better, model_of(0.0)]).group_of('arm') == ({}, better, -20.0)
     # What is no larger than small errors, and models with the same cause, are no alternatives.
     small = model_of(45.0, radius=1e-3)
     assert among_of(best, [small, model_of(0.0)]).group_of('arm') == ({}, small, 5.0)

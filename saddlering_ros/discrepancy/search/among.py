@@ -104,7 +104,7 @@ class Among:
         """Other causes that explain as well as an effect of the best model, each in its model.
 
         With them the best model without all of them, and the logarithm of the likelihood over
-        that of it. Each stands out as the effect does.
+        that of it. Each stands out as the effect does. What explains better is no equal.
         """
         group = dict[str, Model]()
         while True:
@@ -112,7 +112,7 @@ class Among:
             more = {own: size for own, size in other.visible.items()
                     if own not in self.best.visible}
             cause = max(more, default='', key=lambda own: more[own])
-            if (margin >= MIN_MARGIN or len(group) == MAX_OTHERS or not cause
+            if (abs(margin) >= MIN_MARGIN or len(group) == MAX_OTHERS or not cause
                     or self._times(other, cause) < MIN_TIMES):
                 return group, other, margin
             group[cause] = other
