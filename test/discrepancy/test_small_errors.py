@@ -236,6 +236,25 @@ def test_a_law_stands_for_one_that_contains_it_and_adds_nothing_that_stands_out(
     assert [*searching._with_contained_law(space, models).visible] == [name]
 
 
+@pytest.mark.parametrize(('at_neutral', 'group'), [(0.02, {'friction'}), (0.005, set())])
+def test_a_law_is_one_group_with_what_it_contains_if_that_moves_more(
+    at_neutral: float, group: set[str],
+) -> None:
+    """Friction in the radial row was named that of the axial rows, which a ring had as well."""
+    law = Effect('wide', {'size': Parameter(-1, 1), 'friction': Parameter(-1, 1)}, id='wide',
+                 contains=('friction',))
+    fit: Any = SimpleNamespace(candidate=Candidate(((law, 0),)), theta_unit=np.array([0.9, 0.9]),
+                               prediction=np.array([0.03]))
+    best = small_errors.Model(fit, 50.0, 1e-4, {'wide': 0.03}, 1.0)
+    among: Any = among_of(best, [model_of(10.0, friction=0.02), model_of(0.0)])
+    among.space.changes_of = lambda fit: np.array([[0.03]])
+    among.space.scale = SimpleNamespace(sizes=np.abs)
+    among.space.problem = SimpleNamespace(
+        predict=lambda points: np.array([[at_neutral]]),
+        system=SimpleNamespace(base_parameters=()))
+    assert {*among.group_of('wide')[0]} == group
+
+
 def test_what_takes_a_place_in_a_model_that_cancels_is_tried(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

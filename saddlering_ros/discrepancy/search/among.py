@@ -13,6 +13,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
 from saddlering_ros.discrepancy.problem.metric import nuisance_columns
+from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search import ranking
 from saddlering_ros.discrepancy.search.selection import in_metric, Search, stopped_sizes
 from saddlering_ros.discrepancy.search.small_errors import Model, SmallErrors, SPREADS
@@ -104,9 +105,10 @@ class Among:
         """Other causes that explain as well as an effect of the best model, each in its model.
 
         With them the best model without all of them, and the logarithm of the likelihood over
-        that of it. Each stands out as the effect does. What explains better is no equal.
+        that of it. Each stands out as the effect does. What explains better is no equal. A law
+        that contains what moves more than its own part is one group with it.
         """
-        group = dict[str, Model]()
+        group = self._contained_in(name)
         while True:
             other, margin = self.closest_without(name, *group)
             more = {own: size for own, size in other.visible.items()
@@ -116,6 +118,20 @@ class Among:
                     or self._times(other, cause) < MIN_TIMES):
                 return group, other, margin
             group[cause] = other
+
+    def _contained_in(self, name: str) -> dict[str, Model]:
+        """Laws that an effect of the best model contains, if they move more than its own part."""
+        space, fit = self.space, self.best.fit
+        effect = next(effect for effect, _ in fit.candidate.effects if effect.id == name)
+        if not effect.contains:
+            return {}
+        slices = fit.candidate.slices(len(space.problem.system.base_parameters))
+        own, change = next((_own_part(space, fit, effect, part), change) for (law, _, part), change
+                           in zip(slices, space.changes_of(fit).T, strict=True) if law is effect)
+        if _size(space, change - own) <= _size(space, own):
+            return {}
+        return {law: max(there, key=lambda model: model.evidence) for law in effect.contains
+                if (there := [model for model in self.others if law in model.visible])}
 
     def times(self, name: str) -> float:
         """Size of an effect of the best model over the common spread beside one larger error."""
@@ -211,22 +227,30 @@ def _with_contained_law(space: ModelSpace, models: Collection[Model]) -> Model:
     for effect, _, part in best.fit.candidate.slices(len(base)):
         if not effect.contains:
             continue
-        point = best.fit.theta_unit.copy()
-        point[part.start] = effect.size.to_unit(effect.neutral)
-        least = np.inf
-        if abs(point - best.fit.theta_unit)[part.start] <= half[part.start]:
+        least, size = np.inf, float(best.fit.theta_unit[part.start])
+        if abs(effect.size.to_unit(effect.neutral) - size) <= half[part.start]:
             least = best.evidence - MIN_MARGIN
-        else:
-            moved = best.fit.prediction - space.problem.predict(
-                [best.fit.candidate.point(base, point)])[:, 0]
-            if float(space.scale.sizes(moved[:, None]).max()) < MIN_TIMES * best.spread:
-                alike = {effect.id, *effect.contains}
-                without = max(model.evidence for model in models if not alike & {*model.visible})
-                least = best.evidence - MAX_LOST * (best.evidence - without)
+        elif _size(space, _own_part(space, best.fit, effect, part)) < MIN_TIMES * best.spread:
+            alike = {effect.id, *effect.contains}
+            without = max(model.evidence for model in models if not alike & {*model.visible})
+            least = best.evidence - MAX_LOST * (best.evidence - without)
         chosen += [model for model in models if model.is_acceptable and model.evidence > least
                    and any(model.visible.get(name, 0.0) >= MIN_TIMES * model.spread
                            for name in effect.contains)]
     return _best(chosen or [best])
+
+
+def _own_part(space: ModelSpace, fit: Fit, effect: Effect, part: slice) -> Array:
+    """Change (n,) by an effect of a fit without what laws that it contains do."""
+    point = fit.theta_unit.copy()
+    point[part.start] = effect.size.to_unit(effect.neutral)
+    base = space.problem.system.base_parameters
+    return fit.prediction - space.problem.predict([fit.candidate.point(base, point)])[:, 0]
+
+
+def _size(space: ModelSpace, change: Array) -> float:
+    """Share of range by which a change (n,) moves the view and run that it moves most."""
+    return float(space.scale.sizes(change[:, None]).max())
 
 
 def _with_another(
