@@ -69,7 +69,7 @@ def judge_alone(
             evidence.with_forms(space, fit, fit)).is_real_and_material(settings)):
         doubts.append(wording.partial_words(titles, share, left))
     doubts += left_by_ring(space, fit, after, published.shares)
-    doubts += shown_in_one_view(space, fit)
+    doubts += shown_in_one_view(space, fit, published.main.effect)
     doubts += wrong_inputs(space, fit) if len(ids) > 1 else []
     if crowded([Comparison(space, space.without(fit, name), fit).added for name in ids], settings):
         doubts.append(wording.crowded_words(len(ids)))

@@ -52,8 +52,8 @@ MAX_SAMPLES = 4000
 """Samples of a run, evenly chosen, in which the change is followed. Chosen for cost."""
 
 
-def shown_in_one_view(space: ModelSpace, fit: Fit) -> list[str]:
-    """A sentence for every cause of a ring whose law in one view alone explains as much."""
+def shown_in_one_view(space: ModelSpace, fit: Fit, name: str) -> list[str]:
+    """A sentence if the law of a ring's main cause explains as much in one view alone."""
     if space.problem.assumptions.exact_laws:
         return []
 
@@ -64,8 +64,8 @@ def shown_in_one_view(space: ModelSpace, fit: Fit) -> list[str]:
 
     least = misfit(space.tangent_of(fit).plain, fit.prediction) + space.real_gain
     return [wording.ONE_VIEW.format(space.problem.titles[name], view)
-            for name in fit.candidate.ids for view, *confined in space.in_one_view(
-                fit, name, space.settings.materiality) if misfit(*confined) < least]
+            for view, *confined in space.in_one_view(fit, name, space.settings.materiality)
+            if misfit(*confined) < least]
 
 
 def shared_directions(search: Search) -> list[str]:
