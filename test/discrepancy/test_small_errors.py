@@ -266,8 +266,7 @@ def test_what_takes_a_place_in_a_model_that_cancels_is_tried(
     more = {((), ()): 'tilt', (('tilt',), ()): 'tilt elevation',
             (('tilt',), ('tilt', 'elevation')): 'tilt arm'}
 
-    def with_another(space: Any, fit: Any, beside: Any, most: Any = None,
-                     excluded: Any = ()) -> list[Any]:
+    def with_another(space: Any, fit: Any, most: Any = None, excluded: Any = ()) -> list[Any]:
         added = more.get((fit.candidate.ids, tuple(excluded)), '')
         return [models[tuple(added.split())].fit] if added else []
 
@@ -276,7 +275,7 @@ def test_what_takes_a_place_in_a_model_that_cancels_is_tried(
     monkeypatch.setattr(searching, '_with_contained_law', lambda space, tried: (
         searching._best(tried)))
     space: Any = SimpleNamespace(
-        problem=None, base=models[()].fit, foreseen=lambda fit: 0.0, penalised=lambda fit: 0.0,
+        problem=None, base=models[()].fit, foreseen=lambda fit: 0.0,
         watch=SimpleNamespace(check=lambda: None),
         without=lambda fit, name: models[tuple(
             own for own in fit.candidate.ids if own != name)].fit)

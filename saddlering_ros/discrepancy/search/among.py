@@ -51,12 +51,6 @@ MAX_PAIRS = 16
 """Effects beside the most likely one whose evidence is computed: those that promise most. In three
 searches on two rings, the eight most likely of some 38 were among the first 16."""
 
-MAX_BEHIND = 400.0
-"""Penalised misfit over that of the model which the search found, up to which the evidence of such
-a pair is computed. On three rings with four models each, a misfit larger by 400 had a logarithm
-smaller by 64 and more.
-"""
-
 MAX_STEPS = 4
 """Models from which other ones are tried at most; each step costs some ten refits."""
 
@@ -179,19 +173,17 @@ def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
     """Models about the best one so far, until none is better."""
     models: dict[object, Model] = {}
 
-    def add(fits: Iterable[Fit]) -> None:
+    def add(fits: Sequence[Fit]) -> None:
         for one in fits:
             if one.candidate.key not in models and not stopped_sizes(space.problem, one):
                 models[one.candidate.key] = errors.model_of_fit(space, one)
 
-    add([space.base, fit, *_with_another(space, space.base, fit, MAX_TRIED)])
+    add([space.base, fit, *_with_another(space, space.base, MAX_TRIED)])
     # A cause shows beside another one that hides it, and then its first-order gain is no guide.
     singles = [model for model in models.values() if len(model.visible) == 1]
     if singles:
-        pairs = _with_another(space, max(singles, key=lambda model: model.evidence).fit, fit)
-        most = space.penalised(fit) + MAX_BEHIND
-        add(one for one in sorted(pairs, key=space.foreseen)[:MAX_PAIRS]
-            if space.foreseen(one) < most)
+        pairs = _with_another(space, max(singles, key=lambda model: model.evidence).fit)
+        add(sorted(pairs, key=space.foreseen)[:MAX_PAIRS])
     done: set[object] = set()
     for _ in range(MAX_STEPS):
         space.watch.check()
@@ -205,10 +197,10 @@ def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
             done.add(own.candidate.key)
             names = own.candidate.ids
             if len(names) < MAX_CAUSES:
-                add(_with_another(space, own, own, MAX_TRIED))
+                add(_with_another(space, own, MAX_TRIED))
             for name in names:
                 less = space.without(own, name)
-                add([less, *_with_another(space, less, own, MAX_TRIED, names)])
+                add([less, *_with_another(space, less, MAX_TRIED, names)])
     best = _with_contained_law(space, models.values())
     others = [model for model in models.values() if model is not best]
     return Among(space, best, others, errors)
@@ -254,16 +246,12 @@ def _size(space: ModelSpace, change: Array) -> float:
 
 
 def _with_another(
-    space: ModelSpace, fit: Fit, beside: Fit, most: int | None = None,
-    excluded: Sequence[str] = (),
+    space: ModelSpace, fit: Fit, most: int | None = None, excluded: Sequence[str] = ()
 ) -> list[Fit]:
-    """The model of `fit` plus each of the best effects to first order; without `most`, of all.
-
-    One that promises little of what the model `beside` explains is not refined.
-    """
+    """The model of `fit` plus each of the best effects to first order; without `most`, of all."""
     scores = ranking.rank(
         fit, space.tangent_of(fit).white, space.shown, [*fit.candidate.ids, *excluded])
-    return fit_each(space, fit, ranking.best_of_each(scores)[:most], [beside])
+    return fit_each(space, fit, ranking.best_of_each(scores)[:most])
 
 
 def _best(models: Iterable[Model]) -> Model:
