@@ -190,7 +190,7 @@ def among_of(
     evidence = {id(model.fit): model.evidence for model in (best, *others)}
     errors: Any = SimpleNamespace(
         with_larger=lambda space, fit, small: (evidence[id(fit)], 1e-4),
-        in_one_view=lambda space, model, name: {})
+        falls_in_one_view=lambda space, model, name: {})
     space: Any = SimpleNamespace(inputs=[
         SimpleNamespace(effect=SimpleNamespace(id=name)) for name in inputs])
     return searching.Among(space, best, others, errors)
@@ -334,6 +334,17 @@ def test_causes_that_explain_alike_are_one_group() -> None:
     assert among_of(best, [small, model_of(0.0)]).group_of('arm') == ({}, small, 5.0)
     fewer = model_of(45.0, friction=0.02)
     assert among_of(best, [fewer, model_of(0.0)]).group_of('arm') == ({}, fewer, 5.0)
+
+
+def test_a_cause_that_another_one_explains_better_is_told_so() -> None:
+    """The sentence was that the other one explains the misfit nearly as well."""
+    among: Any = among_of(model_of(50.0, arm=0.02), [model_of(70.0, radius=0.02), model_of(0.0)])
+    among.space.problem = SimpleNamespace(titles={'arm': 'arm'})
+    among.space.titles_of = lambda fit: [*fit.candidate.ids]
+    shares = results.Shares({'gamma': 0.9}, {}, 0.5, ('gamma', 0.9), ('gamma', 0.9), (0.3, 0.5))
+    found: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[])
+    assert established.doubts_among(among, 'arm', found) == [
+        'beside small errors, radius without arm explain the misfit better']
 
 
 @pytest.mark.parametrize(('taken', 'is_refused'), [(0.9, False), (0.6, True)])

@@ -114,7 +114,7 @@ class SmallErrors:
         return space.once(f'unequal {sorted(small)}', fit, lambda: self._with_larger(
             self._projected(space, fit), small))
 
-    def in_one_view(self, space: ModelSpace, model: Model, name: str) -> dict[str, float]:
+    def falls_in_one_view(self, space: ModelSpace, model: Model, name: str) -> dict[str, float]:
         """Fall of the evidence, with larger errors of other kinds, if an effect acted in one view.
 
         For each view; empty if the effect moves no more than small errors in any other one.
@@ -124,7 +124,7 @@ class SmallErrors:
             effect.contains for effect, _ in fit.candidate.effects if effect.id == name)}
         whole = self.with_larger(space, fit, small)[0]
         return {view: whole - self._with_larger(self._project(space, fit, *confined), small)[0]
-                for view, *confined in space.in_one_view(fit, name, model.spread)}
+                for view, *confined in space.confined(fit, name, model.spread)}
 
     def _with_larger(self, seen: _Projected, small: Collection[str]) -> tuple[float, float]:
         along = seen.along[self._leading]

@@ -116,7 +116,7 @@ class ModelSpace:
         return self.once('changes', fit, lambda: self.problem.changes_of_effects(
             fit.point, fit.prediction))
 
-    def in_one_view(
+    def confined(
         self, fit: Fit, name: str, least: float
     ) -> Iterator[tuple[str, Array, Array]]:
         """Each view, sensitivities (n, k) and prediction (n,) if an effect acted there alone.

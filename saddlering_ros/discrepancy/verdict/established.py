@@ -276,8 +276,9 @@ def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
     # Where listed causes replace each other, one that is not listed may replace both.
     required = MIN_TAKEN if group else MAINLY
     if margin < MIN_MARGIN:
-        doubts.append(wording.close_words(title, among.space.titles_of(other.fit)))
-    falls = among.errors.in_one_view(among.space, among.best, name)
+        how = 'nearly as well' if margin > -MIN_MARGIN else 'better'
+        doubts.append(wording.close_words(title, among.space.titles_of(other.fit), how))
+    falls = among.errors.falls_in_one_view(among.space, among.best, name)
     view = min(falls, key=lambda view: falls[view], default='')
     if view and falls[view] < MIN_MARGIN:
         doubts.append(wording.ONE_VIEW.format(title, view))

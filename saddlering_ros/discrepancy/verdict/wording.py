@@ -350,11 +350,11 @@ def no_outlier_words(title: str, times: float, needed: float) -> str:
             f'least {needed:.0f} times is required')
 
 
-def close_words(title: str, others: Sequence[str]) -> str:
+def close_words(title: str, others: Sequence[str], how: str = 'nearly as well') -> str:
+    """how: 'nearly as well', or 'better'."""
     if not others:
         return f'small errors alone explain the misfit nearly as well as {title}'
-    return (f'beside small errors, {joined(others)} without {title} explain the misfit nearly as '
-            'well')
+    return f'beside small errors, {joined(others)} without {title} explain the misfit {how}'
 
 
 def suspect_words(titles: Sequence[str], doubts: Sequence[str]) -> str:

@@ -64,7 +64,7 @@ def shown_in_one_view(space: ModelSpace, fit: Fit, name: str) -> list[str]:
 
     least = misfit(space.tangent_of(fit).plain, fit.prediction) + space.real_gain
     return [wording.ONE_VIEW.format(space.problem.titles[name], view)
-            for view, *confined in space.in_one_view(fit, name, space.settings.materiality)
+            for view, *confined in space.confined(fit, name, space.settings.materiality)
             if misfit(*confined) < least]
 
 
