@@ -1,10 +1,11 @@
-"""A spring in series with the rollers that hardens: gamma += c M |M|."""
+"""An effect with a law of its own."""
 
 from saddlering_ros.effects.base import EffectParameter, RingEffect
 from saddlering_ros.effects.extension import OwnParameter, READING
 
 
 class TiltHardening(RingEffect):
+    formula = 'A spring in series with the rollers that hardens: gamma += c M |M|'
     title = 'Tilt compliance that hardens'
     words = 'Something in series with the rollers bends under the tilting moment, less and less.'
     settled_by = 'An inclinometer on the upper ring itself.'
