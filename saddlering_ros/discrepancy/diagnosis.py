@@ -105,7 +105,8 @@ def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
         largest.setdefault(rest.channel, rest)
     warnings = (
         *diagnosis.warnings,
-        *(wording.beyond_declared_words(name, rest, errors[name])
+        *(wording.BEYOND_DECLARED.format(
+            name, rest.run, percent(rest.share_of_range), percent(errors[name]))
           for name, rest in largest.items() if errors[name] > 0.0),
         *system.failure_sentences(), *(() if diagnosis.converged else [wording.NOT_CONVERGED]))
     scale, predictions = system.scales[:, None], []

@@ -299,10 +299,10 @@ def _among_small_errors(strict: Search) -> Answer | list[str]:
                *established.wrong_inputs(space, search.fit),
                *established.uncertain_law(space, published)]
     if doubts:
-        return [wording.suspect_words([space.problem.titles[main]], doubts)]
+        return [wording.SUSPECT.format(space.problem.titles[main], '; '.join(doubts))]
     # What the small errors could take of the main cause is left.
     return _answer_beside(alone, _residual_of(alone, alone.base), search, published, [
-        wording.outlier_words(space.problem.titles[name], among.times(name))
+        wording.OUTLIER.format(space.problem.titles[name], among.times(name))
         for name in search.fit.candidate.ids],
         1.0 - 1.0 / among.times(main), is_established=True)
 

@@ -28,7 +28,7 @@ from saddlering_ros.discrepancy.verdict.wrong_law import (
     unlike_channels_unpatched,
 )
 from saddlering_ros.estimation.least_squares import covariance
-from saddlering_ros.quantities import span
+from saddlering_ros.quantities import percent, quantity, span
 
 MAX_LEFT_OVER = 0.02
 """Share of what the causes of a ring take that may remain along one coordinate of a view, and
@@ -67,20 +67,22 @@ def judge_alone(
     is_other_cause = share < settings.min_total or space.problem.assumptions.exact_laws
     if left and (is_other_cause or space.tests.slow(
             evidence.with_forms(space, fit, fit)).is_real_and_material(settings)):
-        doubts.append(wording.partial_words(titles, share, left))
+        doubts.append(wording.PARTIAL_CAUSES.format(
+            wording.remaining_words(share), left, wording.joined(titles)))
     doubts += left_by_ring(space, fit, after, published.shares)
     doubts += shown_in_one_view(space, fit, published.main.effect)
     doubts += wrong_inputs(space, fit) if len(ids) > 1 else []
     if crowded([Comparison(space, space.without(fit, name), fit).added for name in ids], settings):
-        doubts.append(wording.crowded_words(len(ids)))
+        doubts.append(wording.CROWDED.format(len(ids)))
     doubts += shapes_at_bounds(space, fit)
     open_members = [title for name, title in zip(ids, titles, strict=True)
                     if search.alternatives.get(name)]
     if open_members and len(ids) > evidence.MAX_WITH_ALTERNATIVES:
-        doubts.append(wording.too_many_words(len(ids), open_members))
+        doubts.append(wording.TOO_MANY.format(len(ids), wording.joined(open_members)))
     sentences = [*doubts, *fast]
     if after.slow.is_real_and_material(settings) and not doubts:
-        sentences.insert(0, wording.other_form_words(share, after.slow.where))
+        sentences.insert(0, wording.OTHER_FORM.format(
+            wording.remaining_words(share), after.slow.where))
     more, taken = list(published.doubts), published.shares.best
     if space.problem.assumptions.exact_laws and len(ids) > 1:
         more += unlike_channels_unpatched(space, search, published.main.effect)
@@ -108,14 +110,15 @@ def left_by_ring(space: ModelSpace, fit: Fit, after: Residual, shares: Shares) -
     """
     if space.problem.assumptions.exact_laws:
         return []
+    titles = wording.joined(space.titles_of(fit))
     least = MAX_LEFT_OVER * (space.base.misfit - fit.misfit)
     where = ' and '.join(
         f'{test.view} along {test.coordinate}' for test in after.shapes
         if test.p_value < space.settings.error_rate and test.statistic - test.dimensions > least)
     if where:
-        return [wording.shape_words(space.titles_of(fit), where)]
+        return [wording.SHAPE_LEFT.format(titles, where)]
     view, share = shares.worst_fitted
-    return [wording.view_left_words(space.titles_of(fit), view, 1.0 - share)
+    return [wording.VIEW_LEFT.format(titles, percent(1.0 - share), view)
             ] if share < 1.0 - MAX_LEFT_OVER else []
 
 
@@ -123,7 +126,7 @@ def wrong_inputs(space: ModelSpace, fit: Fit) -> list[str]:
     """A sentence on effects that are errors of the simulator's inputs, which resemble others."""
     inputs = {effect.id for effect in getattr(space.problem.system, 'inputs', ())}
     titles = [space.problem.titles[name] for name in fit.candidate.ids if name in inputs]
-    return [wording.inputs_words(titles)] if titles else []
+    return [wording.WRONG_INPUTS.format(wording.joined(titles))] if titles else []
 
 
 def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
@@ -153,8 +156,8 @@ def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
             is_stopped = is_near and bound not in (parameter.neutral, parameter.start)
             if beyond > allowed and is_stopped:
                 value = parameter.from_unit(float(theta_unit))
-                sentences.append(wording.shape_at_bound_words(
-                    problem.titles[effect.id], parameter, value))
+                sentences.append(wording.SHAPE_AT_BOUND.format(
+                    problem.titles[effect.id], parameter.name, quantity(value, parameter.unit)))
     return sentences
 
 
@@ -179,7 +182,7 @@ def uncertainties_of(cause: Cause, title: str) -> list[str]:
         name, at_limit = ('size', 'the size at which the effect does nothing')
         if parameter is not size:
             name, at_limit = parameter.name, f'{limit:g}, at which the effect is another one'
-        sentences.append(wording.uncertain_words(
+        sentences.append(wording.UNCERTAIN.format(
             title, name, span(*interval, parameter.unit), at_limit))
     return sentences
 
@@ -212,7 +215,7 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
     assert together is not None
     main = published.main.effect if published.member_shares else ''
     if alternatives.get(main):
-        doubts.append(wording.replaced_words(space.problem.titles[main]))
+        doubts.append(wording.REPLACED.format(space.problem.titles[main]))
     for name, shares in {'': together, **published.member_shares}.items():
         is_beside = name == main and any(alternatives.values())
         required = MIN_TAKEN_BESIDE if is_beside else MIN_TAKEN
@@ -271,7 +274,7 @@ def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
                for cause in published.causes
                if cause.effect == name and cause.gain.held_out and cause.gain.held_out < 0.0]
     if among.times(name) < MIN_TIMES:
-        doubts.append(wording.no_outlier_words(title, among.times(name), MIN_TIMES))
+        doubts.append(wording.NO_OUTLIER.format(title, among.times(name), MIN_TIMES))
     group, other, margin = among.group_of(name)
     # Where listed causes replace each other, one that is not listed may replace both.
     required = MIN_TAKEN if group else MAINLY
@@ -293,7 +296,7 @@ def _unlike_in_runs(shares: Shares) -> list[str]:
     if shares.interval is None:
         doubts.append(wording.ONE_RUN)
     elif shares.interval[0] <= 0.0:
-        doubts.append(wording.uncertain_gain_words(*shares.interval))
+        doubts.append(wording.UNCERTAIN_GAIN.format(*map(percent, shares.interval)))
     return doubts if shares.worst_run >= 0.0 else [*doubts, wording.WORSE_RUN]
 
 
@@ -309,4 +312,5 @@ def other_laws(search: Search) -> list[str]:
 def unshared(refits: Sequence[Refit]) -> list[str]:
     """A sentence if most refits of a model with causes end in another first cause."""
     share = float(np.mean([refit.is_same for refit in refits]))
-    return [] if share >= MIN_SHARED else [wording.unshared_words(share, MIN_SHARED)]
+    return [] if share >= MIN_SHARED else [
+        wording.UNSHARED.format(percent(share), percent(MIN_SHARED))]

@@ -237,7 +237,7 @@ def hidden_causes(space: ModelSpace, fits: PublishedFits, causes: Sequence[Cause
             if signature.amplitude_dependent and times > 1.0 / SMALLER:
                 continue  # It has another shape at such a size.
             shift = abs(along) * times * slope / length
-            largest = max(largest, (shift, wording.hidden_words(
+            largest = max(largest, (shift, wording.HIDDEN.format(
                 space.problem.titles[effect.id], space.title_at(law, signature.variant),
                 quantity(abs(signature.size) * times, law.size.unit, digits=2),
                 quantity(shift, effect.size.unit, digits=2))))

@@ -242,9 +242,10 @@ def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
     """
     stopped = [f'{one.name} = {quantity(value, one.unit)}'
                for one, value in stopped_base(problem, fit)]
-    return [*(wording.size_at_bound_words(problem.titles[effect.id], effect.size, value)
+    return [*(wording.SIZE_AT_BOUND.format(
+                problem.titles[effect.id], effect.size.name, quantity(value, effect.size.unit))
               for effect, value in stopped_sizes(problem, fit)),
-            *([wording.base_at_bound_words(stopped)] if stopped else [])]
+            *([wording.BASE_AT_BOUND.format(wording.joined(stopped))] if stopped else [])]
 
 
 def _covariance(

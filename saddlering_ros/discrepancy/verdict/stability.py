@@ -17,6 +17,7 @@ from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import results, wording
 from saddlering_ros.discrepancy.verdict.published import STRETCHES
 from saddlering_ros.discrepancy.verdict.results import MIN_TAKEN, Refit
+from saddlering_ros.quantities import percent
 
 SEEDS = 6
 """Number of draws of stretches: with the runs left out, about ten refits of usual data."""
@@ -45,8 +46,8 @@ def stability_of(search: Search, taken: float | None) -> Stability:
     space, fit, refits = search.space, search.fit, _refits(search)
     titles = {'': 'none', **space.problem.titles}
     others = [refit for refit in refits if not refit.is_same]
-    near = [wording.one_run_words(refit, titles) for refit in others
-            if refit.change.startswith(WITHOUT)]
+    near = [wording.OTHER_WITHOUT_RUN.format(refit.change, titles[refit.first or ''])
+            for refit in others if refit.change.startswith(WITHOUT)]
     if len(others) > (1.0 - MIN_STABLE) * len(refits):
         near.append(wording.unstable_words(others, len(refits), titles))
     if not fit.candidate.effects and not np.isfinite(search.covered):
@@ -59,9 +60,9 @@ def stability_of(search: Search, taken: float | None) -> Stability:
     for name in fit.candidate.ids:
         gain = space.without(fit, name).misfit - fit.misfit
         if gain < NEAR * space.real_gain:
-            near.append(wording.barely_real_words(titles[name], gain / space.real_gain))
+            near.append(wording.BARELY_REAL.format(titles[name], gain / space.real_gain))
     if taken is not None and MIN_TAKEN <= taken < 0.5 * (1.0 + MIN_TAKEN):
-        near.append(wording.barely_taken_words(taken, MIN_TAKEN))
+        near.append(wording.BARELY_TAKEN.format(percent(taken), percent(MIN_TAKEN)))
     falls = space.base.whitened**2 - fit.whitened**2
     influence = tuple(
         results.Influence(run.name, float(run.time[part[0]]), float(run.time[part[-1]]),

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from saddlering_ros import quantities
-from saddlering_ros.discrepancy.problem.system import Estimate, Parameter
+from saddlering_ros.discrepancy.problem.system import Estimate
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual
 from saddlering_ros.discrepancy.verdict import results
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, HeldOutEvidence, Refit, Remainder
@@ -276,60 +276,34 @@ AS_LARGE = ('another cause, which is not established, has a large effect too: wh
             'the main cause is open')
 BY_CHANCE = 'an error as large as the one that remains could imitate a cause by chance'
 THREE_EFFECTS = 'three effects act in one channel: three effects together can fit any misfit'
-
-
-def partial_words(titles: Sequence[str], explained: float, where: str) -> str:
-    return (f'{remaining_words(explained)} remains, more than model error in '
-            f'{where}: {joined(titles)} can explain only a part of it')
-
-
-def view_left_words(titles: Sequence[str], view: str, left: float) -> str:
-    return (f'{joined(titles)}: {percent(left)} of the misfit in {view} is left, more than errors '
-            'of these laws or of the machine could leave: the true cause may be another one')
-
-
-def shape_words(titles: Sequence[str], where: str) -> str:
-    return (f'{joined(titles)}: the residual follows one coordinate ({where}) more than errors of '
-            'these laws or of the machine could: the true cause may be another one')
-
-
-def inputs_words(titles: Sequence[str]) -> str:
-    return (f'{joined(titles)}: the error of an input resembles other causes, and is '
-            'established only if it is the only cause and leaves no more than noise')
-
-
-def crowded_words(count: int) -> str:
-    return (f'{count} effects were needed for one channel: so many effects can fit any misfit, '
-            'and none of them is certain')
-
-
-def too_many_words(count: int, replaced: Sequence[str]) -> str:
-    return (f'{count} effects were needed, and other effects can replace {joined(replaced)}: so '
-            'many models can fit any misfit, and none of them is certain')
-
-
-def replaced_words(title: str) -> str:
-    return f'beside the other causes, other effects explain as much as {title}'
-
-
-def shape_at_bound_words(title: str, shape: Parameter, value: float) -> str:
-    return (f'{title} is not named, because its {shape.name} is at the bound of '
-            f'{quantity(value, shape.unit)}: the true cause has a shape outside the bounds')
-
-
-def size_at_bound_words(title: str, size: Parameter, value: float) -> str:
-    return (f'{title} is not named, because its {size.name} is at the bound of '
-            f'{quantity(value, size.unit)}: the size exceeds the expected range, or another cause '
-            'contributes')
-
-
-def base_at_bound_words(stopped: Sequence[str]) -> str:
-    return (f'{joined(stopped)}: the misfit falls further beyond this bound, which a cause can '
-            'imitate: see to the units of the readings, or give wider bounds')
-
-
-def uncertain_words(title: str, name: str, interval: str, limit: str) -> str:
-    return f'{title}: the 95 % interval of its {name}, {interval}, includes {limit}'
+CROWDED = ('{} effects were needed for one channel: so many effects can fit any misfit, and none '
+           'of them is certain')
+TOO_MANY = ('{} effects were needed, and other effects can replace {}: so many models can fit any '
+            'misfit, and none of them is certain')
+REPLACED = 'beside the other causes, other effects explain as much as {}'
+PARTIAL_CAUSES = '{} remains, more than model error in {}: {} can explain only a part of it'
+VIEW_LEFT = ('{}: {} of the misfit in {} is left, more than errors of these laws or of the '
+             'machine could leave: the true cause may be another one')
+SHAPE_LEFT = ('{}: the residual follows one coordinate ({}) more than errors of these laws or of '
+              'the machine could: the true cause may be another one')
+WRONG_INPUTS = ('{}: the error of an input resembles other causes, and is established only if it '
+                'is the only cause and leaves no more than noise')
+SHAPE_AT_BOUND = ('{} is not named, because its {} is at the bound of {}: the true cause has a '
+                  'shape outside the bounds')
+SIZE_AT_BOUND = ('{} is not named, because its {} is at the bound of {}: the size exceeds the '
+                 'expected range, or another cause contributes')
+BASE_AT_BOUND = ('{}: the misfit falls further beyond this bound, which a cause can imitate: see '
+                 'to the units of the readings, or give wider bounds')
+UNCERTAIN = '{}: the 95 % interval of its {}, {}, includes {}'
+UNCERTAIN_GAIN = ('the misfit reduction on predicted runs is between {} and {} (95 % interval), '
+                  'so that there may be none')
+OUTLIER = ('{} has {:.0f} times the effect of the small errors of all other entries of the '
+           'catalogue; these errors explain the remainder')
+NO_OUTLIER = ('{} has {:.0f} times the effect of the small errors beside it, and at least {:.0f} '
+              'times is required')
+SUSPECT = ('if the remainder is model error, the best explanation is {}, which is not '
+           'established: {}')
+UNSHARED = '{} of the refits have the same first cause, and at least {} is required'
 
 
 def weak_words(title: str, shares: results.Shares, needed: float) -> str:
@@ -340,31 +314,11 @@ def weak_words(title: str, shares: results.Shares, needed: float) -> str:
             'wrong cause can explain nearly as much')
 
 
-def outlier_words(title: str, times: float) -> str:
-    return (f'{title} has {times:.0f} times the effect of the small errors of all other entries '
-            'of the catalogue; these errors explain the remainder')
-
-
-def no_outlier_words(title: str, times: float, needed: float) -> str:
-    return (f'{title} has {times:.0f} times the effect of the small errors beside it, and at '
-            f'least {needed:.0f} times is required')
-
-
 def close_words(title: str, others: Sequence[str], how: str = 'nearly as well') -> str:
     """how: 'nearly as well', or 'better'."""
     if not others:
         return f'small errors alone explain the misfit nearly as well as {title}'
     return f'beside small errors, {joined(others)} without {title} explain the misfit {how}'
-
-
-def suspect_words(titles: Sequence[str], doubts: Sequence[str]) -> str:
-    return (f'if the remainder is model error, the best explanation is {joined(titles)}, which is '
-            f'not established: {"; ".join(doubts)}')
-
-
-def uncertain_gain_words(low: float, high: float) -> str:
-    return (f'the misfit reduction on predicted runs is between {percent(low)} and '
-            f'{percent(high)} (95 % interval), so that there may be none')
 
 
 def worse_prediction_words(title: str, rise: float, how: str) -> str:
@@ -376,11 +330,6 @@ def unsteady_size_words(title: str, kind: str, least: float, most: float) -> str
     return (f'{title}: if its size is fitted for each {kind}, it is {percent(least)} to '
             f'{percent(most)} of the common size, more than its interval allows: the true cause '
             'has another law')
-
-
-def hidden_words(title: str, other: str, size: str, shift: str) -> str:
-    return (f'the interval of {title} counts no cause too small to show: {other} of {size} would '
-            f'change the size by {shift}')
 
 
 def some_runs_words(
@@ -411,11 +360,6 @@ def unlike_channels_words(title: str, share: float) -> str:
             'that it leaves in other runs: the law is another one')
 
 
-def unshared_words(share: float, needed: float) -> str:
-    return (f'{percent(share)} of the refits have the same first cause, and at least '
-            f'{percent(needed)} is required')
-
-
 def shared_direction_words(title: str, other: str, share: float) -> str:
     return (f'{title}: {other}, of another size or sign, has {percent(share)} of the power of its '
             'change beyond the base, and an effect outside the catalogue could have as much')
@@ -427,16 +371,11 @@ NOT_CONVERGED = ('a fit on which the verdict rests had not converged: give more 
                  'Settings(max_rounds=...), narrower bounds or better starts')
 REST_IS_ERROR = ('the remainder is more than noise and fits no cause: every interval and '
                  'comparison of causes counts the remainder as model error')
-
-
-def beyond_declared_words(name: str, rest: Remainder, declared: float) -> str:
-    return (f'{name} in {rest.run}: {percent(rest.share_of_range)} of range remains, more than '
-            f'the declared model error of {percent(declared)}')
-
-
-def other_form_words(explained: float, where: str) -> str:
-    return (f'{remaining_words(explained)} remains with the causes, most of it in {where}: the '
-            'law of a cause in the catalogue is idealised, which explains this remainder')
+BEYOND_DECLARED = '{} in {}: {} of range remains, more than the declared model error of {}'
+OTHER_FORM = ('{} remains with the causes, most of it in {}: the law of a cause in the catalogue '
+              'is idealised, which explains this remainder')
+HIDDEN = ('the interval of {} counts no cause too small to show: {} of {} would change the size '
+          'by {}')
 
 
 def oscillation_words(fast: FastResidual, time_unit: str) -> str:
@@ -447,10 +386,10 @@ def oscillation_words(fast: FastResidual, time_unit: str) -> str:
 
 # Why a verdict is near its limit.
 
-
-def one_run_words(refit: Refit, titles: Mapping[str, str]) -> str:
-    first = titles[refit.first or '']
-    return f'{refit.change}, the first cause is {first}: the verdict depends on that run'
+OTHER_WITHOUT_RUN = '{}, the first cause is {}: the verdict depends on that run'
+BARELY_REAL = '{} has {:.1f} times the evidence that a cause needs'
+BARELY_TAKEN = ('the causes explain {} of the power of the misfit beyond noise, and at least {} '
+                'is required')
 
 
 def unstable_words(
@@ -466,11 +405,3 @@ def almost_a_cause_words(title: str, share: float, visible: float) -> str:
     return (f'{title} has the evidence that a cause needs, but changes only {percent(visible)} of '
             'range, which is too small to matter')
 
-
-def barely_real_words(title: str, times: float) -> str:
-    return f'{title} has {times:.1f} times the evidence that a cause needs'
-
-
-def barely_taken_words(taken: float, needed: float) -> str:
-    return (f'the causes explain {percent(taken)} of the power of the misfit beyond noise, and at '
-            f'least {percent(needed)} is required')
