@@ -374,7 +374,7 @@ def _misfits(diagnosis: Diagnosis) -> dict[str, dict[str, dict[str, float]]]:
         seen = [problem.view_residuals(residual, view) for residual in residuals]
         for run, before, after in zip(problem.runs, *seen, strict=True):
             span = max(float(np.ptp(weights @ run.channels)), 1e-12)
-            noise = math.sqrt(sessions.noise_power(diagnosis, run, weights))
+            noise = math.sqrt(metric.noise_power(run, view))
             answers[run.name][view] = {
                 'nrmse_before': math.sqrt(problem.mean_square(before, run, view)) / span,
                 'nrmse_after': math.sqrt(problem.mean_square(after, run, view)) / span,

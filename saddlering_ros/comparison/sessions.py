@@ -71,7 +71,7 @@ benchmarks/changes.md).
 """
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class TwoSessions:
     """The engine's `System` for two sessions of one ring.
 
@@ -83,21 +83,10 @@ class TwoSessions:
     earlier: frozenset[str]
     renewed: Instruments = field(default_factory=Instruments)
 
-    @property
-    def channel_names(self) -> tuple[str, ...]:
-        return self.ring.channel_names
-
-    @property
-    def units(self) -> Mapping[str, str]:
-        return self.ring.units
-
-    @property
-    def base_parameters(self) -> tuple[Parameter, ...]:
-        return self.ring.base_parameters
-
-    @property
-    def views(self) -> Mapping[str, Array]:
-        return self.ring.views
+    def __post_init__(self) -> None:
+        ring = self.ring
+        self.channel_names, self.units, self.views = ring.channel_names, ring.units, ring.views
+        self.base_parameters = ring.base_parameters
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
@@ -297,25 +286,17 @@ def left_between(diagnosis: Diagnosis, system: TwoSessions) -> float:
         along = np.interp(run.time - run.time[0], other.time - other.time[0], other.inputs['load'])
         return bool(np.median(np.abs(load - along)) < SAME_COURSE * np.abs(load).max())
 
-    for view, weights in problem.system.views.items():
+    for view in problem.system.views:
         seen = problem.view_residuals(residual, view)
         for run, rest in zip(problem.runs, seen, strict=True):
             other = next((number for number, one in enumerate(problem.runs)
                           if are_alike(run, one)), None)
-            noise = noise_power(diagnosis, run, weights)
+            noise = fits.metric.noise_power(run, view)
             if other is not None:
                 one = problem.runs[other]
                 rest = rest - np.interp(
                     run.time - run.time[0], one.time - one.time[0], seen[other])
-                noise += noise_power(diagnosis, one, weights)
+                noise += fits.metric.noise_power(one, view)
             power = problem.mean_square(rest, run, view) - noise
             largest = max(largest, math.sqrt(max(power, 0.0)) / problem.view_ranges[view])
     return largest
-
-
-def noise_power(diagnosis: Diagnosis, run: RunBlocks, weights: Array) -> float:
-    """Mean square noise of the blocks of a run in a view."""
-    metric = diagnosis.fits.metric
-    return float(sum(
-        weight**2 * np.mean(metric.noise[run.name, channel].variances(run.width))
-        for channel, weight in enumerate(weights) if weight))

@@ -155,11 +155,11 @@ def _judged(search: Search) -> Answer:
     """
     space, assumptions = search.space, search.space.problem.assumptions
     is_ring = not (assumptions.exact_laws or assumptions.is_persistent)
-    among: Answer | list[str] | None = None
-    if is_ring and search.fit.candidate.effects and leaves_more_than_forms(space, search.fit):
-        among = _among_small_errors(search)
-        if isinstance(among, Answer):
-            return among
+    is_first = is_ring and bool(search.fit.candidate.effects) and leaves_more_than_forms(
+        space, search.fit)
+    found, doubts = _among_small_errors(search) if is_first else (None, [])
+    if found is not None:
+        return found
     answer = _answer(search)
     is_open = answer.verdict == 'unknown' and bool(space.problem.system.effects)
     if not is_open or assumptions.is_persistent:
@@ -167,9 +167,9 @@ def _judged(search: Search) -> Answer:
     if assumptions.exact_laws:
         space.watch.progress('causes beside model error', 0.83)
         return _beside_error(answer)
-    if among is None:
-        among = _among_small_errors(answer.search)
-    return among if isinstance(among, Answer) else answer.doubted(among)
+    if not is_first:
+        found, doubts = _among_small_errors(answer.search)
+    return found or answer.doubted(doubts)
 
 
 def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
@@ -258,19 +258,19 @@ def _verdict(is_established: bool, published: Publication) -> Verdict:
     return 'ambiguous' if is_open else 'named'
 
 
-def _among_small_errors(strict: Search) -> Answer | list[str]:
+def _among_small_errors(strict: Search) -> tuple[Answer | None, list[str]]:
     """The verdict on a ring if what remains is small errors of all that its catalogue lists.
 
     Effects that do not stand out among these errors are left out, and belong to them. Without a
-    verdict the reasons for it.
+    verdict, the reasons for that.
     """
     alone = strict.space
     alone.watch.progress('causes beside model error', 0.83)
     among = search_among_small_errors(strict)
     if among is None:
-        return [wording.NO_SMALL_ERRORS]
+        return None, [wording.NO_SMALL_ERRORS]
     if not among.best.visible:
-        return []
+        return None, []
     best, space = among.best, among.space
     before, after = (_residual_of(space, fit) for fit in (space.base, best.fit))
 
@@ -299,12 +299,12 @@ def _among_small_errors(strict: Search) -> Answer | list[str]:
                *established.wrong_inputs(space, search.fit),
                *established.uncertain_law(space, published)]
     if doubts:
-        return [wording.SUSPECT.format(space.problem.titles[main], '; '.join(doubts))]
+        return None, [wording.SUSPECT.format(space.problem.titles[main], '; '.join(doubts))]
     # What the small errors could take of the main cause is left.
     return _answer_beside(alone, _residual_of(alone, alone.base), search, published, [
         wording.OUTLIER.format(space.problem.titles[name], among.times(name))
         for name in search.fit.candidate.ids],
-        1.0 - 1.0 / among.times(main), is_established=True)
+        1.0 - 1.0 / among.times(main), is_established=True), []
 
 
 def _beside_error(strict: Answer) -> Answer:
