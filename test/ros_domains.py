@@ -5,18 +5,17 @@ from __future__ import annotations
 import os
 import socket
 
+from saddlering_ros.ros.launcher import participants
+
 DOMAINS = range(1, 101)
 """Domains whose ports lie below Linux's range for outgoing connections (32768 and up)."""
-
-DISCOVERY_PORT = 7400
-PORTS_PER_DOMAIN = 250
 
 
 class DomainLease:
     """A ROS domain that nobody else on this machine holds, for as long as it is open.
 
     Another run of these tests is kept out by a lock on an abstract socket of the domain's name,
-    any other ROS by looking whether the domain's discovery port is taken.
+    any other ROS, and what an earlier test has left, by the ports of discovery.
     """
 
     def __init__(self) -> None:
@@ -29,7 +28,7 @@ class DomainLease:
 def _lease() -> tuple[int, socket.socket]:
     start = os.getpid() % len(DOMAINS)
     for domain in [*DOMAINS[start:], *DOMAINS[:start]]:
-        if _taken(domain):
+        if participants(domain):
             continue
         lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
@@ -39,10 +38,3 @@ def _lease() -> tuple[int, socket.socket]:
             continue
         return domain, lock
     raise RuntimeError('every ROS domain from 1 to 100 is in use on this machine')
-
-
-def _taken(domain: int) -> bool:
-    """Return whether some participant listens to the multicast discovery of `domain`."""
-    port = DISCOVERY_PORT + PORTS_PER_DOMAIN * domain
-    with open('/proc/net/udp') as table:
-        return any(line.split()[1].endswith(f':{port:04X}') for line in list(table)[1:])

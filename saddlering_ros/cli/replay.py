@@ -8,6 +8,7 @@ import contextlib
 from functools import partial
 import os
 from pathlib import Path
+import re
 import sys
 import time
 from typing import Any
@@ -175,10 +176,10 @@ def _wait(group: Any, deadline: float, seconds: float | None,
                 raise NodeError(f'{gone[0]} ended before the bag was at its end: repeat the '
                                 'replay')
             said, state = clock.said(), newest()
-            waits = [line for line in said.splitlines() if 'still waits for' in line]
+            waits = re.findall('(?:still waits for|starts without) .*', said)
             if waits and waits[-1] != told:
                 told = waits[-1]
-                print(f'note: the replay {told[told.index("still waits for"):]}', file=sys.stderr)
+                print(f'note: the replay {told}', file=sys.stderr)
             if PLAYS not in said and time.monotonic() - began > START_PATIENCE:
                 raise NodeError('the replay does not start: ' + (
                     f'{last_line(said)}: check that this node runs' if waits else 'its nodes are '

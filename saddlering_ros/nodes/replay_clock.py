@@ -16,7 +16,7 @@ from saddlering_interfaces.srv import Seek, SetRate, Step
 from saddlering_ros.bags.wire import encode_clock
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.scratch import blocks
-from saddlering_ros.ros import names
+from saddlering_ros.ros import launcher, names
 from saddlering_ros.ros.bag_replay import BagNode
 from saddlering_ros.ros.diagnostics import ERROR, FunctionTask, OK, TaskStatus, WARN
 from saddlering_ros.ros.messages import LockstepGroup, to_time
@@ -54,6 +54,9 @@ LONGEST_WATCHED = 60.0
 
 HEED = 0.1
 """Time [s] that the clock stands after it has announced its bag."""
+
+OF_EVERY_PROGRAM, UNNAMED = 'ros_discovery_info', '_NODE_NAME_UNKNOWN_'
+"""A topic that every ROS program publishes once, and the name of a node until it is known."""
 
 WORDS = {ReplayState.WAITING: 'waiting', ReplayState.PLAYING: 'playing',
          ReplayState.PAUSED: 'paused', ReplayState.FINISHED: 'at its end'}
@@ -170,26 +173,34 @@ class ReplayClockNode(BagNode):
         return min(max(1, round(seconds * SECOND)), self._limit)
 
     def _wait(self, now: float) -> None:
-        self._waiting_for = self._group.absent()
+        self._waiting_for = absent = self._group.absent()
         if now - self._began < HEED:
             return  # so that every node has received the bag and its elevation
-        is_late = now - self._began > self.settings['timeout']
-        if not self._waiting_for and not is_late:
-            progress = self.get_publishers_info_by_topic(self._heard.topic)
-            pages = sum(one.node_name == names.LIVE_PAGE for one in progress)
-            self._waiting_for = self._group.unmatched_readers(self.count_subscribers, pages, now)
-            if not self._waiting_for:
-                self._group.begin(self._start)
+        self._waiting_for = absent or self._absent_readers(now)
         if not self._waiting_for:
+            self._group.begin(self._start)
             self._enter(self._after_waiting, now)
-        elif is_late:
+        elif now - self._began > self.settings['timeout']:
             words = '; '.join(self._waiting_for)
-            if self._lockstep:
+            if absent and self._lockstep:
                 self._began = now
                 self.get_logger().warning(f'still waits for {words}')
             else:
                 self.get_logger().warning(f'starts without {words}')
                 self._enter(self._after_waiting, now)
+
+    def _absent_readers(self, now: float) -> list[str]:
+        """Readers besides the participants that would miss the first messages, in words.
+
+        A clock that has just started finds a page that was there before within 0.03 s, or within
+        0.6 s. Until then it knows nothing of it, but the machine knows how many programs it has.
+        """
+        found = len(self.get_publishers_info_by_topic(OF_EVERY_PROGRAM, no_mangle=True))
+        hidden = launcher.participants(self.context.get_domain_id()) - found
+        pages = sum(one.node_name in (names.LIVE_PAGE, UNNAMED)
+                    for one in self.get_publishers_info_by_topic(self._heard.topic))
+        return ([f'other programs of its domain: {hidden} not found yet'] if hidden > 0 else []
+                ) + self._group.unmatched_readers(self.count_subscribers, pages, now)
 
     def _play_in_step(self, now: float) -> None:
         group = self._group

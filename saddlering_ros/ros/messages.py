@@ -256,8 +256,9 @@ class LockstepGroup:
         watching = self._watching(now)
         nodes = [self.said[name] for name in self.names if name in self.said]
         absent = ['the live page: nothing received'] if pages > len(watching) else []
-        return absent + [reason for said in (*nodes, *watching)
-                         for reason in self._unmatched(said, readers)]
+        known = Counter(topic for said in (*nodes, *watching) for topic in said.inputs)
+        return absent + [reason for said in (*nodes, *watching) for reason in self._unmatched(
+            said, lambda topic: max(readers(topic), known[topic]))]
 
     def _unmatched(self, said: msg.ReplayProgress, readers: Callable[[str], int]) -> list[str]:
         """Topics on which a node is not connected with all others, in words."""

@@ -17,9 +17,11 @@ class _Stopped:
 
     running = True
 
-    @staticmethod
-    def said():
-        return '[WARN] [replay_clock]: still waits for ring_simulator: nothing received\n'
+    def __init__(self, words='still waits for ring_simulator: nothing received'):
+        self.words = words
+
+    def said(self):
+        return f'[WARN] [replay_clock]: {self.words}\n'
 
 
 def test_a_node_that_stops_before_it_is_heard_is_named_and_ends_the_replay(monkeypatch, capsys):
@@ -30,6 +32,16 @@ def test_a_node_that_stops_before_it_is_heard_is_named_and_ends_the_replay(monke
         replay._wait(group, float('inf'), None, print)
     err = capsys.readouterr().err
     assert err == 'note: the replay still waits for ring_simulator: nothing received\n'
+
+
+def test_a_reader_that_a_replay_did_not_wait_for_is_told(monkeypatch, capsys):
+    group = SimpleNamespace(processes={'replay_clock': _Stopped(
+        'starts without the live page: nothing received')}, check=lambda: None)
+    monkeypatch.setattr(replay, 'START_PATIENCE', 0.0)
+    with pytest.raises(NodeError):
+        replay._wait(group, float('inf'), None, print)
+    assert capsys.readouterr().err == (
+        'note: the replay starts without the live page: nothing received\n')
 
 
 def test_a_replay_whose_nodes_are_slow_to_come_up_does_not_accuse_its_clock(monkeypatch):

@@ -107,7 +107,8 @@ def test_a_reader_that_had_no_processor_still_gets_the_end_of_a_test(
     load = group.start('hydraulic_load', {'bag': str(bag)})
     clock = group.start('replay_clock', {
         'bag': str(bag), 'lockstep': True, 'rate': 0.0, 'exit_at_end': True, 'start_paused': True,
-        'participants': ['hydraulic_load']})
+        'participants': ['hydraulic_load'],
+        'timeout': 1.0})  # for which it waits for a stopped reader that it has not found yet
     wait_until(lambda: 'paused' in clock.said(), 80.0, 'the clock is ready')
     with subprocess.Popen([sys.executable, '-c', READER, str(ros_domain), str(count)],
                           stdout=subprocess.PIPE, text=True) as reader:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
+import socket
 from typing import Any
 
 import numpy as np
@@ -145,6 +147,20 @@ def test_a_replay_waits_for_readers_that_its_nodes_have_not_heard_of_yet() -> No
         'the live page: is not connected to the publisher of /t']
     group.hear(said(PAGE, inputs=[('/t', 0, 1)]), 0.0)
     assert group.unmatched_readers(readers, 1, 0.0) == []
+    group.hear(said('source', until=1, outputs=[('/t', 0, 0)]), 0.0)
+    assert group.unmatched_readers({'/t': 0}.__getitem__, 1, 0.0) == [
+        'source: /t is connected to 0 of 1 readers'], 'the page tells what it reads'
+
+
+def test_a_replay_waits_until_it_has_found_every_program_of_its_domain(
+        bag: Path, group: NodeGroup, ros_domain: int) -> None:
+    """A page that the clock has not found yet would miss the first messages."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program:
+        program.bind(('127.0.0.1', 7400 + 250 * ros_domain + 10 + 2 * 100))
+        clock = group.start('replay_clock', {'bag': str(bag), 'participants': [''],
+                                             'timeout': 1.0})
+        wait_until(lambda: 'replay is playing' in clock.said(), 80.0, 'it plays')
+    assert re.search(r'starts without other programs of its domain: \d not found', clock.said())
 
 
 def test_who_was_there_at_the_start_owes_the_first_messages_too() -> None:
