@@ -72,7 +72,9 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
         return for_unseen([limit.effect for limit in limits if not limit.testable])
     free = (discrepancy.wording.free_test_words(diagnosis.held_out_evidence)
             or discrepancy.wording.fit_too_words(diagnosis.remainder))
-    tests = _open_tests(runs)
+    # Static tests at two elevations leave nothing for a test at another one.
+    static = distinct_elevations(run.elevation for run in runs if run.test == 'static')
+    tests = tuple(test for test in RIG_TESTS if static < 2 or test.id != 'other_elevation')
     if diagnosis.verdict == 'unknown':
         first = '' if all(run.rig_hash == rig.digest for run in runs) else (
             f'First compare the rig file with the ring ({rig_in_words(rig)}): saddlering rig '
@@ -106,12 +108,6 @@ def next_test(diagnosis: discrepancy.Diagnosis, runs: Sequence[Record], rig: Rig
         f'These data leave open where {lowered(title_of(cause.effect))} acts: examine each place.'
         for cause in diagnosis.causes if cause.elsewhere)
     return ' '.join(filter(None, (free, first, sentence, places)))
-
-
-def _open_tests(runs: Sequence[Record]) -> tuple[RigTest, ...]:
-    """The tests of the table without another elevation, if static tests of these runs have two."""
-    static = distinct_elevations(run.elevation for run in runs if run.test == 'static')
-    return tuple(test for test in RIG_TESTS if static < 2 or test.id != 'other_elevation')
 
 
 def _place_of(cause: discrepancy.Cause) -> str:

@@ -15,13 +15,7 @@ from saddlering_ros.discrepancy.problem.model import Model, ModelSystem, Run
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import DiscrepancyError, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.signatures import MIN_SHARE, orthonormal
-from saddlering_ros.discrepancy.verdict import wording
-from saddlering_ros.discrepancy.verdict.results import (
-    Diagnosis,
-    probabilities_of,
-    Remainder,
-    RunPrediction,
-)
+from saddlering_ros.discrepancy.verdict import results, wording
 from saddlering_ros.progress import IsCancelled, OnProgress, Watch
 from saddlering_ros.quantities import percent
 
@@ -40,7 +34,7 @@ def diagnose(
     proposals: Sequence[systems.Proposal] = (),
     on_progress: OnProgress | None = None,
     is_cancelled: IsCancelled | None = None,
-) -> Diagnosis:
+) -> results.Diagnosis:
     """Differences between `model` and `runs`, their causes, and the gain on `hold_out`.
 
     A simulator with nuisance parameters and combined views of its own is given as a `System` with
@@ -96,11 +90,11 @@ def problem_of(
                    watch or Watch('diagnose'))
 
 
-def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
+def _finished(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diagnosis:
     """The same in the units of the channels, with warnings for the reader."""
     diagnosis = _with_noise_doubts(diagnosis, system)
     errors = {name: channel.model_error for name, channel in system.model.channels.items()}
-    largest: dict[str, Remainder] = {}
+    largest: dict[str, results.Remainder] = {}
     for rest in diagnosis.remainder:
         largest.setdefault(rest.channel, rest)
     warnings = (
@@ -113,7 +107,7 @@ def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
     for one in diagnosis.runs:
         present = True if one.run.present is None else one.run.present
         measured = np.where(present, one.run.channels * scale, 0.0)
-        predictions.append(RunPrediction(
+        predictions.append(results.RunPrediction(
             replace(one.run, channels=measured), one.before * scale, one.after * scale))
     remainder = tuple(
         replace(rest, size=rest.size * float(scale[system.channel_names.index(rest.channel), 0]))
@@ -121,7 +115,7 @@ def _finished(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
     return replace(diagnosis, warnings=warnings, runs=tuple(predictions), remainder=remainder)
 
 
-def _with_noise_doubts(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
+def _with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diagnosis:
     """The same with a warning, and without a name, if the misfit does not agree with the noise.
 
     Where a model error is declared, a residual far below it is what the declaration says, and one
@@ -162,7 +156,7 @@ def _with_noise_doubts(diagnosis: Diagnosis, system: ModelSystem) -> Diagnosis:
     causes = tuple(replace(cause, partial=True) for cause in diagnosis.causes)
     return replace(
         diagnosis, verdict='unknown', causes=causes, warnings=warnings, complete=False,
-        probabilities=probabilities_of('unknown', causes))
+        probabilities=results.probabilities_of('unknown', causes))
 
 
 SOUND_SHARE, OPEN_FACTOR = 0.4, 3.0

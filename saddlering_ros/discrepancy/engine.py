@@ -32,14 +32,6 @@ from saddlering_ros.discrepancy.verdict.published import (
     publish,
     publish_settled,
 )
-from saddlering_ros.discrepancy.verdict.results import (
-    Cause,
-    Diagnosis,
-    PARTED,
-    Remainder,
-    Residual,
-    Verdict,
-)
 from saddlering_ros.discrepancy.verdict.stability import HALF, Stability, stability_of
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
 from saddlering_ros.progress import one_blas_thread
@@ -54,7 +46,7 @@ Rest = tuple[RunBlocks, str, float, str]
 
 
 @one_blas_thread()
-def diagnose_system(problem: Problem) -> Diagnosis:
+def diagnose_system(problem: Problem) -> results.Diagnosis:
     """Differences between the system and the runs of a problem, and their causes."""
     began, watch = clock.monotonic(), problem.watch
     start = prepare(problem)
@@ -71,18 +63,18 @@ def diagnose_system(problem: Problem) -> Diagnosis:
     published = answer.published
     separations: tuple[results.Separation, ...] = ()
     by_held_out: tuple[results.HeldOutEvidence, ...] = ()
-    if answer.verdict != 'unknown' or answer.explained >= PARTED:
+    if answer.verdict != 'unknown' or answer.explained >= results.PARTED:
         separations, by_held_out = next_test_of(
             answer.search, is_beside_error=answer.is_beside_error)
     steady = (*lines, *slow_lines)
-    verdict: Verdict = 'named' if steady and answer.verdict == 'none' else answer.verdict
+    verdict: results.Verdict = 'named' if steady and answer.verdict == 'none' else answer.verdict
     causes = _causes_of(answer, steady, is_partial=verdict == 'unknown')
     # A steady line that is found takes itself whole.
     taken = answer.taken if published.causes else float(bool(steady))
     # A misfit that noise and small errors of a sound machine explain is no sign of a cause.
     is_sound = not _left_in(search.space, search.space.base, answer.before)
     nothing = float(np.mean([refit.first is None for refit in refits])) if is_sound else None
-    return Diagnosis(
+    return results.Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
         base=published.base,
@@ -127,12 +119,12 @@ class Answer:
     """
 
     search: Search
-    verdict: Verdict
+    verdict: results.Verdict
     warnings: tuple[str, ...]
-    before: Residual
-    after: Residual
+    before: results.Residual
+    after: results.Residual
     published: Publication
-    remainder: tuple[Remainder, ...]
+    remainder: tuple[results.Remainder, ...]
     explained: float
     taken: float
     is_beside_error: bool = False
@@ -195,7 +187,9 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
         unshared or is_better or established.other_laws(answer.search))
 
 
-def _causes_of(answer: Answer, steady: Sequence[Cause], *, is_partial: bool) -> list[Cause]:
+def _causes_of(
+    answer: Answer, steady: Sequence[results.Cause], *, is_partial: bool,
+) -> list[results.Cause]:
     """Published causes with other places of established ones, and steady lines, largest first."""
     space, fit = answer.search.space, answer.search.fit
     places = {name: selection.other_places(space, fit, name) for name in fit.candidate.ids
@@ -248,7 +242,7 @@ def _answer(search: Search) -> Answer:
         before.explained_by(after) if published.causes else 0.0, taken)
 
 
-def _verdict(is_established: bool, published: Publication) -> Verdict:
+def _verdict(is_established: bool, published: Publication) -> results.Verdict:
     """The verdict on causes, or on a model without any."""
     if not is_established:
         return 'unknown'
@@ -350,7 +344,7 @@ def _beside_error(strict: Answer) -> Answer:
 
 
 def _answer_beside(
-    alone: ModelSpace, before: Residual, search: Search, published: Publication,
+    alone: ModelSpace, before: results.Residual, search: Search, published: Publication,
     warnings: Sequence[str], taken: float, *, is_established: bool,
 ) -> Answer:
     """The answer on causes beside learnt error, with what they leave in the metric without it."""
@@ -362,25 +356,25 @@ def _answer_beside(
         before.explained_by(left), taken, is_beside_error=True)
 
 
-def _residual_of(space: ModelSpace, fit: Fit) -> Residual:
+def _residual_of(space: ModelSpace, fit: Fit) -> results.Residual:
     """The residual of a fit; with consistency tests if laws are assumed to be exact."""
     sensitivities, slow = space.tangent_of(fit), space.slow_residual(fit)
     consistency = consistency_tests(
         space.metric, fit, sensitivities, slow, space.max_pairs,
     ) if space.problem.assumptions.exact_laws else []
     shapes = space.tests.shapes(fit, sensitivities)
-    return Residual(slow, space.tests.fast(fit), tuple(shapes), tuple(consistency))
+    return results.Residual(slow, space.tests.fast(fit), tuple(shapes), tuple(consistency))
 
 
-def _remainder_of(space: ModelSpace, left: Sequence[Rest]) -> tuple[Remainder, ...]:
+def _remainder_of(space: ModelSpace, left: Sequence[Rest]) -> tuple[results.Remainder, ...]:
     """Rests in words and in units, largest first."""
     problem, remainder = space.problem, []
     units = getattr(problem.system, 'units', {})
     for run, view, share, along in sorted(left, key=lambda place: -place[2]):
         noise = space.metric.noise_power(run, view) ** 0.5
         size = share * problem.view_ranges[view]
-        remainder.append(Remainder(run.name, view, share, size / max(noise, 1e-300), along, size,
-                                   units.get(view, '')))
+        remainder.append(results.Remainder(run.name, view, share, size / max(noise, 1e-300), along,
+                                           size, units.get(view, '')))
     return tuple(remainder)
 
 
@@ -408,7 +402,7 @@ def _unpredicted(space: ModelSpace, model: Fit) -> Iterator[Rest]:
 
 
 def _left(
-    space: ModelSpace, fit: Fit, residual: Residual, factor: float = 1.0) -> list[Rest]:
+    space: ModelSpace, fit: Fit, residual: results.Residual, factor: float = 1.0) -> list[Rest]:
     """Run, view, share of range and coordinate of each rest beyond noise and declared error.
 
     A declared error may have any smooth shape. A rest is therefore left if noise and declared
@@ -454,7 +448,7 @@ def _left(
     return left
 
 
-def _by_sensors(space: ModelSpace, fit: Fit) -> Residual:
+def _by_sensors(space: ModelSpace, fit: Fit) -> results.Residual:
     """The residual of a fit beside the noise alone, without declared model error."""
     sensors = space.once(
         'sensors', space.base, lambda: replace(space, metric=space.metric.of_sensors()))
@@ -469,7 +463,7 @@ def _seen_in(space: ModelSpace, fit: Fit) -> Fit:
     return replace(fit, whitened=whitened, misfit=float(whitened @ whitened))
 
 
-def _left_in(space: ModelSpace, fit: Fit, after: Residual) -> str:
+def _left_in(space: ModelSpace, fit: Fit, after: results.Residual) -> str:
     """Where a real and material residual remains, in all or in one channel of one run; or ''."""
     # The laws of a ring are judged in each view, against the form error of the effects.
     if space.problem.assumptions.exact_laws:

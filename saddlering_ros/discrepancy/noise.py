@@ -103,7 +103,9 @@ class Noise:
     @staticmethod
     def unknown() -> Noise:
         """Noise learnt from the remainder of a flexible fit of the residuals (the default)."""
-        return Noise(_of_residuals, learns_from_residuals=True)
+        return Noise(lambda records: {
+            record.run: record_noise.noise_of_residuals(record) for record in records},
+            learns_from_residuals=True)
 
 
 def white_noise(std: float, pairs: int) -> ChannelNoise:
@@ -113,10 +115,6 @@ def white_noise(std: float, pairs: int) -> ChannelNoise:
 
 def _in_every_run(noise: ChannelNoise, records: Records) -> NoiseOfRuns:
     return {record.run: noise for record in records}
-
-
-def _of_residuals(records: Records) -> NoiseOfRuns:
-    return {record.run: record_noise.noise_of_residuals(record) for record in records}
 
 
 def _at_rest(intervals: Sequence[tuple[str | float, ...]], records: Records) -> NoiseOfRuns:

@@ -121,7 +121,11 @@ def channel_figures(
         smooth = np.convolve(smooth, np.ones(width) / width, mode='valid')
     extent = float(np.ptp(smooth))
     zero_noise = noise.deviation(zero_lasting)
-    zero_error = _zero_error(residual[compared], noise, step, zero_noise)
+    # The mean of the residual is error of the zero, within the limits of its noise.
+    of_mean = noise.deviation(step * np.count_nonzero(compared)) ** 2
+    share = zero_noise**2 / max(zero_noise**2 + of_mean, 1e-300)
+    limit = MAX_ZERO_ERROR * zero_noise
+    zero_error = float(np.clip(share * np.mean(residual[compared]), -limit, limit))
     rmse = float(np.sqrt(np.mean((residual[compared] - zero_error) ** 2)))
     reading_noise = noise.deviation(step)
     if static:
@@ -132,7 +136,9 @@ def channel_figures(
         math.hypot(reading_noise, zero_noise), math.sqrt(max(0.0, input_variance)), sound)
     is_simulated = CHANNELS[position] != 'parity'
     box = extent * float(np.ptp(shape_load))
-    areas = [_ratio(_loop_area(shape_load, values), box)
+    # Areas of the loops over the load, positive where the unloading branch lies above.
+    steps = np.diff(shape_load, append=shape_load[0])
+    areas = [_ratio(float(-np.sum(0.5 * (values + np.roll(values, -1)) * steps)), box)
              for values in (shape_measured, shape_simulated)]
     centred = shape_simulated - shape_simulated.mean()
     is_sloped = is_simulated and float(centred @ centred) > 0.0
@@ -154,19 +160,6 @@ def channel_figures(
         iso18571=None if rating is None else rating.overall,
         iso18571_parts=None if rating is None else asdict(rating), comparison_error=error,
         validation_uncertainty=uncertainty, e_over_uval=_ratio(error, uncertainty))
-
-
-def _zero_error(residual: Array, noise: ChannelNoise, step: float, zero_noise: float) -> float:
-    """Error of the zero from the mean of a residual (N,), within the limits of its noise."""
-    of_mean = noise.deviation(step * residual.size) ** 2
-    share = zero_noise**2 / max(zero_noise**2 + of_mean, 1e-300)
-    limit = MAX_ZERO_ERROR * zero_noise
-    return float(np.clip(share * np.mean(residual), -limit, limit))
-
-
-def _loop_area(load: Array, values: Array) -> float:
-    """Area of a loop (N,) over the load (N,), positive where the unloading branch lies above."""
-    return float(-np.sum(0.5 * (values + np.roll(values, -1)) * np.diff(load, append=load[0])))
 
 
 def _ratio(value: float, over: float) -> float | None:

@@ -162,11 +162,6 @@ _KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 
           list: 'a list of texts'}
 
 
-def _rig_values(rig: Rig) -> dict[str, Any]:
-    """The rig's own parameters (config/rig.yaml) by dotted name."""
-    return dotted(rig, entry_values(rig))
-
-
 def declare_rig(node: Node) -> Rig:
     """The rig from the node's parameters `rig.*` and `bounds.*`, as config/rig.yaml sets them.
 
@@ -176,7 +171,8 @@ def declare_rig(node: Node) -> Rig:
     nested = given_sections(node, ('rig', 'bounds'))
     is_given = 'rig' in nested
     project = default_rig() if is_given else load_rig()
-    defaults = {name: default for name, default in _rig_values(project).items()
+    defaults = {name: default for name, default in dotted(
+        project, entry_values(project)).items()
                 if not node.has_parameter(name)}
     for name, default in defaults.items():
         node.declare_parameter(name, default, _descriptor_of(name))

@@ -33,7 +33,7 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.problem.metric import Metric
-from saddlering_ros.discrepancy.verdict import established, results, stability, wording
+from saddlering_ros.discrepancy.verdict import established, results, stability, wording, wrong_law
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 
 TIME = np.linspace(0.0, 20.0, 500)
@@ -536,7 +536,7 @@ def test_a_sentence_states_the_unit_of_time_of_the_model(unit, frequency) -> Non
 
 def test_a_stand_in_that_most_refits_replace_is_not_established(monkeypatch) -> None:
     """The true law acts as the spring with the other sign, which the catalogue does not allow."""
-    monkeypatch.setattr(established, 'narrow_laws', lambda *_: [])
+    monkeypatch.setattr(wrong_law, 'narrow_laws', lambda *_: [])
     def law(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
         drive = np.asarray(run.inputs['drive'])
         wavy = drive**3 + 0.15 * np.sin(6.0 * drive)

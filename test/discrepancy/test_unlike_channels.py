@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.discrepancy import Channel, diagnose, Effect, Model, Parameter, Run
-from saddlering_ros.discrepancy.verdict import established
+from saddlering_ros.discrepancy.verdict import wrong_law
 
 TIME = np.linspace(0.0, 40.0, 400)
 
@@ -44,7 +44,7 @@ def test_a_law_with_another_share_in_each_channel_is_not_established(
     assert (answer.verdict, answer.causes[0].effect) == (verdict, 'leak')
     refused = [words for words in answer.warnings if 'with a size for each channel' in words]
     assert bool(refused) is (verdict == 'unknown')
-    monkeypatch.setattr(established, 'unlike_channels', lambda *_: [])
+    monkeypatch.setattr(wrong_law, 'unlike_channels', lambda *_: [])
     assert diagnose(MODEL, runs[:3], hold_out=runs[3:]).verdict == 'named'
 
 
@@ -63,7 +63,7 @@ def test_a_cause_in_one_channel_does_not_patch_the_law_of_the_main_one(
     answer = diagnose(model, runs[:3], hold_out=runs[3:])
     assert answer.verdict == 'unknown'
     assert any('with a size for each channel' in words for words in answer.warnings)
-    monkeypatch.setattr(established, 'unlike_channels_unpatched', lambda *_: [])
+    monkeypatch.setattr(wrong_law, 'unlike_channels_unpatched', lambda *_: [])
     answer = diagnose(model, runs[:3], hold_out=runs[3:])
     assert answer.verdict == 'named'
     assert [cause.effect for cause in answer.causes] == ['leak', 'gauge']

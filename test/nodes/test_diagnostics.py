@@ -25,9 +25,10 @@ from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.guard import load_limits, SampleGuard, Samples
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
+from saddlering_ros.rig.drawing import dotted, entry_values
 from saddlering_ros.ros.diagnostics import ERROR, Events, OK, SaturationTask, StreamTask, WARN
 from saddlering_ros.ros.messages import to_stamp
-from saddlering_ros.ros.parameters import _rig_values, rig_words
+from saddlering_ros.ros.parameters import rig_words
 from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.ros.streaming_node import StreamingNode
 
@@ -77,7 +78,7 @@ def test_a_refused_reading_is_a_warning_of_the_same_period_and_of_no_later_one()
 
 
 def test_every_parameter_of_the_rig_has_a_text_of_its_own() -> None:
-    texts = [rig_words(name) for name in _rig_values(default_rig())]
+    texts = [rig_words(name) for name in dotted(default_rig(), entry_values(default_rig()))]
     assert len(set(texts)) == len(texts)
 
 

@@ -16,17 +16,10 @@ from saddlering_ros.discrepancy.search.among import Among, MIN_MARGIN, MIN_TIMES
 from saddlering_ros.discrepancy.search.evidence import Comparison, crowded
 from saddlering_ros.discrepancy.search.selection import Search
 from saddlering_ros.discrepancy.search.space import ModelSpace
-from saddlering_ros.discrepancy.verdict import wording
+from saddlering_ros.discrepancy.verdict import wording, wrong_law
 from saddlering_ros.discrepancy.verdict.parts import uneven_rest, unsteady_sizes
 from saddlering_ros.discrepancy.verdict.published import MAINLY, Publication, sizes_at_bounds
 from saddlering_ros.discrepancy.verdict.results import Cause, MIN_TAKEN, Refit, Residual, Shares
-from saddlering_ros.discrepancy.verdict.wrong_law import (
-    narrow_laws,
-    shared_directions,
-    shown_in_one_view,
-    unlike_channels,
-    unlike_channels_unpatched,
-)
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.quantities import percent, quantity, span
 
@@ -70,7 +63,7 @@ def judge_alone(
         doubts.append(wording.PARTIAL_CAUSES.format(
             wording.remaining_words(share), left, wording.joined(titles)))
     doubts += left_by_ring(space, fit, after, published.shares)
-    doubts += shown_in_one_view(space, fit, published.main.effect)
+    doubts += wrong_law.shown_in_one_view(space, fit, published.main.effect)
     doubts += wrong_inputs(space, fit) if len(ids) > 1 else []
     if crowded([Comparison(space, space.without(fit, name), fit).added for name in ids], settings):
         doubts.append(wording.CROWDED.format(len(ids)))
@@ -85,11 +78,11 @@ def judge_alone(
             wording.remaining_words(share), after.slow.where))
     more, taken = list(published.doubts), published.shares.best
     if space.problem.assumptions.exact_laws and len(ids) > 1:
-        more += unlike_channels_unpatched(space, search, published.main.effect)
+        more += wrong_law.unlike_channels_unpatched(space, search, published.main.effect)
     if any(space.problem.assumptions.allowed_error or ()):
         if taken < MIN_TAKEN:
             more.append(wording.weak_words(wording.joined(titles), published.shares, MIN_TAKEN))
-        more += shared_directions(search)
+        more += wrong_law.shared_directions(search)
     more += uncertain_law(space, published)
     return [*sentences, *more], not doubts and not more
 
@@ -198,10 +191,10 @@ def doubts_beside_error(
     """
     space, fit, main = search.space, search.fit, published.main
     assert published.shares is not None
-    narrow = narrow_laws(alone.space, published.plain)
+    narrow = wrong_law.narrow_laws(alone.space, published.plain)
     doubts = [*doubts_of(search, published), *unsteady_sizes(space, fit, published.causes),
-              *narrow, *(unlike_channels(alone.space, published.plain)
-                         or unlike_channels_unpatched(alone.space, search, main.effect)),
+              *narrow, *(wrong_law.unlike_channels(alone.space, published.plain)
+                         or wrong_law.unlike_channels_unpatched(alone.space, search, main.effect)),
               *uncertain_law(space, published), *uneven_rest(published.fits)]
     if most_dropped**2 > MAINLY * main.visible**2:
         doubts.append(wording.AS_LARGE)
@@ -306,7 +299,8 @@ def other_laws(search: Search) -> list[str]:
     stopped = [*shapes_at_bounds(space, fit), *sizes_at_bounds(space.problem, fit)]
     if not space.problem.assumptions.exact_laws:
         return stopped
-    return stopped + space.once('shared directions', fit, lambda: shared_directions(search))
+    return stopped + space.once(
+        'shared directions', fit, lambda: wrong_law.shared_directions(search))
 
 
 def unshared(refits: Sequence[Refit]) -> list[str]:
