@@ -30,8 +30,8 @@ from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.signatures import orthonormal
-from saddlering_ros.estimation.octaves import BasisBand, octaves_of, TransformBand
 from saddlering_ros.estimation.statistics import fisher_chance
+from saddlering_ros.estimation.whitening import BasisBand, octaves_of, TransformBand
 
 Index = NDArray[np.intp]
 
