@@ -17,13 +17,7 @@ from pathlib import Path
 
 from mcap.reader import SeekingReader
 
-from saddlering_ros.bags.folder import (
-    METADATA,
-    open_directory,
-    plain_file,
-    read_metadata,
-    SUFFIXES,
-)
+from saddlering_ros.bags import folder as bags
 from saddlering_ros.campaign.store import CampaignError
 from saddlering_ros.errors import BagError, plain_number
 from saddlering_ros.files import whole_file, write_csv
@@ -153,11 +147,11 @@ def _places(folder: Path) -> Iterator[Path]:
     for here, folders, files in os.walk(folder):
         folders.sort()
         place = Path(here)
-        recordings = sorted(name for name in files if name.endswith(SUFFIXES))
+        recordings = sorted(name for name in files if name.endswith(bags.SUFFIXES))
         # rosbag2 names the parts of a split recording after their folder: name_0, name_1, ...
         parts = {file.partition('.mcap')[0] for file in recordings}
         names = {f'{place.name}_{number}' for number in range(len(recordings))}
-        if METADATA in files:
+        if bags.METADATA in files:
             folders.clear()
             yield place
         elif len(recordings) > 1 and parts == names:
@@ -169,15 +163,15 @@ def _places(folder: Path) -> Iterator[Path]:
 def _look_at(path: Path) -> FoundBag:
     """The bag at `path` by its summaries alone, no message is read; a fault is its `problem`."""
     try:
-        directory = open_directory(path)
+        directory = bags.open_directory(path)
         metadata, start = dict(directory.custom_data), None
         if directory.has_metadata and directory.path.is_dir():
-            stated = read_metadata(directory.path / METADATA).get('starting_time')
+            stated = bags.read_metadata(directory.path / bags.METADATA).get('starting_time')
             value = stated.get('nanoseconds_since_epoch') if isinstance(stated, dict) else None
             start = value if isinstance(value, int) else None
         for file in () if metadata and start is not None else directory.files:
             # One of six unrelated types of damage; reading the bag will report it.
-            with suppress(Exception), plain_file(file) as plain, plain.open('rb') as stream:
+            with suppress(Exception), bags.plain_file(file) as plain, plain.open('rb') as stream:
                 reader = SeekingReader(stream)
                 for record in reader.iter_metadata():
                     if record.name == METADATA_RECORD:

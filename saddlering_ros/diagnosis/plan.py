@@ -21,13 +21,8 @@ from saddlering_ros.effects import catalogue
 from saddlering_ros.errors import plain_number, SaddleringError
 from saddlering_ros.estimation.process import ChannelNoise, TIME_CONSTANTS
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
-from saddlering_ros.rig import (
-    ContactParameters,
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    Rig,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig, TRUE_TO_SCALE
+from saddlering_ros.rig.parameter_file import PARAMETER_UNITS
 
 STATIC_RATE, DYNAMIC_RATE = 25.0, 1000.0
 """Sampling rates [Hz] of the shipped tests."""

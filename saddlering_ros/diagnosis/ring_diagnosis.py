@@ -4,15 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from saddlering_ros import discrepancy
+from saddlering_ros.diagnosis import records as prepared
 from saddlering_ros.diagnosis import verdict
 from saddlering_ros.diagnosis.next_test import next_test, propose, repeated_laws
-from saddlering_ros.diagnosis.records import (
-    build_record,
-    check_set,
-    DiagnosisError,
-    PreparedRecord,
-    rigs_of,
-)
 from saddlering_ros.diagnosis.rig_dimensions import certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
@@ -38,10 +32,10 @@ def diagnose_ring(
     two runs may be one recording, which the reading of bags refuses.
     """
     if not runs:
-        raise DiagnosisError('no runs to diagnose: give at least one')
+        raise prepared.DiagnosisError('no runs to diagnose: give at least one')
     records = _with_own_names([
-        *(build_record(rig, run, held_out=False) for run in runs),
-        *(build_record(rig, run, held_out=True) for run in hold_out)])
+        *(prepared.build_record(rig, run, held_out=False) for run in runs),
+        *(prepared.build_record(rig, run, held_out=True) for run in hold_out)])
     fitted = [record.run for record in records if not record.run.held_out]
     if on_progress is not None:
         on_progress(Progress('diagnose', 'contact parameters', 0.0))
@@ -77,7 +71,7 @@ def diagnose_ring(
     sentence = ' '.join(filter(None, (
         wiring_first(rig, [record.test_run for record in records]),
         next_test(diagnosis, [*runs, *hold_out], rig))))
-    rigs = rigs_of(records)
+    rigs = prepared.rigs_of(records)
     if len(rigs) > 1 and diagnosis.verdict != 'none':
         # A difference between the rigs would be named as a cause.
         diagnosis = replace(diagnosis, verdict='unknown',
@@ -99,7 +93,7 @@ def _without_causes(
     return alone
 
 
-def _with_own_names(records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
+def _with_own_names(records: Sequence[prepared.PreparedRecord]) -> list[prepared.PreparedRecord]:
     """The records, of which the second of one name becomes 'static_50 (2)', and so on."""
     seen: dict[str, int] = {}
     named = []
@@ -112,10 +106,10 @@ def _with_own_names(records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
 
 
 def _notes(
-    records: Sequence[PreparedRecord], rig: Rig, diagnosis: Diagnosis, refusal: str,
+    records: Sequence[prepared.PreparedRecord], rig: Rig, diagnosis: Diagnosis, refusal: str,
 ) -> list[str]:
     """Notes of the set, of the diagnosis and of each run; refusal: why no law was identified."""
-    notes = [*check_set(records, rig), *diagnosis.warnings]
+    notes = [*prepared.check_set(records, rig), *diagnosis.warnings]
     if refusal:
         notes.append('the contact parameters are those of the diagnosis, not of an '
                      f'identification: {refusal}')

@@ -17,14 +17,8 @@ from saddlering_ros.diagnosis.rig_dimensions import certified_effects, Neighbour
 from saddlering_ros.discrepancy import Effect, Neighbourhood, Parameter, Point, RunBlocks
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
-from saddlering_ros.rig import (
-    MICRO_UNITS,
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    Rig,
-    size_factor,
-    TRUE_TO_SCALE,
-)
+from saddlering_ros.rig import MICRO_UNITS, PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
+from saddlering_ros.rig.geometry import size_factor
 from saddlering_ros.ring import roller_scatter
 from saddlering_ros.ring.neighbours import has_tangent, Neighbourhoods
 from saddlering_ros.ring.simulator import Additions, probe_batch

@@ -24,18 +24,9 @@ from saddlering_ros.files import Provenance
 from saddlering_ros.identification import Identification
 from saddlering_ros.identification.uncertainty import reason_wide
 from saddlering_ros.quantities import finite_json, is_left, MATERIAL, percent, quantity
-from saddlering_ros.rig import (
-    CHANNELS,
-    ContactParameters,
-    measured_displacement,
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    ParameterSet,
-    ParameterSource,
-    Rig,
-    with_absent,
-)
-from saddlering_ros.rig.geometry import WINDOW_SECONDS
+from saddlering_ros.rig import CHANNELS, ContactParameters, PARAMETER_NAMES, PARAMETER_UNITS, Rig
+from saddlering_ros.rig.geometry import measured_displacement, WINDOW_SECONDS, with_absent
+from saddlering_ros.rig.parameter_file import ParameterSet, ParameterSource
 from saddlering_ros.ring.roller_scatter import sound_deviation
 
 Array = NDArray[np.float64]

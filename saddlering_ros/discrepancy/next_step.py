@@ -19,15 +19,11 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from saddlering_ros.discrepancy.problem import metric as metrics
+from saddlering_ros.discrepancy.problem import system as systems
 from saddlering_ros.discrepancy.problem.fits import around, Fit
 from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    Proposal,
-    RunBlocks,
-    SystemWithTangents,
-)
+from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import alternative_floor, open_distance
 from saddlering_ros.discrepancy.search.selection import error_process, Search
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
@@ -98,7 +94,7 @@ class _OpenModels:
         problem, random = self.space.problem, np.random.default_rng(self.space.settings.seed)
         rest = sorted((self._counted(proposal, misfits) for proposal, misfits in
                        self._forecast_each(problem.proposals, random)), key=_worst_last)
-        if not isinstance(problem.system, SystemWithTangents):
+        if not isinstance(problem.system, systems.SystemWithTangents):
             return tuple(rest)
         judged, refits = list[Separation](), 0
         while rest and refits < MAX_REFITS and all(
@@ -111,7 +107,7 @@ class _OpenModels:
             judged.append(best)
         return (*sorted(judged, key=_worst_last), *rest)
 
-    def _counted(self, proposal: Proposal, drawn: Iterable[Array]) -> Separation:
+    def _counted(self, proposal: systems.Proposal, drawn: Iterable[Array]) -> Separation:
         """What a test leaves open, from misfits (fits, draws) with each model as the truth."""
         causes = [self.fits[place].candidate.ids for place in self.own]
         alone, kept, by_truth = 0, 0, dict.fromkeys(causes, 0.0)
@@ -137,7 +133,9 @@ class _OpenModels:
             tuple(dict.fromkeys(tuple(one for one in together if one in together[cause])
                                 for cause in together)))
 
-    def _refitted(self, proposal: Proposal, random: np.random.Generator) -> Iterator[Array]:
+    def _refitted(
+        self, proposal: systems.Proposal, random: np.random.Generator,
+    ) -> Iterator[Array]:
         """Misfits (fits, DRAWS) of all fits, refitted to a test as each model predicts it.
 
         The test has the small errors that the old data show beside the model.
@@ -162,7 +160,8 @@ class _OpenModels:
 
     def _begun(self, runs: Sequence[RunBlocks]) -> list[Fit]:
         """All fits with their predictions and sensitivities in further runs too."""
-        views = [_seen_by(self.space.problem, Proposal('', run), self.fits) for run in runs]
+        views = [_seen_by(self.space.problem, systems.Proposal('', run), self.fits)
+                 for run in runs]
         return [replace(
             fit, prediction=np.concatenate([fit.prediction, *(values for values, _ in seen)]),
             plain=np.vstack([self.space.tangent_of(fit).plain, *(slopes for _, slopes in seen)]))
@@ -224,8 +223,8 @@ class _OpenModels:
         return whole - whole[best], np.maximum(limits, self.floor)
 
     def _forecast_each(
-        self, proposals: Sequence[Proposal], random: np.random.Generator
-    ) -> Iterator[tuple[Proposal, list[Array]]]:
+        self, proposals: Sequence[systems.Proposal], random: np.random.Generator
+    ) -> Iterator[tuple[systems.Proposal, list[Array]]]:
         """Each proposal, and misfits (fits, DRAWS) of all fits with each model as the truth."""
         if not proposals:
             return
@@ -285,14 +284,14 @@ Whiten = Callable[[Array], Array]
 
 
 def _seen_by(
-    problem: Problem, proposal: Proposal, fits: Sequence[Fit]
+    problem: Problem, proposal: systems.Proposal, fits: Sequence[Fit]
 ) -> list[tuple[Array, Array]]:
     """Values (m,) of a test by each fit, its direct readings last, and sensitivities (m, p)."""
     asked = [around(fit, problem.system.base_parameters) for fit in fits]
     made = [points for points, _ in asked]
     if proposal.as_made is not None:
         made = [[proposal.as_made(point) for point in group] for group in made]
-    if isinstance(problem.system, SystemWithTangents):
+    if isinstance(problem.system, systems.SystemWithTangents):
         answers = problem.system.neighbourhood(made).predict(proposal.run)
     else:
         answers = [problem.simulate(proposal.run, group) for group in made]
@@ -315,7 +314,7 @@ def _worst_last(answer: Separation) -> tuple[int, int]:
     return -answer.alone, -answer.kept
 
 
-def _whitener(metric: Metric, proposal: Proposal) -> Whiten:
+def _whitener(metric: Metric, proposal: systems.Proposal) -> Whiten:
     """Columns (m, B) divided by the expected noise of the test."""
     run, alike, lowers = proposal.run, metric.alike(proposal.run), []
     for channel in range(run.channels.shape[0]):

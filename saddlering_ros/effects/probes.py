@@ -4,14 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
-from saddlering_ros.effects.base import (
-    Choice,
-    EffectParameter,
-    Outcomes,
-    RingEffect,
-    UNCLEAR,
-    Variant,
-)
+from saddlering_ros.effects import base
+from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension, with_probe
 
 MOVES = 'a misfit that moves with the probe'
@@ -151,7 +145,7 @@ class ProbeLag(ProbeEffect):
              'like a clock offset.')
     settled_by = 'A second loading rate (x4), with swapped probes if only one is slow.'
     outcomes = Outcomes(
-        second_rate='a delay of the same time with rounded corners', swapped_probes=UNCLEAR)
+        second_rate='a delay of the same time with rounded corners', swapped_probes=base.UNCLEAR)
     parameters = (
         EffectParameter('time', 's', 0.0, 1.0, 0.03, 0.03,
                         'time constant of the low-pass, of both its stages together',
@@ -203,7 +197,7 @@ class MainsPickup(ProbeEffect):
              'oscillation appears at another, lower frequency. A spectrum shows its frequency.')
     settled_by = 'A zero-load record at the highest sampling rate.'
     outcomes = Outcomes(
-        zero_load='a line in the spectrum at constant preload', swapped_probes=UNCLEAR)
+        zero_load='a line in the spectrum at constant preload', swapped_probes=base.UNCLEAR)
     parameters = (
         EffectParameter('cosine', 'm', -2e-5, 2e-5, 1e-6, 0.0,
                         'part in phase with a cosine from the start of the run', amplitude=True,

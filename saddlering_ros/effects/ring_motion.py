@@ -5,14 +5,8 @@ from dataclasses import replace
 import math
 from typing import Any, ClassVar
 
-from saddlering_ros.effects.base import (
-    Choice,
-    EffectParameter,
-    Outcomes,
-    RingEffect,
-    UNCLEAR,
-    Variant,
-)
+from saddlering_ros.effects import base
+from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
 from saddlering_ros.effects.extension import Hysteron, OwnParameter, READING, RingExtension
 from saddlering_ros.rig import Rig
 
@@ -44,7 +38,7 @@ def hysteron(limit: float, values: Mapping[str, float]) -> Hysteron:
 
 LOOP_OUTCOMES = Outcomes(
     second_rate='a loop of the same height',
-    repeat_cycle='a loop that repeats and stays open during the holds', pull_push=UNCLEAR)
+    repeat_cycle='a loop that repeats and stays open during the holds', pull_push=base.UNCLEAR)
 """What the tests on the rig show of friction."""
 
 
@@ -291,8 +285,8 @@ class FilmCreep(RingEffect):
                   'load: creep continues during the holds and fades.')
     outcomes = Outcomes(
         second_rate='a loop whose height depends on the rate',
-        repeat_cycle='a loop that closes during the holds', zero_load=UNCLEAR,
-        pull_push=UNCLEAR)
+        repeat_cycle='a loop that closes during the holds', zero_load=base.UNCLEAR,
+        pull_push=base.UNCLEAR)
     stage = 'ring'
     form = 0.1  # films creep with more than one time constant
     parameters = (
@@ -337,9 +331,9 @@ class Settling(RingEffect):
     outcomes = Outcomes(
         second_rate='no misfit in the repeated test',
         repeat_cycle='a misfit in the first cycle only',
-        swapped_probes='no misfit in the repeated test', slewed_ring=UNCLEAR,
-        other_elevation=UNCLEAR, other_gap='no misfit in the repeated test',
-        pull_push=UNCLEAR)
+        swapped_probes='no misfit in the repeated test', slewed_ring=base.UNCLEAR,
+        other_elevation=base.UNCLEAR, other_gap='no misfit in the repeated test',
+        pull_push=base.UNCLEAR)
     stage = 'ring'
     form = 0.05  # joints settle not quite in proportion to the load
     parameters = (

@@ -5,14 +5,8 @@ from dataclasses import replace
 import math
 from typing import Any, ClassVar
 
-from saddlering_ros.effects.base import (
-    Choice,
-    EffectParameter,
-    Outcomes,
-    RingEffect,
-    UNCLEAR,
-    Variant,
-)
+from saddlering_ros.effects import base
+from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension, Wear
 
 
@@ -73,7 +67,7 @@ class OutOfRound(RingEffect):
              'zone and then a nearly constant offset.')
     settled_by = ('The ring slewed by 90 deg: the effect of an oval changes its sign, that of a '
                   'clearance does not.')
-    outcomes = Outcomes(slewed_ring='a misfit of the opposite sign', pull_push=UNCLEAR)
+    outcomes = Outcomes(slewed_ring='a misfit of the opposite sign', pull_push=base.UNCLEAR)
     stage = 'ring'
     channels = ('delta_x',)
     parameters = (
@@ -168,7 +162,7 @@ class WornSector(RingEffect):
 
     settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
     outcomes = Outcomes(
-        slewed_ring='a misfit that disappears or moves to another load', pull_push=UNCLEAR)
+        slewed_ring='a misfit that disappears or moves to another load', pull_push=base.UNCLEAR)
     stage = 'ring'
     form = 0.2  # worn arcs end softly, and no two rollers on them alike
     starts: ClassVar[tuple[Mapping[str, float], ...]] = STARTS

@@ -23,13 +23,8 @@ from numpy.typing import NDArray
 from scipy.stats import binom, chi2, ttest_1samp
 from scipy.stats import t as student
 
-from saddlering_ros.fleet.statistics import (
-    Array,
-    benjamini_hochberg,
-    COORDINATES,
-    LEVEL,
-    SessionFigures,
-)
+from saddlering_ros.fleet import statistics
+from saddlering_ros.fleet.statistics import Array, COORDINATES, LEVEL, SessionFigures
 from saddlering_ros.quantities import WIDTH_95
 
 DIFFUSE = 1e4
@@ -364,7 +359,7 @@ def significant_drifts(histories: Sequence[RingHistory]) -> tuple[list[Drift], l
 
 def _standing(drifts: Sequence[Drift]) -> list[Drift]:
     """Those that stand, at most the share LEVEL of them falsely."""
-    stands = benjamini_hochberg([drift.p_value for drift in drifts])
+    stands = statistics.benjamini_hochberg([drift.p_value for drift in drifts])
     return [drift for drift, is_real in zip(drifts, stands, strict=True) if is_real]
 
 

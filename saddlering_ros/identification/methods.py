@@ -12,16 +12,8 @@ from saddlering_ros.estimation.least_squares import NEAR, SearchSpace
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import IdentificationError, IdentificationSettings, observation
-from saddlering_ros.identification.objective import (
-    average_branches,
-    PaperObjective,
-    refine,
-    Refinement,
-    SEARCH_STEP,
-    stay_at,
-    thinned,
-    WeightedObjective,
-)
+from saddlering_ros.identification import objective as objectives
+from saddlering_ros.identification.objective import average_branches, refine, WeightedObjective
 from saddlering_ros.identification.observation import Observation
 from saddlering_ros.identification.prepared import prepare, PreparedRun, warnings_of
 from saddlering_ros.identification.result import Identification
@@ -175,7 +167,8 @@ class _Search:
                 'identify', stage, share, f'best {step.best_objective:.4g}', step))
 
     def run_swarm(
-        self, stage: str, objective: WeightedObjective | PaperObjective, space: SearchSpace
+        self, stage: str, objective: WeightedObjective | objectives.PaperObjective,
+        space: SearchSpace,
     ) -> tuple[ContactParameters, float]:
         """Let the swarm search `space`; the best contact parameters and their objective.
 
@@ -227,7 +220,7 @@ class _Outcome:
     objective: float
     searched: tuple[str, ...]  # names
     observations: Sequence[Observation]
-    bottom: tuple[WeightedObjective, Refinement] | None = None  # the last descent
+    bottom: tuple[WeightedObjective, objectives.Refinement] | None = None  # the last descent
 
 
 def _start(bounds: Bounds) -> ContactParameters:
@@ -247,12 +240,12 @@ def _by_paper(search: _Search, observations: Sequence[Observation]) -> _Outcome:
     channels = search.settings.channels
     averaged = [average_branches(one.coarse(), search.rig.limits.level_step) for one in static]
     contact, objective = search.run_swarm(
-        'static step', PaperObjective(search.rig, averaged, channels),
+        'static step', objectives.PaperObjective(search.rig, averaged, channels),
         search.space(STATIC_NAMES, _start(search.bounds), log=False))
     if not dynamic or search.cancelled:
         return _Outcome(contact, objective, STATIC_NAMES, observations)
     contact, objective = search.run_swarm(
-        'dynamic step', PaperObjective(search.rig, dynamic, channels),
+        'dynamic step', objectives.PaperObjective(search.rig, dynamic, channels),
         search.space(DAMPING_NAMES, contact, log=False))
     return _Outcome(contact, objective, PARAMETER_NAMES, observations)
 
@@ -274,7 +267,8 @@ def _by_default(search: _Search, observations: Sequence[Observation]) -> _Outcom
         contact, best = search.run_swarm(
             'dynamic swarm',
             WeightedObjective(
-                search.rig, [thinned(one) for one in (shown if static else dynamic)], channels),
+                search.rig, [objectives.thinned(one) for one in (shown if static else dynamic)],
+                channels),
             search.space(DAMPING_NAMES if static else PARAMETER_NAMES, contact, log=True))
     searched = PARAMETER_NAMES if dynamic else STATIC_NAMES
     if search.cancelled:
@@ -293,7 +287,7 @@ def _refined(
     """
     channels = search.settings.channels
     rough = WeightedObjective(
-        search.rig, [one.coarse(SEARCH_STEP) for one in observations], channels)
+        search.rig, [one.coarse(objectives.SEARCH_STEP) for one in observations], channels)
     coarse = replace(rough, observations=[one.coarse() for one in observations], evaluations=0)
     space = search.space(searched, _start(search.bounds), log=True)
     outcome = _Outcome(contact, best, searched, observations)
@@ -341,7 +335,7 @@ def _judged(search: _Search, outcome: _Outcome) -> Identification:
         if search.cancelled:
             observations = [one.coarse() for one in observations]
         objective = WeightedObjective(search.rig, observations, search.settings.channels)
-        best = stay_at(objective, space, outcome.contact)
+        best = objectives.stay_at(objective, space, outcome.contact)
     advice = MISFIT_ADVICE[search.settings.method]
     trust = assess(objective, space, best, search.bounds, advice)
     made = Provenance(tuple(run.origin for run in search.runs))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from saddlering_ros import quantities
 from saddlering_ros.diagnosis import ring_wording
 from saddlering_ros.diagnosis.rig_dimensions import entry_of
 from saddlering_ros.diagnosis.ring_wording import bag_name, causes_of, value_words, VerdictDocument
@@ -15,17 +16,7 @@ from saddlering_ros.identification.result import INTERVALS
 from saddlering_ros.identification.uncertainty import UNDETERMINED
 from saddlering_ros.pages import html
 from saddlering_ros.pages.html import Cell, code, number
-from saddlering_ros.quantities import (
-    allowed_misfit,
-    compact,
-    is_left,
-    lowered,
-    percent,
-    probability,
-    quantity,
-    span,
-    WIDTH_95,
-)
+from saddlering_ros.quantities import compact, percent, probability, quantity, span
 from saddlering_ros.report import figures
 from saddlering_ros.report.figures import Array, RunCurves, SYMBOLS
 from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, ParameterSet
@@ -106,7 +97,7 @@ def _cause(cause: CauseEntry, document: VerdictDocument) -> str:
          f'{entry_of(name)} of the rig file, compared with the drawing and the ring.']
         for name in cause['group']]
     is_alone = len(alike) == 1
-    is_next = lowered(title) in (document.get('next_test') or '')
+    is_next = quantities.lowered(title) in (document.get('next_test') or '')
     partial = wording.standing(document.get('remainder'), cause)
     evidence, gain = cause['evidence'], cause['gain']
     predicted = wording.PREDICTED.get(document['gain'].get('how', ''), 'held-out runs')
@@ -140,7 +131,7 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
     for run in runs:
         for name, channel in run['channels'].items():
             floor = channel['noise_floor']
-            allowed = allowed_misfit(floor, channel.get('sound'))
+            allowed = quantities.allowed_misfit(floor, channel.get('sound'))
             shares = [number(percent(value), '' if value is None or floor is None else
                              'bad' if value > allowed else 'good')
                       for value in (channel['nrmse_before'], channel['nrmse_after'])]
@@ -223,7 +214,7 @@ def shape_tests(document: VerdictDocument) -> str:
             chances = ' → '.join(probability(item['p_value']) for item in pair if item)
             rows[-1].append(Cell(
                 f'{html.escape(shares)}<br><span class="soft">p {html.escape(chances)}</span>',
-                is_number=True, is_html=True, mark='bad' if is_left(
+                is_number=True, is_html=True, mark='bad' if quantities.is_left(
                     pair[1]['p_value'], pair[1]['share_of_range']) else ''))
     return html.section(
         'Dependence of the misfit on load, direction, rate and time',
@@ -407,7 +398,8 @@ def before_and_after(document: VerdictDocument, covariance: Array | None = None)
 
 def interval(value: float, std: float | None) -> str:
     """The 95 % interval about a value; a dash without a standard deviation."""
-    return span(value - WIDTH_95 * std, value + WIDTH_95 * std) if std else '–'
+    half = quantities.WIDTH_95 * (std or 0.0)
+    return span(value - half, value + half) if std else '–'
 
 
 def _per_millimetre(values: Mapping[str, float], undetermined: Collection[str]) -> list[Row]:

@@ -14,14 +14,9 @@ from typing import Any
 from saddlering_ros.errors import did_you_mean, refuse_unknown_keys
 from saddlering_ros.plain_yaml import is_number
 from saddlering_ros.quantities import compact
-from saddlering_ros.rig import units
+from saddlering_ros.rig import parameter_file, units
 from saddlering_ros.rig.instruments import Instruments, instruments_from
-from saddlering_ros.rig.parameter_file import (
-    check_sections,
-    EXPONENTS,
-    read_ros_parameters,
-    RigError,
-)
+from saddlering_ros.rig.parameter_file import check_sections, EXPONENTS, RigError
 from saddlering_ros.rig.units import FORCE_UNITS, LoadLimits
 
 
@@ -312,7 +307,7 @@ def load_rig(path: Path | str | None = None) -> Rig:
         return default_rig()
     if not isinstance(path, (str, Path)):
         raise RigError(f'rig file is of type {type(path).__name__}: give a path')
-    rig = rig_from_parameters(read_ros_parameters(Path(path)), str(path))
+    rig = rig_from_parameters(parameter_file.read_ros_parameters(Path(path)), str(path))
     return replace(rig, source=str(path))
 
 

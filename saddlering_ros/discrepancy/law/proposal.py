@@ -20,15 +20,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from saddlering_ros.discrepancy.law import families
-from saddlering_ros.discrepancy.law.families import (
-    BlockFit,
-    DIRECTION,
-    LOAD,
-    Misfit,
-    ObservedRun,
-    Products,
-    TIME,
-)
+from saddlering_ros.discrepancy.law.families import BlockFit, DIRECTION, LOAD, Misfit, ObservedRun
 from saddlering_ros.discrepancy.problem.system import Array, Estimate
 
 Coordinates = Mapping[str, Array]
@@ -70,7 +62,7 @@ class Form:
             return families.stop_operators(coordinates[LOAD], np.array([reach])) / reach
         if self.name == 'exponential memory':
             constant = np.array([max(abs(shape[0]), 1e-300)])
-            return families.relaxations(coordinates[TIME], coordinates[LOAD], constant)
+            return families.relaxations(coordinates[families.TIME], coordinates[LOAD], constant)
         along = LOAD if self.coordinate == DIRECTION else self.coordinate
         curve = np.column_stack(self.curve(coordinates[along], shape))
         return curve * coordinates[DIRECTION][:, None] if along != self.coordinate else curve
@@ -165,7 +157,7 @@ class Term:
             plays = families.stop_operators(coordinates[LOAD], self.at) / self.at
             return np.asarray(plays @ self.values)
         if self.law == 'relaxation':
-            lags = families.relaxations(coordinates[TIME], coordinates[LOAD], self.at)
+            lags = families.relaxations(coordinates[families.TIME], coordinates[LOAD], self.at)
             return np.asarray(lags @ self.values)
         along = LOAD if self.coordinate == DIRECTION else self.coordinate
         curve = np.interp(coordinates[along], self.at, self.values)
@@ -186,7 +178,7 @@ class _Match:
     misfit: Misfit
     fit: BlockFit
     wanted: Array
-    products: Products
+    products: families.Products
     form: Form
 
     def along_runs(self, *shapes: Shape) -> list[Array]:

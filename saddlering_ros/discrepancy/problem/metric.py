@@ -12,16 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from saddlering_ros.discrepancy.problem import system as systems
 from saddlering_ros.discrepancy.problem.problem import NoiseByRun, Problem
-from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    FREE_OFFSET,
-    JITTER,
-    MAX_SPREADS,
-    ModelErrorPrior,
-    Point,
-    RunBlocks,
-)
+from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks
 from saddlering_ros.estimation.record_noise import with_model_error
 from saddlering_ros.estimation.whitening import build_whitener, SharedErrors, Whitener
 
@@ -43,7 +36,7 @@ class Metric:
     @classmethod
     def of(cls, problem: Problem, noise: NoiseByRun, sensors: NoiseByRun) -> Metric:
         """The metric without nuisance parameters."""
-        jitter = float((JITTER * problem.channel_ranges.max()) ** 2)
+        jitter = float((systems.JITTER * problem.channel_ranges.max()) ** 2)
         whiteners = []
         for index, channel, _ in problem.slices:
             run = problem.runs[index]
@@ -82,7 +75,7 @@ class Metric:
     def without_nuisances(self, residual: Array) -> Array:
         """A stacked plain residual minus its part by nuisance parameters of usual size."""
         white = self.whiten_noise(residual)
-        spreads = np.clip(self.shared.along(white), -MAX_SPREADS, MAX_SPREADS)
+        spreads = np.clip(self.shared.along(white), -systems.MAX_SPREADS, systems.MAX_SPREADS)
         white -= self.shared.directions @ (self.shared.strength * spreads)
         for whitener, (_, _, part) in zip(self.whiteners, self.problem.slices, strict=True):
             white[part] = whitener.colour(white[part])
@@ -152,7 +145,7 @@ def stand_columns(problem: Problem, prediction: Array) -> Array:
 
 def offset_columns(problem: Problem) -> Array:
     """A constant for every run and channel, with a very wide spread where it is free."""
-    free = FREE_OFFSET * float(problem.channel_ranges.max())
+    free = systems.FREE_OFFSET * float(problem.channel_ranges.max())
     declared = problem.assumptions.offsets or [free] * len(problem.channel_ranges)
     columns = np.zeros((len(problem.slices), problem.size))
     for column, (_, channel, part) in zip(columns, problem.slices, strict=True):
@@ -160,7 +153,7 @@ def offset_columns(problem: Problem) -> Array:
     return columns[columns.any(axis=1)].T
 
 
-def model_error_columns(problem: Problem, prior: ModelErrorPrior) -> Array:
+def model_error_columns(problem: Problem, prior: systems.ModelErrorPrior) -> Array:
     """Smooth model error over the drive, shared inside a group, in every channel."""
     widest = problem.channel_ranges.max()
     fastest = max(1e-300, *(

@@ -13,18 +13,8 @@ import time as clock
 import numpy as np
 
 from saddlering_ros.discrepancy.noise import learn_noise
-from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    DiscrepancyError,
-    FREE_OFFSET,
-    ModelErrorPrior,
-    Point,
-    Proposal,
-    RunBlocks,
-    Settings,
-    System,
-    SystemWithTangents,
-)
+from saddlering_ros.discrepancy.problem import system as systems
+from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.progress import TELL_EVERY, Watch
 from saddlering_ros.quantities import lowered
@@ -66,7 +56,7 @@ class Assumptions:
     relearns: bool = False
     offsets: tuple[float, ...] | None = None
     allowed_error: tuple[float, ...] | None = None
-    model_error: ModelErrorPrior | None = field(default_factory=ModelErrorPrior)
+    model_error: systems.ModelErrorPrior | None = field(default_factory=systems.ModelErrorPrior)
     exact_laws: bool = False
     coordinate_waves: tuple[int, int] = (6, 3)
     proposes_law: bool = True
@@ -75,7 +65,7 @@ class Assumptions:
 
     def frees_constant(self, channel: int) -> bool:
         """Whether a constant in a channel has no meaning."""
-        return self.offsets is None or self.offsets[channel] >= FREE_OFFSET
+        return self.offsets is None or self.offsets[channel] >= systems.FREE_OFFSET
 
 
 SEARCHED = 55.0
@@ -93,19 +83,20 @@ class Problem:
     causes cannot be told apart; simulations: number of points that were simulated.
     """
 
-    system: System
+    system: systems.System
     all_runs: Sequence[RunBlocks]
-    settings: Settings = field(default_factory=Settings)
+    settings: systems.Settings = field(default_factory=systems.Settings)
     assumptions: Assumptions = field(default_factory=Assumptions)
     start: Mapping[str, float] | None = None
-    proposals: Sequence[Proposal] = ()
+    proposals: Sequence[systems.Proposal] = ()
     watch: Watch = field(default_factory=lambda: Watch('diagnose'))
     simulations: int = field(default=0, init=False)
     _at_once: int = field(default=1, init=False)
 
     def __post_init__(self) -> None:
         if not self.runs:
-            raise DiscrepancyError('diagnose: every run is held out: leave at least one to fit')
+            raise systems.DiscrepancyError(
+                'diagnose: every run is held out: leave at least one to fit')
 
     def with_runs(self, runs: Sequence[RunBlocks]) -> Problem:
         """The same problem with other runs."""
@@ -148,13 +139,14 @@ class Problem:
         parameters = {parameter.name: parameter for parameter in self.system.base_parameters}
         for name, value in self.start.items():
             if name not in parameters:
-                raise DiscrepancyError(f'start: there is no base parameter {name!r}; there are '
-                                       f'{", ".join(parameters)}')
+                raise systems.DiscrepancyError(
+                    f'start: there is no base parameter {name!r}; there are '
+                    f'{", ".join(parameters)}')
             bounds = parameters[name]
             slack = ROUNDING * max(abs(bounds.low), abs(bounds.high))
             inside = bounds.low - slack <= value <= bounds.high + slack
             if not (np.isfinite(value) and (bounds.periodic or inside)):
-                raise DiscrepancyError(
+                raise systems.DiscrepancyError(
                     f'start: {name} = {value:g} is outside {bounds.low:g} to {bounds.high:g}')
         return np.array([
             given.to_unit(self.start[name]) if name in self.start else given.first_guess
@@ -220,7 +212,7 @@ class Problem:
             part, began = points[done : done + self._at_once], clock.monotonic()
             batch = self.system.predict_many(run, part)
             if batch.shape != (len(part), *run.channels.shape):
-                raise DiscrepancyError(
+                raise systems.DiscrepancyError(
                     f'simulator: wrong shape {batch.shape} for run {run.name}: return '
                     f'{(len(part), *run.channels.shape)}')
             answer[done : done + len(part)] = batch
@@ -242,7 +234,7 @@ class Problem:
         simulates every point.
         """
         ends = np.cumsum([len(group) for group in groups])
-        if not isinstance(self.system, SystemWithTangents):
+        if not isinstance(self.system, systems.SystemWithTangents):
             answers = self.predict([point for group in groups for point in group])
             return np.split(answers, ends[:-1], axis=1)
         self.simulations += int(ends[-1])

@@ -13,15 +13,10 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.special import chdtri
 
+from saddlering_ros.discrepancy.problem import system as systems
 from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.problem.system import (
-    Array,
-    FREE_STRENGTH,
-    Parameter,
-    RunBlocks,
-    Settings,
-)
+from saddlering_ros.discrepancy.problem.system import Array, RunBlocks, Settings
 from saddlering_ros.discrepancy.search.lack_of_fit import SlowResidual
 from saddlering_ros.discrepancy.search.space import AT_BOUND, FREE_SPREAD, ModelSpace
 from saddlering_ros.estimation.statistics import fisher_limit
@@ -243,7 +238,7 @@ def _misfit_with_inflated_nuisances(space: ModelSpace, fit: Fit) -> float:
     """Misfit of `fit` if every nuisance parameter had `INFLATION` times its usual size."""
     metric, strength = space.metric, space.metric.shared.strength
     # Offsets keep their spread, which is wide already.
-    larger = np.where(strength < FREE_STRENGTH, INFLATION * strength, strength)
+    larger = np.where(strength < systems.FREE_STRENGTH, INFLATION * strength, strength)
     free = metric.whiten_noise(FREE_SPREAD * space.tangent_of(fit).plain)
     columns = np.hstack([metric.shared.directions * larger, free])
     white = metric.whiten_noise(fit.prediction - metric.problem.measured)
@@ -289,7 +284,7 @@ def crowded(explained: Iterable[Sizes], settings: Settings) -> bool:
     return max(crowd.values(), default=0) > MAX_IN_ONE_VIEW
 
 
-def stopped_base(problem: Problem, fit: Fit) -> list[tuple[Parameter, float]]:
+def stopped_base(problem: Problem, fit: Fit) -> list[tuple[systems.Parameter, float]]:
     """Base parameters of a fit that a bound keeps from a misfit which is surely smaller."""
     slope, place = fit.jacobian.T @ fit.whitened, fit.theta_unit
     low, high = place < AT_BOUND, place > 1.0 - AT_BOUND
