@@ -7,6 +7,7 @@ from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis import records as prepared
 from saddlering_ros.diagnosis import verdict
 from saddlering_ros.diagnosis.next_test import next_test, propose, repeated_laws
+from saddlering_ros.diagnosis.records import build_record, DiagnosisError, PreparedRecord
 from saddlering_ros.diagnosis.rig_dimensions import certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
@@ -32,10 +33,10 @@ def diagnose_ring(
     two runs may be one recording, which the reading of bags refuses.
     """
     if not runs:
-        raise prepared.DiagnosisError('no runs to diagnose: give at least one')
+        raise DiagnosisError('no runs to diagnose: give at least one')
     records = _with_own_names([
-        *(prepared.build_record(rig, run, held_out=False) for run in runs),
-        *(prepared.build_record(rig, run, held_out=True) for run in hold_out)])
+        *(build_record(rig, run, held_out=False) for run in runs),
+        *(build_record(rig, run, held_out=True) for run in hold_out)])
     fitted = [record.run for record in records if not record.run.held_out]
     if on_progress is not None:
         on_progress(Progress('diagnose', 'contact parameters', 0.0))
@@ -93,7 +94,7 @@ def _without_causes(
     return alone
 
 
-def _with_own_names(records: Sequence[prepared.PreparedRecord]) -> list[prepared.PreparedRecord]:
+def _with_own_names(records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
     """The records, of which the second of one name becomes 'static_50 (2)', and so on."""
     seen: dict[str, int] = {}
     named = []
@@ -106,7 +107,7 @@ def _with_own_names(records: Sequence[prepared.PreparedRecord]) -> list[prepared
 
 
 def _notes(
-    records: Sequence[prepared.PreparedRecord], rig: Rig, diagnosis: Diagnosis, refusal: str,
+    records: Sequence[PreparedRecord], rig: Rig, diagnosis: Diagnosis, refusal: str,
 ) -> list[str]:
     """Notes of the set, of the diagnosis and of each run; refusal: why no law was identified."""
     notes = [*prepared.check_set(records, rig), *diagnosis.warnings]

@@ -14,7 +14,7 @@ import numpy as np
 
 from saddlering_ros.discrepancy.noise import learn_noise
 from saddlering_ros.discrepancy.problem import system as systems
-from saddlering_ros.discrepancy.problem.system import Array, Point, RunBlocks
+from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Point, RunBlocks
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.progress import TELL_EVERY, Watch
 from saddlering_ros.quantities import lowered
@@ -95,8 +95,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         if not self.runs:
-            raise systems.DiscrepancyError(
-                'diagnose: every run is held out: leave at least one to fit')
+            raise DiscrepancyError('diagnose: every run is held out: leave at least one to fit')
 
     def with_runs(self, runs: Sequence[RunBlocks]) -> Problem:
         """The same problem with other runs."""
@@ -139,14 +138,13 @@ class Problem:
         parameters = {parameter.name: parameter for parameter in self.system.base_parameters}
         for name, value in self.start.items():
             if name not in parameters:
-                raise systems.DiscrepancyError(
-                    f'start: there is no base parameter {name!r}; there are '
-                    f'{", ".join(parameters)}')
+                raise DiscrepancyError(f'start: there is no base parameter {name!r}; there are '
+                                       f'{", ".join(parameters)}')
             bounds = parameters[name]
             slack = ROUNDING * max(abs(bounds.low), abs(bounds.high))
             inside = bounds.low - slack <= value <= bounds.high + slack
             if not (np.isfinite(value) and (bounds.periodic or inside)):
-                raise systems.DiscrepancyError(
+                raise DiscrepancyError(
                     f'start: {name} = {value:g} is outside {bounds.low:g} to {bounds.high:g}')
         return np.array([
             given.to_unit(self.start[name]) if name in self.start else given.first_guess
@@ -212,7 +210,7 @@ class Problem:
             part, began = points[done : done + self._at_once], clock.monotonic()
             batch = self.system.predict_many(run, part)
             if batch.shape != (len(part), *run.channels.shape):
-                raise systems.DiscrepancyError(
+                raise DiscrepancyError(
                     f'simulator: wrong shape {batch.shape} for run {run.name}: return '
                     f'{(len(part), *run.channels.shape)}')
             answer[done : done + len(part)] = batch
