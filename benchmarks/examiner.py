@@ -25,7 +25,8 @@ from scipy.stats import binom
 
 from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.files import sha256_of_file, write_text
-from saddlering_ros.rig import ContactParameters, default_rig, Rig, size_factor, TRUE_TO_SCALE
+from saddlering_ros.rig import ContactParameters, default_rig, Rig, TRUE_TO_SCALE
+from saddlering_ros.rig.geometry import size_factor
 from saddlering_ros.virtual_rig import experiment
 from saddlering_ros.virtual_rig.effects import EffectRequest, EFFECTS, request, RigEffect, TrueSize
 from saddlering_ros.virtual_rig.integrator import Scatter

@@ -21,7 +21,8 @@ from frame import arguments, run, table
 import numpy as np
 from rigs import RIG
 
-from saddlering_ros.rig import Displacement, displacement_to_probes, TRUE_TO_SCALE
+from saddlering_ros.rig import Displacement, TRUE_TO_SCALE
+from saddlering_ros.rig.geometry import displacement_to_probes
 from saddlering_ros.ring import static_response
 
 EPOCH = 1_700_000_000_000_000_000

@@ -15,14 +15,14 @@ from saddlering_ros.rig import (
     ContactParameters,
     default_rig,
     Displacement,
-    displacement_to_probes,
     FULL_SCALE_LOAD,
     ParameterSet,
-    Probes,
     Rig,
     TONNE,
     TRUE_TO_SCALE,
 )
+from saddlering_ros.rig.description import Probes
+from saddlering_ros.rig.geometry import displacement_to_probes
 from saddlering_ros.ring import simulate, static_response
 from saddlering_ros.virtual_rig import experiment
 from saddlering_ros.virtual_rig.integrator import Scatter

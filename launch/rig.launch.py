@@ -19,7 +19,8 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.substitutions import FindPackagePrefix, FindPackageShare
 
 from saddlering_ros.record.topics import TOPICS
-from saddlering_ros.rig import load_rig, rig_file_of_project
+from saddlering_ros.rig import load_rig
+from saddlering_ros.rig.description import rig_file_of_project
 from saddlering_ros.rig.geometry import frames_of, RING_FRAME
 from saddlering_ros.ros.launcher import PACKED, transport_environment
 from saddlering_ros.ros.names import ACTION, ALARM, NODES, REPLAY, RING, TIME

@@ -17,7 +17,8 @@ from saddlering_ros.record.batches import JITTER_NS
 from saddlering_ros.record.record import RawRecord, RawTopic, Record, TestMetadata
 from saddlering_ros.record.scratch import count_where, extremes, scratch_copy
 from saddlering_ros.record.topics import ELEVATION, PROBE_TOPICS, TOPICS
-from saddlering_ros.rig import OPPOSITE, Rig
+from saddlering_ros.rig import Rig
+from saddlering_ros.rig.description import OPPOSITE
 
 ELEVATION_TOLERANCE_DEG = 0.5
 """Difference [degrees] between inclinometer and stated elevation that is a contradiction."""

@@ -40,7 +40,7 @@ from saddlering_ros.files import exchange, rename_without_replacing, settle, tem
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.record import METADATA_RECORD, TestMetadata
 from saddlering_ros.record.topics import LOAD, PROBES, RigTopic, TOPICS
-from saddlering_ros.rig import Probes
+from saddlering_ros.rig.description import Probes
 
 CHUNK_SIZE = 1 << 20
 """Bytes of messages of a chunk before compression."""

@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the demo, write its folder, print a summary."""
     from saddlering_ros.files import share_directory, temporary_folder
     from saddlering_ros.quantities import percent
-    from saddlering_ros.rig import RIG_VARIABLE
+    from saddlering_ros.rig.description import RIG_VARIABLE
 
     os.environ.pop(RIG_VARIABLE, None)  # the demonstration is of the shipped rig
     fitted, held_out = planned(args.bags or share_directory() / 'bags')

@@ -81,7 +81,8 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
     """
     try:
         if getattr(args, 'rig', '') is None and os.environ.get('SADDLERING_RIG'):
-            from saddlering_ros.rig import load_rig, rig_file_of_project, short_digest
+            from saddlering_ros.rig import load_rig, short_digest
+            from saddlering_ros.rig.description import rig_file_of_project
 
             args.rig = rig_file_of_project()
             print(f'saddlering {args.command}: rig: {args.rig} (SADDLERING_RIG), hash '

@@ -15,7 +15,8 @@ from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry, wo
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.uncertainty import undetermined_words
 from saddlering_ros.quantities import lowered, percent, quantity, verdict_line
-from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS, stiffness_per_millimetre
+from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS
+from saddlering_ros.rig.units import stiffness_per_millimetre
 
 Shares = dict[str, float]
 

@@ -15,7 +15,8 @@ from saddlering_ros.record.batches import align, gap_mask, Samples
 from saddlering_ros.record.guard import limits_of, load_limits, SampleGuard
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES, RigTopic
-from saddlering_ros.rig import mirrored_gap, Rig
+from saddlering_ros.rig import Rig
+from saddlering_ros.rig.geometry import mirrored_gap
 
 Stamps = NDArray[np.int64]
 Floats = NDArray[np.float64]

@@ -19,8 +19,13 @@ from saddlering_ros.record.plateaus import find_holds
 from saddlering_ros.record.record import RawRecord, Record
 from saddlering_ros.record.scratch import complete_rows, count_where, extremes
 from saddlering_ros.record.topics import PROBE_TOPICS
-from saddlering_ros.rig import gap_increment, ParameterSet, Rig, short_digest, TRUE_TO_SCALE
-from saddlering_ros.rig.geometry import measured_displacement, MIN_SAMPLES, zero_of_record
+from saddlering_ros.rig import ParameterSet, Rig, short_digest, TRUE_TO_SCALE
+from saddlering_ros.rig.geometry import (
+    gap_increment,
+    measured_displacement,
+    MIN_SAMPLES,
+    zero_of_record,
+)
 
 Floats = NDArray[np.float64]
 

@@ -29,7 +29,9 @@ from saddlering_ros.record.quality import (
 from saddlering_ros.record.record import RawRecord, RawTopic, Record, TestMetadata
 from saddlering_ros.record.scratch import count_where, extremes, spread
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TOPICS
-from saddlering_ros.rig import load_rig, LoadLimits, mirrored_gap, Rig, TONNE
+from saddlering_ros.rig import load_rig, Rig, TONNE
+from saddlering_ros.rig.geometry import mirrored_gap
+from saddlering_ros.rig.units import LoadLimits
 
 LENGTH_UNITS = {
     'inches': 0.0254, 'feet': 0.3048, 'millimetres': 1e-3, 'mils': 25.4e-6, 'micrometres': 1e-6,

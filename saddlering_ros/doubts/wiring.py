@@ -19,7 +19,8 @@ from saddlering_ros.doubts.finding import Finding, Kind
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record import Record
 from saddlering_ros.record.scratch import blocks, complete_rows, spread
-from saddlering_ros.rig import FORCE_UNITS, gap_increment, resolve_load, Rig
+from saddlering_ros.rig import FORCE_UNITS, Rig
+from saddlering_ros.rig.geometry import gap_increment, resolve_load
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,8 @@ from typing import Any, ClassVar
 from saddlering_ros.effects.extension import OwnParameter, RingExtension, with_probe
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.quantities import compact
-from saddlering_ros.rig import Rig, size_factor
+from saddlering_ros.rig import Rig
+from saddlering_ros.rig.geometry import size_factor
 
 UNCLEAR = ''
 """The outcome of a test that does not separate an effect from the others."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from saddlering_ros.estimation.process import Array
 from saddlering_ros.record import PROBE_TOPICS, Record
-from saddlering_ros.rig import OPPOSITE
+from saddlering_ros.rig.description import OPPOSITE
 
 Stretches = list[tuple[int, int]]
 

@@ -7,7 +7,8 @@ from enum import Enum
 import numpy as np
 
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.rig import check_bounds, PARAMETER_NAMES, Rig, RigError
+from saddlering_ros.rig import PARAMETER_NAMES, Rig, RigError
+from saddlering_ros.rig.description import check_bounds
 
 METHODS = ('default', 'paper')
 

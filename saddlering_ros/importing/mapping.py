@@ -15,7 +15,7 @@ from saddlering_ros.plain_yaml import read_strict_yaml
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.record import DETAILS
 from saddlering_ros.record.topics import RANGE_TYPE, RigTopic, TOPICS
-from saddlering_ros.rig import OPPOSITE
+from saddlering_ros.rig.description import OPPOSITE
 
 CHANNELS: dict[str, RigTopic] = {name.rpartition('/')[2]: topic for name, topic in TOPICS.items()}
 """The rig's topics by the names that a map has for them."""

@@ -18,7 +18,8 @@ from saddlering_ros.record.batches import AlignedRows, Bits, Displacements, Floa
 from saddlering_ros.record.guard import GuardCounters, load_limits, probe_limits, SampleGuard
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import blocks
-from saddlering_ros.rig import geometry, Rig, ZeroReading, ZeroWindow
+from saddlering_ros.rig import geometry, Rig
+from saddlering_ros.rig.geometry import ZeroReading, ZeroWindow
 
 UNHEARD_AFTER = 0.15
 """Time [s] for which a node must have received nothing of a probe before the stamps of the others

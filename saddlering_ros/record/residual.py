@@ -14,8 +14,8 @@ from saddlering_ros.record.displacement import measured_rows, zero_of_run
 from saddlering_ros.record.guard import load_limits, SampleGuard
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import BLOCK, forget
-from saddlering_ros.rig import ParameterSet, probes_to_displacement, Rig, ZeroReading
-from saddlering_ros.rig.geometry import MIN_SAMPLES, STEADY_SHARE, WINDOW_SECONDS
+from saddlering_ros.rig import ParameterSet, probes_to_displacement, Rig
+from saddlering_ros.rig.geometry import MIN_SAMPLES, STEADY_SHARE, WINDOW_SECONDS, ZeroReading
 from saddlering_ros.ring import RingSimulator, SimulationError
 from saddlering_ros.ring.simulator import simulate_in_blocks
 

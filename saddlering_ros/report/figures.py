@@ -16,7 +16,8 @@ from saddlering_ros.identification.uncertainty import joint_outline
 from saddlering_ros.pages import charts
 from saddlering_ros.pages.charts import Chart, markers, Panel, Series, ShadedBand, Ticks
 from saddlering_ros.record import plateaus, Record
-from saddlering_ros.rig import CHANNELS, force_decimals, FORCE_UNITS, force_words, MICRO_UNITS
+from saddlering_ros.rig import CHANNELS, FORCE_UNITS, MICRO_UNITS
+from saddlering_ros.rig.units import force_decimals, force_words
 
 Array = NDArray[np.float64]
 

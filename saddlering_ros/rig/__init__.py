@@ -1,33 +1,7 @@
 """The description of a rig: geometry, loads, probes, contact parameters, and their files."""
 
-from saddlering_ros.rig.description import (
-    check_bounds,
-    default_rig,
-    load_rig,
-    OPPOSITE,
-    Probes,
-    Rig,
-    rig_file_of_project,
-    rig_from_parameters,
-    RIG_VARIABLE,
-    RollerRow,
-    short_digest,
-)
-from saddlering_ros.rig.geometry import (
-    CHANNELS,
-    Displacement,
-    displacement_to_probes,
-    gap_increment,
-    measured_displacement,
-    mirrored_gap,
-    probes_to_displacement,
-    resolve_load,
-    size_factor,
-    with_absent,
-    zero_of_record,
-    ZeroReading,
-    ZeroWindow,
-)
+from saddlering_ros.rig.description import default_rig, load_rig, Rig, RollerRow, short_digest
+from saddlering_ros.rig.geometry import CHANNELS, Displacement, probes_to_displacement
 from saddlering_ros.rig.instruments import Instruments
 from saddlering_ros.rig.parameter_file import (
     ContactParameters,
@@ -40,26 +14,12 @@ from saddlering_ros.rig.parameter_file import (
     TRUE_TO_SCALE,
     write_parameters,
 )
-from saddlering_ros.rig.units import (
-    force_decimals,
-    FORCE_UNITS,
-    force_words,
-    FULL_SCALE_LOAD,
-    line_contact_stiffness,
-    LoadLimits,
-    MICRO_UNITS,
-    stiffness_per_millimetre,
-    TONNE,
-)
+from saddlering_ros.rig.units import FORCE_UNITS, FULL_SCALE_LOAD, MICRO_UNITS, TONNE
 
 __all__ = [
-    'CHANNELS', 'FORCE_UNITS', 'FULL_SCALE_LOAD', 'MICRO_UNITS', 'OPPOSITE', 'PARAMETER_NAMES',
-    'PARAMETER_UNITS', 'RIG_VARIABLE', 'TONNE', 'TRUE_TO_SCALE', 'ContactParameters',
-    'Displacement', 'Instruments', 'LoadLimits', 'ParameterSet', 'ParameterSource', 'Probes',
-    'Rig', 'RigError', 'RollerRow', 'ZeroReading', 'ZeroWindow', 'check_bounds', 'default_rig',
-    'displacement_to_probes', 'force_decimals', 'force_words', 'gap_increment',
-    'line_contact_stiffness', 'load_rig', 'measured_displacement', 'mirrored_gap',
-    'probes_to_displacement', 'read_parameters', 'resolve_load', 'rig_file_of_project',
-    'rig_from_parameters', 'short_digest', 'size_factor', 'stiffness_per_millimetre',
-    'with_absent', 'write_parameters', 'zero_of_record',
+    'CHANNELS', 'FORCE_UNITS', 'FULL_SCALE_LOAD', 'MICRO_UNITS', 'PARAMETER_NAMES',
+    'PARAMETER_UNITS', 'TONNE', 'TRUE_TO_SCALE', 'ContactParameters', 'Displacement',
+    'Instruments', 'ParameterSet', 'ParameterSource', 'Rig', 'RigError', 'RollerRow',
+    'default_rig', 'load_rig', 'probes_to_displacement', 'read_parameters', 'short_digest',
+    'write_parameters',
 ]

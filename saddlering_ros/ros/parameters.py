@@ -17,7 +17,8 @@ import yaml
 
 from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError
 from saddlering_ros.plain_yaml import is_number, read_strict_yaml
-from saddlering_ros.rig import default_rig, load_rig, PARAMETER_NAMES, Rig, rig_from_parameters
+from saddlering_ros.rig import default_rig, load_rig, PARAMETER_NAMES, Rig
+from saddlering_ros.rig.description import rig_from_parameters
 from saddlering_ros.rig.drawing import dotted, ENTRIES, entry_values
 from saddlering_ros.rig.instruments import instruments_from
 from saddlering_ros.rig.parameter_file import SOURCE_KEYS, unfold

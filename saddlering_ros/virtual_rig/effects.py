@@ -12,7 +12,8 @@ import math
 from typing import Any
 
 from saddlering_ros.errors import did_you_mean, plain_number, VirtualRigError
-from saddlering_ros.rig import default_rig, Rig, size_factor
+from saddlering_ros.rig import default_rig, Rig
+from saddlering_ros.rig.geometry import size_factor
 
 Act = Callable[[Any, Mapping[str, float], str], None]
 

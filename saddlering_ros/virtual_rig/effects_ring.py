@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.rig import Rig, size_factor
+from saddlering_ros.rig import Rig
+from saddlering_ros.rig.geometry import size_factor
 from saddlering_ros.virtual_rig import integrator as at
 from saddlering_ros.virtual_rig.effects import effect, TrueSize
 from saddlering_ros.virtual_rig.integrator import hysteresis, LAWS, low_pass, Rollers, second_mode

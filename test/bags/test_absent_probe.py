@@ -14,14 +14,8 @@ from saddlering_ros.files import share_directory
 from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS, TestMetadata
 from saddlering_ros.record.batches import join, Samples
 from saddlering_ros.record.displacement import DisplacementStream, measured_rows, zero_of_run
-from saddlering_ros.rig import (
-    default_rig,
-    Displacement,
-    displacement_to_probes,
-    load_rig,
-    Rig,
-    RigError,
-)
+from saddlering_ros.rig import default_rig, Displacement, load_rig, Rig, RigError
+from saddlering_ros.rig.geometry import displacement_to_probes
 
 RIG = default_rig()
 

@@ -7,7 +7,8 @@ import pytest
 
 from saddlering_ros.bags import bag_info, read_run
 from saddlering_ros.record import displacement_of_run, LOAD_TOPIC, PROBE_TOPICS
-from saddlering_ros.rig import default_rig, Displacement, displacement_to_probes
+from saddlering_ros.rig import default_rig, Displacement
+from saddlering_ros.rig.geometry import displacement_to_probes
 
 RIG = default_rig()
 

@@ -16,7 +16,7 @@ from saddlering_ros.bags.write import BagWriter, McapWriter, messages_of, write_
 from saddlering_ros.errors import BagError
 from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, TestMetadata
 from saddlering_ros.record.topics import RIG_TOPICS, TOPICS
-from saddlering_ros.rig import Probes
+from saddlering_ros.rig.description import Probes
 
 FACTS = {'test': 'dynamic', 'elevation_deg': '50', 'rig': 'a rig', 'run': 'a run'}
 

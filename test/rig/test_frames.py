@@ -9,13 +9,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from saddlering_ros.record.topics import LOAD, PROBES
-from saddlering_ros.rig import default_rig, resolve_load
+from saddlering_ros.rig import default_rig
 from saddlering_ros.rig.geometry import (
     displaced_frame,
     Displacement,
     displacement_to_probes,
     Frame,
     frames_of,
+    resolve_load,
 )
 
 RIG = replace(default_rig(), probes=replace(

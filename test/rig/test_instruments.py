@@ -9,13 +9,8 @@ import pytest
 
 from saddlering_ros.diagnosis.rig_dimensions import certified_effects
 from saddlering_ros.identification.uncertainty import certified_errors
-from saddlering_ros.rig import (
-    default_rig,
-    Displacement,
-    displacement_to_probes,
-    Instruments,
-    RigError,
-)
+from saddlering_ros.rig import default_rig, Displacement, Instruments, RigError
+from saddlering_ros.rig.geometry import displacement_to_probes
 from saddlering_ros.rig.instruments import difference_of, instruments_from, NAMES, stated_by
 
 RIG = default_rig()

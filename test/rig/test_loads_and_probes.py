@@ -12,16 +12,13 @@ import pytest
 from saddlering_ros.rig import (
     default_rig,
     Displacement,
-    displacement_to_probes,
     FULL_SCALE_LOAD,
-    gap_increment,
-    line_contact_stiffness,
     probes_to_displacement,
-    resolve_load,
-    stiffness_per_millimetre,
     TONNE,
     TRUE_TO_SCALE,
 )
+from saddlering_ros.rig.geometry import displacement_to_probes, gap_increment, resolve_load
+from saddlering_ros.rig.units import line_contact_stiffness, stiffness_per_millimetre
 
 RIG = default_rig()
 RAISED = replace(RIG.probes, radial_height=0.12)

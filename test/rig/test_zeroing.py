@@ -7,12 +7,14 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from saddlering_ros.rig import default_rig, TONNE, zero_of_record, ZeroWindow
+from saddlering_ros.rig import default_rig, TONNE
 from saddlering_ros.rig.geometry import (
     MIN_SAMPLES,
     MIN_WINDOW_SECONDS,
     WINDOW_SECONDS,
     zero_of_blocks,
+    zero_of_record,
+    ZeroWindow,
 )
 
 RIG = default_rig()

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.rig import ContactParameters, resolve_load, Rig
+from saddlering_ros.rig import ContactParameters, Rig
+from saddlering_ros.rig.geometry import resolve_load
 
 Floats = NDArray[np.float64]
 UserForce = Callable[..., list[float]]

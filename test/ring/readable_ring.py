@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root
 
-from saddlering_ros.rig import ContactParameters, resolve_load, Rig, RollerRow
+from saddlering_ros.rig import ContactParameters, Rig, RollerRow
+from saddlering_ros.rig.geometry import resolve_load
 from saddlering_ros.ring.simulator import SimulationError
 
 Floats = NDArray[np.float64]
