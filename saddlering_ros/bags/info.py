@@ -13,7 +13,6 @@ from saddlering_ros.bags.reader import raw_topic
 from saddlering_ros.bags.scan import OnShare, Scan, scan
 from saddlering_ros.doubts import readings
 from saddlering_ros.doubts.on_rig import findings_on_rig
-from saddlering_ros.doubts.readings import absent_topic, mirrored_topic, run_of_record
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import finite_json
 from saddlering_ros.record.batches import gap_mask
@@ -90,7 +89,7 @@ def bag_info(
     problems = [] if scanned.damage is None else [str(scanned.fault)]
     notes: list[str] = []
     rig = rig or load_rig()
-    absent = absent_topic(rig)
+    absent = readings.absent_topic(rig)
     raw = {}
     for name in [name for name in RIG_TOPICS if name != absent]:
         try:
@@ -101,10 +100,10 @@ def bag_info(
     problems += _faults(str(scanned.path), raw, rig)
     run, count = None, None
     if not problems:
-        read = {**raw, absent: mirrored_topic(rig, raw)} if absent else raw
+        read = {**raw, absent: readings.mirrored_topic(rig, raw)} if absent else raw
         record = RawRecord(scanned.path, read, facts, scanned.notes)
         try:
-            run = run_of_record(record, facts, rig)
+            run = readings.run_of_record(record, facts, rig)
             notes = [*run.notes, *map(str, findings_on_rig(rig, run, record))]
             if run.test == 'static':
                 count = 0

@@ -25,7 +25,6 @@ from saddlering_ros.comparison.sessions import Array, QUANTITIES
 from saddlering_ros.diagnosis.records import PreparedRecord
 from saddlering_ros.diagnosis.rig_dimensions import DIMENSIONS
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.discrepancy import Point
 from saddlering_ros.progress import Watch
 from saddlering_ros.quantities import compact, MAX_LOG, shares_in_words
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
@@ -178,15 +177,15 @@ def series_of(
         replace(record.run, group=f'{name} {record.run.group}')
         for name, records in prepared.items() for record in records])
     law = np.array([start[name] for name in PARAMETER_NAMES])
-    moved = [Point(law * (1.0 + CONTACT_STEP * (np.array(PARAMETER_NAMES) == name)))
+    moved = [discrepancy.Point(law * (1.0 + CONTACT_STEP * (np.array(PARAMETER_NAMES) == name)))
              for name in PARAMETER_NAMES]
     kinds = [*system.persistent, *({name: {'change': dimension.usual}}
                                    for name, dimension in DIMENSIONS.items())]
-    dimensions = [Point(law, values) for values in kinds[len(system.persistent):]]
-    predicted = problem.predict([Point(law), *moved, *dimensions])
+    dimensions = [discrepancy.Point(law, values) for values in kinds[len(system.persistent):]]
+    predicted = problem.predict([discrepancy.Point(law), *moved, *dimensions])
     prediction, (contact, rigs) = predicted[:, 0], np.split(
         predicted[:, 1:] - predicted[:, :1], [len(moved)], axis=1)
-    nuisances = discrepancy.nuisance_columns(problem, Point(law), prediction)
+    nuisances = discrepancy.nuisance_columns(problem, discrepancy.Point(law), prediction)
     ranges = np.array([entry.high - entry.low for entry in system.base_parameters])
     shapes = np.hstack([
         nuisances[:, nuisances.shape[1] - len(system.persistent):], rigs,

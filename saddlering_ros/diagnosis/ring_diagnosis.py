@@ -10,7 +10,6 @@ from saddlering_ros.diagnosis.next_test import next_test, propose, repeated_laws
 from saddlering_ros.diagnosis.records import build_record, DiagnosisError, PreparedRecord
 from saddlering_ros.diagnosis.rig_dimensions import certificate_notes
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.diagnosis.verdict import RunFigures, Verdict
 from saddlering_ros.discrepancy import Diagnosis, probabilities_of, Settings
 from saddlering_ros.doubts.wiring import wiring_first
 from saddlering_ros.effects import catalogue, LawEffect
@@ -26,7 +25,7 @@ def diagnose_ring(
     runs: Sequence[Record], hold_out: Sequence[Record] = (), *, rig: Rig,
     parameters: ParameterSet | None = None, seed: int = 0, settings: Settings | None = None,
     on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
-) -> Verdict:
+) -> verdict.Verdict:
     """Diagnosis of the simulation of `rig` on runs, judged on `hold_out` if given.
 
     parameters: start of the fit of the contact law (None: its identification from the runs). No
@@ -78,7 +77,7 @@ def diagnose_ring(
         diagnosis = replace(diagnosis, verdict='unknown',
                             probabilities=probabilities_of('unknown', diagnosis.causes))
         sentence = f'Diagnose the bags of each rig separately: {", ".join(rigs)}.'
-    return Verdict(diagnosis, figures, tuple(notes), sentence, rig, seed, law)
+    return verdict.Verdict(diagnosis, figures, tuple(notes), sentence, rig, seed, law)
 
 
 def _without_causes(
@@ -122,7 +121,7 @@ def _notes(
               for note in record.test_run.notes)]
 
 
-def _may_be_rounding(figures: Sequence[RunFigures]) -> bool:
+def _may_be_rounding(figures: Sequence[verdict.RunFigures]) -> bool:
     """Whether a probe is so coarse that the residual, which is within noise, may be rounding."""
     return (any(quality.is_coarse for run in figures
                 for quality in run.record.test_run.quality.values())

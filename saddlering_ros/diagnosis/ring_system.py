@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis import rig_dimensions, ring_wording
 from saddlering_ros.diagnosis.records import LoadGrid
-from saddlering_ros.diagnosis.rig_dimensions import certified_effects, NeighbourhoodsByRig
 from saddlering_ros.discrepancy import Effect, Neighbourhood, Parameter, Point, RunBlocks
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
@@ -185,9 +184,9 @@ class RingSystem:
             return self._by_rig(groups)
         return RingNeighbourhood(self, groups)
 
-    def _by_rig(self, groups: Sequence[Sequence[Point]]) -> NeighbourhoodsByRig:
+    def _by_rig(self, groups: Sequence[Sequence[Point]]) -> rig_dimensions.NeighbourhoodsByRig:
         """The groups, with the points of each rig together."""
-        return NeighbourhoodsByRig(
+        return rig_dimensions.NeighbourhoodsByRig(
             self.rig, groups,
             lambda rig, own: replace(self, rig=rig, bounds_rig=self.rig).neighbourhood(own))
 
@@ -248,7 +247,7 @@ class RingSystem:
 
     def instrument_errors(self, run: RunBlocks, base: Array) -> list[Array]:
         """Changes (C, N) of a run by one standard uncertainty of each stated instrument."""
-        errors, span = certified_effects(self.rig), self.rig.instruments.axial_span
+        errors, span = rig_dimensions.certified_effects(self.rig), self.rig.instruments.axial_span
         if not errors and span is None:
             return []
         predicted = self.predict_many(run, [Point(base), *(Point(base, one) for one in errors)])

@@ -18,12 +18,10 @@ from saddlering_ros.diagnosis import ring_wording
 from saddlering_ros.diagnosis.proposed_law import proposal_document
 from saddlering_ros.diagnosis.records import LoadGrid, PreparedRecord
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
-from saddlering_ros.diagnosis.ring_wording import ShapeEntry, VerdictDocument
 from saddlering_ros.discrepancy import Diagnosis
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import Identification
 from saddlering_ros.identification.uncertainty import reason_wide
-from saddlering_ros.quantities import finite_json, is_left, MATERIAL, percent, quantity
 from saddlering_ros.rig import CHANNELS, ContactParameters, PARAMETER_NAMES, PARAMETER_UNITS, Rig
 from saddlering_ros.rig.geometry import measured_displacement, WINDOW_SECONDS, with_absent
 from saddlering_ros.rig.parameter_file import ParameterSet, ParameterSource
@@ -175,11 +173,11 @@ class Verdict:
             figures.record.test_run.origin for figures in self.runs
             if held_out or not figures.record.run.held_out))
 
-    def to_json(self) -> VerdictDocument:
+    def to_json(self) -> ring_wording.VerdictDocument:
         """The JSON of docs/diagnosis.md."""
         diagnosis, gain, law = self.diagnosis, self.diagnosis.gain, self.contact_law
         shapes_after = [_shape_entry(shape) for shape in diagnosis.residual_after.shapes]
-        document: VerdictDocument = finite_json({
+        document: ring_wording.VerdictDocument = quantities.finite_json({
             'verdict': diagnosis.verdict,
             'causes': _cause_entries(diagnosis),
             'runs': [
@@ -274,7 +272,7 @@ def limit_entry(limit: discrepancy.DetectionLimit) -> dict[str, Any]:
                     'material_limit': one.material_limit} for one in limit.configurations]}
 
 
-def _cause_entries(diagnosis: Diagnosis) -> list[discrepancy.CauseEntry | ShapeEntry]:
+def _cause_entries(diagnosis: Diagnosis) -> list[discrepancy.CauseEntry | ring_wording.ShapeEntry]:
     """The causes; with `unknown`, first the shapes that no cause explains."""
     if diagnosis.verdict == 'none':
         return []
@@ -285,13 +283,13 @@ def _cause_entries(diagnosis: Diagnosis) -> list[discrepancy.CauseEntry | ShapeE
         return [*causes]
     after, fast = diagnosis.residual_after, diagnosis.residual_after.fast
     shapes = [_shape_entry(one) for one in shapes_left(after)[:4]]
-    entries: list[discrepancy.CauseEntry | ShapeEntry] = [
+    entries: list[discrepancy.CauseEntry | ring_wording.ShapeEntry] = [
         {'shape': ring_wording.shape_words(entry), **entry} for entry in shapes]
-    if fast.visible >= MATERIAL:
-        frequency = quantity(fast.frequency, 'Hz', digits=2)
+    if fast.visible >= quantities.MATERIAL:
+        frequency = quantities.quantity(fast.frequency, 'Hz', digits=2)
         entries.append({
             'shape': f'{fast.view} oscillates at about {frequency} in {fast.run}, '
-                     f'{percent(fast.visible)} of range rms',
+                     f'{quantities.percent(fast.visible)} of range rms',
             'channel': fast.view, 'coordinate': 'time', 'p_value': fast.p_value,
             'share_of_range': fast.visible})
     for cause in causes:
@@ -305,10 +303,10 @@ def _evidence_entry(one: discrepancy.Evidence) -> dict[str, Any]:
 
 def shapes_left(after: discrepancy.Residual) -> list[discrepancy.ShapeTest]:
     """The shapes of a residual that are neither chance nor too small to matter."""
-    return [shape for shape in after.shapes if is_left(shape.p_value, shape.visible)]
+    return [shape for shape in after.shapes if quantities.is_left(shape.p_value, shape.visible)]
 
 
-def _shape_entry(shape: discrepancy.ShapeTest) -> ShapeEntry:
+def _shape_entry(shape: discrepancy.ShapeTest) -> ring_wording.ShapeEntry:
     return {
         'channel': shape.view, 'coordinate': shape.coordinate, 'p_value': shape.p_value,
         'share_of_range': shape.visible}

@@ -21,7 +21,6 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 from saddlering_ros.discrepancy.problem import metric as metrics
 from saddlering_ros.discrepancy.problem import system as systems
 from saddlering_ros.discrepancy.problem.fits import around, Fit
-from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import alternative_floor, open_distance
@@ -152,7 +151,7 @@ class _OpenModels:
             errors = nuisances[old.size:, seen] @ mean[fit.theta_unit.size:]
             made = replace(run, channels=(truth.prediction[old.size:] + errors).reshape(
                 run.channels.shape))
-            metric = Metric.of(old.with_runs([*old.runs, made]), noise, noise)
+            metric = metrics.Metric.of(old.with_runs([*old.runs, made]), noise, noise)
             fits = refit_full_jacobian(metric.marginalise(nuisances), begun, old.settings.rounds)
             # To first order, as the residual of an optimum is orthogonal to its sensitivities.
             chance = random.standard_normal((made.channels.size, DRAWS))
@@ -314,7 +313,7 @@ def _worst_last(answer: Separation) -> tuple[int, int]:
     return -answer.alone, -answer.kept
 
 
-def _whitener(metric: Metric, proposal: systems.Proposal) -> Whiten:
+def _whitener(metric: metrics.Metric, proposal: systems.Proposal) -> Whiten:
     """Columns (m, B) divided by the expected noise of the test."""
     run, alike, lowers = proposal.run, metric.alike(proposal.run), []
     for channel in range(run.channels.shape[0]):

@@ -12,7 +12,6 @@ from scipy.ndimage import uniform_filter1d
 from saddlering_ros.errors import BagError
 from saddlering_ros.estimation import noise, rest
 from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError
-from saddlering_ros.estimation.rest import RestSegment
 from saddlering_ros.estimation.statistics import filled
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.record import displacement_of_run, MeasuredRun, Plateaus, plateaus, Record
@@ -176,7 +175,7 @@ def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
         alike.setdefault(noise.sampling_class(one.interval), []).append(one)
     classes = {key: noise.RestSource.beside(
         [segment for one in members for segment in rest_segments(one)],
-        [RestSegment(one.parity[None, :], one.interval) for one in members],
+        [rest.RestSegment(one.parity[None, :], one.interval) for one in members],
         [one.parity[start:stop] for one in members for start, stop in one.rests])
         for key, members in alike.items()}
     try:
@@ -195,7 +194,7 @@ def noise_of(runs: Sequence[PreparedRun]) -> list[NoiseModel]:
     return [models[noise.sampling_class(one.interval)] for one in runs]
 
 
-def rest_segments(one: PreparedRun) -> list[RestSegment]:
+def rest_segments(one: PreparedRun) -> list[rest.RestSegment]:
     """Stretches at rest of a run minus the part that the load explains.
 
     Only slow movement of the load counts. The rest is noise of the cell, which does not belong
@@ -210,7 +209,7 @@ def rest_segments(one: PreparedRun) -> list[RestSegment]:
         good = np.all(np.isfinite(motion + explained), axis=0)
         if np.count_nonzero(good) >= MIN_REST:
             slow = uniform_filter1d(explained[:, good], width, axis=1, mode='nearest')
-            segments.append(RestSegment(motion[:, good] - slow, one.interval))
+            segments.append(rest.RestSegment(motion[:, good] - slow, one.interval))
     return segments
 
 

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from saddlering_ros.importing import source
 from saddlering_ros.importing.calibration import ImportingError
-from saddlering_ros.importing.source import Column, Source, Timing
 
 _LABVIEW = -2_082_844_800
 """1904-01-01, from which LabVIEW counts, in seconds since 1970."""
 
 
-class TdmsSource(Source):
+class TdmsSource(source.Source):
     """A TDMS file, read in slices; every scaling that it holds is applied by npTDMS.
 
     Its columns are channels, as group/channel; the name of the channel alone will do.
@@ -53,7 +52,7 @@ class TdmsSource(Source):
             return np.asarray((values.seconds + _LABVIEW) * 1_000_000_000 + fraction, np.int64)
         return np.asarray(values, object) if kind == source.TEXT else source.as_numbers(values)
 
-    def _column(self, name: str) -> Column:
+    def _column(self, name: str) -> source.Column:
         channel = self._channels[name]
         given, kinds = channel.properties, {'TimeStamp': source.MOMENT, 'String': source.TEXT}
         kind = kinds.get(getattr(channel.data_type, '__name__', ''), source.NUMBER)
@@ -65,10 +64,10 @@ class TdmsSource(Source):
         if start is not None and start.seconds > 86400:  # else LabVIEW's zero: no time was set
             fraction = (start.second_fractions * 1_000_000_000 + (1 << 63)) >> 64
             stamp = (start.seconds + _LABVIEW) * 1_000_000_000 + fraction
-        timing = None if period <= 0.0 else Timing(
+        timing = None if period <= 0.0 else source.Timing(
             stamp, float(given.get('wf_start_offset') or 0.0), period)
-        return Column(name, unit, len(channel), kind, tuple(map(str, first)), timing,
-                      (channel.name,))
+        return source.Column(name, unit, len(channel), kind, tuple(map(str, first)), timing,
+                             (channel.name,))
 
     @contextmanager
     def _log_as_warnings(self) -> Iterator[None]:

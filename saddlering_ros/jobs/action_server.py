@@ -25,7 +25,6 @@ from saddlering_ros.ros import names, parameters
 from saddlering_ros.ros.diagnostics import ERROR, Namesakes, OK, TaskStatus, to_message, WARN
 from saddlering_ros.ros.messages import parameters_to_message, to_time
 from saddlering_ros.ros.names import NodeError
-from saddlering_ros.ros.parameters import NodeParameter
 from saddlering_ros.ros.raw_topics import LATCHED, MANY_REQUESTS
 from saddlering_ros.ros.rig_state import RigAgreement
 from saddlering_ros.ros.streaming_node import run
@@ -71,14 +70,14 @@ class ActionNode(Node):
     ACTION: ClassVar[Any]
     NAME: ClassVar[str]
 
-    PARAMETERS: ClassVar[tuple[NodeParameter, ...]] = (
-        NodeParameter(
+    PARAMETERS: ClassVar[tuple[parameters.NodeParameter, ...]] = (
+        parameters.NodeParameter(
             'bag_root', '', 'folder below which every bag of a goal must lie (links are '
             'resolved first); none: the shipped bags'),
-        NodeParameter(
+        parameters.NodeParameter(
             'parameters_root', '', 'folder below which every parameter file of a goal must '
             'lie; none: bag_root'),
-        NodeParameter(
+        parameters.NodeParameter(
             'longest_goal', 86400.0, 'a goal that takes longer than this [s] is aborted', low=1.0,
             high=1e7),
         parameters.HARDWARE_ID,

@@ -23,7 +23,6 @@ from saddlering_ros.errors import LiveError
 from saddlering_ros.record.topics import TOPICS
 from saddlering_ros.rig import short_digest
 from saddlering_ros.ros import names, raw_topics
-from saddlering_ros.ros.raw_topics import RawSubscription
 from saddlering_ros.ros.streaming_node import StreamingNode
 
 NAME = 'saddlering_recorder'
@@ -68,7 +67,7 @@ class Recorder(StreamingNode):
                 raw=True)
 
     def connect(self) -> None:
-        self._flows = {topic: RawSubscription(self, name_of(topic), kind)
+        self._flows = {topic: raw_topics.RawSubscription(self, name_of(topic), kind)
                        for topic, kind in streams().items()}
         self.inputs = list(self._flows.values())
 

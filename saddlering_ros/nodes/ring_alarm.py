@@ -13,7 +13,6 @@ from saddlering_ros.errors import SaddleringError
 from saddlering_ros.monitoring import stream
 from saddlering_ros.monitoring.detector import DEFAULT_PERCENT
 from saddlering_ros.monitoring.monitor import MonitorSettings, state_words
-from saddlering_ros.monitoring.stream import AlarmStream, Sight
 from saddlering_ros.record import LOAD_TOPIC
 from saddlering_ros.record.batches import no_displacements, no_samples
 from saddlering_ros.record.topics import LOAD
@@ -23,7 +22,6 @@ from saddlering_ros.ros.messages import alarm_message, parameters_from_message
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import LATCHED, LATCHED_BY_SEVERAL, LIMIT_QOS, RawSubscription
 from saddlering_ros.ros.rig_state import RigAgreement
-from saddlering_ros.ros.streaming_node import StreamingNode
 
 HEARTBEAT = 0.1
 """ring/within_limits is repeated this often [s], so that its silence can be noticed."""
@@ -44,7 +42,7 @@ RECENT_NS = 10_000_000_000
 """A lapse that is over is a warning for so long [ns], by the stamps."""
 
 
-class RingAlarmNode(StreamingNode):
+class RingAlarmNode(streaming_node.StreamingNode):
     """Watches the residual; publishes a latched alarm, and a limit for an interlock."""
 
     PARAMETERS = (
@@ -66,7 +64,7 @@ class RingAlarmNode(StreamingNode):
         self._rig = declare_rig(self)
         self._agreement = RigAgreement(self, self._rig)
         self._offered: RingParameters | None = None
-        self._sight = Sight()
+        self._sight = stream.Sight()
         self._upstream: dict[str, tuple[RawSubscription, float]] = {}
         self._sought_at = 0.0
         self._lacks = stream.SEEN
@@ -99,7 +97,7 @@ class RingAlarmNode(StreamingNode):
     def _make(self) -> None:
         """Watch anew, with the settings and the parameters that count now."""
         self._made_with = block, hours, percent = self._given()
-        self._stream = AlarmStream(self._rig, MonitorSettings(block, hours), percent)
+        self._stream = stream.AlarmStream(self._rig, MonitorSettings(block, hours), percent)
         self._published = ()
         if self._offered is not None:
             self._use(self._offered)

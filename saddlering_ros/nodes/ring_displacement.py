@@ -24,7 +24,6 @@ from saddlering_ros.ros.names import DISPLACEMENT, NodeError, ZERO_REQUEST
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import message_class, RawPublisher, RawSubscription, ZERO_QOS
 from saddlering_ros.ros.rig_state import ElevationWatch, RigAgreement, zero_status
-from saddlering_ros.ros.streaming_node import StreamingNode
 
 FLUSH_AFTER = 0.2
 """Time [s] without data after which held samples are taken."""
@@ -36,7 +35,7 @@ FRAME_PERIOD = 0.02
 class DisplacedFrame:
     """Publishes the transform from the frame `parent` to that of the displaced ring on /tf."""
 
-    def __init__(self, node: StreamingNode, parent: str, name: str) -> None:
+    def __init__(self, node: streaming_node.StreamingNode, parent: str, name: str) -> None:
         try:
             self._kind = message_class('tf2_msgs/msg/TFMessage')
         except ImportError as problem:
@@ -62,7 +61,7 @@ class DisplacedFrame:
                 rotation=Quaternion(x=of_x, y=of_y, z=of_z, w=w)))]))
 
 
-class RingDisplacementNode(StreamingNode):
+class RingDisplacementNode(streaming_node.StreamingNode):
     """Aligns the probes on the load's stamps, zeroes them, publishes /ring/displacement."""
 
     PARAMETERS = (

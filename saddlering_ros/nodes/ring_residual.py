@@ -15,10 +15,9 @@ from saddlering_ros.ros.names import DIAGNOSTICS, DISPLACEMENT, names, RESIDUAL,
 from saddlering_ros.ros.parameters import declare_rig, NodeParameter
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 from saddlering_ros.ros.rig_state import Readiness, RigAgreement
-from saddlering_ros.ros.streaming_node import StreamingNode
 
 
-class RingResidualNode(StreamingNode):
+class RingResidualNode(streaming_node.StreamingNode):
     """Joins both displacements by stamp and publishes /ring/residual."""
 
     PARAMETERS = (

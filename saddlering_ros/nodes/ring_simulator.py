@@ -29,8 +29,6 @@ from saddlering_ros.ros.parameters import (
     TRUST_RIG,
 )
 from saddlering_ros.ros.raw_topics import LATCHED, PROMISED_QOS, RawPublisher, RawSubscription
-from saddlering_ros.ros.rig_state import ElevationWatch, RigAgreement
-from saddlering_ros.ros.streaming_node import StreamingNode
 
 ASSUMED_ELEVATION_DEG = 50.0  # of most shipped bags; a warning states it
 FUTURE_NS = 60_000_000_000
@@ -40,7 +38,7 @@ FLUSH_AFTER = 0.02
 """Time [s] without data after which held samples are simulated."""
 
 
-class RingSimulatorNode(StreamingNode):
+class RingSimulatorNode(streaming_node.StreamingNode):
     """One simulated state per load sample on /ring/simulated_displacement, same stamp."""
 
     PARAMETERS = (
@@ -63,8 +61,8 @@ class RingSimulatorNode(StreamingNode):
     def __init__(self) -> None:
         super().__init__('ring_simulator')
         self._rig = declare_rig(self)
-        self._agreement = RigAgreement(self, self._rig)
-        self._watch = ElevationWatch(self, self._on_elevation)
+        self._agreement = rig_state.RigAgreement(self, self._rig)
+        self._watch = rig_state.ElevationWatch(self, self._on_elevation)
         self._elevation = math.nan
         self._elevation_source = ''
         self._given = given_sections(self, ('contact', 'effects', 'source'))

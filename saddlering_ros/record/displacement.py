@@ -19,7 +19,6 @@ from saddlering_ros.record.guard import GuardCounters, load_limits, probe_limits
 from saddlering_ros.record.record import Record
 from saddlering_ros.record.scratch import blocks
 from saddlering_ros.rig import geometry, Rig
-from saddlering_ros.rig.geometry import ZeroReading, ZeroWindow
 
 UNHEARD_AFTER = 0.15
 """Time [s] for which a node must have received nothing of a probe before the stamps of the others
@@ -34,7 +33,7 @@ LONGEST_LOOK = 0.05
 class Zero:
     """What displacements count from."""
 
-    reading: ZeroReading
+    reading: geometry.ZeroReading
     stamp: int  # the first of its samples [ns]
     last_stamp: int  # the last of them [ns]
     closed: int  # [ns] closed its window: earlier rows are not published in a short silence
@@ -76,7 +75,7 @@ class MeasuredRun:
     load: Floats  # (N,) [N], the run's own
     d: Floats  # (4, N) [m]: increments of the probes since zero
     displacement: geometry.Displacement  # arrays (N,), NaN where not known
-    zero: ZeroReading  # its start and end count load samples
+    zero: geometry.ZeroReading  # its start and end count load samples
     complete: Mask  # (N,): all four probes have a reading and a zero
 
 
@@ -131,7 +130,7 @@ def measured_rows(rig: Rig, run: Record, zero: Zero, stretch: slice) -> Displace
 def measured_stretches(
     rig: Rig, run: Record, notes: list[str],
     on_progress: Callable[[float], None] = lambda share: None,
-) -> tuple[Iterator[Displacements], ZeroReading]:
+) -> tuple[Iterator[Displacements], geometry.ZeroReading]:
     """The same stretch by stretch, so that a long run is never in memory as a whole; its zero.
 
     A note on a zero that is not at the preload is appended to `notes`.
@@ -181,7 +180,7 @@ class DisplacementStream:
 
     def _begin(self, *, anywhere: bool) -> None:
         self.zero: Zero | None = None
-        self._window = ZeroWindow(self._rig, anywhere=anywhere)
+        self._window = geometry.ZeroWindow(self._rig, anywhere=anywhere)
         self._waiting: deque[AlignedRows] = deque()
         self._offered = self._kept = 0
 

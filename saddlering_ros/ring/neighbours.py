@@ -19,7 +19,6 @@ from saddlering_ros.ring import model, sensitivity
 from saddlering_ros.ring.kernels import courses
 from saddlering_ros.ring.kernels.row_tangents import PLAIN_LAW
 from saddlering_ros.ring.model import Floats, Model
-from saddlering_ros.ring.sensitivity import MotionPath
 from saddlering_ros.ring.simulator import check_simulation, in_parallel, of_probes_clock
 
 Places = NDArray[np.intp]
@@ -103,7 +102,7 @@ class Neighbourhoods:
         def run(indices: list[int]) -> None:
             groups = [self._groups[index] for index in indices]
             grows = any(one.law[:, PLAIN_LAW:].any() for one in groups)
-            path: MotionPath | None = None
+            path: sensitivity.MotionPath | None = None
             for index, one in zip(indices, groups, strict=True):
                 models = model.at_elevation(one.models, elevation)
                 if path is None:
@@ -157,7 +156,7 @@ class _Neighbourhood:
         self._plain, self._added = (np.flatnonzero(chosen) for chosen in (
             plain[1:] & plain[0], ~(plain[1:] & plain[0])))
 
-    def responses(self, models: Model, path: MotionPath, record: _Record) -> Responses:
+    def responses(self, models: Model, path: sensitivity.MotionPath, record: _Record) -> Responses:
         """Readings of the candidate, whose path is known, and of its neighbours."""
         usual = of_probes_clock(path.readings.T, self._extensions[0], record.time)
         centre = record.means(np.ascontiguousarray(usual.T)[None])[0]
@@ -179,7 +178,7 @@ class _Neighbourhood:
             answers[self._added] = record.means(read)
         return Responses(centre, answers)
 
-    def _changes(self, models: Model, path: MotionPath, record: _Record) -> Floats:
+    def _changes(self, models: Model, path: sensitivity.MotionPath, record: _Record) -> Floats:
         """Changes (M, 3, S) of the motion by every direction."""
         centre, directions = models[:1], self._first.size
         if not directions:

@@ -31,7 +31,6 @@ from saddlering_ros.ros.diagnostics import FunctionTask, OK, Task, TaskStatus
 from saddlering_ros.ros.messages import progress_of
 from saddlering_ros.ros.names import DIAGNOSTICS, NodeError, PROGRESS
 from saddlering_ros.ros.parameters import NodeParameter
-from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
 
 HEARTBEAT = 0.2
 """An idle node repeats its progress, and looks at its publishers, this often [s]."""
@@ -75,8 +74,8 @@ class StreamingNode(LifecycleNode):
             self, (AUTOSTART, parameters.HARDWARE_ID, *self.PARAMETERS))
         self.tasks: list[Task] = []
         self.problem: SaddleringError | None = None
-        self.inputs: list[RawSubscription] = []
-        self.outputs: list[RawPublisher] = []
+        self.inputs: list[raw_topics.RawSubscription] = []
+        self.outputs: list[raw_topics.RawPublisher] = []
         self.active = self.done = self._is_starting = False
         self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         self._progress = self.create_publisher(ReplayProgress, PROGRESS, raw_topics.PROGRESS_QOS)
@@ -109,7 +108,7 @@ class StreamingNode(LifecycleNode):
         """For nodes that replay a bag: the time [ns] up to which everything is published."""
         return 0
 
-    def lockstep_inputs(self) -> list[RawSubscription]:
+    def lockstep_inputs(self) -> list[raw_topics.RawSubscription]:
         """The subscriptions a replay in lockstep waits for."""
         return self.inputs
 
@@ -220,7 +219,7 @@ class StreamingNode(LifecycleNode):
 
     # --- the loop ---
 
-    def awaited(self) -> list[RawSubscription]:
+    def awaited(self) -> list[raw_topics.RawSubscription]:
         """Those of them without whose next message a batch would give no result."""
         return self.inputs
 

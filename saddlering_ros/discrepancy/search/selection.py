@@ -25,7 +25,6 @@ import numpy as np
 from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem import metric as metrics
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits
-from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.problem import Problem
 from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search import evidence, ranking
@@ -124,7 +123,7 @@ def _search(begun: ModelSpace) -> Search:
     return Search(begun, space, fit, alternatives, log)
 
 
-def in_metric(space: ModelSpace, metric: Metric, fit: Fit) -> tuple[ModelSpace, Fit]:
+def in_metric(space: ModelSpace, metric: metrics.Metric, fit: Fit) -> tuple[ModelSpace, Fit]:
     """The space in another metric, with its base and a fit refitted there."""
     base, fit = refit_full_jacobian(metric, [space.base, fit], space.settings.max_rounds)
     sensitivities = fitting.tangent(metric, base)
@@ -458,7 +457,7 @@ def space_beside_error(
     return beside, fit
 
 
-def error_process(metric: Metric, fit: Fit) -> tuple[Array, int]:
+def error_process(metric: metrics.Metric, fit: Fit) -> tuple[Array, int]:
     """Columns (n, k) of one standard deviation each, and the degrees of freedom of their level.
 
     The runs of a channel share one spectrum. What noise alone would leave in a line is no model

@@ -15,7 +15,6 @@ from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.among import Among, MIN_MARGIN, MIN_TIMES
 from saddlering_ros.discrepancy.search.evidence import Comparison, crowded
 from saddlering_ros.discrepancy.search.selection import Search
-from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording, wrong_law
 from saddlering_ros.discrepancy.verdict.parts import uneven_rest, unsteady_sizes
 from saddlering_ros.discrepancy.verdict.published import MAINLY, Publication, sizes_at_bounds
@@ -87,7 +86,7 @@ def judge_alone(
     return [*sentences, *more], not doubts and not more
 
 
-def under_declared_error(space: ModelSpace, fit: Fit) -> str | None:
+def under_declared_error(space: spaces.ModelSpace, fit: Fit) -> str | None:
     """The first effect of a fit whose part is nowhere larger than the declared model error."""
     allowed = space.problem.allowed_sizes
     return next((
@@ -96,7 +95,7 @@ def under_declared_error(space: ModelSpace, fit: Fit) -> str | None:
                Comparison(space, space.without(fit, name), fit).added.items())), None)
 
 
-def left_by_ring(space: ModelSpace, fit: Fit, after: Residual, shares: Shares) -> list[str]:
+def left_by_ring(space: spaces.ModelSpace, fit: Fit, after: Residual, shares: Shares) -> list[str]:
     """A sentence if a ring's fit leaves more than an error of its laws along one coordinate.
 
     If it does not, also if it leaves more of a view that it moves.
@@ -115,14 +114,14 @@ def left_by_ring(space: ModelSpace, fit: Fit, after: Residual, shares: Shares) -
             ] if share < 1.0 - MAX_LEFT_OVER else []
 
 
-def wrong_inputs(space: ModelSpace, fit: Fit) -> list[str]:
+def wrong_inputs(space: spaces.ModelSpace, fit: Fit) -> list[str]:
     """A sentence on effects that are errors of the simulator's inputs, which resemble others."""
     inputs = {effect.id for effect in getattr(space.problem.system, 'inputs', ())}
     titles = [space.problem.titles[name] for name in fit.candidate.ids if name in inputs]
     return [wording.WRONG_INPUTS.format(wording.joined(titles))] if titles else []
 
 
-def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
+def shapes_at_bounds(space: spaces.ModelSpace, fit: Fit) -> list[str]:
     """A sentence for every shape of a cause that is stopped by its bound.
 
     A shape is stopped if the misfit beyond the bound would fall by more than noise and the form
@@ -154,7 +153,7 @@ def shapes_at_bounds(space: ModelSpace, fit: Fit) -> list[str]:
     return sentences
 
 
-def uncertain_law(space: ModelSpace, published: Publication) -> list[str]:
+def uncertain_law(space: spaces.ModelSpace, published: Publication) -> list[str]:
     """A sentence if the main cause may be absent, or another effect, by its 95 % intervals.
 
     A declared model error is all in these intervals, and has a limit of its own.
