@@ -1,7 +1,5 @@
 """YAML from any source as plain values: no text can run code, fill memory or take long."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 import os
 from pathlib import Path

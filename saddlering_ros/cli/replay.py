@@ -1,7 +1,5 @@
 """`saddlering replay`: a bag played to the live nodes, in real processes, without ros2cli."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 import contextlib

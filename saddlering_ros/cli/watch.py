@@ -1,7 +1,5 @@
 """`saddlering watch`: whether the ring behaved as its model during a recorded test."""
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What changed in one ring between two sessions: the verdict, its sizes, and the contact law."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

@@ -7,8 +7,6 @@ the metric of the model's own prediction (the update of a linear model with norm
 that is best by these forecasts is judged again by refits, because models are not quite linear.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product

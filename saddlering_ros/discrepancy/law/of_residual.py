@@ -1,7 +1,5 @@
 """The law that no effect of the catalogue has, from the residual that a fit leaves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial

@@ -16,8 +16,6 @@ proportions that differ from run to run, from channel to channel, or over state 
 family of such shapes is small, so that a small remainder is significant.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -5,8 +5,6 @@ model error, and with stretches drawn again. The refits need no simulation, beca
 residuals and sensitivities.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from saddlering_ros.discrepancy.problem.fits import Fit, stepped_misfit
