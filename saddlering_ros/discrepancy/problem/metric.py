@@ -95,11 +95,6 @@ class Metric:
             * float(np.mean(self.sensors[alike, channel].variances(run.width)))
             for channel, weight in enumerate(self.problem.system.views[view]) if weight)
 
-    @property
-    def free_count(self) -> float:
-        """Dimensions beside the nuisance parameters."""
-        return self.problem.size - self.shared.dimensions
-
 
 def noise_metric(problem: Problem, prediction: Array | None = None) -> Metric:
     """The metric of the noise alone, without nuisance parameters.

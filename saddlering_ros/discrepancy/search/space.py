@@ -74,7 +74,8 @@ class ModelSpace:
         self.shown = [*self.signatures, *self.inputs]
         self.usable = shown_by.testable(self.shown)
         self.tests = LackOfFitTests(self.metric, self.max_pairs)
-        self.log_size = float(np.log(self.metric.free_count))
+        # Of the dimensions beside the nuisance parameters.
+        self.log_size = float(np.log(self.problem.size - self.metric.shared.dimensions))
         self.fits: dict[fitting.Key, Fit] = {}
         self._begun: dict[tuple[fitting.Key, bytes], Fit] = {}  # Starts beside the base.
         self._results: dict[tuple[str, fitting.Key], tuple[Fit, Any]] = {}

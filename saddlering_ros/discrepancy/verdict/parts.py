@@ -120,8 +120,9 @@ def unsteady_sizes(space: ModelSpace, fit: Fit, causes: Sequence[Cause]) -> list
             freedom = max(parts.sizes.size - 1, 1)
             ratio = float(apart @ weights @ apart) / freedom
             if fisher_chance(ratio, freedom, space.pairs) < space.settings.error_rate:
-                sentences.append(wording.unsteady_size_words(
-                    titles[effect.id], kind, float(parts.sizes.min()), float(parts.sizes.max())))
+                sentences.append(wording.UNSTEADY_SIZE.format(
+                    titles[effect.id], kind, percent(parts.sizes.min()),
+                    percent(parts.sizes.max())))
     return sentences
 
 

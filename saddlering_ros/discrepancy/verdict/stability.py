@@ -47,7 +47,8 @@ def stability_of(search: Search, taken: float | None) -> Stability:
     near = [wording.OTHER_WITHOUT_RUN.format(refit.change, titles[refit.first or ''])
             for refit in others if refit.change.startswith(WITHOUT)]
     if len(others) > (1.0 - MIN_STABLE) * len(refits):
-        near.append(wording.unstable_words(others, len(refits), titles))
+        near.append(wording.UNSTABLE.format(len(others), len(refits), '; '.join(
+            f'{refit.change}: {titles[refit.first or ""]}' for refit in others[:3])))
     if not fit.candidate.effects and not np.isfinite(search.covered):
         singles = [Comparison(space, space.base, single) for single in space.single_effect_fits()]
         share, name, visible = max(((

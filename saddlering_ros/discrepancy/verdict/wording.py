@@ -7,7 +7,7 @@ from saddlering_ros import quantities
 from saddlering_ros.discrepancy.problem.system import Estimate
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual
 from saddlering_ros.discrepancy.verdict import results
-from saddlering_ros.discrepancy.verdict.results import Diagnosis, HeldOutEvidence, Refit, Remainder
+from saddlering_ros.discrepancy.verdict.results import Diagnosis, HeldOutEvidence, Remainder
 from saddlering_ros.quantities import percent, quantity
 
 PARTIAL, OPEN = 'explains only a part of the misfit', 'is not established'
@@ -303,6 +303,8 @@ NO_OUTLIER = ('{} has {:.0f} times the effect of the small errors beside it, and
               'times is required')
 SUSPECT = ('if the remainder is model error, the best explanation is {}, which is not '
            'established: {}')
+UNSTEADY_SIZE = ('{}: if its size is fitted for each {}, it is {} to {} of the common size, more '
+                 'than its interval allows: the true cause has another law')
 UNSHARED = '{} of the refits have the same first cause, and at least {} is required'
 
 
@@ -324,12 +326,6 @@ def close_words(title: str, others: Sequence[str], how: str = 'nearly as well') 
 def worse_prediction_words(title: str, rise: float, how: str) -> str:
     return (f'{title}: not named, because the model with this cause predicts {PREDICTED[how]} '
             f'worse: the misfit there rises by {percent(rise)}')
-
-
-def unsteady_size_words(title: str, kind: str, least: float, most: float) -> str:
-    return (f'{title}: if its size is fitted for each {kind}, it is {percent(least)} to '
-            f'{percent(most)} of the common size, more than its interval allows: the true cause '
-            'has another law')
 
 
 def some_runs_words(
@@ -386,16 +382,11 @@ def oscillation_words(fast: FastResidual, time_unit: str) -> str:
 
 # Why a verdict is near its limit.
 
+UNSTABLE = '{} of {} refits have another first cause: {}'
 OTHER_WITHOUT_RUN = '{}, the first cause is {}: the verdict depends on that run'
 BARELY_REAL = '{} has {:.1f} times the evidence that a cause needs'
 BARELY_TAKEN = ('the causes explain {} of the power of the misfit beyond noise, and at least {} '
                 'is required')
-
-
-def unstable_words(
-    others: Sequence[Refit], count: int, titles: Mapping[str, str]) -> str:
-    return (f'{len(others)} of {count} refits have another first cause: ' + '; '.join(
-        f'{refit.change}: {titles[refit.first or ""]}' for refit in others[:3]))
 
 
 def almost_a_cause_words(title: str, share: float, visible: float) -> str:
