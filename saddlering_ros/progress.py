@@ -4,6 +4,8 @@ The API, the commands, the diagnosis of any simulator and the action jobs follow
 calls `on_progress` with a `Progress`, asks `is_cancelled` between steps, and raises `Cancelled`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
