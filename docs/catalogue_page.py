@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import sys
 
 from saddlering_ros.effects import catalogue
 from saddlering_ros.effects.base import EffectParameter, RIG_TESTS, RingEffect
@@ -12,9 +13,9 @@ from saddlering_ros.quantities import compact
 OPENING = """\
 # Catalogue of effects
 
-A reference of the causes that a diagnosis can name. Each effect is a class in
+A reference of the causes that a diagnosis can name. Each effect is one file of
 `saddlering_ros/effects/`; [Adding effects](../effects.md#effects-with-code) shows how to write
-one. `python docs/generate.py` writes this page from those classes.
+one. `python docs/generate.py` writes this page from those files.
 
 An effect in a parameter file extends the model in every simulation, live and offline:
 
@@ -64,7 +65,7 @@ def _overview(effects: list[RingEffect]) -> Iterator[str]:
 
 def _section(effect: RingEffect) -> str:
     lines = [f'### {effect.id}\n', f'**{effect.title}.** {effect.words}\n',
-             f'Added to the model: {_sentence(effect.formula)}.\n',
+             f'Added to the model: {_formula(effect)}\n',
              '| parameter | unit | from | to | typical | start | meaning |',
              '|---|---|---|---|---|---|---|']
     lines += [_parameter(parameter) for parameter in effect.parameters]
@@ -81,6 +82,11 @@ def _parameter(parameter: EffectParameter) -> str:
     numbers = ' | '.join(compact(value) for value in (
         parameter.low, parameter.high, parameter.scale, parameter.start))
     return f'| {parameter.name} | {parameter.unit} | {numbers} | {parameter.words} |'
+
+
+def _formula(effect: RingEffect) -> str:
+    first_line = (sys.modules[type(effect).__module__].__doc__ or '').splitlines()[0]
+    return first_line[:1].lower() + first_line[1:]
 
 
 def _sentence(text: str) -> str:

@@ -66,9 +66,9 @@ def build_parser() -> tuple[arguments.OneLineParser, dict[str, tuple[arguments.C
     subparsers = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     commands: dict[str, tuple[arguments.Command, Run]] = {}
     for module in subcommand_modules():
-        commands |= {command.name: (command, module.run) for command in module.COMMANDS}
-    for _, (command, _) in sorted(commands.items()):
-        command.add_to(subparsers)
+        for command in module.COMMANDS:
+            command.add_to(subparsers)
+            commands[command.name] = command, module.run
     parser.epilog = arguments.examples_text([
         commands[name][0].examples[0] for name in SHOWN if name in commands])
     return parser, commands

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-import re
 from typing import Any, ClassVar
 
 from saddlering_ros.effects.extension import OwnParameter, RingExtension, with_probe
@@ -142,18 +141,16 @@ class Choice:
 
 
 class RingEffect:
-    """One cause of a difference between measurement and simulation.
+    """One cause of a difference between measurement and simulation; one subclass, one file.
 
-    A subclass states the class attributes; a walk of the folder finds it. Its id is its name, as
-    'load_gain' for LoadGain. What it does is stated in words as `formula`, and by its parameters
-    (`adds_to`) or its own `extend`.
+    A subclass states the class attributes; a walk of the folder finds it. Its id is the name of
+    its file. What it does is stated by its parameters (`adds_to`), or by its own `extend`.
     starts: first guesses for effects that need several (searched places, times); a missing name
     takes the start of its parameter. The first variant is the default. channels: in which the
     cause shows, by default in every coordinate of the motion.
     """
 
     id: ClassVar[str]
-    formula: ClassVar[str]
     title: ClassVar[str]
     words: ClassVar[str]
     settled_by: ClassVar[str]
@@ -169,7 +166,7 @@ class RingEffect:
     form: ClassVar[float] = 0.0               # share of the size that its idealised law may err
 
     def __init_subclass__(cls) -> None:
-        cls.id = re.sub('(?<=[a-z])(?=[A-Z])', '_', cls.__name__).lower()
+        cls.id = cls.__module__.rpartition('.')[2]
 
     def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
         """The extension with this effect added; `values` holds every parameter and choice.

@@ -1,11 +1,10 @@
-"""An effect with a law of its own."""
+"""A spring in series with the rollers that hardens: gamma += c M |M|."""
 
 from saddlering_ros.effects.base import EffectParameter, RingEffect
 from saddlering_ros.effects.extension import OwnParameter, READING
 
 
 class TiltHardening(RingEffect):
-    formula = 'A spring in series with the rollers that hardens: gamma += c M |M|'
     title = 'Tilt compliance that hardens'
     words = 'Something in series with the rollers bends under the tilting moment, less and less.'
     settled_by = 'An inclinometer on the upper ring itself.'

@@ -50,14 +50,11 @@ def changed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def asked_of(changed: Path, program: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, '-c', program], cwd=changed, check=False, text=True,
-                          env={**os.environ, 'PYTHONPATH': str(changed)}, capture_output=True)
-
-
 def test_its_own_file_and_one_line_of_a_law_are_all_it_takes(changed: Path) -> None:
     # The law runs as plain Python: compiling all kernels would take half a minute.
-    done = asked_of(changed, PROGRAM)
+    environment = {**os.environ, 'PYTHONPATH': str(changed)}
+    done = subprocess.run([sys.executable, '-c', PROGRAM], env=environment, cwd=changed,
+                          capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     without, with_it, title = done.stdout.splitlines()
     assert float(without) == 0.0
@@ -67,11 +64,10 @@ def test_its_own_file_and_one_line_of_a_law_are_all_it_takes(changed: Path) -> N
 
 def test_a_name_declared_twice_is_refused_in_one_line(changed: Path) -> None:
     other = changed / 'saddlering_ros/effects/twin.py'
-    other.write_text(EFFECT.read_text(encoding='utf-8').replace('TiltHardening', 'Twin'),
-                     encoding='utf-8')
-    done = asked_of(changed, 'from saddlering_ros.effects import own_parameters; own_parameters()')
-    assert 'extension parameter tilt_hardening is declared twice' in done.stderr
     shutil.copy(EFFECT, other)
-    done = asked_of(changed, 'from saddlering_ros.effects import catalogue; catalogue()')
+    environment = {**os.environ, 'PYTHONPATH': str(changed)}
+    asked = 'from saddlering_ros.effects import own_parameters; own_parameters()'
+    done = subprocess.run([sys.executable, '-c', asked], env=environment, cwd=changed,
+                          capture_output=True, text=True, check=False)
     other.unlink()
-    assert 'effect tilt_hardening is declared twice' in done.stderr
+    assert 'extension parameter tilt_hardening is declared twice' in done.stderr

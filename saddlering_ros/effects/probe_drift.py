@@ -1,0 +1,43 @@
+"""Drift of one probe, or of two opposite ones: d_i += r t."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, Variant
+from saddlering_ros.effects.common_shapes import MOVES, probe_variants, ProbeEffect
+from saddlering_ros.effects.extension import RingExtension, with_probe
+
+RADIAL, AXIAL = 13.0, 24.0
+"""The choices of two probes, which are opposite: 1 and 3, or 2 and 4."""
+
+
+class ProbeDrift(ProbeEffect):
+    title = 'Probe drift'
+    words = ('The reading of one probe, or of two opposite ones, drifts with time, mostly with '
+             'temperature. The error follows time and not the load, continues at rest, and leaves '
+             'the loop open at zero.')
+    settled_by = 'A zero-load record as long as a test.'
+    outcomes = Outcomes(
+        second_rate='a misfit that grows with the time and not with the load',
+        repeat_cycle='a misfit that continues to grow during the holds at preload',
+        zero_load='readings that drift at constant preload',
+        swapped_probes=MOVES)
+    parameters = (
+        EffectParameter('rate', 'm/s', -5e-7, 5e-7, 2e-8, 0.0, 'drift per second', amplitude=True),
+        EffectParameter('both', 'm/s', -1e-6, 1e-6, 2e-8, 0.0,
+                        'sum of the drifts of two opposite probes per second; 0: the second one '
+                        'drifts as the first does, with the other sign', amplitude=True))
+    variants = (
+        *probe_variants(),
+        Variant('both radial probes', {'probe': RADIAL}, ('delta_x', 'parity'), ('both',)),
+        Variant('both axial probes', {'probe': AXIAL}, ('delta_y', 'gamma'), ('both',)))
+    choices = (Choice('probe', (1.0, 2.0, 3.0, 4.0, RADIAL, AXIAL),
+                      'radial: 1 rear, 3 front, 13 both; axial: 2 front, 4 rear, 24 both'),)
+
+    def extend(self, extension: RingExtension, values: Mapping[str, float]) -> RingExtension:
+        probe, rate = round(values['probe']), values['rate']
+        if probe not in (RADIAL, AXIAL):
+            return replace(extension, probe_drift=with_probe(extension.probe_drift, probe, rate))
+        first, second = divmod(probe, 10)
+        one = with_probe(extension.probe_drift, first, rate)
+        return replace(extension, probe_drift=with_probe(one, second, values['both'] - rate))
