@@ -13,7 +13,7 @@ import zstandard
 
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import sha256_of_file, sha256_of_files, temporary_folder
-from saddlering_ros.plain_yaml import MAX_BYTES, parse_yaml, YamlRefused
+from saddlering_ros.plain_yaml import parse_yaml, read_regular_text, YamlRefused
 from saddlering_ros.record import record
 from saddlering_ros.record.record import DETAILS, KEYS, TestMetadata
 
@@ -166,12 +166,7 @@ def _with_information(
 
 def read_metadata(path: Path) -> dict[str, Any]:
     """Statements of a metadata.yaml on its bag; BagError if there are none."""
-    try:
-        with path.open('rb') as file:
-            text = file.read(MAX_BYTES + 1).decode('utf-8')
-    except (OSError, UnicodeDecodeError) as problem:
-        raise BagError(f'{path}: cannot be read: copy the bag again') from problem
-    return parse_metadata(text, str(path))
+    return parse_metadata(read_regular_text(path, BagError), str(path))
 
 
 def parse_metadata(text: str, where: str) -> dict[str, Any]:

@@ -18,12 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError
+from saddlering_ros.plain_yaml import read_regular_text
 from saddlering_ros.record.batches import SECOND
 
 Floats = NDArray[np.float64]
-
-MAX_TABLE = 1 << 20
-"""Longest calibration table that is read [bytes]."""
 
 FORCE, LENGTH, PRESSURE, VOLTAGE, CURRENT, TIME, ANGLE, RAW = (
     'force', 'length', 'pressure', 'voltage', 'current', 'time', 'angle', 'raw')
@@ -130,14 +128,7 @@ def read_table(path: Path, reading_unit: Unit, value_unit: Unit | None) -> Table
     The first line gives their units, "V;mm" or "reading [V], gap [mm]"; `value_unit` of the map
     does it where there is no such line. Decimal comma with a semicolon or tab between columns.
     """
-    try:
-        if not path.is_file() or path.stat().st_size > MAX_TABLE:
-            raise ImportingError(f'{path}: is no calibration table (a regular file of at most '
-                                 '1 MB): check the path')
-        text = path.read_text(encoding='utf-8-sig')
-    except (OSError, UnicodeDecodeError) as problem:
-        raise ImportingError(f'{path}: cannot be read: check the path of the calibration '
-                             'table') from problem
+    text = read_regular_text(path, ImportingError).removeprefix('\ufeff')
     lines = [line for line in text.splitlines() if line.strip()]
     if not lines:
         raise ImportingError(f'{path}: is empty: give a calibration table')

@@ -237,7 +237,7 @@ def test_the_same_elevation_in_other_digits_is_no_disagreement(tmp_path, recordi
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('a: &x 1\nb: *x\n', 'holds an alias'), ('{]', 'is not YAML'),
-    ('#' * (1 << 20) + '\n', 'is longer than 1048576 characters')], ids=['alias', '{]', 'long'])
+    ('#' * (1 << 20) + '\n', 'is larger than 1 MB, the limit')], ids=['alias', '{]', 'long'])
 def test_metadata_that_cannot_be_read_are_refused_for_that(tmp_path, recording, text, words):
     bag = recording.write(tmp_path / 'bag')
     (bag / 'metadata.yaml').write_text(text)
