@@ -25,13 +25,9 @@ from saddlering_ros.discrepancy.search.selection import Search
 from saddlering_ros.discrepancy.search.signatures import observed
 from saddlering_ros.discrepancy.search.space import ModelSpace, prepare
 from saddlering_ros.discrepancy.verdict import established, results, wording
+from saddlering_ros.discrepancy.verdict import published as publishing
 from saddlering_ros.discrepancy.verdict.parts import cause_of_some_runs, hidden_causes, odd_run
-from saddlering_ros.discrepancy.verdict.published import (
-    GainMetric,
-    Publication,
-    publish,
-    publish_settled,
-)
+from saddlering_ros.discrepancy.verdict.published import Publication, publish, publish_settled
 from saddlering_ros.discrepancy.verdict.stability import HALF, Stability, stability_of
 from saddlering_ros.discrepancy.verdict.steady_lines import find_slow_lines, find_steady_lines
 from saddlering_ros.progress import one_blas_thread
@@ -388,7 +384,7 @@ def _unpredicted(space: ModelSpace, model: Fit) -> Iterator[Rest]:
         if not np.isfinite(problem.simulate(run, [model.point])[0]).all():
             continue
         joint = problem.with_runs([*problem.runs, replace(run, held_out=False)])
-        metric = GainMetric(joint, GainMetric.about(problem, model).unit)
+        metric = publishing.GainMetric(joint, publishing.GainMetric.about(problem, model).unit)
         [fit] = fitting.run_refits(metric, [
             fitting.refit(metric, model.candidate, model.theta_unit)])
         for view, scale in problem.view_ranges.items():

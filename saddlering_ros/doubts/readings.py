@@ -14,18 +14,13 @@ from numpy.typing import NDArray
 from saddlering_ros.doubts.finding import Finding, Kind
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import quantity
+from saddlering_ros.record import quality as logger_quality
 from saddlering_ros.record import scratch
 from saddlering_ros.record.aligner import aligned_record
 from saddlering_ros.record.batches import align, Bits, GAP_HISTORY, gap_mask, seconds_array
 from saddlering_ros.record.displacement import a_pair_reads
 from saddlering_ros.record.guard import limits_of, SampleGuard, sound_samples
-from saddlering_ros.record.quality import (
-    filter_lag,
-    median_of_known,
-    rate_share,
-    topic_quality,
-    TopicQuality,
-)
+from saddlering_ros.record.quality import filter_lag, rate_share, topic_quality, TopicQuality
 from saddlering_ros.record.record import RawRecord, RawTopic, Record, TestMetadata
 from saddlering_ros.record.scratch import count_where, extremes, spread
 from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TOPICS
@@ -240,8 +235,9 @@ def clock_findings(
     """Findings on load and probes together over a record of `seconds`."""
     findings = []
     if lag := filter_lag(load, probes):
+        of_probes = logger_quality.median_of_known([one.bandwidth for one in probes])
         slow, subject = ((load.bandwidth, 'the load seems') if lag > 0.0 else
-                         (median_of_known([one.bandwidth for one in probes]), 'the probes seem'))
+                         (of_probes, 'the probes seem'))
         findings.append(FILTERED.at(subject=subject, bandwidth=slow, lag=1e3 * abs(lag)))
     if share := rate_share(load, probes, seconds):
         findings.append(DRIFT.at(percent=100.0 * abs(share), drift=1e3 * abs(share) * seconds))

@@ -15,14 +15,10 @@ import numpy as np
 from scipy.optimize import nnls
 
 from saddlering_ros.estimation import process
+from saddlering_ros.estimation import statistics as block_statistics
 from saddlering_ros.estimation.process import Array, ChannelNoise, EstimationError, TIME_CONSTANTS
 from saddlering_ros.estimation.rest import RestSegment
-from saddlering_ros.estimation.statistics import (
-    allan_columns,
-    allan_variances,
-    block_means,
-    RowTotals,
-)
+from saddlering_ros.estimation.statistics import allan_columns, allan_variances, block_means
 from saddlering_ros.record.quality import common_step
 
 MODEL_ERROR = 0.02
@@ -140,9 +136,9 @@ class RestSource:
         """
         if not segments:
             return cls(segments)
-        records = RowTotals([one.values[0] for one in parities])
+        records = block_statistics.RowTotals([one.values[0] for one in parities])
         whole = np.array([records.pooled_variance(count)[0] for count in COMPARED_COUNTS])
-        at_rest = [RowTotals([one.values[row] for one in segments])
+        at_rest = [block_statistics.RowTotals([one.values[row] for one in segments])
                    for row in range(len(segments[0].values))]
         channels = np.array([
             [totals.pooled_variance(count)[0] for count in COMPARED_COUNTS] for totals in at_rest])
@@ -152,7 +148,7 @@ class RestSource:
         if np.any(ratios < 1.0 / MAX_RATIO) or np.any(ratios > MAX_RATIO):
             return cls(segments)
         # Whether the parities move by more than their noise at rest.
-        resting, last, walk, count = RowTotals(still), 0, np.inf, 1
+        resting, last, walk, count = block_statistics.RowTotals(still), 0, np.inf, 1
         while count <= max(int(records.sizes.max()) // 8, 1):
             moving, _ = records.pooled_variance(count)
             quiet, pairs = resting.pooled_variance(count)

@@ -19,15 +19,10 @@ from saddlering_ros.record.residual import SimulationStream
 from saddlering_ros.record.topics import LOAD
 from saddlering_ros.rig import parameter_file, ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.ros import diagnostics, messages, names, raw_topics, rig_state, streaming_node
+from saddlering_ros.ros import parameters as node_parameters
 from saddlering_ros.ros.diagnostics import ERROR, OK, TaskStatus, WARN
 from saddlering_ros.ros.names import NodeError, PARAMETERS_IN_FORCE
-from saddlering_ros.ros.parameters import (
-    declare_rig,
-    given_sections,
-    NodeParameter,
-    refuse_other_rig,
-    TRUST_RIG,
-)
+from saddlering_ros.ros.parameters import declare_rig, NodeParameter, refuse_other_rig
 from saddlering_ros.ros.raw_topics import LATCHED, PROMISED_QOS, RawPublisher, RawSubscription
 
 ASSUMED_ELEVATION_DEG = 50.0  # of most shipped bags; a warning states it
@@ -42,7 +37,7 @@ class RingSimulatorNode(streaming_node.StreamingNode):
     """One simulated state per load sample on /ring/simulated_displacement, same stamp."""
 
     PARAMETERS = (
-        streaming_node.INPUT_RELIABILITY, streaming_node.MAX_GAP, TRUST_RIG,
+        streaming_node.INPUT_RELIABILITY, streaming_node.MAX_GAP, node_parameters.TRUST_RIG,
         NodeParameter('parameters_file', '', 'file of contact parameters and effects, from '
                       '`saddlering identify --out` (or pass the file by --params-file); none: the '
                       'true-to-scale values'),
@@ -65,7 +60,7 @@ class RingSimulatorNode(streaming_node.StreamingNode):
         self._watch = rig_state.ElevationWatch(self, self._on_elevation)
         self._elevation = math.nan
         self._elevation_source = ''
-        self._given = given_sections(self, ('contact', 'effects', 'source'))
+        self._given = node_parameters.given_sections(self, ('contact', 'effects', 'source'))
         self._arrived = 0.0
         self._refused = ''
         self._parameters_stamp = 0

@@ -9,15 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from saddlering_ros.effects import extension as effect_extension
 from saddlering_ros.effects import own_parameters
-from saddlering_ros.effects.extension import (
-    Hysteron,
-    NO_EXTENSION,
-    READING,
-    RingExtension,
-    RowGeometry,
-    shared_parameters,
-)
+from saddlering_ros.effects.extension import Hysteron, NO_EXTENSION, RingExtension, RowGeometry
 from saddlering_ros.rig import PARAMETER_NAMES, Rig, RollerRow
 
 Floats = NDArray[np.float64]
@@ -126,7 +120,7 @@ RIG_FIELDS = (
 
 EXTENSION_FIELDS = [
     *((_field(one.name, getattr(NO_EXTENSION, one.name)), one.metadata['stage'],
-       one.metadata['acts_on']) for one in shared_parameters()),
+       one.metadata['acts_on']) for one in effect_extension.shared_parameters()),
     *(((one.name, 'f8'), one.stage, one.acts_on) for one in own_parameters())]
 """Fields of the model's record for extension parameters, with their stage and target."""
 
@@ -151,7 +145,8 @@ def columns(*names: str) -> list[int]:
 _ELEVATION, _COSINE, _SINE, _ELEVATION_ERROR = columns(
     'elevation', 'cosine', 'sine', 'elevation_error')
 _LAW = slice(len(RIG_FIELDS), len(RIG_FIELDS) + len(PARAMETER_NAMES))
-_shared_values = attrgetter(*(parameter.name for parameter in shared_parameters()))
+_shared_values = attrgetter(*(
+    parameter.name for parameter in effect_extension.shared_parameters()))
 
 
 def _numbers(extension: RingExtension) -> list[float]:
@@ -225,7 +220,7 @@ def _turned(numbers: Floats, elevation: float) -> Model:
 
 
 _MOVES = np.array([
-    acts_on != READING
+    acts_on != effect_extension.READING
     for entry, _, acts_on in EXTENSION_FIELDS
     for _ in range(np.dtype([entry]).itemsize // 8)])
 _NEUTRAL = np.array(_numbers(NO_EXTENSION), dtype=np.float64)

@@ -17,19 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from saddlering_ros.rig import ContactParameters, Rig
+from saddlering_ros.ring import model as ring_model
 from saddlering_ros.ring.kernels import courses, integration, tangents
 from saddlering_ros.ring.kernels.contact import LAW
 from saddlering_ros.ring.kernels.row_tangents import LAWS, PLAIN_LAW
-from saddlering_ros.ring.model import (
-    columns,
-    EXTENSION_FIELDS,
-    Floats,
-    floats,
-    Model,
-    model_of,
-    Rows,
-    rows_of,
-)
+from saddlering_ros.ring.model import Floats, Model, model_of, Rows, rows_of
 from saddlering_ros.ring.simulator import check_simulation, dynamic_batch
 
 
@@ -64,15 +56,15 @@ def static_sensitivities(rig: Rig, contact: ArrayLike, elevation: float,
     return np.ascontiguousarray(out.transpose(2, 1, 0))
 
 
-K, N, D = (columns(a, a, b) for a, b in (('K1', 'K2'), ('n1', 'n2'), ('D1', 'D2')))
+K, N, D = (ring_model.columns(a, a, b) for a, b in (('K1', 'K2'), ('n1', 'n2'), ('D1', 'D2')))
 """Indices of K, n and D of the upper, the lower and the radial row."""
 
-FACTORS = columns('upper_row_stiffness', 'lower_row_stiffness', 'radial_row_stiffness')
-GROWTH = columns('damping_penetration_share', 'damping_penetration_exponent',
-                  'damping_penetration_saturation')
-FRICTIONS = columns('radial_friction', 'axial_friction', 'tilt_friction')
-LOADS = columns('cosine', 'sine', *(entry[0] for entry, stage, _ in EXTENSION_FIELDS
-                                     if stage == 'load path'))
+FACTORS = ring_model.columns('upper_row_stiffness', 'lower_row_stiffness', 'radial_row_stiffness')
+GROWTH = ring_model.columns('damping_penetration_share', 'damping_penetration_exponent',
+                            'damping_penetration_saturation')
+FRICTIONS = ring_model.columns('radial_friction', 'axial_friction', 'tilt_friction')
+LOADS = ring_model.columns('cosine', 'sine', *(
+    entry[0] for entry, stage, _ in ring_model.EXTENSION_FIELDS if stage == 'load path'))
 
 
 @dataclass(frozen=True)
@@ -150,7 +142,7 @@ def laws_of(models: Floats) -> Floats:
 
 def unit_laws(model: Model) -> Floats:
     """Change (3, LAW, 6) of the rows' laws by one unit of each contact parameter."""
-    factors = floats(model)[0, FACTORS]
+    factors = ring_model.floats(model)[0, FACTORS]
     unit = np.zeros((3, LAW, 6))
     for row, first in ((0, 0), (1, 0), (2, 3)):
         unit[row, 0, first] = factors[row]
