@@ -10,8 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from saddlering_ros.effects import extension_of, laws_of
-from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension
+from saddlering_ros.effects import extension_of, laws_of, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law, LawHistory, LOAD_TARGET
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.rig import Displacement, ParameterSet, probes_to_displacement, Rig

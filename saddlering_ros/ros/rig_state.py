@@ -18,8 +18,7 @@ from saddlering_ros.doubts.on_rig import units_of_preload
 from saddlering_ros.record.batches import ANY_TIME
 from saddlering_ros.record.record import HIGHEST_ELEVATION, LOWEST_ELEVATION
 from saddlering_ros.record.topics import ELEVATION
-from saddlering_ros.rig import Rig
-from saddlering_ros.rig.description import short_digest
+from saddlering_ros.rig import Rig, short_digest
 from saddlering_ros.rig.geometry import NEAR_PRELOAD_SHARE, WINDOW_SECONDS, ZeroReading
 from saddlering_ros.ros.diagnostics import ACTIVE, ERROR, OK, STATE_TASK, TaskStatus, WARN
 from saddlering_ros.ros.messages import to_stamp
