@@ -8,11 +8,10 @@ from functools import cached_property, partial
 from itertools import compress
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros import effects as catalogue_of_effects
 from saddlering_ros.diagnosis import rig_dimensions, ring_wording
-from saddlering_ros.diagnosis.records import LoadGrid
+from saddlering_ros.diagnosis.records import Array, LoadGrid
 from saddlering_ros.discrepancy import Effect, Neighbourhood, Parameter, Point, RunBlocks
 from saddlering_ros.effects.extension import MOTION, NO_EXTENSION, RingExtension
 from saddlering_ros.effects.law import Law
@@ -21,8 +20,6 @@ from saddlering_ros.rig.geometry import size_factor
 from saddlering_ros.ring import roller_scatter
 from saddlering_ros.ring.neighbours import has_tangent, Neighbourhoods
 from saddlering_ros.ring.simulator import Additions, probe_batch
-
-Array = NDArray[np.float64]
 
 OTHER_SIGN = (0.15, 0.9, 2.7)
 """Sizes of the starts of the other sign, in usual sizes. They differ from all starts of this

@@ -11,12 +11,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros import discrepancy, quantities
 from saddlering_ros.diagnosis import ring_wording
 from saddlering_ros.diagnosis.proposed_law import proposal_document
-from saddlering_ros.diagnosis.records import LoadGrid, PreparedRecord
+from saddlering_ros.diagnosis.records import Array, LoadGrid, PreparedRecord
 from saddlering_ros.diagnosis.rig_dimensions import title_of_dimension
 from saddlering_ros.discrepancy import Diagnosis
 from saddlering_ros.files import Provenance
@@ -26,8 +25,6 @@ from saddlering_ros.rig import CHANNELS, ContactParameters, PARAMETER_NAMES, PAR
 from saddlering_ros.rig.geometry import measured_displacement, WINDOW_SECONDS, with_absent
 from saddlering_ros.rig.parameter_file import ParameterSet, ParameterSource
 from saddlering_ros.ring.roller_scatter import sound_deviation
-
-Array = NDArray[np.float64]
 
 MIN_COSINE = 0.3
 """Cosine below which two signatures are left out of the verdict's JSON."""

@@ -5,21 +5,17 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.doubts.finding import FAULT, Finding
 from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
-from saddlering_ros.doubts.wiring import MIN_LOAD_SPAN, wiring_findings
+from saddlering_ros.doubts.wiring import Floats, MIN_LOAD_SPAN, wiring_findings
 from saddlering_ros.errors import BagError
-from saddlering_ros.record.batches import align, gap_mask, Samples
+from saddlering_ros.record.batches import align, gap_mask, Samples, Stamps
 from saddlering_ros.record.guard import limits_of, load_limits, SampleGuard
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.record.topics import LOAD, LOAD_TOPIC, PROBE_TOPICS, PROBES, RigTopic
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.geometry import mirrored_gap
-
-Stamps = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 MIN_SAMPLES = 20
 """Fewer samples of a topic cannot be judged."""

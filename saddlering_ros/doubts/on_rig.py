@@ -8,12 +8,11 @@ stands.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.doubts.comparison import rig_in_words
 from saddlering_ros.doubts.finding import Finding, Kind
 from saddlering_ros.doubts.readings import LENGTH_UNITS
-from saddlering_ros.doubts.wiring import exchange_findings, wiring_findings
+from saddlering_ros.doubts.wiring import exchange_findings, Floats, wiring_findings
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record.plateaus import find_holds
 from saddlering_ros.record.record import RawRecord, Record
@@ -26,8 +25,6 @@ from saddlering_ros.rig.geometry import (
     MIN_SAMPLES,
     zero_of_record,
 )
-
-Floats = NDArray[np.float64]
 
 FORCE_UNITS = {
     'kgf': 9.80665, 'daN': 10.0, 'lbf': 4.4482216, 'kips': 4448.2216, 'kN': 1e3, 't': 9806.65}

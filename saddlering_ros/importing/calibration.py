@@ -19,9 +19,7 @@ from numpy.typing import NDArray
 
 from saddlering_ros.errors import did_you_mean, plain_number, SaddleringError
 from saddlering_ros.plain_yaml import read_regular_text
-from saddlering_ros.record.batches import SECOND
-
-Floats = NDArray[np.float64]
+from saddlering_ros.record.batches import Floats, SECOND, Stamps
 
 FORCE, LENGTH, PRESSURE, VOLTAGE, CURRENT, TIME, ANGLE, RAW = (
     'force', 'length', 'pressure', 'voltage', 'current', 'time', 'angle', 'raw')
@@ -171,8 +169,6 @@ def _unit_of_heading(text: str) -> Unit | None:
     bracket = re.search(r'[\[(]\s*([^\])]+?)\s*[\])]', text)
     return known_unit(bracket[1] if bracket else text.split()[-1] if text else '')
 
-
-Stamps = NDArray[np.int64]
 
 ISO = 'iso'
 """The format of times like 2026-11-20T08:00:00.123Z; a blank may stand for the T."""

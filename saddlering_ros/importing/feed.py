@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from saddlering_ros.bags.write import END_OF_STAMPS
 from saddlering_ros.importing import calibration
-from saddlering_ros.importing.calibration import CountedTime, Floats, ImportingError, Stamps
+from saddlering_ros.importing.calibration import CountedTime, ImportingError
 from saddlering_ros.importing.mapping import ChannelMap, ImportMap, Split
 from saddlering_ros.importing.source import Block, find_column, MOMENT, Source
-from saddlering_ros.record.batches import SECOND
+from saddlering_ros.record.batches import Floats, SECOND, Stamps
 
 MAX_LEFT_OUT = 0.01
 """Largest share of a file's rows that may be left out because their time does not rise."""

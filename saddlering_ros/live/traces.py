@@ -18,10 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.record.batches import SECOND
-
-Stamps = NDArray[np.int64]
-Floats = NDArray[np.float64]
+from saddlering_ros.record.batches import Floats, SECOND, Stamps
 
 FIRST_CELL = 10_000_000
 """Width of a cell at the start [ns]."""

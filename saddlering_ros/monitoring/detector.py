@@ -33,18 +33,15 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.noise import noise_alone
-from saddlering_ros.estimation.process import ChannelNoise
+from saddlering_ros.estimation.process import Array, ChannelNoise
 from saddlering_ros.estimation.rest import BLOCK_SECONDS, MIN_SAMPLES, Rest
 from saddlering_ros.quantities import MAX_LOG
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.rig import ContactParameters, Rig
 from saddlering_ros.ring.simulator import static_response
-
-Array = NDArray[np.float64]
 
 SIZES = np.geomspace(0.06, 4.0, 10)
 """Changes beyond materiality that are looked for, in standard deviations of one block."""

@@ -4,13 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saddlering_ros.virtual_rig.effects import effect, TrueSize
-from saddlering_ros.virtual_rig.effects_ring import Motion, X_AND_T
+from saddlering_ros.virtual_rig.effects_ring import Floats, Motion, X_AND_T
 from saddlering_ros.virtual_rig.integrator import low_pass
 
-Floats = NDArray[np.float64]
 ALL_CHANNELS = ('delta_x', 'delta_y', 'gamma', 'parity')
 ONE_PROBE = TrueSize('probe', '1', 1.0, 4.0, 1.0, choices=(1.0, 2.0, 3.0, 4.0))
 ANY_PROBE = TrueSize('probe', '1', 0.0, 4.0, 0.0, choices=(0.0, 1.0, 2.0, 3.0, 4.0))

@@ -18,10 +18,9 @@ from saddlering_ros.rig import ContactParameters, FULL_SCALE_LOAD, Rig, TONNE
 from saddlering_ros.virtual_rig import integrator as at
 from saddlering_ros.virtual_rig.effects import EffectRequest
 from saddlering_ros.virtual_rig.effects_probes import ProbeMotion, Recording
-from saddlering_ros.virtual_rig.effects_ring import FrictionElements, LoadPath, Motion
+from saddlering_ros.virtual_rig.effects_ring import Floats, FrictionElements, LoadPath, Motion
 from saddlering_ros.virtual_rig.integrator import low_pass, make_rollers, Scatter, slow_noise
 
-Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 CONTROLLER_LAG = {'static': 0.15, 'dynamic': 0.03}
