@@ -8,10 +8,8 @@ and 2, both byte orders).
 """
 
 from collections.abc import Mapping, Sequence
-import contextlib
 from dataclasses import dataclass
 import functools
-from itertools import repeat
 import struct
 from typing import Any, NamedTuple
 
@@ -56,7 +54,7 @@ _BYTE_ORDER_AND_ALIGNMENT = {0: ('>', 8), 1: ('<', 8), 6: ('>', 4), 7: ('<', 4)}
 """Byte order and alignment of a double, by representation identifier."""
 
 FEW = 8
-"""So few messages are read and written sooner one by one than as arrays."""
+"""So few messages are read sooner one by one than as arrays."""
 
 MAX_FRAME_IDS = 100
 """Largest number of different lengths of frame ids in a block; a topic of the rig has one."""
@@ -259,18 +257,7 @@ def encode(message_type: str, frame_id: str, stamps: ArrayLike,
 def encode_list(message_type: str, frame_id: str, stamps: ArrayLike,
                 fields: Mapping[str, ArrayLike]) -> list[bytes]:
     """`encode` with each message separate."""
-    times = np.asarray(stamps, dtype=np.int64)
-    if len(times) <= FEW:
-        text = frame_id.encode() + b'\0'
-        names = tuple(name for name, _ in LAYOUTS[message_type])
-        row = _row(message_type, _LITTLE_ENDIAN, len(text), names)
-        given = {**DEFAULTS.get(message_type, {}), **fields}
-        columns = [values.tolist() if isinstance(values, np.ndarray) and values.ndim
-                   else [values] * len(times) for values in map(given.get, names, repeat(0))]
-        with contextlib.suppress(OverflowError):  # a reading beyond its type becomes infinite
-            return [row.pack(b'\0\1', *divmod(stamp, SECOND), len(text), text, *values)
-                    for stamp, *values in zip(times.tolist(), *columns, strict=True)]
-    raw = encode(message_type, frame_id, times, fields)
+    raw = encode(message_type, frame_id, stamps, fields)
     size, data = raw.shape[1], raw.tobytes()
     return [data[start:start + size] for start in range(0, len(data), size)]
 
