@@ -303,6 +303,12 @@ NO_OUTLIER = ('{} has {:.0f} times the effect of the small errors beside it, and
               'times is required')
 SUSPECT = ('if the remainder is model error, the best explanation is {}, which is not '
            'established: {}')
+NARROW_LAW = ('{}: a law of another shape over {} predicts {} of the misfit that this law leaves '
+              'in other runs')
+UNLIKE_CHANNELS = ('{}: with a size for each channel it predicts {} of the misfit that it leaves '
+                   'in other runs: the law is another one')
+SHARED_DIRECTION = ('{}: {}, of another size or sign, has {} of the power of its change beyond the '
+                    'base, and an effect outside the catalogue could have as much')
 UNSTEADY_SIZE = ('{}: if its size is fitted for each {}, it is {} to {} of the common size, more '
                  'than its interval allows: the true cause has another law')
 UNSHARED = '{} of the refits have the same first cause, and at least {} is required'
@@ -344,21 +350,6 @@ def unpredicted_words(rest: Remainder, *, has_causes: bool) -> str:
     return (f'{fitted} do not predict held-out {rest.run}: '
             f'{percent(rest.share_of_range)} of range in {rest.channel} remains there: look for '
             'what changed between the runs, or fit it too')
-
-
-def narrow_law_words(title: str, coordinate: str, share: float) -> str:
-    return (f'{title}: a law of another shape over {coordinate} predicts {percent(share)} of the '
-            'misfit that this law leaves in other runs')
-
-
-def unlike_channels_words(title: str, share: float) -> str:
-    return (f'{title}: with a size for each channel it predicts {percent(share)} of the misfit '
-            'that it leaves in other runs: the law is another one')
-
-
-def shared_direction_words(title: str, other: str, share: float) -> str:
-    return (f'{title}: {other}, of another size or sign, has {percent(share)} of the power of its '
-            'change beyond the base, and an effect outside the catalogue could have as much')
 
 
 # Warnings beside a name.

@@ -21,6 +21,7 @@ from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
 from saddlering_ros.discrepancy.verdict.published import plain_fits
+from saddlering_ros.quantities import percent
 
 MAX_ALIKE = 0.9
 """Share of the power of what a cause changes beyond the base from which another listed effect
@@ -57,15 +58,15 @@ def shown_in_one_view(space: ModelSpace, fit: Fit, name: str) -> list[str]:
     if space.problem.assumptions.exact_laws:
         return []
 
-    def misfit(tangent: Array, prediction: Array) -> float:
-        white = space.metric.whiten(np.column_stack([
-            tangent, prediction - space.problem.measured]))
+    def misfit(slopes: Array, residual: Array) -> float:
+        white = np.column_stack([slopes, residual])
         return stepped_misfit(white.T @ white)
 
-    least = misfit(space.tangent_of(fit).plain, fit.prediction) + space.real_gain
+    least = misfit(space.tangent_of(fit).white, fit.whitened) + space.real_gain
+    whiten, measured = space.metric.whiten, space.problem.measured
     return [wording.ONE_VIEW.format(space.problem.titles[name], view)
-            for view, *confined in space.confined(fit, name, space.settings.materiality)
-            if misfit(*confined) < least]
+            for view, plain, prediction in space.confined(fit, name, space.settings.materiality)
+            if misfit(whiten(plain), whiten(prediction - measured)) < least]
 
 
 def shared_directions(search: Search) -> list[str]:
@@ -98,8 +99,8 @@ def shared_directions(search: Search) -> list[str]:
         share = float(shares.max())
         if share > MAX_ALIKE:
             other = tried[int(shares.argmax())][0]
-            sentences.append(wording.shared_direction_words(
-                problem.titles[effect.id], problem.titles[other.id], share))
+            sentences.append(wording.SHARED_DIRECTION.format(
+                problem.titles[effect.id], problem.titles[other.id], percent(share)))
     return sentences
 
 
@@ -154,7 +155,8 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> list[str]:
         bent = np.linalg.norm(splines @ freed.coefficients) / np.linalg.norm(splines @ law)
         share = freed.predicted / float(wanted @ wanted)
         if share > MIN_FREED and bent > MIN_BENT:
-            sentences.append(wording.narrow_law_words(problem.titles[name], along, share))
+            sentences.append(wording.NARROW_LAW.format(
+                problem.titles[name], along, percent(share)))
     return sentences
 
 
@@ -197,7 +199,8 @@ def unlike_channels(space: ModelSpace, fit: Fit) -> list[str]:
             fitted(unlike, every) - fitted(alike, every), change))
         bent = float(np.linalg.norm(freed) / max(float(np.linalg.norm(law)), 1e-300))
         if share > MIN_UNLIKE and bent > MIN_UNLIKE_BENT:
-            sentences.append(wording.unlike_channels_words(problem.titles[name], share))
+            sentences.append(wording.UNLIKE_CHANNELS.format(
+                problem.titles[name], percent(share)))
     return sentences
 
 
