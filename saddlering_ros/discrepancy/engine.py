@@ -268,14 +268,13 @@ def _among_small_errors(strict: Search) -> tuple[Answer | None, list[str]]:
     sources = [model.fit for model in among.likely]
     published = publish_settled(search, sources, before, after)
     main, small = established.main_among(among, published)
-    doubts = established.doubts_among(among, main, published)
+    doubts, group = established.doubts_among(among, main, published)
     left_out = {*small, *established.small_secondary_causes(published, main)}
 
     def only(fit: Fit, names: Collection[str]) -> Fit:
         """Some effects of a fit alone, of the size that they have beside the others."""
         return fitting.refit_base(space.metric, fit, names, space.settings.max_rounds)
 
-    group = {} if doubts else among.group_of(main)[0]
     if group:
         search = replace(search, alternatives={
             main: tuple(only(other.fit, {name}) for name, other in group.items())})

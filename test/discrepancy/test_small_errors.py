@@ -343,7 +343,7 @@ def test_a_cause_that_another_one_explains_better_is_told_so() -> None:
     among.space.titles_of = lambda fit: [*fit.candidate.ids]
     shares = results.Shares({'gamma': 0.9}, {}, 0.5, ('gamma', 0.9), ('gamma', 0.9), (0.3, 0.5))
     found: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[])
-    assert established.doubts_among(among, 'arm', found) == [
+    assert established.doubts_among(among, 'arm', found)[0] == [
         'beside small errors, radius without arm explain the misfit better']
 
 
@@ -356,10 +356,10 @@ def test_a_group_takes_as_much_as_a_right_cause(taken: float, is_refused: bool) 
     shares = results.Shares({'gamma': taken}, {}, 0.5, ('gamma', taken), ('gamma', taken),
                             (0.3, 0.5))
     published: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[])
-    assert bool(established.doubts_among(among, 'arm', published)) == is_refused
+    assert bool(established.doubts_among(among, 'arm', published)[0]) == is_refused
     alone = among_of(best, [model_of(0.0)])
     alone.space.problem = SimpleNamespace(titles={'arm': 'arm'})
-    assert not established.doubts_among(alone, 'arm', published)
+    assert not established.doubts_among(alone, 'arm', published)[0]
 
 
 def test_a_group_among_small_errors_is_ambiguous(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -411,7 +411,7 @@ def test_a_view_that_keeps_its_misfit_refuses_no_cause(worse: float, is_refused:
     shares = results.Shares({'delta_y': -worse, 'parity': 1.0}, {}, 0.5, ('parity', 1.0),
                             ('parity', 1.0), (0.3, 0.5))
     published: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[])
-    assert bool(established.doubts_among(among, 'oval', published)) == is_refused
+    assert bool(established.doubts_among(among, 'oval', published)[0]) == is_refused
 
 
 def test_no_main_cause_predicts_held_out_runs_worse() -> None:
@@ -424,7 +424,7 @@ def test_no_main_cause_predicts_held_out_runs_worse() -> None:
         gain = Gain(0.5, held_out, 'held out', (held_out - 0.3, held_out + 0.3))
         found: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[
             SimpleNamespace(effect='arm', gain=gain), SimpleNamespace(effect='other', gain=gain)])
-        return established.doubts_among(among, 'arm', found)
+        return established.doubts_among(among, 'arm', found)[0]
 
     assert not doubts(0.1)
     [sentence] = doubts(-0.1)

@@ -15,6 +15,7 @@ from saddlering_ros.discrepancy.search import space as spaces
 from saddlering_ros.discrepancy.search.among import Among, MIN_MARGIN, MIN_TIMES
 from saddlering_ros.discrepancy.search.evidence import Comparison, crowded
 from saddlering_ros.discrepancy.search.selection import Search
+from saddlering_ros.discrepancy.search.small_errors import Model
 from saddlering_ros.discrepancy.verdict import wording, wrong_law
 from saddlering_ros.discrepancy.verdict.parts import uneven_rest, unsteady_sizes
 from saddlering_ros.discrepancy.verdict.published import MAINLY, Publication, sizes_at_bounds
@@ -253,8 +254,13 @@ def small_secondary_causes(published: Publication, main: str) -> list[str]:
         cause.gain.is_surely_worse or uncertainties_of(cause, ''))]
 
 
-def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
-    """Reasons why the main effect of the best model among small errors is not established."""
+def doubts_among(
+    among: Among, name: str, published: Publication,
+) -> tuple[list[str], dict[str, Model]]:
+    """Reasons why the main effect of the best model among small errors is not established.
+
+    With them other causes that explain as well, each in its model; none of one in doubt.
+    """
     taken = published.member_shares.get(name, published.shares)
     title = among.space.problem.titles[name]
     assert taken is not None
@@ -279,7 +285,7 @@ def doubts_among(among: Among, name: str, published: Publication) -> list[str]:
         doubts.append(wording.ONE_VIEW.format(title, view))
     if taken.best < required:
         doubts.append(wording.weak_words(title, taken, required))
-    return doubts
+    return doubts, {} if doubts else group
 
 
 def _unlike_in_runs(shares: Shares) -> list[str]:

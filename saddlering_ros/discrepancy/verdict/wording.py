@@ -307,8 +307,8 @@ NARROW_LAW = ('{}: a law of another shape over {} predicts {} of the misfit that
               'in other runs')
 UNLIKE_CHANNELS = ('{}: with a size for each channel it predicts {} of the misfit that it leaves '
                    'in other runs: the law is another one')
-SHARED_DIRECTION = ('{}: {}, of another size or sign, has {} of the power of its change beyond the '
-                    'base, and an effect outside the catalogue could have as much')
+SHARED_DIRECTION = ('{}: {}, of another size or sign, has {} of the power of its change beyond '
+                    'the base, and an effect outside the catalogue could have as much')
 UNSTEADY_SIZE = ('{}: if its size is fitted for each {}, it is {} to {} of the common size, more '
                  'than its interval allows: the true cause has another law')
 UNSHARED = '{} of the refits have the same first cause, and at least {} is required'
