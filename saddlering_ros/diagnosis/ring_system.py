@@ -18,7 +18,7 @@ from saddlering_ros.effects.law import Law
 from saddlering_ros.rig import MICRO_UNITS, PARAMETER_NAMES, PARAMETER_UNITS, Rig, TRUE_TO_SCALE
 from saddlering_ros.rig.geometry import size_factor
 from saddlering_ros.ring import roller_scatter
-from saddlering_ros.ring.neighbours import has_tangent, Neighbourhoods
+from saddlering_ros.ring.sensitivity import has_tangent, Neighbourhoods
 from saddlering_ros.ring.simulator import Additions, probe_batch
 
 OTHER_SIGN = (0.15, 0.9, 2.7)

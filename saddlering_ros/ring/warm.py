@@ -10,9 +10,8 @@ import numpy as np
 
 from saddlering_ros.effects.extension import NO_EXTENSION
 from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
+from saddlering_ros.ring import sensitivity
 from saddlering_ros.ring.kernels.layout import kernel
-from saddlering_ros.ring.neighbours import Neighbourhoods
-from saddlering_ros.ring.sensitivity import FollowedMotion, load_sensitivity, static_sensitivities
 from saddlering_ros.ring.simulator import dynamic_batch, simulate, static_response
 
 
@@ -24,12 +23,12 @@ def warm() -> float:
     load = np.full(seconds.size, rig.preload)
     contact = TRUE_TO_SCALE.to_array()
     still = static_response(rig, contact, elevation, load[:2])
-    static_sensitivities(rig, contact, elevation, still)
+    sensitivity.static_sensitivities(rig, contact, elevation, still)
     dynamic_batch(rig, contact[None], elevation, seconds, load)
-    FollowedMotion(rig, contact, elevation, seconds, load).sensitivities()
+    sensitivity.FollowedMotion(rig, contact, elevation, seconds, load).sensitivities()
     plain, creeping = (contact, NO_EXTENSION), (contact, replace(NO_EXTENSION, creep_axial=0.1))
-    Neighbourhoods(rig, [(plain, [plain, creeping])]).along(elevation, seconds, load)
-    load_sensitivity(rig, TRUE_TO_SCALE, elevation, seconds, load, 6)
+    sensitivity.Neighbourhoods(rig, [(plain, [plain, creeping])]).along(elevation, seconds, load)
+    sensitivity.load_sensitivity(rig, TRUE_TO_SCALE, elevation, seconds, load, 6)
     simulate(rig, ParameterSet(TRUE_TO_SCALE), elevation, seconds, load)
     return time.perf_counter() - began
 

@@ -16,8 +16,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
 )
 from saddlering_ros.ring import probe_batch, static_batch
-from saddlering_ros.ring.neighbours import Neighbourhoods
-from saddlering_ros.ring.sensitivity import FollowedMotion, static_sensitivities
+from saddlering_ros.ring.sensitivity import FollowedMotion, Neighbourhoods, static_sensitivities
 
 RIG, ELEVATION = default_rig(), 0.9
 LAW = TRUE_TO_SCALE.to_array()
