@@ -32,6 +32,10 @@ MIN_MOVE = 1e-6
 FAILED_ROUNDS = 4
 """Number of steps uphill in a row after which a descent ends."""
 
+GROWTH = 6.0
+"""Factor of the damping after a step uphill, its square after a second one in a row, and so on: a
+jump of the misfit can lie at any share of a step."""
+
 MAX_ROUNDS = 60
 """Rounds of `minimise`."""
 
@@ -144,8 +148,8 @@ def descend(
             is_quiet = gain < max(rule.quiet_gain, rule.quiet_share * best)
             quiet, failed = (quiet + 1 if is_quiet else 0), 0
         else:
-            damping = min(damping * 12.0, 1e6)
             failed += 1
+            damping = min(damping * GROWTH**failed, 1e6)
         costs.append(best)
         converged = quiet >= rule.quiet_rounds or failed >= FAILED_ROUNDS
         if converged:

@@ -52,6 +52,18 @@ def test_a_bound_in_the_way_is_where_it_stops():
     assert found.at_bound.tolist() == [True, False]
 
 
+def test_a_jump_of_the_misfit_near_the_start_is_approached():
+    """As friction has one, where it holds a ring on the other side of a clearance."""
+    def jumping(point):
+        found = at(point)
+        return found if point[0] < 0.3 else LazyAnswer(found.residual + 1e4, found.slopes)
+
+    start = np.array([0.2, 0.7])
+    found = minimise(jumping, start, LOW, HIGH)
+    assert found.point[0] > 0.21
+    assert found.chi_square < float(np.sum(decay(start[None])**2))
+
+
 def test_slopes_are_asked_for_only_where_a_step_is_taken():
     asked, taken = [], []
     minimise(lambda point: (asked.append(1), at(point, taken))[1],
