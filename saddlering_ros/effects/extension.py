@@ -26,7 +26,8 @@ class Hysteron:
     limit: force [N] (or angle [rad], or moment [N m]) at full slip; presliding: travel [m] (or
     rad, or N) over which it builds up;
     sharpness: 0 exponential approach (Dahl, LuGre at low speed), 1 elastic-plastic (Jenkins),
-    linear mixture between; initial: z at the start of the record.
+    linear mixture between; initial: z at the start of the record. Radial friction cannot push the
+    ring: there it takes at most the radial load.
     """
 
     limit: float = 0.0

@@ -129,7 +129,8 @@ def tangents_along(model: Model, rows: Rows, law: Floats, external: Floats, fric
     """
     changes = np.empty((path.time.size, 3, law.shape[2]))
     if not tangents.motion_tangents(model, rows.flat, law, external, friction, geometry,
-                                    path.records, path.time, path.motion, changes):
+                                    path.records, path.time, path.load[0], path.motion,
+                                    changes):
         changes[:] = np.nan
     return changes
 

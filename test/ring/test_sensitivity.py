@@ -8,6 +8,7 @@ import readable_ring as reference
 
 from saddlering_ros.effects import catalogue, extension_of, NO_EXTENSION, RingEffect
 from saddlering_ros.effects.base import Variant
+from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.rig import (
     ContactParameters,
     default_rig,
@@ -73,6 +74,25 @@ def shown_variants(one: RingEffect) -> list[Variant]:
     if 'friction' in one.id:
         return list(one.variants)
     return list({item.label: item for item in (one.variants[0], one.variants[-1])}.values())
+
+
+def test_radial_friction_takes_its_load_at_rest_and_pushes_no_ring_through_its_clearance() -> None:
+    resting = RIG.preload * np.cos(ELEVATION)
+    sizes = {'force': 1.5 * resting, 'presliding': 2e-6, 'sharpness': 0.3, 'initial': 0.9}
+
+    def candidate(name: str, step: float) -> tuple[np.ndarray, RingExtension]:
+        return LAW, extension_of({'radial_friction': {**sizes, name: sizes[name] + step}})
+
+    far, near = probe_batch(RIG, [candidate('initial', 0.0), candidate('initial', -0.3)],
+                            ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)[:, 0]
+    assert np.abs(far - near).max() < 0.1 * RIG.radial_row.clearance
+    for name, step in (('force', 0.5), ('presliding', 1e-10), ('initial', 1e-4)):
+        pair = [candidate(name, by) for by in (step, -step)]
+        more, less = probe_batch(RIG, pair, ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)
+        found = Neighbourhoods(RIG, [(candidate(name, 0.0), pair)]).along(
+            ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)[0].neighbours
+        largest = np.abs(more - less).max()
+        assert found[0] - found[1] == pytest.approx(more - less, abs=5e-3 * largest + 1e-14), name
 
 
 @pytest.mark.parametrize('one', catalogue().values(), ids=list(catalogue()))

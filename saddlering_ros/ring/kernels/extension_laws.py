@@ -25,6 +25,24 @@ def hysteron(z_smooth: Any, z_sharp: Any, travel: Any, presliding: Any, sharpnes
             sharpness * sharp_slope + (1.0 - sharpness) * smooth_slope)
 
 
+HELD_SHARE = 0.99
+"""Largest share of the radial load that friction takes at rest. Friction cannot push the ring:
+with more, the ring would begin on the other side of its clearance."""
+
+
+@kernel(**INNER)
+def state_at_rest(element: Any, i: Any, w: Any) -> Any:
+    """State of friction i at rest under w[EXTERNAL]; radial friction takes no more than a share.
+
+    The cylinder loads a ring in one radial direction only. A tilt can be held after a load the
+    other way.
+    """
+    load = w[at.EXTERNAL + i]
+    if i == 0 and load > 0.0 and element.limit * element.initial > HELD_SHARE * load:
+        return HELD_SHARE * load / element.limit
+    return element.initial
+
+
 @kernel(**INNER)
 def friction_force(element: Any, s: Any, i: Any, travel: Any) -> Any:
     """Force [N or N m] of friction i after `travel` [m or rad], its slope, its mean slope."""

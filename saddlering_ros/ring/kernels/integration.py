@@ -48,8 +48,9 @@ def rest(m: Any, rows: Any, uniform: Any, s: Any, time: Any, load: Any, w: Any) 
     s[at.FRACTION] = 1.0
     true_load = load_at_rest(m, s, load, w)
     for i, element in enumerate((m.radial_friction, m.axial_friction, m.tilt_friction)):
-        s[at.FRICTION_Z + 2 * i] = s[at.FRICTION_Z + 2 * i + 1] = element.initial
-        w[at.EXTERNAL + i] -= element.limit * element.initial
+        state = laws.state_at_rest(element, i, w)
+        s[at.FRICTION_Z + 2 * i] = s[at.FRICTION_Z + 2 * i + 1] = state
+        w[at.EXTERNAL + i] -= element.limit * state
     found, s[at.Q], s[at.Q + 1], s[at.Q + 2] = equilibrium(
         m, rows, uniform, w, math.copysign(0.5 * m.radial_clearance + 1e-5, w[at.EXTERNAL]),
         math.copysign(0.5 * m.axial_clearance + 1e-5, w[at.EXTERNAL + 1]), 0.0)

@@ -16,7 +16,8 @@ import numpy as np
 from saddlering_ros.ring.kernels import layout as at
 from saddlering_ros.ring.kernels.contact import PARTS, ring_forces
 from saddlering_ros.ring.kernels.equilibrium import differences, solve3, system
-from saddlering_ros.ring.kernels.extension_laws import hysteron
+from saddlering_ros.ring.kernels.extension_laws import HELD_SHARE, hysteron, state_at_rest
+from saddlering_ros.ring.kernels.integration import load_at_rest
 from saddlering_ros.ring.kernels.layout import FAST, INNER, kernel, OUTER
 from saddlering_ros.ring.kernels.row_tangents import (
     forces_by_geometry,
@@ -90,7 +91,7 @@ def hysteron_tangent(element: Any, z: Any, travel: Any, step: Any, rubbed: Any, 
 
 @kernel(**OUTER)
 def motion_tangents(models: Any, rows: Any, law: Any, external: Any, friction: Any, geometry: Any,
-                    records: Any, time: Any, path: Any, out: Any) -> Any:
+                    records: Any, time: Any, zero_load: Any, path: Any, out: Any) -> Any:
     """Fill out (N, 3, P) with changes of a motion path (N, 3) from rest; False on failure.
 
     Each direction is a small change of law (3, LAW, P) by row, of external load (N, 3, P) or
@@ -106,9 +107,11 @@ def motion_tangents(models: Any, rows: Any, law: Any, external: Any, friction: A
     for j in range(geometry.shape[0]):
         for i in range(3):
             moves[j, i] = np.any(geometry[j, (3 * i + 1) * places:3 * (i + 1) * places])
+    w = np.zeros(at.WORK_SIZE)
+    load_at_rest(m, np.zeros(at.STATE_SIZE), zero_load, w)
     return follow_tangents(
         m, rows, law, external, friction, geometry, records, time, path, out, rubs,
-        np.zeros(at.WORK_SIZE), np.zeros((3, 6, directions)), np.zeros((3, directions, 2)),
+        w, np.zeros((3, 6, directions)), np.zeros((3, directions, 2)),
         np.zeros((3, 2)), np.zeros((3, 3)), np.zeros((3, directions)), moves,
         np.empty((2, places)))
 
@@ -120,12 +123,18 @@ def follow_tangents(m: Any, rows: Any, law: Any, external: Any, friction: Any, g
                     each: Any) -> Any:
     """`motion_tangents` with work arrays: dq and dv of three steps (3, 6, P), friction, motion.
 
-    motion (3, 3): q, v, slopes of friction; moves (G, 3), each (2, J): as in
-    `row_tangents.forces_by_geometry`.
+    w begins with the load at rest; motion (3, 3): q, v, slopes of friction; moves (G, 3), each
+    (2, J): as in `row_tangents.forces_by_geometry`.
     """
     frictions = (m.radial_friction, m.axial_friction, m.tilt_friction)
     for i, element in enumerate(frictions):
-        elements[i, 0] = elements[i, 1] = element.initial
+        elements[i, 0] = elements[i, 1] = state_at_rest(element, i, w)
+        for j in range(friction.shape[0]):
+            change = friction[j, i, 3]
+            if elements[i, 0] != element.initial:
+                load = external[0, i, j] if external.shape[0] else 0.0
+                change = (HELD_SHARE * load - friction[j, i, 0] * elements[i, 0]) / element.limit
+            rubbed[i, j, 0] = rubbed[i, j, 1] = change
     q, v, slopes = motion[0], motion[1], motion[2]
     h_old, soft = 0.0, 1e-9 * m.K1
     for n in range(time.size):
@@ -163,7 +172,7 @@ def follow_tangents(m: Any, rows: Any, law: Any, external: Any, friction: Any, g
             for j in range(by.shape[1]):
                 new[3 + i, j] = c0 * new[i, j] + past[i, j]
                 out[n, i, j] = new[i, j]
-        if rubs:
+        if rubs and n > 0:
             for i, element in enumerate(frictions):
                 keep_rubbing(element, friction[:, i], i, path, n, elements[i], rubbed[i], own, new)
     return True
@@ -179,7 +188,7 @@ def rub(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: A
     """
     if n == 0:
         for j in range(by.shape[1]):
-            by[i, j] -= changes[j, 0] * element.initial + changes[j, 3] * element.limit
+            by[i, j] -= changes[j, 0] * z[0] + rubbed[j, 0] * element.limit
         return 0.0
     travel = path[n, i] - path[n - 1, i]
     smooth, sharp, now, slope = hysteron(z[0], z[1], travel, element.presliding,
@@ -198,10 +207,6 @@ def rub(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: A
 def keep_rubbing(element: Any, changes: Any, i: Any, path: Any, n: Any, z: Any, rubbed: Any,
                  own: Any, new: Any) -> Any:
     """Advance the states of friction i and their changes over step n; arguments as in `rub`."""
-    if n == 0:
-        for j in range(own.shape[1]):
-            rubbed[j, 0] = rubbed[j, 1] = changes[j, 3]
-        return
     travel = path[n, i] - path[n - 1, i]
     step = hysteron_step(element, z, travel)
     for j in range(own.shape[1]):
