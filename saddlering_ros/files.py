@@ -35,8 +35,9 @@ def share_directory() -> Path:
         share = Path(prefix) / 'share' / 'saddlering_ros'
         if (share / 'package.xml').is_file():
             return share
-    raise SaddleringError(f'saddlering_ros: config and bags not found under {sys.prefix}/share; '
-                    'source the workspace (install/setup.bash), or install the package again')
+    raise SaddleringError(
+        f'saddlering_ros: config and bags not found under {sys.prefix}/share; '
+        'source the workspace (install/setup.bash), or install the package again')
 
 
 BAG_FILES = ('metadata.yaml', '*.mcap', '*.mcap.zstd')

@@ -362,7 +362,7 @@ class McapWriter:
                 head['length'] = MESSAGE_HEAD + block.messages.shape[1]
                 head['log_time'] = head['publish_time'] = block.log_times[mine]
                 whole = np.hstack([head.view(np.uint8).reshape(len(mine), -1),
-                                      block.messages[mine]])
+                                   block.messages[mine]])
                 kind = np.dtype(f'V{whole.shape[1]}')
                 anywhere = np.ndarray((len(data) - kind.itemsize + 1,), kind, data, strides=(1,))
                 anywhere[starts[places]] = whole.view(kind)[:, 0]

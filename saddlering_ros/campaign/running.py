@@ -123,7 +123,7 @@ def local_workers(jobs: int | None = None) -> Iterator[Workers]:
     count = jobs or len(os.sched_getaffinity(0))
     slots: list[Slot] = []
     executor = futures.ThreadPoolExecutor(count, thread_name_prefix='slot',
-                                  initializer=lambda: slots.append(_THREAD.slot))
+                                          initializer=lambda: slots.append(_THREAD.slot))
     try:
         yield Workers(executor, count, local=slots)
     finally:

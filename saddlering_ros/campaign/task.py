@@ -105,7 +105,7 @@ def tasks_of(
     for session in sessions:
         base = base_of(session, sessions)
         by_role = {FIT: session.of_role(FIT), HOLD_OUT: session.of_role(HOLD_OUT),
-                 BASE: [] if base is None else base.of_role(FIT)}
+                   BASE: [] if base is None else base.of_role(FIT)}
         bags = tuple(TaskBag(str(bag.path.resolve()), bag.sha256, role)
                      for role, some in by_role.items() for bag in some)
         # The inputs of the result: contents and roles, not places or limits.

@@ -93,7 +93,7 @@ class Story:
     def misfit(self) -> tuple[float, float]:
         """Live misfit over runs and channels before and after the diagnosis, a share of range."""
         channels = [run['channels'][name] for run in self.runs
-                 for name in ('delta_x', 'delta_y', 'gamma')]
+                    for name in ('delta_x', 'delta_y', 'gamma')]
         before, after = (math.sqrt(sum(channel[key]**2 for channel in channels) / len(channels))
                          for key in ('nrmse_before', 'nrmse_after'))
         return before, after
@@ -289,7 +289,7 @@ def write_all(story: Story, folder: Path, command: str) -> list[Path]:
             story.diagnosed.found, staging / 'report.html', command,
             (live_chapter(story),
              chapters.identified(story.identified.to_json(), 'Before the diagnosis. The missing '
-                                   'cause biases these contact parameters.')))
+                                 'cause biases these contact parameters.')))
         for name, data in pictures_of(page.read_text(encoding='utf-8')).items():
             (staging / f'{name}.png').write_bytes(data)
         (staging / 'numbers.json').write_text(

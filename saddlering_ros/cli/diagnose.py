@@ -36,8 +36,8 @@ def run(args: argparse.Namespace) -> int:
     fitted, held_out = (arguments.bags_of(args, bags, rig) for bags in (args.bags, args.hold_out))
     with Bar() as bar:
         result = diagnose(fitted, hold_out=held_out, rig=args.rig, parameters=args.params,
-                         seed=args.seed, trust_rig=args.trust_rig,
-                         on_progress=bar.tell)
+                          seed=args.seed, trust_rig=args.trust_rig,
+                          on_progress=bar.tell)
     folder = args.propose
     if folder is None and args.json not in (None, '-'):
         file = Path(args.json)

@@ -129,8 +129,8 @@ def _doubts(args: argparse.Namespace, result: ImportResult, rig: Rig) -> list[st
         gaps = max(span for name, span in spans.items() if name.startswith('eddy'))
         if spans['hydraulic_load'] >= rig.limits.identification_min and gaps < MIN_MOTION:
             doubts.append(f'no gap changes by more than {gaps * 1e6:.2g} µm under a load of '
-                         f'{rig.force_words(spans["hydraulic_load"])}: check unit and scale of '
-                         'the probes')
+                          f'{rig.force_words(spans["hydraulic_load"])}: check unit and scale of '
+                          'the probes')
         lines += [line if line.startswith(str(run.path)) else f'{run.path}: {line}'
                   for line in dict.fromkeys(doubts)]
     return lines

@@ -41,6 +41,6 @@ def run(args: argparse.Namespace) -> int:
     bags = arguments.bags_of(args, args.bags, load_rig(args.rig))
     with Bar() as bar:
         result = validate(bags, parameters=args.params, rig=args.rig,
-                         trust_rig=args.trust_rig, on_progress=bar.tell)
+                          trust_rig=args.trust_rig, on_progress=bar.tell)
     plots = getattr(args, 'plots', None)
     return finish(args, result, tuple if plots is None else lambda: result.save_plots(plots))

@@ -173,7 +173,7 @@ def find_column(sources: Sequence[Source], pattern: str, where: str) -> list[tup
         places += [(source, name) for name in names]
     if not places:
         headings = [name for source in sources for column in source.columns
-                 for name in (column.name, *column.others)]
+                    for name in (column.name, *column.others)]
         listed = ', '.join(dict.fromkeys(headings[:12]))
         raise ImportingError(f'{where}: no file has a column {pattern!r}'
                              f'{did_you_mean(pattern, headings)} (there are: {listed})')

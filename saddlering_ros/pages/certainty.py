@@ -81,7 +81,7 @@ def rows_down(
                          for end in ends)]
     lines = [fill(one, MAX_WORDS) for one in words]
     panel = charts.Panel(0, 0, label, '', tuple(series), x_ticks=x_ticks,
-                  y_ticks=charts.Ticks(tuple(map(float, range(len(lines)))), tuple(lines)),
-                  y_range=(len(lines) - 0.3, -0.7))
+                         y_ticks=charts.Ticks(tuple(map(float, range(len(lines)))), tuple(lines)),
+                         y_range=(len(lines) - 0.3, -0.7))
     count = sum(1 + one.count('\n') for one in lines)
     return charts.Chart((panel,), WIDTH, 0.9 + 0.27 * count)

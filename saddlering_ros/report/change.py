@@ -101,7 +101,7 @@ def series_chart(series: ChangeSeries) -> Chart:
             charts.strokes(places, low, high, 'two deviations'),
             charts.markers(places, series.sizes, 'o', charts.MEASURED,
                            'change since the base session')),
-            title=name_of(series.effect), x_ticks=ticks)), 9.4, 3.0, columns=2)
+              title=name_of(series.effect), x_ticks=ticks)), 9.4, 3.0, columns=2)
 
 
 def write_change_page(change: Change, path: Path, command: str = '') -> None:

@@ -18,7 +18,7 @@ from saddlering_ros.pages.charts import draw
 from saddlering_ros.pages.html import Cell, code, number, ReportError
 from saddlering_ros.quantities import allowed_misfit, percent, quantity
 from saddlering_ros.record import displacement_of_run, Record
-from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
+from saddlering_ros.record.batches import gap_mask
 from saddlering_ros.record.quality import white_noise
 from saddlering_ros.report import chapters, figures
 from saddlering_ros.report.figures import Array, RunCurves, SYMBOLS
@@ -113,9 +113,10 @@ def curves_of_validation(
 ) -> list[RunCurves]:
     """The curves of the validated runs, in order."""
     return [
-        figures.curves_of_run(run, result.measured, result.simulated, result.simulated,
-                      {name: channel.noise_floor for name, channel in result.channels.items()},
-                      held_out=validation.is_held_out(run.path), force_unit=force_unit)
+        figures.curves_of_run(
+            run, result.measured, result.simulated, result.simulated,
+            {name: channel.noise_floor for name, channel in result.channels.items()},
+            held_out=validation.is_held_out(run.path), force_unit=force_unit)
         for result, run in zip(validation.runs, runs, strict=True)]
 
 
@@ -237,8 +238,7 @@ def data_quality(runs: Sequence[Record], rig: Rig) -> str:
     for run in runs:
         measured = displacement_of_run(rig, run)
         steps = np.diff(run.stamps) / 1e9
-        period = float(np.median(steps))
-        long = steps[steps > max(GAP_PERIODS * period, GAP_FLOOR_NS / SECOND)]
+        period, long = float(np.median(steps)), steps[gap_mask(run.stamps)]
         incomplete, zero = int((~measured.complete).sum()), measured.zero
         low, high = float(run.load.min()), float(run.load.max())
         decimals = units.force_decimals(high, rig.force_unit)

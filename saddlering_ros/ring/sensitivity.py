@@ -42,7 +42,7 @@ class FollowedMotion:
         seconds, force = check_simulation(time, load, elevation, max_step)
         self._model, self._rows = model_of(rig, elevation, contact), rows_of(rig)
         self.path = simulate_path(self._model, self._rows, seconds, force, float(force[0]),
-                                   max_step)
+                                  max_step)
         if not np.isfinite(self.path.readings).all():
             self.path.motion[:] = np.nan
         self.motion = np.ascontiguousarray(self.path.motion[self.path.samples].T)

@@ -13,6 +13,7 @@ from rclpy.node import Node
 
 from saddlering_ros.doubts.driver import delay_of
 from saddlering_ros.quantities import quantity
+from saddlering_ros.record.batches import GAP_FLOOR_NS, GAP_PERIODS, SECOND
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 
@@ -21,9 +22,6 @@ STATE_TASK, ACTIVE = 'state', 'active'
 
 ENOUGH_INTERVALS = 8
 """So many intervals of one period have a median of their own."""
-
-GAP_PERIODS, SHORTEST_GAP = 5.0, 0.005
-"""A gap is longer than so many periods, and than so many seconds: what a busy machine delays."""
 
 PARITY_SIGMAS = 5.0
 """A mean parity beyond so many times its noise is no noise: once in two million periods."""
@@ -69,7 +67,7 @@ class Kept:
 class StreamTask(Kept):
     """Rate and gaps of one topic, by the stamps [ns] that are pushed; silence is STALE.
 
-    A gap is an interval over SHORTEST_GAP and over GAP_PERIODS times the median interval: of the
+    A gap is an interval over GAP_FLOOR_NS and over GAP_PERIODS times the median interval: of the
     period if it has enough, else of those before. A step back is a message late, or a jump.
     Stamps that are not set are left out. delay: from stamp to arrival in the last period [s].
     """
@@ -106,7 +104,8 @@ class StreamTask(Kept):
         if len(forward):
             middle = float(np.median(forward))
             are_enough = math.isnan(self._median) or len(forward) >= ENOUGH_INTERVALS
-            limit = max(GAP_PERIODS * (middle if are_enough else self._median), SHORTEST_GAP)
+            limit = max(GAP_FLOOR_NS / SECOND,
+                        GAP_PERIODS * (middle if are_enough else self._median))
             long = forward[forward > limit]
             self._median = middle if are_enough else 0.9 * self._median + 0.1 * middle
         late, longest = int((steps < 0.0).sum()), float(long.max(initial=0.0))

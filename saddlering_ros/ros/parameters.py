@@ -216,7 +216,7 @@ def refuse_undeclared(node: Node) -> None:
     overrides: dict[str, RosParameter] = node._parameter_overrides
     sections = {'contact': PARAMETER_NAMES, 'source': SOURCE_KEYS}
     declared = [*node._parameters,
-             *(f'{section}.{key}' for section, keys in sections.items() for key in keys)]
+                *(f'{section}.{key}' for section, keys in sections.items() for key in keys)]
     for name in sorted(overrides):
         if name in declared or name.startswith('effects.'):
             continue

@@ -127,7 +127,7 @@ def run(seed=0, start=0):
     gaps = 1e-3 + random.normal(0.0, 3e-7, (4, TIME.size))
     stamps = (1e9 * TIME).astype(np.int64) + start
     return Record('a', Path(f'bag_{seed}_{start}'), 'dynamic', math.radians(50.0), '', '',
-                   stamps, TIME, load, gaps)
+                  stamps, TIME, load, gaps)
 
 
 def test_the_same_recording_under_another_name_and_a_part_of_it_are_refused():

@@ -33,8 +33,8 @@ OTHER = replace(RIG, full_scale_load=98066.5)
 
 def run_of(name: str = '', rig_hash: str = '') -> Record:
     return Record('a', Path('a'), 'static', math.radians(50.0), name, '', np.arange(3),
-                   np.arange(3.0), np.arange(3.0), np.ones((4, 3)),
-                   details={'rig_hash': rig_hash} if rig_hash else {})
+                  np.arange(3.0), np.arange(3.0), np.ones((4, 3)),
+                  details={'rig_hash': rig_hash} if rig_hash else {})
 
 
 def test_a_bag_of_another_rig_is_refused_with_what_to_do() -> None:

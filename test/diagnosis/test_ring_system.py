@@ -146,7 +146,7 @@ def test_bags_of_different_rigs_get_no_confident_name(
     monkeypatch.setattr('saddlering_ros.discrepancy.diagnose',
                         lambda *_, **__: found.diagnosis)
     apart = diagnosis.diagnose_ring([first, replace(second, rig='another rig')], [held_out],
-                               rig=default_rig())
+                                    rig=default_rig())
     assert apart.diagnosis.causes
     assert apart.verdict == 'unknown'
     assert 'different rigs' in ' '.join(apart.notes)

@@ -23,7 +23,7 @@ def run(step, noise=1e-7):
     quality = {name: topic_quality(STAMPS, row)
                for name, row in zip(PROBE_TOPICS, gaps, strict=True)}
     return Record('a', Path('a'), 'dynamic', math.radians(50.0), '', '', STAMPS, TIME,
-                   np.zeros_like(TIME), gaps, quality=quality)
+                  np.zeros_like(TIME), gaps, quality=quality)
 
 
 def test_readings_that_do_not_move_hide_the_whole_error_and_dithered_ones_none():

@@ -36,7 +36,7 @@ def offline(record, rows=slice(None)) -> Displacements:
     return DisplacementStream(default_rig()).push(
         Samples(stamps, record.load[rows]),
         [Samples(record.probe_stamps[probe][rows],
-                         np.float64(np.float32(record.gaps[probe][rows]))) for probe in range(4)])
+                 np.float64(np.float32(record.gaps[probe][rows]))) for probe in range(4)])
 
 
 def test_best_effort_driver_late_join_zero_and_stamp_jump(

@@ -187,7 +187,7 @@ def pair(stamps, value: float, zero: int = 5, zero_load: float = 100.0) -> Displ
     stamps = np.asarray(stamps, np.int64)
     channels = np.full((4, len(stamps)), value) + stamps * 1e-12
     return Displacements(stamps, channels, np.full(len(stamps), zero, np.int64),
-                              np.full(len(stamps), zero_load))
+                         np.full(len(stamps), zero_load))
 
 
 def test_only_equal_stamps_are_subtracted_whatever_the_order_of_arrival() -> None:

@@ -65,7 +65,7 @@ def stability_of(search: Search, taken: float | None) -> Stability:
     falls = space.base.whitened**2 - fit.whitened**2
     influence = tuple(
         results.Influence(run.name, float(run.time[part[0]]), float(run.time[part[-1]]),
-                  float(fall[:, part].sum()))
+                          float(fall[:, part].sum()))
         for run, fall in zip(space.problem.runs, space.problem.by_run(falls), strict=True)
         for part in np.array_split(np.arange(run.time.size), STRETCHES) if part.size)
     return refits, tuple(near), influence
