@@ -228,8 +228,3 @@ class RingEffect:
                 raise EffectError(f'effects.{self.id}.{choice.name} is {complete[choice.name]:g}: '
                                   f'choose from {offered} ({choice.words})')
         return complete
-
-    def neutral_values(self, variant: Variant | None = None) -> dict[str, float]:
-        """Values without influence: amplitudes neutral, the other parameters at their start."""
-        values = {p.name: p.neutral if p.amplitude else p.start for p in self.parameters}
-        return {**values, **(variant or self.variants[0]).values}

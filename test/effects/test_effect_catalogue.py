@@ -51,8 +51,8 @@ EACH = pytest.mark.parametrize('one', catalogue().values(), ids=list(catalogue()
 
 def typical_values(one: RingEffect, variant: Variant) -> dict[str, float]:
     """Values with every amplitude at its typical size."""
-    values = one.neutral_values(variant)
-    return values | {p.name: p.scale for p in one.parameters if p.amplitude}
+    typical = {p.name: p.scale for p in one.parameters if p.amplitude}
+    return one.complete({**variant.values, **typical})
 
 
 def changed_stages(extension: RingExtension) -> set[str]:

@@ -77,7 +77,7 @@ def simulated(effects: Mapping[str, Mapping[str, float]], record: tuple[Floats, 
 def guesses(one: RingEffect, variant: Variant) -> list[dict[str, float]]:
     """The effect at its typical size, from each of its first guesses."""
     typical = {p.name: p.scale for p in one.parameters if p.amplitude}
-    return [{**one.neutral_values(variant), **typical, **start} for start in one.starts or ({},)]
+    return [{**one.complete(variant.values), **typical, **start} for start in one.starts or ({},)]
 
 
 CASES = [(one, variant) for one in catalogue().values() for variant in one.variants]
@@ -100,7 +100,8 @@ def measured_changes() -> Floats:
     """
     extensions, places = [NO_EXTENSION], []
     for number, (one, variant) in enumerate(CASES):
-        neutral = one.neutral_values(variant)
+        neutral = one.complete({
+            **variant.values, **{p.name: p.neutral for p in one.parameters if p.amplitude}})
         ends = [
             {**neutral, **{p.name: getattr(p, end) for p in one.parameters if p.amplitude}}
             for end in ('low', 'high')
