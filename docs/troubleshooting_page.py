@@ -50,8 +50,9 @@ def _messages(folder: str) -> Iterator[str]:
     place = PACKAGE / folder
     for file in sorted(place.rglob('*.py')) if place.is_dir() else [place]:
         for item in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
-            if isinstance(item, ast.Call) and isinstance(item.func, ast.Name) and item.args:
-                name, texts = item.func.id, item.args
+            if isinstance(item, ast.Call) and item.args:
+                # The last name, as of DiscrepancyError(...) and of system.DiscrepancyError(...).
+                name, texts = ast.unparse(item.func).rpartition('.')[2], item.args
                 ours = name.endswith('Error') and not name.startswith(('Value', 'Type', 'Assert'))
                 if ours or name == 'Kind':
                     yield from _text(texts[0])
