@@ -37,6 +37,10 @@ PARTIAL_SUBJECT = 0.5
 """A law is proposed beside partial causes that explain this share of the misfit, else alone: with
 less than half explained, the causes describe the misfit worse than the law might."""
 
+MUCH_LESS = 0.5
+"""Share of what a fit beside nuisance parameters leaves, below which the published model leaves
+less. A base far off left sixteen times as much; laws of another form 1.7 times."""
+
 Rest = tuple[RunBlocks, str, float, str]
 """Run, view, share of range and coordinate of a rest."""
 
@@ -228,6 +232,7 @@ def _answer(search: Search) -> Answer:
             space, space.without(fit, weak), search.log)
         return _answer(replace(search, fit=less, alternatives=alternatives))
     taken = 0.0 if published.shares is None else published.shares.best
+    fit, after = _leaving_less(space, fit, after, published)
     warnings, is_established = established.judge_alone(
         search, before, after, _left_in(space, fit, after), published)
     if not published.causes and not is_established:
@@ -236,6 +241,23 @@ def _answer(search: Search) -> Answer:
         search, _verdict(is_established, published), tuple(warnings), before, after, published,
         _remainder_of(space, _left(space, fit, after)),
         before.explained_by(after) if published.causes else 0.0, taken)
+
+
+def _leaving_less(
+    space: ModelSpace, fit: Fit, after: results.Residual, published: Publication,
+) -> tuple[Fit, results.Residual]:
+    """A fit of a ring with its residual, or the published one if that leaves much less.
+
+    Beside nuisance parameters, which take most of what it leaves, the base of a fit can lie far
+    from measured data that the published model meets.
+    """
+    if (space.problem.assumptions.exact_laws or not published.causes
+            or not after.slow.is_real_and_material(space.settings)):
+        return fit, after
+    seen = _seen_in(space, published.fits.after)
+    residual = _residual_of(space, seen)
+    leaves_less = residual.slow.visible < MUCH_LESS * after.slow.visible
+    return (seen, residual) if leaves_less else (fit, after)
 
 
 def _verdict(is_established: bool, published: Publication) -> results.Verdict:

@@ -33,6 +33,7 @@ from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.problem.metric import Metric
+from saddlering_ros.discrepancy.search.lack_of_fit import Structure
 from saddlering_ros.discrepancy.verdict import established, results, stability, wording, wrong_law
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 
@@ -237,19 +238,43 @@ def test_with_laws_that_are_not_exact_unknown_says_that_no_small_errors_remain()
     assert answer.warnings[-1].startswith('the residual is larger than small errors')
 
 
-@pytest.mark.parametrize(('excess', 'chance', 'is_doubted'), [
-    (30.0, 1e-3, True), (10.0, 1e-9, False), (30.0, 0.1, False)])
+@pytest.mark.parametrize(('excess', 'chance', 'visible', 'is_doubted'), [
+    (30.0, 1e-3, 1e-3, True), (10.0, 1e-9, 1e-3, False), (30.0, 0.1, 1e-3, False),
+    (30.0, 1e-3, 2e-4, False)])
 def test_a_cause_of_a_ring_leaves_a_small_part_of_what_it_takes_along_one_coordinate(
-        excess: float, chance: float, is_doubted: bool) -> None:
+        excess: float, chance: float, visible: float, is_doubted: bool) -> None:
+    """Less than the noise of a view, here 3e-4 of its range, can be noise of another colour."""
     space = SimpleNamespace(
         base=SimpleNamespace(misfit=1500.0), settings=SimpleNamespace(error_rate=0.01),
-        problem=SimpleNamespace(assumptions=SimpleNamespace(exact_laws=False)),
+        problem=SimpleNamespace(assumptions=SimpleNamespace(exact_laws=False), runs=['run'],
+                                view_ranges={'gamma': 2.0}),
+        metric=SimpleNamespace(noise_power=lambda run, view: 6e-4**2),
         titles_of=lambda fit: ['bracket'])
     fit = SimpleNamespace(misfit=500.0, candidate=SimpleNamespace(ids=('bracket',)))
-    shape = ShapeTest('gamma', 'load', chance, excess + 12.0, 12, 0.001)
+    shape = ShapeTest('gamma', 'load', chance, excess + 12.0, 12, visible)
     shares = results.Shares({}, {}, 0.9, ('gamma', 0.99), ('gamma', 0.99), (0.8, 0.9))
     doubts = established.left_by_ring(space, fit, SimpleNamespace(shapes=(shape,)), shares)
     assert bool(doubts) is is_doubted
+
+
+@pytest.mark.parametrize(('published', 'exact', 'is_published'), [
+    (1e-3, False, True), (2e-3, False, False), (1e-3, True, False)])
+def test_what_a_published_ring_does_not_leave_is_no_rest(
+        monkeypatch: pytest.MonkeyPatch, published: float, exact: bool, is_published: bool,
+) -> None:
+    """A base beside nuisance parameters left 0.29 % of range that its published model does not."""
+    def residual(visible: float) -> Any:
+        return SimpleNamespace(slow=Structure(90.0, 1e-3, visible))
+
+    fit, seen = object(), object()
+    monkeypatch.setattr(engine, '_seen_in', lambda space, fit: seen)
+    monkeypatch.setattr(engine, '_residual_of', lambda space, fit: residual(published))
+    space: Any = SimpleNamespace(settings=Settings(), problem=SimpleNamespace(
+        assumptions=SimpleNamespace(exact_laws=exact)))
+    found: Any = SimpleNamespace(causes=['offset'], fits=SimpleNamespace(after=None))
+    kept, after = engine._leaving_less(space, fit, residual(2.9e-3), found)
+    assert (kept is seen) == is_published
+    assert after.slow.visible == (published if is_published else 2.9e-3)
 
 
 @pytest.mark.parametrize(('left', 'exact', 'is_doubted'), [

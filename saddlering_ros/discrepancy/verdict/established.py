@@ -99,15 +99,18 @@ def under_declared_error(space: spaces.ModelSpace, fit: Fit) -> str | None:
 def left_by_ring(space: spaces.ModelSpace, fit: Fit, after: Residual, shares: Shares) -> list[str]:
     """A sentence if a ring's fit leaves more than an error of its laws along one coordinate.
 
-    If it does not, also if it leaves more of a view that it moves.
+    What is smaller than the noise of its view can be slow noise, whose colour is known roughly. If
+    there is none, a sentence also if the fit leaves more of a view that it moves.
     """
-    if space.problem.assumptions.exact_laws:
+    problem, titles = space.problem, wording.joined(space.titles_of(fit))
+    if problem.assumptions.exact_laws:
         return []
-    titles = wording.joined(space.titles_of(fit))
     least = MAX_LEFT_OVER * (space.base.misfit - fit.misfit)
     where = ' and '.join(
         f'{test.view} along {test.coordinate}' for test in after.shapes
-        if test.p_value < space.settings.error_rate and test.statistic - test.dimensions > least)
+        if test.p_value < space.settings.error_rate and test.statistic - test.dimensions > least
+        and test.visible * problem.view_ranges[test.view] > max(
+            space.metric.noise_power(run, test.view) for run in problem.runs) ** 0.5)
     if where:
         return [wording.SHAPE_LEFT.format(titles, where)]
     view, share = shares.worst_fitted
