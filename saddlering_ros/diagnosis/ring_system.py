@@ -354,7 +354,7 @@ def engine_effects(effect: catalogue_of_effects.RingEffect, rig: Rig) -> tuple[E
                 scale='log' if item.logarithmic else 'linear',
                 start=float(np.clip(item.start, item.low, item.high)),
                 neutral=item.neutral if item.amplitude or item is ordered[0] else None,
-                limiting_case=item.limiting_case,
+                limiting_case=item.limiting_case, whole=item.whole,
                 step=FINE_STEP if item.logarithmic else float(
                     np.clip(0.003 * abs(item.scale) / (item.high - item.low), 1e-6, 0.02)))
             for item in ordered}

@@ -86,8 +86,10 @@ class EffectParameter:
     `neutral`; the other parameters only shape it. The first parameter of an effect is an
     amplitude. logarithmic: searched on a log scale (low > 0), for instance time constants.
     limiting_case: the value of a shape at which the effect is another one: a cause whose interval
-    includes this value is not established. adds_to: the extension parameter to which it is added,
-    if that is all that it does; the name of one that effects share, or one of its own.
+    includes this value is not established. whole: the bound of a size that nature sets, such as a
+    share of 1: a cause of this size can be established. adds_to: the extension parameter to which
+    it is added, if that is all that it does; the name of one that effects share, or one of its
+    own.
     """
 
     name: str
@@ -102,6 +104,7 @@ class EffectParameter:
     neutral: float = 0.0
     logarithmic: bool = False
     limiting_case: float | None = None
+    whole: float | None = None
     adds_to: str | OwnParameter = ''
 
     def sized_for(self, rig: Rig) -> EffectParameter:

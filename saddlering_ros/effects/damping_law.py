@@ -22,7 +22,7 @@ class DampingLaw(RingEffect):
         EffectParameter(
             'share', '1', 0.0, 1.0, 0.5, 0.5,
             'share of the damping that grows; h = 1 at r = 50 µm', amplitude=True, one_sided=True,
-            adds_to='damping_penetration_share'),
+            whole=1.0, adds_to='damping_penetration_share'),
         # Tsuji et al. 1992: 1/4; Kuwabara and Kono 1987: 1/2; Hunt and Crossley 1975: n
         EffectParameter('exponent', '1', 0.2, 8.0, 1.0, 10.0 / 9.0,
                         'm, by which damping grows; left out in a file: n of each row',

@@ -474,11 +474,16 @@ def test_no_cause_that_may_be_nothing_or_another_one_has_a_name(
     assert words == ([f'A: the 95 % {expected}'] if expected else [])
 
 
-def test_a_size_at_its_bound_is_no_name() -> None:
-    narrow = {**MODEL.effects, 'friction': Effect('Dry friction', {'size': Parameter(-0.2, 0.2)})}
-    answer = found(0.3, 0.0, replace(MODEL, effects=narrow))
-    assert answer.verdict == 'unknown'
-    assert any('is at the bound' in item for item in answer.warnings)
+@pytest.mark.parametrize(('size', 'whole', 'verdict'), [
+    (0.3, None, 'unknown'), (0.3, 0.2, 'unknown'), (0.2, None, 'unknown'), (0.2, 0.2, 'named')])
+def test_a_size_at_a_bound_is_a_name_only_where_nature_sets_it_and_none_beyond_is_better(
+        size: float, whole: float | None, verdict: str) -> None:
+    """Damping that grows with penetration as a whole, which is the usual law, had no name."""
+    narrow = {**MODEL.effects,
+              'friction': Effect('Dry friction', {'size': Parameter(-0.2, 0.2, whole=whole)})}
+    answer = found(size, 0.0, replace(MODEL, effects=narrow))
+    assert answer.verdict == verdict
+    assert any('is at the bound' in item for item in answer.warnings) == (verdict == 'unknown')
 
 
 def test_a_cause_whose_interval_includes_its_absence_has_no_name(

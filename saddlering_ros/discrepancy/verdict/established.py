@@ -126,9 +126,9 @@ def wrong_inputs(space: spaces.ModelSpace, fit: Fit) -> list[str]:
 
 
 def shapes_at_bounds(space: spaces.ModelSpace, fit: Fit) -> list[str]:
-    """A sentence for every shape of a cause that is stopped by its bound.
+    """A sentence for every shape of a cause that is stopped by its bound, and for a whole size.
 
-    A shape is stopped if the misfit beyond the bound would fall by more than noise and the form
+    It is stopped if the misfit beyond the bound would fall by more than noise and the form
     error of the effect explain. A shape at its neutral value or at its start is not stopped.
     """
     problem, settings = space.problem, space.settings
@@ -142,14 +142,15 @@ def shapes_at_bounds(space: spaces.ModelSpace, fit: Fit) -> list[str]:
     for effect, _, indices in fit.candidate.slices(len(problem.system.base_parameters)):
         shapes = zip(effect.ordered, fit.theta_unit[indices], slopes[indices],
                      variances[indices], strict=True)
-        for parameter, theta_unit, slope, variance in list(shapes)[1:]:
+        for parameter, theta_unit, slope, variance in shapes:
             outward = slope if theta_unit < 0.5 else -slope
             beyond = max(float(outward), 0.0) ** 2 * variance
             allowed = max(floor, form_error * taken)
             bound = parameter.high if theta_unit > 0.5 else parameter.low
             distance = min(theta_unit, 1.0 - theta_unit)
             is_near = not parameter.periodic and distance < spaces.AT_BOUND
-            is_stopped = is_near and bound not in (parameter.neutral, parameter.start)
+            is_stopped = is_near and (bound == parameter.whole if parameter is effect.size else
+                                      bound not in (parameter.neutral, parameter.start))
             if beyond > allowed and is_stopped:
                 value = parameter.from_unit(float(theta_unit))
                 sentences.append(wording.SHAPE_AT_BOUND.format(
