@@ -347,6 +347,19 @@ def test_a_cause_that_another_one_explains_better_is_told_so() -> None:
         'beside small errors, radius without arm explain the misfit better']
 
 
+@pytest.mark.parametrize(('offset', 'is_refused'), [(0.03, True), (0.025, False)])
+def test_no_cause_is_the_main_one_beside_one_of_twice_its_power(
+        offset: float, is_refused: bool) -> None:
+    """Friction, which a ring had, was named beside a load offset of 1.9 times its effect."""
+    among: Any = among_of(model_of(60.0, friction=0.02, offset=offset), [
+        model_of(30.0, friction=0.02), model_of(20.0, offset=offset), model_of(0.0)])
+    among.space.problem = SimpleNamespace(titles={'friction': 'friction'})
+    shares = results.Shares({'gamma': 0.9}, {}, 0.5, ('gamma', 0.9), ('gamma', 0.9), (0.3, 0.5))
+    found: Any = SimpleNamespace(member_shares={'friction': shares}, shares=shares, causes=[])
+    doubts = [wording.AS_LARGE] if is_refused else []
+    assert established.doubts_among(among, 'friction', found)[0] == doubts
+
+
 @pytest.mark.parametrize(('taken', 'is_refused'), [(0.9, False), (0.6, True)])
 def test_a_group_takes_as_much_as_a_right_cause(taken: float, is_refused: bool) -> None:
     """An elevation error or a moment arm was established for a bent probe that was not listed."""

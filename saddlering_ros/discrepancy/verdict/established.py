@@ -263,7 +263,8 @@ def doubts_among(
 ) -> tuple[list[str], dict[str, Model]]:
     """Reasons why the main effect of the best model among small errors is not established.
 
-    With them other causes that explain as well, each in its model; none of one in doubt.
+    With them other causes that explain as well, each in its model; none of one in doubt. No cause
+    is the main one where another stands out that has twice its power.
     """
     taken = published.member_shares.get(name, published.shares)
     title = among.space.problem.titles[name]
@@ -289,6 +290,10 @@ def doubts_among(
         doubts.append(wording.ONE_VIEW.format(title, view))
     if taken.best < required:
         doubts.append(wording.weak_words(title, taken, required))
+    sizes = among.best.visible
+    if any(MAINLY * size**2 > sizes[name]**2 and among.stands_out(other)
+           for other, size in sizes.items() if other != name):
+        doubts.append(wording.AS_LARGE)
     return doubts, {} if doubts else group
 
 
