@@ -311,15 +311,14 @@ def _as_good(
 
 
 def stopped_sizes(problem: Problem, fit: Fit) -> list[tuple[Effect, float]]:
-    """Effects of a fit whose size is at a bound, neither neutral nor set by nature, and it."""
+    """Effects of a fit whose size is at a bound that is not neutral nor whole, and that size."""
     stopped = []
     for effect, _, part in fit.candidate.slices(len(problem.system.base_parameters)):
         size, theta_unit = effect.size, float(fit.theta_unit[part.start])
         value = size.from_unit(theta_unit)
         present = abs(value - effect.neutral) / (size.high - size.low)
-        bound = size.high if theta_unit > 0.5 else size.low
-        if (min(theta_unit, 1.0 - theta_unit) < spaces.AT_BOUND < present
-                and not size.periodic and bound != size.whole):
+        if present > spaces.AT_BOUND and spaces.bound_reached(size, theta_unit) not in (
+                None, size.whole):
             stopped.append((effect, value))
     return stopped
 

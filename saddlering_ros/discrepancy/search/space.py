@@ -14,7 +14,7 @@ from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits, tangent
 from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.problem.system import Array, Effect
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter
 from saddlering_ros.discrepancy.search import signatures as shown_by
 from saddlering_ros.discrepancy.search.lack_of_fit import LackOfFitTests, SlowResidual
 from saddlering_ros.discrepancy.search.ranking import rank, Score, shortlist, starts_of_each, Trial
@@ -46,6 +46,13 @@ which an effect with one parameter is real. With this share and SCREENED_SHARE t
 shipped bags need 400 evaluations instead of 512."""
 
 Result = TypeVar('Result')
+
+
+def bound_reached(parameter: Parameter, theta_unit: float) -> float | None:
+    """The bound at which a bound-scaled value of a parameter lies, or None."""
+    if parameter.periodic or min(theta_unit, 1.0 - theta_unit) >= AT_BOUND:
+        return None
+    return parameter.high if theta_unit > 0.5 else parameter.low
 
 
 @dataclass(eq=False)

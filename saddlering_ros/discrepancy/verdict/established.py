@@ -126,7 +126,7 @@ def wrong_inputs(space: spaces.ModelSpace, fit: Fit) -> list[str]:
 
 
 def shapes_at_bounds(space: spaces.ModelSpace, fit: Fit) -> list[str]:
-    """A sentence for every shape of a cause that is stopped by its bound, and for a whole size.
+    """A sentence for every shape, or whole size, of a cause that is stopped by its bound.
 
     It is stopped if the misfit beyond the bound would fall by more than noise and the form
     error of the effect explain. A shape at its neutral value or at its start is not stopped.
@@ -143,14 +143,14 @@ def shapes_at_bounds(space: spaces.ModelSpace, fit: Fit) -> list[str]:
         shapes = zip(effect.ordered, fit.theta_unit[indices], slopes[indices],
                      variances[indices], strict=True)
         for parameter, theta_unit, slope, variance in shapes:
+            bound = spaces.bound_reached(parameter, float(theta_unit))
+            if bound is None:
+                continue
             outward = slope if theta_unit < 0.5 else -slope
             beyond = max(float(outward), 0.0) ** 2 * variance
             allowed = max(floor, form_error * taken)
-            bound = parameter.high if theta_unit > 0.5 else parameter.low
-            distance = min(theta_unit, 1.0 - theta_unit)
-            is_near = not parameter.periodic and distance < spaces.AT_BOUND
-            is_stopped = is_near and (bound == parameter.whole if parameter is effect.size else
-                                      bound not in (parameter.neutral, parameter.start))
+            is_stopped = (bound == parameter.whole if parameter is effect.size
+                          else bound not in (parameter.neutral, parameter.start))
             if beyond > allowed and is_stopped:
                 value = parameter.from_unit(float(theta_unit))
                 sentences.append(wording.SHAPE_AT_BOUND.format(
