@@ -23,11 +23,11 @@ from saddlering_ros import discrepancy
 from saddlering_ros.comparison import sessions
 from saddlering_ros.comparison.sessions import Array, QUANTITIES
 from saddlering_ros.diagnosis.records import PreparedRecord
-from saddlering_ros.diagnosis.rig_dimensions import DIMENSIONS
 from saddlering_ros.diagnosis.ring_system import RingSystem
 from saddlering_ros.progress import Watch
 from saddlering_ros.quantities import compact, MAX_LOG, shares_in_words
 from saddlering_ros.rig import PARAMETER_NAMES, Rig
+from saddlering_ros.ring.stated_errors import DIMENSIONS
 
 CHANGED = 100.0
 """E-value from which the ring has changed: reached by one unchanged ring in a hundred at most,

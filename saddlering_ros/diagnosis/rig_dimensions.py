@@ -5,9 +5,7 @@ Height of the trunnion, clearances and height of the radial probes are effects o
 already.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 from saddlering_ros.discrepancy import Cause, Effect, Neighbourhood, Parameter, Point, RunBlocks
 from saddlering_ros.quantities import lowered
 from saddlering_ros.rig import Rig
+from saddlering_ros.ring.stated_errors import certified_errors, DIMENSIONS
 
 REVERSED = 'rig_polarity'
 """A probe whose sign is reversed. It acts on the readings."""
@@ -24,50 +23,6 @@ ENTRIES = {
     'radial_clearance': 'rig.middle_row.clearance', 'probe_height': 'rig.probes.radial_height',
     REVERSED: 'rig.probes.polarity'}
 """Entry of the rig file by the effect that its error would look like."""
-
-
-@dataclass(frozen=True)
-class Dimension:
-    """An entry of the rig file, and the part of a `Rig` and its field that have it.
-
-    usual: an error [unit] that a wrong drawing would give; reach: the largest that is searched;
-    least: the smallest possible value.
-    """
-
-    entry: str
-    title: str
-    unit: str
-    usual: float
-    reach: float
-    part: str
-    field: str
-    least: float = -np.inf
-
-    def read(self, rig: Rig) -> float:
-        return float(getattr(getattr(rig, self.part), self.field))
-
-    def changed(self, rig: Rig, change: float) -> Rig:
-        """The rig with another value of the entry."""
-        return rig.changed(self.part, self.field, change)
-
-
-DIMENSIONS: Mapping[str, Dimension] = {
-    'rig_weight': Dimension(
-        'rig.carriage.weight', 'Weight', 'N', 8e3, 1e5, 'carriage', 'weight', 0.0),
-    'rig_weight_x': Dimension(
-        'rig.carriage.weight_x', 'Place of the weight', 'm', 0.05, 1.0, 'carriage', 'weight_x'),
-    'rig_trunnion_x': Dimension(
-        'rig.trunnion.x', 'trunnion.x', 'm', 0.05, 0.5, 'trunnion', 'x'),
-    'rig_axial_span': Dimension(
-        'rig.probes.axial_span', 'Span of the axial probes', 'm', 0.03, 0.6, 'probes',
-        'axial_span', 0.1),
-    'rig_axial_radius': Dimension(
-        'rig.axial_rows.pitch_radius', 'Pitch radius of the axial rows', 'm', 0.02, 0.3,
-        'axial_rows', 'pitch_radius', 0.1),
-    'rig_radial_row_height': Dimension(
-        'rig.middle_row.height', 'Height of the radial row', 'm', 0.02, 0.3, 'radial_row',
-        'height')}
-"""By the id of the effect."""
 
 
 def dimension_effects(rig: Rig) -> tuple[Effect, ...]:
@@ -176,40 +131,16 @@ class NeighbourhoodsByRig:
                 for answer, sign in zip(answers, self._signs, strict=True)]
 
 
-CERTIFIED = {
-    'load_gain': ('load_gain', 'gain'), 'load_offset': ('load_offset', 'offset'),
-    'load_nonlinearity': ('load_nonlinearity', 'curvature'),
-    'elevation': ('elevation_error', 'angle'), 'probe_lag': ('probe_lag', 'time'),
-    'clock': ('clock_offset', 'offset'), 'trunnion': ('moment_arm', 'offset'),
-    'radial_height': ('probe_height', 'height'), 'probe_gain': ('probe_gain', 'gain'),
-    'probe_nonlinearity': ('probe_nonlinearity', 'curvature')}
-"""Effect and parameter of an instrument's error, by the name in the rig file."""
-
-
-def certified_effects(rig: Rig) -> list[dict[str, dict[str, float]]]:
-    """One standard uncertainty of each stated instrument, as effects of the catalogue."""
-    stated = {name: one for name, one in vars(rig.instruments).items() if one is not None}
-    of_probes = ('probe_gain', 'probe_nonlinearity')
-    errors = [{effect: {parameter: float(stated[name])}}
-              for name, (effect, parameter) in CERTIFIED.items()
-              if name in stated and name not in of_probes]
-    return [*errors, *(
-        {CERTIFIED[name][0]: {'probe': float(probe), CERTIFIED[name][1]: float(
-            np.broadcast_to(stated[name], 4)[probe - 1])}}
-        for probe in rig.probes.present for name in of_probes if name in stated)]
-
-
 def certificate_notes(rig: Rig, causes: Iterable[Cause]) -> list[str]:
     """For each cause on an instrument with a certificate, how far it lies beyond it."""
-    names = {effect: name for name, (effect, _) in CERTIFIED.items()}
     notes = []
     for cause in causes:
-        name = names.get(cause.effect, '')
-        stated: Any = getattr(rig.instruments, name, None)
-        parameter = cause.parameters.get(CERTIFIED[name][1]) if stated is not None else None
-        if parameter is not None:
-            uncertainty = float(np.max(stated))
-            times = abs(parameter.value) / uncertainty
+        stated = [error[cause.effect] for error in certified_errors(rig).values()
+                  if cause.effect in error]
+        if stated:
+            parameter = list(stated[0])[-1]
+            uncertainty = max(values[parameter] for values in stated)
+            times = abs(cause.parameters[parameter].value) / uncertainty
             notes.append(f'{cause.definition.title} is {times:.1f} times the '
                          f'standard uncertainty of its certificate ({uncertainty:g})')
     return notes

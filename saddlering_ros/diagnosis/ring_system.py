@@ -20,6 +20,7 @@ from saddlering_ros.rig.geometry import size_factor
 from saddlering_ros.ring import roller_scatter
 from saddlering_ros.ring.sensitivity import has_tangent, Neighbourhoods
 from saddlering_ros.ring.simulator import Additions, probe_batch
+from saddlering_ros.ring.stated_errors import certified_errors
 
 OTHER_SIGN = (0.15, 0.9, 2.7)
 """Sizes of the starts of the other sign, in usual sizes. They differ from all starts of this
@@ -243,16 +244,16 @@ class RingSystem:
         return np.asarray(replace(self, rig=rig).predict_many(run, [point])[0])
 
     def instrument_errors(self, run: RunBlocks, base: Array) -> list[Array]:
-        """Changes (C, N) of a run by one standard uncertainty of each stated instrument."""
-        errors, span = rig_dimensions.certified_effects(self.rig), self.rig.instruments.axial_span
-        if not errors and span is None:
+        """Changes (C, N) of a run by one standard uncertainty of each stated instrument.
+
+        Clearances and weight, which every ring has uncertain, are not among them.
+        """
+        errors = [error for source, error in certified_errors(self.rig).items()
+                  if source not in roller_scatter.KNOWN]
+        if not errors:
             return []
         predicted = self.predict_many(run, [Point(base), *(Point(base, one) for one in errors)])
-        changes = [one - predicted[0] for one in predicted[1:]]
-        if span is not None:
-            weights = self.views['gamma']
-            changes.append(np.outer(0.5 * span * np.sign(weights), weights @ predicted[0]))
-        return changes
+        return [one - predicted[0] for one in predicted[1:]]
 
     def _load_noise(self, runs: Sequence[RunBlocks], points: Sequence[Point]) -> list[Array]:
         """Changes (C, N, k) by noise of the load where a little load moves the ring far.

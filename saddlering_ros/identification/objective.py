@@ -18,9 +18,11 @@ from saddlering_ros.identification.observation import Observation, SETTLING_STEP
 from saddlering_ros.identification.settings import IdentificationError
 from saddlering_ros.progress import IsCancelled, SearchStep
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig
-from saddlering_ros.ring import dynamic_batch, static_batch
+from saddlering_ros.rig.geometry import probes_to_displacement, with_absent
+from saddlering_ros.ring import dynamic_batch, probe_batch, static_batch
 from saddlering_ros.ring.sensitivity import FollowedMotion, static_sensitivities
 from saddlering_ros.ring.simulator import in_parallel
+from saddlering_ros.ring.stated_errors import SmallError, with_error
 
 LONGEST_STEP = 2e-3
 """Longest step [s] of the simulator inside a fit."""
@@ -54,6 +56,29 @@ def predict(rig: Rig, contacts: Array, observation: Observation) -> Array:
         rig, contacts, observation.elevation, observation.fine_time, observation.fine_load,
         _longest_step(observation))
     return np.asarray(_means(observation, moving) - zero)
+
+
+BEFORE = 1.0
+"""Length [s] of the rest before the first reading that is the zero, if it is not in the record."""
+
+
+def changes_by(
+    rig: Rig, contact: Array, observation: Observation, errors: Sequence[SmallError],
+) -> Array:
+    """Change (M, 3, N) [m, m, rad] of the increments of a run by each of M small errors."""
+    time = np.append(observation.fine_time[0] - BEFORE, observation.fine_time)
+    load = np.append(observation.zero_load, observation.fine_load)
+
+    def seen_with(error: SmallError) -> Array:
+        other, extension = with_error(rig, error)
+        probes = probe_batch(other, [(contact, extension)], observation.elevation, time, load,
+                             max_step=_longest_step(observation))[0]
+        present = probes[[number - 1 for number in rig.probes.present], 1:]
+        seen = probes_to_displacement(rig.probes, with_absent(rig.probes, present))
+        return _means(observation, seen.channels[:3])
+
+    usual, *changed = in_parallel(seen_with, [{}, *errors])
+    return np.stack(changed) - usual
 
 
 @dataclass(frozen=True)
@@ -98,7 +123,7 @@ def _means(observation: Observation, moving: Array) -> Array:
 def _longest_step(observation: Observation) -> float:
     if observation.longest_step is not None:
         return observation.longest_step
-    if observation.spans is not None:
+    if not observation.dynamic:
         return 2.0 * SETTLING_STEP
     usual = LONGEST_STEP if observation.per_block > 1 else COARSE_STEP
     return max(usual, float(observation.fine_time[-1] - observation.fine_time[0]) / MAX_STEPS)

@@ -149,14 +149,13 @@ def _stiffness_lines(identification: Identification) -> Iterator[str]:
 
 def _imperfection_lines(identification: Identification) -> Iterator[str]:
     """How much each imperfection, which no fit can see, would change the free parameters."""
-    words_of = {one.name: one.words for one in uncertainty.IMPERFECTIONS}
     for name, shift in identification.systematic.items():
         words = [
             f'{parameter} {value:+.3f}' if parameter[0] == 'n'
             else f'{parameter} {100.0 * np.expm1(np.clip(value, -9, 9)):+.1f} %'
             for parameter, value in zip(PARAMETER_NAMES, shift, strict=True)
             if np.isfinite(value) and abs(value) >= 5e-4]
-        yield f'    {words_of.get(name, name)}: {", ".join(words) or "no change"}'
+        yield f'    {uncertainty.IMPERFECTION_WORDS[name]}: {", ".join(words) or "no change"}'
 
 
 def parameter_words(name: str, entry: Mapping[str, Any]) -> str:

@@ -7,108 +7,46 @@ effect of unequal rollers is added: the estimate is G r with G = J^+, so that re
 covariance I + S S^T (S: roller_scatter.py) give it the covariance G G^T + G S S^T G^T.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 import math
-from operator import methodcaller
 from typing import Any
 
 import numpy as np
 
 from saddlering_ros.estimation.least_squares import covariance, SearchSpace
 from saddlering_ros.estimation.process import Array
-from saddlering_ros.identification.objective import predict, Refinement, WeightedObjective
+from saddlering_ros.identification.objective import (
+    BEFORE,
+    changes_by,
+    predict,
+    Refinement,
+    WeightedObjective,
+)
 from saddlering_ros.quantities import compact, WIDTH_95
-from saddlering_ros.rig import Displacement, PARAMETER_NAMES, Rig
-from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement, with_absent
+from saddlering_ros.rig import Displacement, PARAMETER_NAMES
+from saddlering_ros.rig.geometry import displacement_to_probes, probes_to_displacement
 from saddlering_ros.ring.roller_scatter import known_errors, scatter_columns
-
-
-@dataclass(frozen=True)
-class Imperfection:
-    """A small imperfection of every rig, and its effect on predicted increments."""
-
-    name: str
-    words: str
-    load: Callable[[Array, float], Array] = lambda load, full_scale: load  # both [N]
-    rig: Callable[[Rig], Rig] = lambda rig: rig
-    elevation: float = 0.0  # [rad], added
-    delay: float = 0.0  # [s] of the probes
-    reading: Callable[[Array], Array] = lambda increments: increments  # (B, 3, N) [m, m, rad]
-
-
-def _parabola(height: float, load: Array, full_scale: float) -> Array:
-    """A load [N] whose error is a parabola over its range; height: share of full scale."""
-    return load + height * 4.0 * load * (full_scale - load) / full_scale
-
+from saddlering_ros.ring.stated_errors import certified_errors, SmallError
 
 DELAY = 1e-3
 """Delay [s] of the probes whose effect is reported."""
 
-IMPERFECTIONS = (
-    Imperfection('load_nonlinearity', '0.1 % of full scale load nonlinearity',
-                 load=partial(_parabola, 0.001)),
-    Imperfection('axial_clearance', '5 µm of axial clearance',
-                 rig=methodcaller('changed', 'axial_rows', 'clearance', 5e-6)),
-    Imperfection('radial_clearance', '5 µm of radial clearance',
-                 rig=methodcaller('changed', 'radial_row', 'clearance', 5e-6)),
-    Imperfection('elevation', '0.1 deg of elevation', elevation=float(np.radians(0.1))),
-    Imperfection('load_gain', '0.5 % of load gain', load=lambda load, _: 1.005 * load),
-    Imperfection('delay', '1 ms between the clocks of load and probes', delay=DELAY))
+IMPERFECTIONS: Mapping[str, SmallError] = {
+    'load_nonlinearity': {'load_nonlinearity': {'curvature': 1e-3}},
+    'axial_clearance': {'axial_clearance': {'change': 5e-6}},
+    'radial_clearance': {'radial_clearance': {'change': 5e-6}},
+    'elevation': {'elevation_error': {'angle': float(np.radians(0.1))}},
+    'load_gain': {'load_gain': {'gain': -0.005}}, 'delay': {'clock_offset': {'offset': DELAY}}}
 """Small errors that no fit can detect; the change of the parameters by each is reported."""
 
-
-def certified_errors(rig: Rig) -> list[Imperfection]:
-    """One standard uncertainty of each instrument and dimension that a certificate states."""
-    stated, made = rig.instruments, []
-    gain, offset, bend = stated.load_gain, stated.load_offset, stated.load_nonlinearity
-    if gain is not None:
-        made.append(Imperfection('load_gain', '', load=lambda load, _: (1.0 + gain) * load))
-    if offset is not None:
-        made.append(Imperfection('load_offset', '', load=lambda load, _: load + offset))
-    if bend is not None:
-        made.append(Imperfection('load_nonlinearity', '', load=partial(_parabola, bend)))
-    if stated.elevation is not None:
-        made.append(Imperfection('elevation', '', elevation=stated.elevation))
-    made += [Imperfection(name, '', delay=delay) for name, delay in (
-        ('probe_lag', stated.probe_lag), ('clock', stated.clock)) if delay is not None]
-    weight = None if stated.weight is None else stated.weight * rig.carriage.weight
-    made += [
-        Imperfection(name, '', rig=methodcaller('changed', part, entry, change))
-        for name, part, entry, change in (
-            ('clearance_axial', 'axial_rows', 'clearance', stated.clearance),
-            ('clearance_radial', 'radial_row', 'clearance', stated.clearance),
-            ('weight', 'carriage', 'weight', weight),
-            ('trunnion_x', 'trunnion', 'x', stated.trunnion),
-            ('trunnion_y', 'trunnion', 'y', stated.trunnion)) if change is not None]
-    if stated.axial_span is not None:
-        share = stated.axial_span / rig.probes.axial_span
-        made.append(Imperfection('axial_span', '', reading=lambda seen: np.asarray(
-            seen * np.array([1.0, 1.0, 1.0 + share])[:, None])))
-    if stated.radial_height is not None:
-        higher = np.array([stated.radial_height, 0.0, 0.0])[:, None]
-        made.append(Imperfection(
-            'radial_height', '', reading=lambda seen: seen + higher * seen[:, 2:]))
-    for number in rig.probes.present:
-        if stated.probe_gain is not None:
-            made.append(Imperfection(f'probe_gain_{number}', '', reading=partial(
-                _probe_error, rig, number, 1, stated.probe_gain[number - 1])))
-        if stated.probe_nonlinearity is not None:
-            made.append(Imperfection(f'probe_nonlinearity_{number}', '', reading=partial(
-                _probe_error, rig, number, 2, stated.probe_nonlinearity)))
-    return made
-
-
-def _probe_error(rig: Rig, number: int, power: int, size: float, seen: Array) -> Array:
-    """Increments (B, 3, N) with an error of one probe: size times its increment to a power."""
-    x, y, gamma = np.moveaxis(seen, 1, 0)
-    read = displacement_to_probes(rig.probes, Displacement(x, y, gamma, 0.0))
-    read[number - 1] += size * read[number - 1] ** power
-    present = read[[one - 1 for one in rig.probes.present]]
-    moved = probes_to_displacement(rig.probes, with_absent(rig.probes, present))
-    return np.moveaxis(moved.channels[:3], 0, 1)
+IMPERFECTION_WORDS = {
+    'load_nonlinearity': '0.1 % of full scale load nonlinearity',
+    'axial_clearance': '5 µm of axial clearance', 'radial_clearance': '5 µm of radial clearance',
+    'elevation': '0.1 deg of elevation', 'load_gain': '0.5 % of load gain',
+    'delay': '1 ms between the clocks of load and probes'}
 
 
 @dataclass(frozen=True)
@@ -237,10 +175,11 @@ def _reasons(
         if best.at_bound[space.names.index(name)]:
             reasons[name] = f'{name} is at its bound: the best value may lie outside'
             continue
-        worst = max(IMPERFECTIONS, key=lambda one: abs(systematic[one.name][index]))
+        worst = max(IMPERFECTIONS, key=lambda one: abs(systematic[one][index]))
         reasons[name] = reason_open(
             name, [deviation[index] for deviation in deviations],
-            abs(float(systematic[worst.name][index])), worst.words, elevations, misfit_advice)
+            abs(float(systematic[worst][index])), IMPERFECTION_WORDS[worst], elevations,
+            misfit_advice)
     return {name: reason for name, reason in reasons.items() if reason is not None}
 
 
@@ -275,32 +214,17 @@ def _with_bounds_alone(
 
 def systematic_shifts(
     objective: WeightedObjective, space: SearchSpace, best: Refinement,
-    imperfections: Sequence[Imperfection],
+    errors: Mapping[str, SmallError],
 ) -> dict[str, Array]:
-    """Change of the parameters by each imperfection, (6,) coordinates."""
+    """Change of the parameters by each small error, (6,) coordinates."""
+    if not errors:
+        return {}
     inverse = np.linalg.pinv(best.jacobian, rcond=1e-9)
-    base = objective.residuals(best.contact[None, :])[0]
-    full_scale, shifts = objective.rig.full_scale_load, {}
-    for imperfection in imperfections:
-        rig, parts = imperfection.rig(objective.rig), []
-        for one in objective.observations:
-            late = one.fine_load
-            if one.dynamic and imperfection.delay:
-                late = np.interp(one.fine_time - imperfection.delay, one.fine_time, late)
-            changed = replace(
-                one, fine_load=imperfection.load(late, full_scale),
-                load=imperfection.load(one.load, full_scale),
-                elevation=one.elevation + imperfection.elevation,
-                zero_load=float(imperfection.load(np.array(one.zero_load), full_scale)))
-            predicted = imperfection.reading(predict(rig, best.contact[None, :], changed))
-            parts.append(predicted - one.displacement)
-        white = np.concatenate(objective.whiten(parts), axis=1)[0]
-        shifts[imperfection.name] = _spread_over_six(inverse @ (white - base), space)
-    return shifts
-
-
-BEFORE = 1.0
-"""Length [s] of the rest before the first reading that is the zero, if it is not in the record."""
+    white = objective.whiten([
+        changes_by(objective.rig, best.contact, one, list(errors.values()))
+        for one in objective.observations])
+    moved = np.concatenate(white, axis=1) @ inverse.T
+    return {name: _spread_over_six(row, space) for name, row in zip(errors, moved, strict=True)}
 
 
 def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:

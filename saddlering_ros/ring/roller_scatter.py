@@ -23,6 +23,8 @@ CLEARANCE_UNKNOWN = 1e-6
 """Standard deviation [m] of the mean clearance of a row."""
 WEIGHT_UNKNOWN = 0.02
 """Standard deviation of the weight of the carriage, as a share."""
+KNOWN = ('clearance_axial', 'clearance_radial', 'weight')
+"""Sources of `stated_errors.CERTIFIED` whose errors are those of `known_rigs`."""
 GRID = 70
 """Loads at which the columns are computed. The spread of a run is within 0.5 to 5 % (rms) of that
 with 1120. Single columns of a dynamic run, narrow where a roller touches, settle on no grid."""

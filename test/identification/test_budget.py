@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 from saddlering_ros.identification import identify
-from saddlering_ros.identification.uncertainty import certified_errors
+from saddlering_ros.identification.objective import changes_by, predict
+from saddlering_ros.identification.observation import observe_prepared
+from saddlering_ros.identification.prepared import prepare
 from saddlering_ros.rig import Instruments, PARAMETER_NAMES, TRUE_TO_SCALE
+from saddlering_ros.ring.stated_errors import certified_errors
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmarks'))
 from rigs import RIG, virtual_run
@@ -43,15 +46,18 @@ def test_the_shares_of_the_budget_sum_to_one_and_name_each_source(runs):
 
 
 @pytest.mark.parametrize('absent', [0, 3])
-def test_an_error_of_a_probe_moves_what_that_probe_reads(absent):
+def test_an_error_of_a_probe_moves_what_that_probe_reads(absent, runs):
     gains, height, span = (0.01, 0.02, 0.03, 0.04), 0.2, RIG.probes.axial_span
     rig = replace(RIG, instruments=Instruments(probe_gain=gains), probes=replace(
         RIG.probes, absent=absent, radial_height=height))
-    x, y, gamma = 2e-5, 3e-5, 4e-5
-    radial = np.array([1.0 if absent else 0.5, 0.0, 0.0]) * (x + height * gamma)
-    moved = {1: radial, 2: np.array([-height / span, 0.5, 1.0 / span]) * (y + 0.5 * span * gamma),
-             3: radial, 4: np.array([height / span, 0.5, -1.0 / span]) * (y - 0.5 * span * gamma)}
-    seen = np.array([x, y, gamma])[None, :, None]
-    found = {one.name: (one.reading(seen) - seen)[0, :, 0] for one in certified_errors(rig)}
-    assert found == {f'probe_gain_{number}': pytest.approx(
-        gains[number - 1] * moved[number], rel=1e-3, abs=1e-15) for number in rig.probes.present}
+    [run] = observe_prepared([prepare(runs[1], rig, 4.0)], 4.0)
+    contact = TRUE_TO_SCALE.to_array()
+    x, y, gamma = predict(rig, contact[None], run)[0]
+    radial = np.outer([1.0 if absent else 0.5, 0.0, 0.0], x + height * gamma)
+    moved = {1: radial, 2: np.outer([-height / span, 0.5, 1.0 / span], y + 0.5 * span * gamma),
+             3: radial, 4: np.outer([height / span, 0.5, -1.0 / span], y - 0.5 * span * gamma)}
+    errors = certified_errors(rig)
+    changes = changes_by(rig, contact, run, list(errors.values()))
+    # The prediction starts at rest at the zero, and a run at its first load: 2 nm at most.
+    assert dict(zip(errors, changes, strict=True)) == {f'probe_gain_{number}': pytest.approx(
+        gains[number - 1] * moved[number], rel=1e-3, abs=2e-9) for number in rig.probes.present}

@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saddlering_ros.diagnosis.rig_dimensions import certified_effects
-from saddlering_ros.identification.uncertainty import certified_errors
-from saddlering_ros.rig import default_rig, Displacement, Instruments, RigError
-from saddlering_ros.rig.geometry import displacement_to_probes
+from saddlering_ros.rig import default_rig, Instruments, RigError
 from saddlering_ros.rig.instruments import difference_of, instruments_from, NAMES, stated_by
+from saddlering_ros.ring.stated_errors import CERTIFIED, certified_errors
 
 RIG = default_rig()
 STATED = dict.fromkeys(NAMES, 0.001)
@@ -39,32 +37,11 @@ def test_certificates_do_not_change_the_hash_of_a_rig():
 
 
 def test_every_stated_instrument_has_an_error_and_the_others_have_none():
-    assert certified_errors(RIG) == []
-    assert certified_effects(RIG) == []
+    assert certified_errors(RIG) == {}
     made = certified_errors(replace(RIG, instruments=instruments_from(STATED, 'f')))
-    covered = {one.name.rstrip('_1234').replace('_axial', '').replace('_radial', '').replace(
-        '_x', '').replace('_y', '') for one in made}
-    assert covered >= set(NAMES) - {'axial_span', 'radial_height'}
-    assert {'axial_span', 'radial_height'} <= {one.name for one in made}
+    assert {CERTIFIED[source.rstrip('_1234')][0] for source in made} == set(NAMES)
     assert Instruments(load_gain=1e-3).not_stated == tuple(
         name for name in NAMES if name != 'load_gain')
-
-
-@pytest.mark.parametrize('height', [0.0, 0.12])
-@pytest.mark.parametrize('number', [1, 2, 3, 4])
-def test_the_gain_of_a_probe_is_that_of_its_own_reading(number, height):
-    rig = replace(RIG, instruments=Instruments(probe_gain=(0.01,) * 4),
-                  probes=replace(RIG.probes, radial_height=height))
-    error = next(one for one in certified_errors(rig) if one.name == f'probe_gain_{number}')
-    seen = np.array([[[3e-5], [2e-5], [4e-5]]])
-    probes, read = (displacement_to_probes(rig.probes, Displacement(*motion[0, :, 0], 0.0))
-                    for motion in (seen, error.reading(seen)))
-    change, own = read - probes, 0.01 * probes[number - 1]
-    pair = {1: 3, 3: 1}.get(number)
-    # The parity of the radial pair takes half of the error; the axial pair is seen as it is.
-    assert change[number - 1] == pytest.approx(0.5 * own if pair else own)
-    others = [index for index in range(4) if index + 1 not in (number, pair)]
-    assert change[others] == pytest.approx([0.0] * len(others), abs=1e-18)
 
 
 def certificate(folder, quantity, before=''):
