@@ -245,7 +245,7 @@ def save_preview(path: Path, runs: Sequence[ImportedRun], rig: Rig) -> None:
                       label=name.replace('eddy_current_', 'probe '))
         facts = run.metadata
         load.set_title(f'{run.path.name}: {facts.test}, {facts.elevation_deg:g} deg\n'
-                       f'from {words_of(run.start)}', fontsize=9)
+                       f'from {words_of(run.start)}', fontsize=9, parse_math=False)
         gaps.set_xlabel('time [s]')
     axes[0, 0].set_ylabel(f'load [{rig.force_unit}]')
     axes[1, 0].set_ylabel('gap [mm]')

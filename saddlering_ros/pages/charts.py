@@ -39,7 +39,7 @@ FONT = {
     'grid.linewidth': 0.7, 'axes.edgecolor': '#7b8794', 'axes.linewidth': 0.8,
     'axes.axisbelow': True, 'axes.spines.top': False, 'axes.spines.right': False,
     'legend.frameon': False, 'lines.linewidth': 1.2, 'xtick.color': '#3e4c59',
-    'ytick.color': '#3e4c59', 'axes.unicode_minus': True,
+    'ytick.color': '#3e4c59', 'axes.unicode_minus': True, 'text.parse_math': False,
 }
 
 FEW_DECADES, MANY_COLUMNS = 2.5, 3
