@@ -61,8 +61,11 @@ def problem_of(
     watch: Watch | None = None,
 ) -> Problem:
     """The problem of a declared model, or of a `System`, with runs in its form."""
-    if isinstance(runs, (Run, RunBlocks)):
-        raise DiscrepancyError('diagnose: runs is a single run: give a list of runs')
+    parts: tuple[tuple[str, object], ...] = (('runs', runs), ('hold_out', hold_out))
+    for name, given in parts:
+        if not isinstance(given, Sequence):
+            raise DiscrepancyError(
+                f'diagnose: {name} is a {type(given).__name__}: give a list of runs')
     if not runs:
         raise DiscrepancyError('diagnose: no runs: give at least one')
     system: systems.System

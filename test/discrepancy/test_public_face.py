@@ -4,13 +4,25 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import saddlering_ros
 from saddlering_ros import discrepancy
-from saddlering_ros.discrepancy import Channel, DiscrepancyError, Parameter, Run
+from saddlering_ros.discrepancy import (
+    Channel,
+    diagnose,
+    Diagnosis,
+    DiscrepancyError,
+    Effect,
+    Model,
+    Parameter,
+    Run,
+)
 
 PACKAGE = Path(saddlering_ros.__file__).parent
 NAME = 'saddlering_ros.discrepancy'
@@ -25,6 +37,30 @@ def imports(path: Path) -> list[tuple[str, str]]:
         if isinstance(node, ast.Import):
             found += [(item.name, '') for item in node.names]
     return found
+
+
+def straight(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+    """A line and a sine, as `record` has them."""
+    return {'y': parameters['slope'] * run.inputs['x']
+            + parameters['wave.size'] * np.sin(9.0 * run.inputs['x'])}
+
+
+def lines(simulate: Callable[..., Any]) -> Model:
+    return Model(simulate, base={'slope': Parameter(0, 4)}, channels={'y': Channel()},
+                 effects={'wave': Effect('A wave', {'size': Parameter(0, 3)})})
+
+
+def record(seed: int = 0, huge: float = 0.0, true: float = 2.0) -> Run:
+    x = np.linspace(0.0, 4.0, 200)
+    y = true * x + np.sin(9.0 * x) + 0.05 * np.random.default_rng(seed).normal(size=x.size)
+    y[7] += huge
+    return Run(f'run {seed}', x, {'x': x}, {'y': y})
+
+
+def found(simulate: Callable[..., Any], *runs: Run) -> Diagnosis:
+    answer = diagnose(lines(simulate), runs or [record(0), record(1)])
+    assert [cause.effect for cause in answer.causes] == ['wave']
+    return answer
 
 
 def test_nothing_outside_the_engine_imports_what_it_does_not_export() -> None:
@@ -57,10 +93,96 @@ def test_the_engine_imports_no_ring() -> None:
     (lambda: Channel(offset=None), "channel: offset is None: give 'free', 'none' or a"),
     (lambda: Parameter(None, 1.0), 'parameter: low must be below high, and both finite, not None'),
     (lambda: Run('a', ['early'] * 9, {}, {'y': range(9)}), 'run a: time is no array of numbers'),
-    (lambda: Run('a', range(9), {}, {'y': [[1], [2, 3]]}), 'run a: outputs y is no array of num')])
+    (lambda: Run('a', range(9), {}, {'y': [[1], [2, 3]]}), 'run a: outputs y is no array of num'),
+    (lambda: Run('a', range(9), {}, {'y': [1j] * 9}), 'run a: outputs y is no array of num'),
+    (lambda: Parameter('0', '1'), "parameter: low must be below high, and both finite, not '0'"),
+    (lambda: Model(straight, {'a': Parameter(0, 1)}, channels={'y': Channel()}, effects={
+        'one': Effect('Friction', {'f': Parameter(0, 1)}),
+        'two': Effect('Friction', {'f': Parameter(0, 1)})}), 'model: two effects have the title'),
+    (lambda: diagnose(lines(straight), [record()], hold_out=record(1)),
+     'diagnose: hold_out is a Run: give a list of runs'),
+    (lambda: diagnose(lines(straight), [record(huge=1e300)]),
+     'channel y has a reading of 1e+300: give NaN where a sample is missing')])
 def test_a_declaration_of_another_kind_is_refused_in_one_line(
         declare: Callable[[], object], words: str) -> None:
     with pytest.raises(DiscrepancyError) as refused:
         declare()
     assert str(refused.value).startswith(words)
     assert '\n' not in str(refused.value)
+
+
+def test_a_simulator_may_return_the_same_array_each_time() -> None:
+    buffer = np.zeros(200)
+
+    def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        buffer[:] = straight(parameters, run)['y']
+        return {'y': buffer}
+
+    def together(asked: list[dict[str, float]], run: Run) -> list[dict[str, np.ndarray]]:
+        return [simulate(one, run) for one in asked]
+
+    in_batches = replace(lines(simulate), simulate_many=together)
+    size = found(straight).causes[0].parameters['size'].value
+    assert found(simulate).causes[0].parameters['size'].value == size
+    answer = diagnose(in_batches, [record(0), record(1)])
+    assert answer.causes[0].parameters['size'].value == size
+
+
+def test_a_simulator_with_another_result_for_the_same_parameters_is_refused() -> None:
+    chance = np.random.default_rng(1)
+
+    def draws(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        return {'y': straight(parameters, run)['y'] + chance.normal(size=200)}
+
+    def changes_its_input(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        answer = straight(parameters, run)
+        run.inputs['x'] *= 1.001
+        return answer
+
+    for simulate in (draws, changes_its_input):
+        with pytest.raises(DiscrepancyError, match='another result for the same parameters, by '):
+            diagnose(lines(simulate), [record(0), record(1)])
+
+
+def test_a_simulator_that_drifts_from_call_to_call_gets_a_warning() -> None:
+    calls = []
+
+    def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        calls.append(1)
+        return {'y': straight(parameters, run)['y'] + 1e-5 * len(calls)}
+
+    answer = diagnose(lines(simulate), [record(0), record(1)])
+    assert any('since its first call, the simulator' in sentence for sentence in answer.warnings)
+    assert not any('since its first' in sentence for sentence in found(straight).warnings)
+
+
+def test_a_reading_that_is_masked_is_missing() -> None:
+    run = record()
+    masked = np.ma.array(run.outputs['y'], mask=False)
+    masked[20:40] = -9999.0
+    masked[20:40] = np.ma.masked
+    answer = found(straight, Run('run 0', run.time, run.inputs, {'y': masked}))
+    assert answer.causes[0].parameters['size'].value == pytest.approx(1.0, abs=0.1)
+
+
+def test_inputs_may_be_lists() -> None:
+    run = record()
+    assert found(straight, Run('run 0', list(run.time), {'x': list(run.inputs['x'])}, {
+        'y': list(run.outputs['y'])})).verdict == 'named'
+
+
+def test_a_refused_simulator_says_where_it_is_not_finite_and_which_input_is_not() -> None:
+    run = record()
+    x = run.inputs['x'].copy()
+    x[5:9] = np.nan
+    with pytest.raises(DiscrepancyError) as refused:
+        diagnose(lines(straight), [Run('a', run.time, {'x': x}, run.outputs)])
+    assert 'y in 4 of 200 samples, from time 0.100503 on' in str(refused.value)
+    assert 'input x has values that are no finite numbers' in str(refused.value)
+
+
+def test_names_with_dollar_signs_are_drawn_as_they_are(tmp_path: Path) -> None:
+    first, second = record(0), record(1)
+    answer = found(straight, replace(first, name='$_a_$'), replace(second, name='cost $^{ in $'))
+    answer.write_report(tmp_path / 'page.html')
+    assert '$_a_$' in (tmp_path / 'page.html').read_text()

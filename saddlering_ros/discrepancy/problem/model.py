@@ -4,9 +4,10 @@ Every channel is divided by its range over the fitted runs, so that results do n
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from itertools import islice
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,8 +18,12 @@ from saddlering_ros.discrepancy.problem.problem import Assumptions
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Effect, Parameter
 from saddlering_ros.estimation.process import ChannelNoise
 from saddlering_ros.estimation.record_noise import ChannelRecord, widened
+from saddlering_ros.quantities import percent
 
 Outputs = Mapping[str, ArrayLike]
+
+MAX_READING = 1e100
+"""Largest reading: the squares of larger ones overflow, and no quantity is as large."""
 
 MIN_SAMPLES = 8
 """Smallest number of samples of a run: fewer cannot hold a trend, an offset and noise."""
@@ -53,11 +58,22 @@ class Channel:
 
 
 def _numbers(what: str, values: ArrayLike) -> Array:
-    """The values as floats; DiscrepancyError if they are no array of numbers."""
+    """The values as floats, NaN where masked; DiscrepancyError if they are no real numbers."""
     try:
+        if np.iscomplexobj(values):
+            raise TypeError('they are complex: give their parts as two channels')
+        if np.ma.isMaskedArray(values):
+            return np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as problem:
         raise DiscrepancyError(f'{what} is no array of numbers: {problem}') from problem
+
+
+def _usable(values: Any, samples: int) -> object:
+    """An input as it is; as an array if it is masked, or a list of a number for each sample."""
+    is_course = isinstance(values, list) and len(values) == samples and all(
+        isinstance(value, (int, float)) for value in values)
+    return _numbers('an input', values) if is_course or np.ma.isMaskedArray(values) else values
 
 
 @dataclass(frozen=True)
@@ -84,6 +100,8 @@ class Run:
         if not self.outputs:
             raise DiscrepancyError(f'run {self.name}: no outputs: give at least one channel')
         object.__setattr__(self, 'time', time)
+        object.__setattr__(self, 'inputs', {
+            name: _usable(values, time.size) for name, values in self.inputs.items()})
         for kind in ('outputs', 'coordinates'):
             arrays = {name: _numbers(f'run {self.name}: {kind} {name}', values)
                       for name, values in getattr(self, kind).items()}
@@ -141,6 +159,10 @@ class Model:
         if twice:
             raise DiscrepancyError(f'model: two parameters are called {", ".join(twice)}: give '
                                    'each its own name')
+        titles = Counter(effect.title for effect in self.effects.values())
+        for title in (title for title, count in titles.items() if count > 1):
+            raise DiscrepancyError(f'model: two effects have the title {title!r}: a verdict could '
+                                   'not tell which one it means')
         for key, effect in self.effects.items():
             size = effect.size
             is_never_zero = size.low > 0.0 or size.high < 0.0
@@ -197,6 +219,7 @@ class ModelSystem:
         self.failures: Counter[str] = Counter()
         self.failed_at: dict[str, str] = {}
         self.calls = 0
+        self._first: dict[str, _First] = {}
         self._neutral = model.neutral()
 
     @property
@@ -259,11 +282,40 @@ class ModelSystem:
             rows = rows / self.scales[:, None]
             if run.present is not None:
                 rows = np.where(run.present, rows, 0.0)
-            if np.all(np.abs(rows - run.channels) < DIVERGED):
-                answers[number] = rows
-            else:
-                self._lost(source, asked[number], 'no finite result')
+            near = np.abs(rows - run.channels) < DIVERGED
+            if not near.all():
+                self._lost(source, asked[number], 'no finite result', self._where(near, source))
+                continue
+            answers[number] = rows
+            if source.name not in self._first:
+                alone = self.model.simulate_many is None
+                self._first[source.name] = _First(
+                    source, [asked[number]] if alone else asked, 0 if alone else number, rows)
+                if (change := self._change(source.name)) > REPEATED:
+                    raise DiscrepancyError(
+                        CHANGED.format('simulator: it', percent(change), source.name))
         return answers
+
+    def _change(self, name: str) -> float:
+        """Largest difference of a new result from the first one of a run, in ranges."""
+        first = self._first[name]
+        outputs = next(islice(self._simulated(first.asked, first.run), first.number, None))
+        rows = 'none' if outputs is None else self._rows(outputs, first.run)
+        if isinstance(rows, str):
+            return 0.0
+        there = np.isfinite(np.array([first.run.outputs[name] for name in self.channel_names]))
+        return float(np.abs(rows / self.scales[:, None] - first.rows)[there].max())
+
+    def _where(self, near: np.ndarray, run: Run) -> str:
+        """Where a result (C, N) is not finite, and which inputs of the run are not."""
+        channel = int(np.argmin(near.all(axis=1)))
+        lost = np.flatnonzero(~near[channel])
+        inputs = [f'; input {name} has values that are no finite numbers'
+                  for name, values in run.inputs.items() if isinstance(values, np.ndarray)
+                  and values.dtype.kind == 'f' and not np.isfinite(values).all()]
+        return ''.join([
+            f'; {self.channel_names[channel]} in {lost.size} of {run.time.size} samples, from '
+            f'time {run.time[lost[0]]:.6g} on', *inputs])
 
     def nuisances(self, runs: Sequence[system.RunBlocks], point: system.Point) -> list[Array]:
         """No nuisance parameters of its own."""
@@ -317,14 +369,16 @@ class ModelSystem:
                     whole.time_constants, floor=whole.floor / power)
         return noise
 
-    def _simulated(self, asked: list[dict[str, float]], run: Run) -> list[Outputs | None]:
-        """Results of the simulator; None where it raises an error.
+    def _simulated(self, asked: list[dict[str, float]], run: Run) -> Iterator[Outputs | None]:
+        """Results of the simulator, None where it raises an error; each holds until the next.
 
         If a batch fails, each of its points is asked alone.
         """
         together = self.model.simulate_many
         if together is None and len(asked) > 1:
-            return [self._simulated([one], run)[0] for one in asked]
+            for one in asked:
+                yield from self._simulated([one], run)
+            return
         try:
             with np.errstate(all='ignore'):
                 answers: list[Outputs | None] = (
@@ -332,12 +386,18 @@ class ModelSystem:
                     else list(together([dict(one) for one in asked], run)))
             if len(answers) != len(asked):
                 raise ValueError(f'{len(answers)} answers to {len(asked)} points')
+            given = [one for one in answers if isinstance(one, Mapping)]
+            if len({tuple(map(_memory, one.values())) for one in given}) < len(given):
+                raise ValueError('several points share their arrays')
         except Exception as error:
             if len(asked) > 1:
-                return [self._simulated([one], run)[0] for one in asked]
+                for one in asked:
+                    yield from self._simulated([one], run)
+                return
             words = [*str(error).splitlines(), 'no message'][0]
             self._lost(run, asked[0], f'{type(error).__name__}: {words}')
-            return [None]
+            yield None
+            return
         for values, outputs in zip(asked, answers, strict=True):
             if outputs is None and together is not None:
                 self._lost(run, values, 'it returned None')
@@ -345,7 +405,7 @@ class ModelSystem:
                 raise DiscrepancyError(
                     f'simulator: it returned {type(outputs).__name__} for run {run.name}: return '
                     'a mapping from channel to values')
-        return answers
+            yield outputs
 
     def _rows(self, outputs: Outputs, run: Run) -> Array | str:
         """Channels (C, N) of one result, or the reason why there are none."""
@@ -355,43 +415,72 @@ class ModelSystem:
                 f'simulator: no channel {", ".join(missing)} in its result for run {run.name}: '
                 'return every declared channel')
         try:
-            rows = [np.asarray(outputs[name], dtype=np.float64) for name in self.channel_names]
-        except (TypeError, ValueError) as error:
-            return f'a channel is no array of numbers ({error})'
+            rows = [_numbers(f'channel {name}', outputs[name]) for name in self.channel_names]
+        except DiscrepancyError as error:
+            return str(error)
         for name, row in zip(self.channel_names, rows, strict=True):
             if row.shape != run.time.shape:
                 return f'channel {name} has shape {row.shape}, time {run.time.shape}'
         return np.array(rows)
 
-    def _lost(self, run: Run, values: Mapping[str, float], why: str) -> None:
+    def _lost(self, run: Run, values: Mapping[str, float], why: str, detail: str = '') -> None:
         what = f'run {run.name}: {why}'
         self.failures[what] += 1
         where = self.failed_at[what] = ', '.join(
             f'{name} = {value:.4g}' for name, value in values.items()
-            if value != self._neutral.get(name))
+            if value != self._neutral.get(name)) + detail
         if self.failures.total() == self.calls and self.calls >= MAX_LOST:
             raise DiscrepancyError(f'simulator: it failed at all {self.calls} points; the last: '
                                    f'run {run.name}, {why}, at {where}')
 
     def failure_sentences(self) -> list[str]:
-        """Warning about the points at which the simulator failed."""
-        return [
+        """Warnings about a simulator that changed, and the points at which it failed."""
+        changes = {name: self._change(name) for name in self._first}
+        return [CHANGED.format('since its first call, the simulator', percent(change), name)
+                for name, change in changes.items() if change > REPEATED] + [
             f'the simulator failed at {count} of {self.calls} points, which were left out: '
             f'{what}; the last at {self.failed_at[what]}'
             for what, count in self.failures.most_common(3)
         ]
 
 
+@dataclass(frozen=True)
+class _First:
+    """The first result (C, N) of a run, in ranges, and the points with which it was asked."""
+
+    run: Run
+    asked: list[dict[str, float]]
+    number: int
+    rows: Array
+
+
+REPEATED = 1e-5
+"""Share of range by which results for the same parameters may differ: single precision."""
+
+CHANGED = (
+    '{} gives another result for the same parameters, by {} of range in run {}: let each call '
+    'begin from the same state, draw no random numbers, and leave run.inputs unchanged')
+
 MAX_LOST = 25
 """Failed points after which a simulator is abandoned: all starts of the base failed by then."""
+
+
+def _memory(values: ArrayLike) -> int:
+    """Where an array lies in memory: equal for two names of one array."""
+    if isinstance(values, np.ndarray):
+        return int(values.__array_interface__['data'][0])
+    return id(values)
 
 
 def _range(name: str, fitted: Sequence[Run]) -> float:
     """Largest range of a channel in a fitted run. DiscrepancyError if it never varies."""
     seen = [run.outputs[name] for run in fitted if name in run.outputs]
     values = [readings[np.isfinite(readings)] for readings in seen if np.isfinite(readings).any()]
-    span = max((float(np.ptp(readings)) for readings in values), default=0.0)
     size = max((float(np.abs(readings).max()) for readings in values), default=0.0)
+    if size > MAX_READING:
+        raise DiscrepancyError(
+            f'channel {name} has a reading of {size:.3g}: give NaN where a sample is missing')
+    span = max((float(np.ptp(readings)) for readings in values), default=0.0)
     if values and span == 0.0:
         raise DiscrepancyError(
             f'channel {name} does not vary in any fitted run: leave it out of the model, or give '

@@ -54,7 +54,7 @@ class Parameter:
         are_numbers = isinstance(self.low, numbers) and isinstance(self.high, numbers)
         if not (are_numbers and -math.inf < self.low < self.high < math.inf):
             raise DiscrepancyError(f'{label}: low must be below high, and both finite, not '
-                                   f'{self.low} and {self.high}')
+                                   f'{self.low!r} and {self.high!r}')
         if self.scale not in ('linear', 'log'):
             raise DiscrepancyError(f'{label}: scale is {self.scale!r}: give linear or log')
         if self.scale == 'log' and self.low <= 0.0:
