@@ -127,11 +127,9 @@ class Action:
     def _on_feedback(self, message: Any) -> None:
         self._notice(bytes(message.goal_id.uuid))
         said = message.feedback
+        share, words = said.progress, ''
         if self._name == 'identify':
-            share = said.iteration / max(said.iterations, 1)
             words = f'{said.iteration} of {said.iterations}, best {said.best_objective:.4g}'
-        else:
-            share, words = said.progress, ''
         left = said.elapsed * (1.0 - share) / share if share > 0.05 else None
         with self._lock:
             if self.job is not None and self.job.state == 'running':

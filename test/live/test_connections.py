@@ -4,15 +4,15 @@ import contextlib
 from functools import partial
 import logging
 import socket
-import threading
 import time
 from types import SimpleNamespace
 import urllib.request
 
 import pytest
+from served_page import served_page
 
 from saddlering_ros.live import server
-from saddlering_ros.live.server import Address, OneLineAMinute, serve
+from saddlering_ros.live.server import OneLineAMinute
 
 HALF = b'GET / HTTP/1.1\r\nHost: localhost\r\n'
 
@@ -20,18 +20,9 @@ HALF = b'GET / HTTP/1.1\r\nHost: localhost\r\n'
 @contextlib.contextmanager
 def served():
     """The port of a page with nothing behind it."""
-    ready, until, found = threading.Event(), threading.Event(), []
     watcher = SimpleNamespace(state=dict, now=dict, rows=lambda version, turn: None)
-    thread = threading.Thread(target=serve, daemon=True, args=(
-        watcher, Address('127.0.0.1', 0), lambda where: (found.append(where), ready.set()), until))
-    thread.start()
-    try:
-        assert ready.wait(60.0)
-        yield found[0].port
-    finally:
-        until.set()
-        thread.join(60.0)
-    assert not thread.is_alive()
+    with served_page(watcher) as where:
+        yield where.port
 
 
 def half_open(stack, port):

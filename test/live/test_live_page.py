@@ -15,12 +15,12 @@ from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rosnet import client, wait_until
+from served_page import served_page
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.action import DiagnoseRing, IdentifyRing
 from saddlering_interfaces.msg import RingAlarm
 from saddlering_ros.bags import read_raw, read_run
-from saddlering_ros.live.server import Address, serve
 from saddlering_ros.live.watcher import Watcher
 from saddlering_ros.record import displacement_of_run
 from saddlering_ros.rig import default_rig
@@ -62,20 +62,9 @@ def replayed(domain, bag, nodes=RING_NODES):
 
 @contextlib.contextmanager
 def served(domain, port=0):
-    """The page served by this process; its port."""
-    ready, until, found = threading.Event(), threading.Event(), []
-    with Watcher(domain) as watcher:
-        thread = threading.Thread(target=serve, daemon=True, args=(
-            watcher, Address('127.0.0.1', port), lambda where: (found.append(where), ready.set()),
-            until))
-        thread.start()
-        try:
-            assert ready.wait(60.0)
-            yield found[0]
-        finally:
-            until.set()
-            thread.join(60.0)
-        assert not thread.is_alive()
+    """The page of a domain; its address."""
+    with Watcher(domain) as watcher, served_page(watcher, port) as where:
+        yield where
 
 
 class Servers:
@@ -112,7 +101,7 @@ class Servers:
                 return IdentifyRing.Result(status=IdentifyRing.Result.CANCELED, message='canceled')
             goal.publish_feedback(IdentifyRing.Feedback(
                 stage='swarm', iteration=min(turn, 50) // 2, iterations=50, best_objective=1.25,
-                elapsed=10.0))
+                elapsed=10.0, progress=0.3))
             time.sleep(0.05)
         goal.abort()
         return IdentifyRing.Result()
