@@ -97,17 +97,18 @@ def _drawn(random: np.random.Generator, rig: Rig) -> ContactParameters:
 def virtual_run(
     test: str, elevation_deg: float, contact: ContactParameters, *, seed: int,
     noise: float = 0.3e-6, scatter: Scatter = NO_SCATTER, rate: float | None = None,
-    speed: float = 1.0, rig: Rig = RIG, number: int = 1, quantised: bool = True,
+    rig: Rig = RIG, number: int = 1, quantised: bool = True, **schedule: Any,
 ) -> Record:
     """One test on the virtual rig, as `bags` would align it; noise is the rms of a probe [m];
-    number: of the rig, whose rollers it draws; quantised: whether readings have steps."""
+    number: of the rig, whose rollers it draws; quantised: whether readings have steps;
+    schedule: options of that of the load. The load cell suits the size of the rig."""
     physical = experiment.PhysicalRig(rig, contact, float(np.radians(elevation_deg)),
                                       scatter=scatter, number=number)
-    schedule = (experiment.static_schedule(rig) if test == 'static' else
-                experiment.dynamic_schedule(rig, speed=speed))
+    make = experiment.static_schedule if test == 'static' else experiment.dynamic_schedule
+    load_noise = experiment.Instruments.load_noise * rig.full_scale_load / FULL_SCALE_LOAD
     record = experiment.record_test(experiment.TestPlan(
-        physical, schedule, seed=seed, rate=rate,
-        instruments=experiment.Instruments(noise=noise, quantised=quantised)))
+        physical, make(rig, **schedule), seed=seed, rate=rate, instruments=experiment.Instruments(
+            noise=noise, load_noise=load_noise, quantised=quantised)))
     stamps = record.load_stamps
     time = (stamps - stamps[0]) * 1e-9
     gaps = np.stack([

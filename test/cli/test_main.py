@@ -155,11 +155,16 @@ def test_a_signal_that_is_repeated_closes_what_is_open(tmp_path, number, status)
     assert (tmp_path / 'closed').exists()
 
 
+def ended(code):
+    """A program that has `leave_by_exception`, when it has ended."""
+    head = 'import os, signal, time\nfrom saddlering_ros.cli.main import leave_by_exception\n'
+    return subprocess.run([sys.executable, '-c', head + code], text=True, capture_output=True,
+                          cwd=ROOT, timeout=60, check=False)
+
+
 @pytest.mark.parametrize(('number', 'status'), [('SIGINT', -2), ('SIGTERM', 143)])
 def test_a_signal_waits_until_compiled_code_has_its_answer(number, status):
-    code = (
-        'import os, signal, time\n'
-        'from saddlering_ros.cli.main import leave_by_exception\n'
+    done = ended(
         'source = "def _numba_unpickle(os, number):\\n'
         ' os.kill(os.getpid(), number)\\n os.write(1, b\'7\')"\n'
         'found = {}\n'
@@ -167,20 +172,14 @@ def test_a_signal_waits_until_compiled_code_has_its_answer(number, status):
         'leave_by_exception()\n'
         f'found["_numba_unpickle"](os, signal.{number})\n'
         'time.sleep(30)\n')
-    done = subprocess.run([sys.executable, '-c', code], text=True, capture_output=True, cwd=ROOT,
-                          timeout=60, check=False)
     assert (done.stdout, done.returncode) == ('7', status)
 
 
 def test_a_function_of_a_name_that_compiled_code_calls_is_left_at_once():
-    code = (
-        'import os, signal, time\n'
-        'from saddlering_ros.cli.main import leave_by_exception\n'
+    done = ended(
         'leave_by_exception()\n'
         'def remove():\n os.kill(os.getpid(), signal.SIGTERM)\n os.write(1, b"7")\n'
         'remove()\n')
-    done = subprocess.run([sys.executable, '-c', code], text=True, capture_output=True, cwd=ROOT,
-                          timeout=60, check=False)
     assert (done.stdout, done.returncode) == ('', 143)
 
 
@@ -190,13 +189,8 @@ def test_a_function_of_a_name_that_compiled_code_calls_is_left_at_once():
     ' def discard(self, item): ended()\nthings.data = Data()\nthing = Thing()\nthings.add(thing)\n'
     'del thing\n'])
 def test_a_signal_at_the_end_of_an_object_is_not_lost(made):
-    code = (
-        'import os, signal, time\n'
-        'from saddlering_ros.cli.main import leave_by_exception\n'
-        'leave_by_exception()\n'
-        f'def ended(): os.kill(os.getpid(), signal.SIGTERM)\n{made}time.sleep(30)\n')
-    done = subprocess.run([sys.executable, '-c', code], text=True, capture_output=True, cwd=ROOT,
-                          timeout=60, check=False)
+    done = ended('leave_by_exception()\n'
+                 f'def ended(): os.kill(os.getpid(), signal.SIGTERM)\n{made}time.sleep(30)\n')
     assert (done.returncode, done.stderr) == (143, '')
 
 

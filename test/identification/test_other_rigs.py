@@ -1,61 +1,36 @@
 """Rigs of 1 t and 24 rollers a row, and of 400 t and 400 rollers, are judged by their own size."""
 
 from dataclasses import replace
-import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.rigs import sized_rig
+from benchmarks.rigs import sized_rig, virtual_run
 from saddlering_ros.diagnosis.records import build_record, check_set
 from saddlering_ros.doubts.readings import check_load_unit
 from saddlering_ros.errors import BagError
 from saddlering_ros.identification import IdentificationError, identify
 from saddlering_ros.identification.uncertainty import reason_wide
-from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS, Record
-from saddlering_ros.record.batches import align, seconds_array
+from saddlering_ros.record import LOAD_TOPIC, PROBE_TOPICS
 from saddlering_ros.record.quality import topic_quality
-from saddlering_ros.rig import default_rig, FULL_SCALE_LOAD, TONNE, TRUE_TO_SCALE
-from saddlering_ros.virtual_rig.experiment import (
-    dynamic_schedule,
-    Instruments,
-    PhysicalRig,
-    record_test,
-    static_schedule,
-    TestPlan,
-)
-from saddlering_ros.virtual_rig.integrator import Scatter
+from saddlering_ros.rig import default_rig, TONNE, TRUE_TO_SCALE
 
 RIGS = {'1 t': sized_rig(1.0, 24, 0.15), '400 t': sized_rig(400.0, 400, 2.0)}
 
 
-def virtual_run(rig, test, elevation=50.0, *, seed=1, contact=TRUE_TO_SCALE, **schedule):
-    """A run of the virtual rig, of equal rollers, with instruments that suit its size."""
-    scale = rig.full_scale_load / FULL_SCALE_LOAD
-    make = static_schedule if test == 'static' else dynamic_schedule
-    plan = TestPlan(
-        PhysicalRig(rig, contact, math.radians(elevation), (), Scatter(gap=0.0, stiffness=0.0), 1),
-        make(rig, **schedule), seed, Instruments(load_noise=50.0 * scale),
-        rate=50.0 if test == 'static' else 500.0)
-    record = record_test(plan)
-    gaps = np.stack([align(record.load_stamps, stamps, values)
-                     for stamps, values in zip(record.probe_stamps, record.gaps, strict=True)])
-    name = f'{test}_{elevation:g}'
-    return Record(
-        name=name, path=Path(name), test=test, elevation=math.radians(elevation), rig='other',
-        run='', stamps=record.load_stamps,
-        time=seconds_array(record.load_stamps, int(record.load_stamps[0])), load=record.load,
-        gaps=gaps)
+def static_run(rig, elevation=50.0):
+    return virtual_run('static', elevation, TRUE_TO_SCALE, seed=1, rig=rig, hold=2.0,
+                       step=rig.full_scale_load / 12.0)
+
+
+def dynamic_run(rig):
+    return virtual_run('dynamic', 50.0, TRUE_TO_SCALE, seed=1, rig=rig, rate=500.0, duration=6.0)
 
 
 @pytest.fixture(name='runs', scope='module', params=RIGS)
 def runs_fixture(request):
     rig = RIGS[request.param]
-    return rig, [
-        virtual_run(rig, 'static', elevation, hold=2.0, step=rig.full_scale_load / 12.0)
-        for elevation in (50.0, 70.0)
-    ] + [virtual_run(rig, 'dynamic', 50.0, duration=6.0)]
+    return rig, [static_run(rig), static_run(rig, 70.0), dynamic_run(rig)]
 
 
 def test_the_stiffnesses_of_a_rig_of_any_size_are_identified(runs):
@@ -73,9 +48,7 @@ def test_the_stiffnesses_of_a_rig_of_any_size_are_identified(runs):
 
 def test_unequal_rollers_leave_a_small_ring_open_and_the_reason_says_so():
     rig = RIGS['1 t']
-    found = identify([
-        virtual_run(rig, 'static', elevation, hold=2.0, step=rig.full_scale_load / 12.0)
-        for elevation in (50.0, 70.0)], rig)
+    found = identify([static_run(rig), static_run(rig, 70.0)], rig)
     assert not found.determined['K1']
     assert 'rollers' in found.reasons['K1']
 
@@ -109,8 +82,7 @@ def test_a_load_in_tonnes_or_kilonewtons_is_refused_on_a_rig_of_any_size(runs):
 @pytest.fixture(name='usual', scope='module')
 def usual_fixture():
     rig = default_rig()
-    return [virtual_run(rig, 'static', hold=2.0, step=rig.full_scale_load / 12.0),
-            virtual_run(rig, 'dynamic', duration=6.0)]
+    return [static_run(rig), dynamic_run(rig)]
 
 
 def rounded(run, step):

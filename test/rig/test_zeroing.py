@@ -33,18 +33,14 @@ def test_the_window_closes_half_a_second_after_it_opened() -> None:
     assert reading.load == pytest.approx(RIG.preload)
 
 
-def test_the_window_closes_when_the_load_leaves_its_start_by_one_percent_of_full_scale() -> None:
+@pytest.mark.parametrize(('share', 'end'), [(0.011, 20), (0.009, 51)])
+def test_the_window_closes_when_the_load_leaves_its_start_by_one_percent_of_full_scale(
+        share: float, end: int) -> None:
     time = np.arange(100) * 0.01
-    load = RIG.preload + np.where(time < 0.195, 0.0, 0.011 * RIG.full_scale_load)
+    load = RIG.preload + np.where(time < 0.195, 0.0, share * RIG.full_scale_load)
     reading = zero_of_record(RIG, time, load)
-    assert (reading.start, reading.end) == (0, 20)
-    assert reading.load == pytest.approx(RIG.preload)
-
-
-def test_a_load_that_moves_by_less_does_not_close_it() -> None:
-    time = np.arange(100) * 0.01
-    load = RIG.preload + np.where(time < 0.195, 0.0, 0.009 * RIG.full_scale_load)
-    assert zero_of_record(RIG, time, load).end == 51
+    assert (reading.start, reading.end) == (0, end)
+    assert reading.load == pytest.approx(load[:end].mean())
 
 
 def test_readings_are_means_over_the_window_and_nothing_else() -> None:

@@ -191,22 +191,29 @@ def test_an_exponent_left_out_is_that_of_each_row() -> None:
     assert np.abs(middle[1] - left_out[1]).max() > 1e-7
 
 
+def lag_of_a_ramp(
+        rig: Rig, law: dict[str, float], shares: tuple[float, ...],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lag and rest [m] of delta_x in a slow ramp at shares of full scale, and its rate [m/s]."""
+    time = np.arange(0.0, 20.0, 0.01)
+    load = np.interp(time, [1.0, 20.0], [RIG.preload, FULL_SCALE_LOAD])
+    moved = displacement(rig, probe_batch(
+        rig, candidates({'damping_law': law}), ELEVATION, time, load)[0])
+    at = np.searchsorted(load, np.array(shares) * FULL_SCALE_LOAD)
+    still = static_batch(rig, TRUE_TO_SCALE.to_array()[None], ELEVATION,
+                         np.array([RIG.preload, *load[at]]))[0][0]
+    return still[1:] - still[0] - moved[at], still[1:], np.gradient(moved, time)[at]
+
+
 @pytest.mark.parametrize('exponent', [0.25, 0.5, 1.0, 1.5])
 def test_the_lag_grows_with_load_as_the_exponent_says(exponent: float) -> None:
     """Without clearance all rollers sink in proportion, so with q ~ P^(1/n) a ramp's lag is
     d/k dq/dt ~ q^m q^(1-n) q^(1-n) = q^(m + 2 - 2n): at low load little or much of that at high.
     """
     rig = replace(RIG, radial_row=replace(RIG.radial_row, clearance=0.0))
-    time = np.arange(0.0, 20.0, 0.01)
-    load = np.interp(time, [1.0, 20.0], [RIG.preload, FULL_SCALE_LOAD])
-    effects = {'damping_law': {'share': 1.0, 'exponent': exponent}}
-    moved = probe_batch(rig, candidates(effects), ELEVATION, time, load)[0][0]
-    at = [np.searchsorted(load, share * FULL_SCALE_LOAD) for share in (0.2, 0.8)]
-    still = static_batch(rig, TRUE_TO_SCALE.to_array()[None], ELEVATION,
-                         np.array([RIG.preload, *load[at]]))[0][0]
-    lag = still[1:] - still[0] - moved[at]
+    lag, still, _ = lag_of_a_ramp(rig, {'share': 1.0, 'exponent': exponent}, (0.2, 0.8))
     assert np.all(lag > 1e-8)
-    growth = np.log(lag[1] / lag[0]) / np.log(still[2] / still[1])
+    growth = np.log(lag[1] / lag[0]) / np.log(still[1] / still[0])
     assert growth == pytest.approx(exponent + 2.0 - 2.0 * TRUE_TO_SCALE.n2, abs=0.02)
 
 
@@ -215,21 +222,13 @@ def test_a_ramp_lags_as_the_levelling_law_summed_over_the_rollers_says(
         exponent: float, levelling: float) -> None:
     """Slow ramp, force along x at the row's height: lag = dq/dt sum d cos^2 / sum k cos^2."""
     rig = replace(RIG, radial_row=replace(RIG.radial_row, clearance=0.0, height=0.0))
-    time = np.arange(0.0, 20.0, 0.01)
-    load = np.interp(time, [1.0, 20.0], [RIG.preload, FULL_SCALE_LOAD])
-    share = 0.8
-    effects = {'damping_law': {'share': share, 'exponent': exponent, 'levelling': levelling}}
-    moved = displacement(rig, probe_batch(rig, candidates(effects), ELEVATION, time, load)[0])
-    at = np.searchsorted(load, np.array([0.2, 0.5, 0.8]) * FULL_SCALE_LOAD)
-    still = static_batch(rig, TRUE_TO_SCALE.to_array()[None], ELEVATION,
-                         np.array([RIG.preload, *load[at]]))[0][0]
-    lag = still[1:] - still[0] - moved[at]
-    law = TRUE_TO_SCALE
+    share, law = 0.8, TRUE_TO_SCALE
+    lag, still, rate = lag_of_a_ramp(
+        rig, {'share': share, 'exponent': exponent, 'levelling': levelling}, (0.2, 0.5, 0.8))
     cosine = np.cos(2.0 * np.pi * np.arange(rig.radial_row.rollers) / rig.radial_row.rollers)
     cosine = cosine[cosine > 1e-9]
-    p = still[1:, None] * cosine
+    p = still[:, None] * cosine
     stiffness = (law.K2 * law.n2 * p ** (law.n2 - 1.0) * cosine**2).sum(axis=1)
     grown = 1.0 - share + share * growth(p, exponent, levelling)
     damping = (law.D2 * grown * cosine**2).sum(axis=1)
-    rate = np.gradient(moved, time)[at]
     assert lag == pytest.approx(damping / stiffness * rate, rel=0.01)

@@ -76,6 +76,17 @@ def shown_variants(one: RingEffect) -> list[Variant]:
     return list({item.label: item for item in (one.variants[0], one.variants[-1])}.values())
 
 
+def assert_tangents_are_differences(
+        centre: tuple[np.ndarray, RingExtension], pair: list[tuple[np.ndarray, RingExtension]],
+        where: str) -> None:
+    more, less = probe_batch(RIG, pair, ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)
+    found = Neighbourhoods(RIG, [(centre, pair)]).along(
+        ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)[0].neighbours
+    largest = np.abs(more - less).max()
+    assert found[0] - found[1] == pytest.approx(
+        more - less, abs=5e-3 * largest + 1e-14), where
+
+
 def test_radial_friction_takes_its_load_at_rest_and_pushes_no_ring_through_its_clearance() -> None:
     resting = RIG.preload * np.cos(ELEVATION)
     sizes = {'force': 1.5 * resting, 'presliding': 2e-6, 'sharpness': 0.3, 'initial': 0.9}
@@ -87,12 +98,8 @@ def test_radial_friction_takes_its_load_at_rest_and_pushes_no_ring_through_its_c
                             ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)[:, 0]
     assert np.abs(far - near).max() < 0.1 * RIG.radial_row.clearance
     for name, step in (('force', 0.5), ('presliding', 1e-10), ('initial', 1e-4)):
-        pair = [candidate(name, by) for by in (step, -step)]
-        more, less = probe_batch(RIG, pair, ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)
-        found = Neighbourhoods(RIG, [(candidate(name, 0.0), pair)]).along(
-            ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)[0].neighbours
-        largest = np.abs(more - less).max()
-        assert found[0] - found[1] == pytest.approx(more - less, abs=5e-3 * largest + 1e-14), name
+        assert_tangents_are_differences(
+            candidate(name, 0.0), [candidate(name, by) for by in (step, -step)], name)
 
 
 @pytest.mark.parametrize('one', catalogue().values(), ids=list(catalogue()))
@@ -104,14 +111,9 @@ def test_readings_change_with_every_parameter_of_an_effect_as_differences_say(
         centre = extension_of({one.id: values})
         for item in one.parameters:
             step = 2e-6 * (item.high - item.low)
-            pair = [(LAW, extension_of({one.id: {**values, item.name: values[item.name] + by}}))
-                    for by in (step, -step)]
-            more, less = probe_batch(RIG, pair, ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)
-            found = Neighbourhoods(RIG, [((LAW, centre), pair)]).along(
-                ELEVATION, SLOW, SLOW_LOAD, max_step=STEP)[0].neighbours
-            largest = np.abs(more - less).max()
-            assert found[0] - found[1] == pytest.approx(
-                more - less, abs=5e-3 * largest + 1e-14), (variant, item.name)
+            assert_tangents_are_differences((LAW, centre), [
+                (LAW, extension_of({one.id: {**values, item.name: values[item.name] + by}}))
+                for by in (step, -step)], f'{variant} {item.name}')
 
 
 def test_the_response_itself_is_that_of_a_simulation_in_the_same_steps() -> None:

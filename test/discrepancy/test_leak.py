@@ -1,4 +1,4 @@
-"""A law that acts in the right channels by the wrong shares is told from the true one."""
+"""Claims on a leak: its shares in two channels, and what it leaves of each run."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from saddlering_ros.discrepancy import Channel, diagnose, Effect, Model, Parameter, Run
-from saddlering_ros.discrepancy.verdict import wrong_law
+from saddlering_ros.discrepancy.verdict import established, wrong_law
 
 TIME = np.linspace(0.0, 40.0, 400)
 
@@ -67,3 +67,16 @@ def test_a_cause_in_one_channel_does_not_patch_the_law_of_the_main_one(
     answer = diagnose(model, runs[:3], hold_out=runs[3:])
     assert answer.verdict == 'named'
     assert [cause.effect for cause in answer.causes] == ['leak', 'gauge']
+
+
+@pytest.mark.parametrize(('wander', 'verdict'), [
+    (0.02, 'named'), (0.05, 'named'), (0.11, 'unknown')])
+def test_a_cause_leaves_no_run_much_more_than_the_others(
+    wander: float, verdict: str, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    runs = [record(0, 1.0), record(1, 1.0, wander), record(2, 1.0), record(3, 1.0)]
+    answer = diagnose(MODEL, runs[:3], hold_out=runs[3:])
+    assert (answer.verdict, answer.causes[0].effect) == (verdict, 'leak')
+    assert any('run 1 keeps' in words for words in answer.warnings) is (verdict == 'unknown')
+    monkeypatch.setattr(established, 'uneven_rest', lambda _: [])
+    assert diagnose(MODEL, runs[:3], hold_out=runs[3:]).verdict == 'named'
