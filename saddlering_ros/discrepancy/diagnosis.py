@@ -9,7 +9,7 @@ import numpy as np
 from saddlering_ros.discrepancy.engine import diagnose_system
 from saddlering_ros.discrepancy.noise import noise_sentence, wrong_level
 from saddlering_ros.discrepancy.problem import system as systems
-from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, fit_base, tangent
+from saddlering_ros.discrepancy.problem.fits import Candidate, centred, Fit, fit_base, tangent
 from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
 from saddlering_ros.discrepancy.problem.model import Model, ModelSystem, Run
 from saddlering_ros.discrepancy.problem.problem import Assumptions, Problem
@@ -228,7 +228,7 @@ def check(model: Model, runs: Sequence[Run]) -> CheckReport:
 
 def _base_lines(metric: Metric, fit: Fit) -> list[str]:
     """Standard deviation of each base parameter by itself."""
-    white = tangent(metric, fit).white
+    white = centred(metric, fit, tangent(metric, fit).white)
     lines = []
     for number, parameter in enumerate(metric.problem.system.base_parameters):
         others = orthonormal(np.delete(white, number, axis=1))

@@ -15,6 +15,7 @@ import saddlering_ros
 from saddlering_ros import discrepancy
 from saddlering_ros.discrepancy import (
     Channel,
+    check,
     diagnose,
     Diagnosis,
     DiscrepancyError,
@@ -186,3 +187,28 @@ def test_names_with_dollar_signs_are_drawn_as_they_are(tmp_path: Path) -> None:
     answer = found(straight, replace(first, name='$_a_$'), replace(second, name='cost $^{ in $'))
     answer.write_report(tmp_path / 'page.html')
     assert '$_a_$' in (tmp_path / 'page.html').read_text()
+
+
+def test_parameters_that_only_have_a_ratio_get_no_narrow_interval() -> None:
+    """Mass and spring of a free oscillation have a frequency: the spring was 5.128 +- 0.002."""
+    def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        frequency = np.sqrt(parameters['spring'] / parameters['mass'])
+        more = parameters['magnet.force'] / parameters['mass'] * np.sin(3.0 * run.time)
+        return {'y': np.cos(frequency * run.time) + more}
+
+    model = Model(
+        simulate, base={'mass': Parameter(0.5, 4.0), 'spring': Parameter(0.5, 8.0)},
+        effects={'magnet': Effect('A magnet', {'force': Parameter(0, 1)})},
+        channels={'y': Channel()})
+    time = np.linspace(0.0, 20.0, 400)
+    true = {'mass': 2.0, 'spring': 3.0, 'magnet.force': 0.2}
+    runs = []
+    for seed in (0, 1):
+        run = Run(f'run {seed}', time, {}, {'y': time})
+        noise = 1e-3 * np.random.default_rng(seed).normal(size=time.size)
+        runs.append(Run(run.name, time, {}, {'y': simulate(true, run)['y'] + noise}))
+    answer = diagnose(model, runs)
+    assert answer.base['spring'].std > 0.5
+    assert abs(answer.base['spring'].value - 3.0) < 3.0 * answer.base['spring'].std
+    seen = {line.split(':')[0]: line for line in check(model, runs)}
+    assert seen['base mass'].endswith('cannot be told from the other base parameters')

@@ -503,7 +503,7 @@ def test_an_interval_counts_the_sizes_in_models_that_are_nearly_as_likely() -> N
                                theta_unit=np.array(theta))
 
     space: Any = SimpleNamespace(
-        tangent_of=lambda fit: SimpleNamespace(white=1e3 * np.eye(fit.theta_unit.size)),
+        slopes_of=lambda fit: 1e3 * np.eye(fit.theta_unit.size),
         settings=SimpleNamespace(error_rate=1e-3),
         problem=SimpleNamespace(system=SimpleNamespace(base_parameters=(Parameter(0, 1),))))
     residual: Any = SimpleNamespace(inflation=lambda rate: 1.0)

@@ -253,6 +253,25 @@ def tangent(metric: Whitening, fit: Fit) -> Tangent:
     return Tangent(plain, metric.whiten(plain))
 
 
+def centred(metric: Whitening, fit: Fit, white: Array) -> Array:
+    """Whitened sensitivities (n, p) by central differences along the directions of `white`.
+
+    A combination of parameters that changes nothing has a length in differences to one side: the
+    curvatures of its columns do not cancel, and its interval would be too narrow.
+    """
+    base = metric.problem.system.base_parameters
+    steps = np.array([one.step for one in fit.candidate.parameters(base)])
+    rows = np.linalg.svd(white * steps, full_matrices=False)[2]
+    least = np.abs(rows * steps).max(axis=0)
+    middle = np.clip(fit.theta_unit, least, 1.0 - least)
+    answers = metric.problem.predict([
+        fit.candidate.point(base, middle + side * move) for move in rows * steps
+        for side in (1.0, -1.0)])
+    changes = metric.whiten(np.ascontiguousarray(answers[:, ::2] - answers[:, 1::2]) / 2.0)
+    changes = np.where(np.isfinite(changes).all(axis=0), changes, white @ (rows * steps).T)
+    return np.asarray(changes @ rows / steps)
+
+
 def refit_base(metric: Whitening, fit: Fit, names: Collection[str], rounds: int) -> Fit:
     """The base refitted in a metric, beside those effects of a fit, with the sizes found there."""
     base = len(metric.problem.system.base_parameters)

@@ -14,7 +14,7 @@ from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit, refit, run_refits, tangent
 from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Parameter, SystemWithTangents
 from saddlering_ros.discrepancy.search import signatures as shown_by
 from saddlering_ros.discrepancy.search.lack_of_fit import LackOfFitTests, SlowResidual
 from saddlering_ros.discrepancy.search.ranking import rank, Score, shortlist, starts_of_each, Trial
@@ -118,6 +118,12 @@ class ModelSpace:
     def tangent_of(self, fit: Fit) -> fitting.Tangent:
         """All sensitivities of a fit, computed once."""
         return self.once('tangent', fit, lambda: tangent(self.metric, fit))
+
+    def slopes_of(self, fit: Fit) -> Array:
+        """Whitened sensitivities (n, p) for intervals: central, or as the system has them."""
+        white = self.tangent_of(fit).white
+        has_own = isinstance(self.problem.system, SystemWithTangents)
+        return white if has_own else fitting.centred(self.metric, fit, white)
 
     def changes_of(self, fit: Fit) -> Array:
         """Change (n, E) of the prediction of a fit by each of its effects, computed once."""

@@ -268,7 +268,7 @@ def _covariance(
     apart = np.abs(points - points[0])
     periodic = [parameter.periodic for parameter in published.candidate.parameters(base)]
     apart = np.where(periodic, np.minimum(apart, 1.0 - apart), apart)
-    fitted = covariance(space.tangent_of(sources[0]).white, PRIOR)[np.ix_(first, first)]
+    fitted = covariance(space.slopes_of(sources[0]), PRIOR)[np.ix_(first, first)]
     widened = fitted * residual.inflation(space.settings.error_rate)
     return np.asarray(widened + np.diag(
         apart.max(axis=0) ** 2 + (published.theta_unit - points[0]) ** 2))
