@@ -348,9 +348,13 @@ def stdout_console() -> Console:
     """The console on standard output: as wide as the terminal, or wide enough in a pipe."""
     from rich.console import Console
 
+    class Plain(Console):
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError  # of the library: status 1, before a file is written
+
     if sys.stdout.isatty():
-        return Console(markup=False, highlight=False)
-    return Console(width=PIPED_WIDTH, markup=False, highlight=False, soft_wrap=True)
+        return Plain(markup=False, highlight=False)
+    return Plain(width=PIPED_WIDTH, markup=False, highlight=False, soft_wrap=True)
 
 
 def show_table(titles: Sequence[str], rows: Iterable[Sequence[str]], *, texts: int = 1) -> None:

@@ -34,6 +34,7 @@ def run(args: argparse.Namespace) -> int:
     rig = load_rig(args.rig)
     problems = []
     documents = []
+    reader_gone = None
     for bag in args.bags:
         try:
             with Bar() as bar:
@@ -45,9 +46,17 @@ def run(args: argparse.Namespace) -> int:
             continue
         problems += info.problems[:1]
         documents.append(info.as_dict())
-        if args.json != '-':
+        if args.json == '-' or reader_gone is not None:
+            continue
+        try:
             _print_info(bag, info, rig)
+        except BrokenPipeError as problem:  # as with `| head`: the file is wanted all the same
+            if args.json is None:
+                raise
+            reader_gone = problem
     tell_json(args, documents)
+    if reader_gone is not None:
+        raise reader_gone
     if not problems:
         return 0
     sys.stdout.flush()

@@ -14,6 +14,7 @@ import pkgutil
 import shlex
 import signal
 import sys
+import tempfile
 import time
 from types import FrameType, ModuleType
 from typing import Any
@@ -32,6 +33,9 @@ UNUSABLE_FILE = frozenset({
     errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP,
 })
 """Operating system errors that mean the user named a file that cannot be used."""
+
+NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
+"""Errors of a full disk, where no file is named: of standard output, or of a scratch file."""
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RETRY = 0.01
@@ -108,6 +112,10 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
         if (isinstance(error, OSError) and error.filename is not None
                 and error.errno in UNUSABLE_FILE):
             return _complain(f'{error.filename}: {error.strerror}', UNUSABLE, args)
+        if isinstance(error, OSError) and error.errno in NO_ROOM:
+            return _complain(
+                f'{error.strerror}: neither standard output nor the folder of scratch files, '
+                f'{tempfile.gettempdir()}, may be full: choose other places', UNUSABLE, args)
         hint = '' if args.traceback else ' (--traceback shows the place)'
         return _complain(f'failed: {type(error).__name__}: {error}{hint}', OUR_FAILURE, args)
 

@@ -232,3 +232,23 @@ def test_a_reader_that_is_gone_takes_no_file_away(place, monkeypatch):
         monkeypatch.undo()
         os.dup2(os.open(os.devnull, os.O_WRONLY), write_end)
     assert written == [Path('r.html')]
+
+
+def test_info_writes_its_json_although_its_reader_is_gone(tmp_path):
+    bag = ROOT / 'bags' / 'dynamic_50_fast'
+    command = (f'{sys.executable} -m saddlering_ros.cli.main info {bag} {bag} --json info.json'
+               ' | head -0; exit ${PIPESTATUS[0]}')
+    done = subprocess.run(['bash', '-c', command], cwd=tmp_path, capture_output=True, text=True,
+                          check=False)
+    assert (done.returncode, done.stderr) == (141, '')
+    assert len(json.loads((tmp_path / 'info.json').read_text())) == 2
+
+
+def test_a_full_disk_behind_standard_output_is_told_as_such():
+    bag = ROOT / 'bags' / 'dynamic_50_fast'
+    done = subprocess.run(
+        ['bash', '-c', f'{sys.executable} -m saddlering_ros.cli.main info {bag} > /dev/full'],
+        capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith('saddlering info: No space left on device: neither standard out')
+    assert done.stderr.count('\n') == 1
