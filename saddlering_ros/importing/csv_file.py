@@ -69,7 +69,7 @@ def shape_of(path: Path, given: Mapping[str, Any]) -> tuple[CsvShape, list[list[
     except LookupError as problem:
         raise ImportingError(f'{path}: csv.encoding is {encoding!r}, which is not known: give '
                              'utf-8, latin-1 or utf-16') from problem
-    if '\0' in text:
+    if '\0' in text.rstrip('\0'):  # a recorder that was cut off leaves some at the end
         raise ImportingError(f'{path}: is neither a text file nor of another format that is read '
                              '(TDMS, MAT, HDF5, MDF4): check the path')
     lines = StringIO(text, newline=None).read().split('\n')  # only the line ends of Arrow

@@ -46,6 +46,13 @@ def test_rows_of_another_width_are_left_out_and_counted(tmp_path: Path) -> None:
         f'{tmp_path}/a.csv: rows without 3 columns are left out: 1, first line 11 with 4',)
 
 
+def test_zero_bytes_at_the_end_of_a_file_are_a_row_that_is_left_out(tmp_path: Path) -> None:
+    """A recorder that is cut off leaves them; a short file was "neither a text file nor ..."."""
+    result = convert(tmp_path, plain_table() + '\0' * 4096, document())
+    assert len(readings(tmp_path)) == ROWS
+    assert 'rows without 3 columns are left out: 1' in result.warnings[0]
+
+
 def test_a_unit_that_the_file_states_otherwise_is_told(tmp_path: Path) -> None:
     """A time in ms that the map took for s was imported without a word."""
     text = plain_table().replace('t;F;w', 't [ms];F [kN];w in mm', 1)
