@@ -167,18 +167,21 @@ class RingDisplacementNode(streaming_node.StreamingNode):
                 f'{self._rig.force_words(self._stream.load, 2)}; the simulator follows')
 
     def _probes_status(self) -> TaskStatus:
-        absent = self._rig.probes.absent
-        missing = [number for number, count in enumerate(self._stream.take_missing(), 1)
-                   if count and number != absent]
+        absent, zero = self._rig.probes.absent, self._stream.zero
+        silent = [number for number, count in enumerate(self._stream.take_missing(), 1)
+                  if count and number != absent]
+        missing = silent or [number for number, gap in enumerate(
+            zero.reading.gaps if zero else (), 1) if math.isnan(gap) and number != absent]
         if not missing:
             return TaskStatus(OK, 'all four read' if not absent else
                               f'the other three read; probe {absent} is absent '
                               '(rig.probes.absent), parity unknown')
         channels = ' and '.join(sorted({'delta_x' if number % 2 else 'delta_y and gamma'
                                         for number in missing}))
-        probes = ', '.join(map(str, missing))
-        return TaskStatus(ERROR, f'probe {probes} does not read, {channels} unknown: repair the '
-                                 'probe, then call ~/zero; the other channels continue')
+        fault, remedy = (('does not read', 'repair the probe, then') if silent else
+                         ('did not read at the zero', 'go to preload, and'))
+        return TaskStatus(ERROR, f'probe {", ".join(map(str, missing))} {fault}, {channels} '
+                                 f'unknown: {remedy} call ~/zero; the other channels continue')
 
     def _clocks_status(self) -> TaskStatus:
         """By arrival, as check-driver judges it; the stamps of a replay are too old for that."""

@@ -7,6 +7,7 @@ from itertools import pairwise
 import math
 import os
 from pathlib import Path
+import re
 from typing import Any
 
 from rcl_interfaces import msg
@@ -68,6 +69,9 @@ class NodeParameter:
             return f'{self.name} is {value!r}: give {_KINDS[type(self.default)]}'
         if self.choices and value not in self.choices:
             return f'{self.name} is {value!r}: give one of {", ".join(self.choices)}'
+        if (self.name.endswith('frame_id') and value != self.default
+                and not re.fullmatch(r'[^/\s].*', str(value))):
+            return f'{self.name} is {value!r}: give the name of a frame, without a / before it'
         if self.nan_allowed and isinstance(value, float) and math.isnan(value):
             return ''
         if isinstance(value, float) and not math.isfinite(value):

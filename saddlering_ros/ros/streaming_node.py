@@ -283,12 +283,18 @@ FORMS = {
     'params file': '--params-file FILE, and in it NODE: {ros__parameters: {NAME: VALUE}}'}
 """What to type, by the name that rcl has for a part of a command line."""
 
+NAMES = {'__ns': '-r __ns:=/NAME with letters, digits and _, and no digit first',
+         '__node': '-r __node:=NAME with letters, digits and _, and no digit first'}
+"""The same of a name that is no name of ROS."""
+
 
 def refusal_words(words: str) -> str:
     """A refusal of rcl with what to type, and without places in its source; others unchanged."""
     refused = re.search(r"Couldn't parse (?:trailing )?(.*?): '(.*?)'\. Error", words)
     if refused is not None and refused[1] in FORMS:
-        return f'{refused[1]} {refused[2]!r} is of no use: give {FORMS[refused[1]]}'
+        name = refused[2].removeprefix('-r ').partition(':=')[0]
+        return (f'{refused[1]} {refused[2]!r} is of no use: give '
+                f'{NAMES.get(name, FORMS[refused[1]])}')
     return re.sub(r', at /\S+', '', words)
 
 

@@ -90,10 +90,14 @@ def test_what_may_be_set_while_active_takes_effect_and_the_clock_does_not_hear_i
 
 
 def test_a_probe_that_does_not_read_is_told_with_the_channels_that_it_costs() -> None:
+    """A probe that began after the zero was among "all four read", and the rig was ready."""
+    zero = SimpleNamespace(reading=SimpleNamespace(gaps=(1e-3, np.nan, 1e-3, 1e-3)))
     for missing, words in (([2, 0, 0, 0], 'probe 1 does not read, delta_x unknown'),
-                           ([0, 3, 0, 1], 'probe 2, 4 does not read, delta_y and gamma unknown')):
+                           ([0, 3, 0, 1], 'probe 2, 4 does not read, delta_y and gamma unknown'),
+                           ([0] * 4, 'probe 2 did not read at the zero, delta_y and gamma unknown')
+                           ):
         node: Any = SimpleNamespace(_rig=default_rig(), _stream=SimpleNamespace(
-            take_missing=lambda missing=missing: missing))
+            take_missing=lambda missing=missing: missing, zero=zero))
         found = RingDisplacementNode._probes_status(node)
         assert (found.level, found.words.partition(':')[0]) == (ERROR, words)
 

@@ -79,6 +79,9 @@ ROS_ARGS = '--ros-args'
 NOT_READ: list[tuple[list[str], str]] = [
     (['max_gap:=3.0'], 'max_gap:=3.0 is not read: give --ros-args -p NAME:=VALUE'),
     ([ROS_ARGS, '-r', 'rig/load'], "remap rule '-r rig/load' is of no use: give -r OLD:=NEW"),
+    ([ROS_ARGS, '-r', '__ns:=rig1'], "-r __ns:=rig1' is of no use: give -r __ns:=/NAME with let"),
+    ([ROS_ARGS, '-p', "frame_id:=''"], "frame_id is '': give the name of a frame, without"),
+    ([ROS_ARGS, '-p', 'frame_id:=/map'], "frame_id is '/map': give the name of a frame"),
     ([ROS_ARGS, '-p', 'max_gap'], "rule '-p max_gap' is of no use: give -p NAME:=VALUE"),
     ([ROS_ARGS, '--log-level', 'loud'], "'--log-level loud' is of no use: give --log-level debug"),
     ([ROS_ARGS, '--params-file', 'flat.yaml'], 'of no use: give --params-file FILE, and in it'),
