@@ -33,6 +33,7 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.noise import noise_alone
@@ -243,6 +244,14 @@ class Innovations:
 MAX_REST = 20.0
 """A rest is read no longer than this [s]; then watching begins, whether the load moves or not."""
 
+MOVED_SIGMAS = 5.0
+"""Standard deviations of a reading by which the mean of a block at rest may move, beside the
+materiality, which may be set to 0."""
+
+MAX_ALONE = 1.0
+"""Time [s] for which the residual may be further away before the load has left its rest: a ring
+with friction breaks away at once, and a slow load is seen to move later."""
+
 LEVEL_SIGMAS = 2.0
 """Standard deviations of the estimate by which the noise is taken larger."""
 
@@ -277,16 +286,23 @@ class RestLearner:
         self._band, self._block = band, block
         self.restart()
 
-    def restart(self, *, moved: bool = False) -> None:
-        """Begin anew; moved: the load has just moved, so that the ring settles at first."""
-        self.moved = moved
+    def restart(self, *, moved: bool = False, alone: bool = False) -> None:
+        """Begin anew; moved: the ring has moved, and settles at first; alone: the load has not."""
+        self.moved, self.moved_alone = moved, alone
+        self._begun: tuple[Array, Array] | None = None
+        self._left = 0.0
         self._stamps: list[int] = []
         self._rows: list[tuple[float, ...]] = []
         self._rest = Rest(self._band)
         self._load, self._begin = 0.0, 0
 
-    def step(self, stamp: int, residual: tuple[float, ...], load: float) -> RestNoise | None:
-        """Take a sample: stamp [ns], residual (C,), load [N]; the noise when it is known."""
+    def step(
+        self, stamp: int, residual: tuple[float, ...], load: float, allowed: ArrayLike = math.inf,
+    ) -> RestNoise | None:
+        """Take a sample: stamp [ns], residual (C,), load [N]; the noise when it is known.
+
+        allowed (C,): a residual that moves further while the load rests is no noise.
+        """
         if not self._stamps:
             self._begin = stamp
         ended = False
@@ -296,6 +312,10 @@ class RestLearner:
             ended = not self._rest.takes(self._load / count, count)
             if not ended:
                 self._load, self._begin = 0.0, stamp
+                leaves = self._leaves(np.array(self._rows[-count:]), np.asarray(allowed))
+                self._left = self._left + BLOCK_SECONDS if leaves else 0.0
+                if self._left > MAX_ALONE:
+                    self.restart(moved=True, alone=True)
         self._stamps.append(stamp)
         self._rows.append(residual)
         self._load += load
@@ -306,6 +326,13 @@ class RestLearner:
         if noise is None:
             self.restart(moved=True)
         return noise
+
+    def _leaves(self, rows: Array, allowed: Array) -> bool:
+        """Whether a block of residuals (n, C) is further from the first one than noise is."""
+        mean = rows.mean(axis=0)
+        if self._begun is None:
+            self._begun = mean, MOVED_SIGMAS * rows.std(axis=0)
+        return bool(np.any(np.abs(mean - self._begun[0]) > allowed + self._begun[1]))
 
     def _read(self, *, ended: bool) -> RestNoise | None:
         """The noise of the samples at rest; None if they are too few."""

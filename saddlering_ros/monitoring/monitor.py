@@ -22,6 +22,8 @@ WAITING, LEARNING, WATCHING, ALARM = range(4)
 """States of a monitor, numbered as in RingAlarm.msg."""
 
 MOVING = 'the load moves, and its noise was not measured at rest before: let the load rest for 2 s'
+MOVED_ALONE = ('the residual moved by more than the materiality while the load rested: see to the '
+               'load cell and its unit, then let the load rest for 2 s')
 NO_EQUILIBRIUM = ('the ring has no equilibrium at preload or full scale with the parameters in '
                   'force: nothing is watched')
 
@@ -143,7 +145,9 @@ class Monitor:
         """Why no change would be found, in words; '' while changes are found or the load rests."""
         if not np.isfinite(self.materiality).all():
             return NO_EQUILIBRIUM
-        return MOVING if self.state == LEARNING and self._learner.moved else ''
+        if self.state != LEARNING or not self._learner.moved:
+            return ''
+        return MOVED_ALONE if self._learner.moved_alone else MOVING
 
     @property
     def stamp(self) -> int:
@@ -201,6 +205,8 @@ class Monitor:
             for reason in reasons:
                 self._lapse(f'{reason}: the evidence restarts', sample.stamp)
                 self._clear_evidence()
+            if self.rest is None and sample.zero != last.zero:
+                self._learner.restart(moved=self._learner.moved)
         self._last = sample
         if self.rest is None:
             self._learn(sample)
@@ -231,7 +237,7 @@ class Monitor:
             self._watch.reset()
 
     def _learn(self, sample: Sample) -> None:
-        rest = self._learner.step(sample.stamp, sample.residual, sample.load)
+        rest = self._learner.step(sample.stamp, sample.residual, sample.load, self.materiality)
         if rest is None:
             return
         self.rest = rest

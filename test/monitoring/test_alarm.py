@@ -187,6 +187,31 @@ def test_the_noise_is_learnt_until_the_load_moves_and_watched_from_there_on():
     assert noise.white + noise.wander == pytest.approx(0.1, rel=0.2)
 
 
+def test_a_residual_that_moves_while_the_load_rests_is_no_noise_and_ends_the_sight():
+    """A load cell that stands still, or sends kN: nothing was wrong for 20 s, then all noise."""
+    watched, unwatched = monitor(materiality=10.0), {}
+    samples = record(seconds=40.0, size=0.0, load=lambda time: np.full(time.size, 5e3))
+    for number, sample in enumerate(samples):
+        moved = 60.0 * float(np.clip(number / 500 - 2.0, 0.0, 5.0))
+        watched.step(replace(sample, residual=(*sample.residual[:2], moved + sample.residual[2])))
+        unwatched[number / 500] = watched.unwatched
+    assert not unwatched[1.9]
+    assert 'while the load rested: see to the load cell' in unwatched[4.0]
+    assert unwatched[6.0] == unwatched[4.0]
+    assert watched.alarm.channel == 'gamma'
+
+
+def test_a_zero_that_is_renewed_before_the_noise_is_known_is_no_movement():
+    samples = record(seconds=6.0, size=0.0)
+    watched = watch(monitor(), [
+        replace(one, zero=1 if number < 400 else 2, residual=tuple(
+            value + (500.0 if number < 400 else 0.0) for value in one.residual))
+        for number, one in enumerate(samples)])
+    assert watched.state == WATCHING
+    assert watched.rest.first
+    assert watched.rest.noise[0].white < 1.0
+
+
 def test_an_alarm_stays_until_it_is_reset_and_comes_again_if_its_cause_is_there():
     samples = record(size=5.0)
     watched = watch(monitor(), samples[:-1000])
