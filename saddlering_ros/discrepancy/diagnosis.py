@@ -45,6 +45,7 @@ def diagnose(
         model, runs, hold_out, settings=settings, start=start, proposals=proposals,
         watch=Watch('diagnose', on_progress, is_cancelled))
     diagnosis = diagnose_system(problem)
+    problem.watch.progress('verdict', 1.0)
     if isinstance(problem.system, ModelSystem):
         return _finished(diagnosis, problem.system)
     return diagnosis

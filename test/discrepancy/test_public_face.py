@@ -103,7 +103,10 @@ def test_the_engine_imports_no_ring() -> None:
     (lambda: diagnose(lines(straight), [record()], hold_out=record(1)),
      'diagnose: hold_out is a Run: give a list of runs'),
     (lambda: diagnose(lines(straight), [record(huge=1e300)]),
-     'channel y has a reading of 1e+300: give NaN where a sample is missing')])
+     'channel y has a reading of 1e+300: give NaN where a sample is missing'),
+    (lambda: diagnose(lines(straight), [
+        replace(record(), outputs={'y': 1e-200 * np.arange(200)})]),
+     'channel y moves by 1.99e-198: give it in another unit')])
 def test_a_declaration_of_another_kind_is_refused_in_one_line(
         declare: Callable[[], object], words: str) -> None:
     with pytest.raises(DiscrepancyError) as refused:
@@ -212,3 +215,21 @@ def test_parameters_that_only_have_a_ratio_get_no_narrow_interval() -> None:
     assert abs(answer.base['spring'].value - 3.0) < 3.0 * answer.base['spring'].std
     seen = {line.split(':')[0]: line for line in check(model, runs)}
     assert seen['base mass'].endswith('cannot be told from the other base parameters')
+
+
+def test_the_last_report_of_progress_is_the_whole() -> None:
+    shares: list[float] = []
+    diagnose(lines(straight), [record(0), record(1)],
+             on_progress=lambda said: shares.append(said.share))
+    assert shares[-1] == 1.0
+    assert shares == sorted(shares)
+
+
+def test_a_simulator_that_fails_for_one_run_is_refused_with_the_reason() -> None:
+    def simulate(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        if run.name == 'run 1':
+            raise OSError('no road file')
+        return straight(parameters, run)
+
+    with pytest.raises(DiscrepancyError, match=r'parameters \(run run 1: OSError: no road file\)'):
+        diagnose(lines(simulate), [record(0), record(1)])

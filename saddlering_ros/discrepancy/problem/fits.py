@@ -371,9 +371,10 @@ def fit_base(metric: Whitening) -> Fit:
                   for fit in sorted(coarse, key=lambda fit: fit.misfit)[:2]]
     best = min(run_refits(metric, wanted), key=lambda fit: fit.misfit)
     if not np.isfinite(best.misfit):
+        reason = next((f' ({why})' for why in getattr(problem.system, 'failures', ())), '')
         raise system.DiscrepancyError(
-            'simulator: it fails at every start of the base parameters: give each parameter a '
-            'start at which the simulator runs')
+            f'simulator: it fails at every start of the base parameters{reason}: give each '
+            'parameter a start at which the simulator runs')
     return best
 
 

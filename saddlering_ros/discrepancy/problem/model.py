@@ -481,6 +481,8 @@ def _range(name: str, fitted: Sequence[Run]) -> float:
         raise DiscrepancyError(
             f'channel {name} has a reading of {size:.3g}: give NaN where a sample is missing')
     span = max((float(np.ptp(readings)) for readings in values), default=0.0)
+    if 0.0 < span < 1.0 / MAX_READING:
+        raise DiscrepancyError(f'channel {name} moves by {span:.3g}: give it in another unit')
     if values and span == 0.0:
         raise DiscrepancyError(
             f'channel {name} does not vary in any fitted run: leave it out of the model, or give '
