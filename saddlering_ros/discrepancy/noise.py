@@ -45,8 +45,8 @@ class Noise:
     @staticmethod
     def white(std: float) -> Noise:
         """Independent noise of standard deviation `std` [the channel's unit] in every sample."""
-        if not (np.isfinite(std) and std > 0.0):
-            raise DiscrepancyError(f'noise: std is {std:g}: give a number above zero')
+        if not (isinstance(std, (int, float, np.number)) and 0.0 < std < np.inf):
+            raise DiscrepancyError(f'noise: std is {std}: give a number above zero')
         noise = white_noise(float(std), KNOWN_EXACTLY)
         return Noise(partial(_in_every_run, noise))
 
@@ -59,7 +59,13 @@ class Noise:
         if not intervals:
             raise DiscrepancyError('noise: from_rest needs at least one interval (start, end)')
         for interval in intervals:
-            start, end = map(float, interval[-2:])
+            parts = list(interval) if isinstance(interval, (tuple, list)) else []
+            run, *ends = parts if len(parts) == 3 else ['', *parts]
+            if not (isinstance(run, str) and len(ends) == 2
+                    and all(isinstance(end, (int, float, np.number)) for end in ends)):
+                raise DiscrepancyError(f'noise: from_rest has {interval!r}: give a list of '
+                                       'intervals (start, end) or (run, start, end)')
+            start, end = interval[-2:]
             if not start < end:
                 raise DiscrepancyError(
                     f'noise: the interval at rest from {start:g} to {end:g} is empty: give the '
@@ -72,8 +78,11 @@ class Noise:
 
         `repeats` are names of runs, or records (N,) of the channel sampled like the runs.
         """
-        if len(repeats) < 2:
-            raise DiscrepancyError('noise: from_repeats needs two repeats or more')
+        kinds = ['name' if isinstance(one, str) else (np.ndim(one), np.asarray(one).dtype.kind)
+                 for one in repeats]
+        if len(repeats) < 2 or not {*kinds} <= {'name', (1, 'f'), (1, 'i'), (1, 'u')}:
+            raise DiscrepancyError('noise: from_repeats needs two repeats or more: give a list of '
+                                   'the names of their runs, or of their readings')
         return Noise(partial(_between_repeats, tuple(repeats)))
 
     @staticmethod

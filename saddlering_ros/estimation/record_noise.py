@@ -262,6 +262,7 @@ def _spectrum_above(values: Array, waves: int, bins: int) -> _Spectrum:
     power *= count / max(int(there.sum()), 1)
     edges = np.geomspace(waves + 1, count, bins + 1)
     begin = np.unique(np.round(edges[:-1]).astype(int)) - waves - 1
+    begin = begin[begin < power.size]  # of a short record, the last edge rounds to its end
     lines = np.diff(np.append(begin, power.size))
     half_waves = np.arange(waves + 1, count, dtype=np.float64)
     return _Spectrum(

@@ -156,7 +156,13 @@ def test_misfit_far_under_the_noise_is_noticed_and_usual_misfit_is_not() -> None
         (lambda: Noise.white(0.0), 'above zero'),
         (lambda: Noise.from_rest([]), 'at least one interval'),
         (lambda: Noise.from_rest([(2.0, 1.0)]), 'start first'),
+        (lambda: Noise.white('1'), 'std is 1: give a number above zero'),
+        (lambda: Noise.from_rest((0.0, 2.0)), 'has 0.0: give a list of intervals'),
+        (lambda: Noise.from_rest([('a', 'b')]), 'give a list of intervals'),
+        (lambda: Noise.from_rest([(0, 1, 2)]), 'give a list of intervals'),
         (lambda: Noise.from_repeats(['a']), 'two repeats'),
+        (lambda: Noise.from_repeats([['a', 'b'], ['c', 'd']]), 'the names of their runs'),
+        (lambda: Noise.from_repeats([1, 2]), 'the names of their runs'),
         (lambda: Noise.spectrum(np.array([1.0]), np.array([1.0])), 'two frequencies')])
 def test_noise_that_cannot_be_is_refused_in_one_line(make, words: str) -> None:
     with pytest.raises(DiscrepancyError, match=words):
@@ -166,3 +172,11 @@ def test_noise_that_cannot_be_is_refused_in_one_line(make, words: str) -> None:
 def test_an_interval_without_samples_is_refused_in_one_line() -> None:
     with pytest.raises(EstimationError, match='the declared rest has only 0 samples'):
         Noise.from_rest([(100.0, 200.0)]).resolve([ChannelRecord('a', TIME, drawn(1))])
+
+
+@pytest.mark.parametrize('samples', range(16, 41))
+def test_noise_is_learnt_from_runs_of_few_samples(samples: int) -> None:
+    """The edges of the bands of a run of 16 to 40 samples ended beyond its spectrum."""
+    values = np.random.default_rng(samples).normal(size=samples)
+    noise = Noise.unknown().resolve([ChannelRecord('a', TIME[:samples], values)])['a']
+    assert 0.3 < float(np.sqrt(noise.variances(np.full(samples, STEP)).mean())) < 3.0
