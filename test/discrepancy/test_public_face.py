@@ -40,6 +40,9 @@ def imports(path: Path) -> list[tuple[str, str]]:
     return found
 
 
+WAVE = Effect('A wave', {'size': Parameter(0, 3)})
+
+
 def straight(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
     """A line and a sine, as `record` has them."""
     return {'y': parameters['slope'] * run.inputs['x']
@@ -48,7 +51,7 @@ def straight(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
 
 def lines(simulate: Callable[..., Any]) -> Model:
     return Model(simulate, base={'slope': Parameter(0, 4)}, channels={'y': Channel()},
-                 effects={'wave': Effect('A wave', {'size': Parameter(0, 3)})})
+                 effects={'wave': WAVE})
 
 
 def record(seed: int = 0, huge: float = 0.0, true: float = 2.0) -> Run:
@@ -100,13 +103,20 @@ def test_the_engine_imports_no_ring() -> None:
     (lambda: Model(straight, {'a': Parameter(0, 1)}, channels={'y': Channel()}, effects={
         'one': Effect('Friction', {'f': Parameter(0, 1)}),
         'two': Effect('Friction', {'f': Parameter(0, 1)})}), 'model: two effects have the title'),
+    (lambda: replace(lines(straight), effects={'none': WAVE}), "model: effects has the name 'no"),
+    (lambda: replace(lines(straight), effects={'a or b': WAVE}), "model: effects has the name 'a"),
+    (lambda: replace(lines(straight), effects={'': WAVE}), "model: effects has the name '': give"),
+    (lambda: replace(lines(straight), effects={1: WAVE}), 'model: effects has the name 1: give'),
+    (lambda: Effect('', {'f': Parameter(0, 1)}), "effect: its title is '': give a text"),
+    (lambda: Effect('C', [Parameter(0, 1)]), 'effect C: declare at least one parameter, the size'),
+    (lambda: replace(record(), name=3), 'run: its name is 3: give a text'),
     (lambda: diagnose(lines(straight), [record()], hold_out=record(1)),
      'diagnose: hold_out is a Run: give a list of runs'),
     (lambda: diagnose(lines(straight), [record(huge=1e300)]),
-     'channel y has a reading of 1e+300: give NaN where a sample is missing'),
+     'channel y has readings up to 1e+300: give NaN where a sample is missing, or'),
     (lambda: diagnose(lines(straight), [
         replace(record(), outputs={'y': 1e-200 * np.arange(200)})]),
-     'channel y moves by 1.99e-198: give it in another unit')])
+     'channel y has readings up to 1.99e-198: give NaN where a sample is missing, or')])
 def test_a_declaration_of_another_kind_is_refused_in_one_line(
         declare: Callable[[], object], words: str) -> None:
     with pytest.raises(DiscrepancyError) as refused:

@@ -25,6 +25,9 @@ Outputs = Mapping[str, ArrayLike]
 MAX_READING = 1e100
 """Largest reading: the squares of larger ones overflow, and no quantity is as large."""
 
+OUTCOMES = ('none', 'unknown')
+"""Names in the probabilities, beside those of effects and of groups, 'a or b'."""
+
 MIN_SAMPLES = 8
 """Smallest number of samples of a run: fewer cannot hold a trend, an offset and noise."""
 
@@ -91,6 +94,8 @@ class Run:
     coordinates: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not (isinstance(self.name, str) and self.name):
+            raise DiscrepancyError(f'run: its name is {self.name!r}: give a text')
         time = _numbers(f'run {self.name}: time', self.time)
         if time.ndim != 1 or time.size < MIN_SAMPLES:
             raise DiscrepancyError(
@@ -144,6 +149,9 @@ class Model:
                 raise DiscrepancyError(f'model: {name} is a {type(given).__name__}: give a '
                                        f'mapping from names to {kind}')
             for key, value in given.items():
+                if not (isinstance(key, str) and key) or (
+                        wanted is Effect and (key in OUTCOMES or ' or ' in key)):
+                    raise DiscrepancyError(f'model: {name} has the name {key!r}: give another one')
                 if not isinstance(value, wanted):
                     raise DiscrepancyError(f'model: {name} {key} is {value!r}: give a {kind}')
         if not self.channels:
@@ -159,10 +167,10 @@ class Model:
         if twice:
             raise DiscrepancyError(f'model: two parameters are called {", ".join(twice)}: give '
                                    'each its own name')
-        titles = Counter(effect.title for effect in self.effects.values())
-        for title in (title for title, count in titles.items() if count > 1):
-            raise DiscrepancyError(f'model: two effects have the title {title!r}: a verdict could '
-                                   'not tell which one it means')
+        titles = [effect.title for effect in self.effects.values()]
+        if len({*titles}) < len(titles):
+            title = max(titles, key=titles.count)
+            raise DiscrepancyError(f'model: two effects have the title {title!r}: give others')
         for key, effect in self.effects.items():
             size = effect.size
             is_never_zero = size.low > 0.0 or size.high < 0.0
@@ -467,9 +475,7 @@ MAX_LOST = 25
 
 def _memory(values: ArrayLike) -> int:
     """Where an array lies in memory: equal for two names of one array."""
-    if isinstance(values, np.ndarray):
-        return int(values.__array_interface__['data'][0])
-    return id(values)
+    return int(getattr(values, '__array_interface__', {'data': [id(values)]})['data'][0])
 
 
 def _range(name: str, fitted: Sequence[Run]) -> float:
@@ -477,12 +483,10 @@ def _range(name: str, fitted: Sequence[Run]) -> float:
     seen = [run.outputs[name] for run in fitted if name in run.outputs]
     values = [readings[np.isfinite(readings)] for readings in seen if np.isfinite(readings).any()]
     size = max((float(np.abs(readings).max()) for readings in values), default=0.0)
-    if size > MAX_READING:
-        raise DiscrepancyError(
-            f'channel {name} has a reading of {size:.3g}: give NaN where a sample is missing')
     span = max((float(np.ptp(readings)) for readings in values), default=0.0)
-    if 0.0 < span < 1.0 / MAX_READING:
-        raise DiscrepancyError(f'channel {name} moves by {span:.3g}: give it in another unit')
+    if size > MAX_READING or 0.0 < span < 1.0 / MAX_READING:
+        raise DiscrepancyError(f'channel {name} has readings up to {size:.3g}: give NaN where a '
+                               'sample is missing, or another unit')
     if values and span == 0.0:
         raise DiscrepancyError(
             f'channel {name} does not vary in any fitted run: leave it out of the model, or give '

@@ -155,9 +155,11 @@ class Effect:
     contains: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if not self.parameters:
-            raise DiscrepancyError(
-                f'effect {self.title}: declare at least one parameter, the size')
+        if not (isinstance(self.title, str) and self.title):
+            raise DiscrepancyError(f'effect: its title is {self.title!r}: give a text')
+        if not self.parameters or not isinstance(self.parameters, Mapping):
+            raise DiscrepancyError(f'effect {self.title}: declare at least one parameter, the '
+                                   'size, in a mapping from names to Parameter')
         if not self.id:
             object.__setattr__(self, 'id', self.title)
         for start in self.starts:
