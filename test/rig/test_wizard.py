@@ -16,7 +16,7 @@ from saddlering_ros.bags import read_raw, read_run
 from saddlering_ros.bags.info import bag_info
 from saddlering_ros.cli.main import main
 from saddlering_ros.doubts.on_rig import check_rig
-from saddlering_ros.rig import default_rig, load_rig, Rig, RigError
+from saddlering_ros.rig import default_rig, load_rig, Rig, RigError, TRUE_TO_SCALE
 from saddlering_ros.rig.drawing import draft_rig_file, drawing_svg, ENTRIES, save_drawing
 from saddlering_ros.virtual_rig.experiment import record_test, write_record
 
@@ -107,6 +107,23 @@ def test_a_static_test_of_a_sound_rig_is_not_called_wrong(
         bag = static_test(made_once, elevation, seed)
         found = check_rig(RIG, read_raw(bag, rig=RIG), read_run(bag, rig=RIG))
         assert found == [], seed
+
+
+@pytest.mark.parametrize('stiffness', [0.5, 1.1, 1.3, 1.6, 3.0])
+def test_a_sound_rig_that_hardly_takes_up_its_clearance_is_not_called_wrong(
+        stiffness: float, tmp_path: Path) -> None:
+    """A stiffer ring than that of the check was told that its 70 deg are 42."""
+    rig = replace(
+        RIG, axial_rows=replace(RIG.axial_rows, rollers=72, pitch_radius=0.46, clearance=30e-6),
+        radial_row=replace(RIG.radial_row, rollers=84, pitch_radius=0.45, clearance=26e-6),
+        carriage=replace(RIG.carriage, mass=2300.0, inertia=1150.0, weight=23e3),
+        trunnion=replace(RIG.trunnion, x=0.10, y=0.78), preload=2600.0, full_scale_load=120e3)
+    truth = draw_truth(4, 'clean')
+    truth = replace(truth, contact=replace(TRUE_TO_SCALE, K1=stiffness * TRUE_TO_SCALE.K1))
+    plan = plan_run(truth, RunPlan('dynamic_70', 'dynamic', 70.0), RecordSettings(), rig)
+    write_record(tmp_path / 'bag', record_test(plan), rig)
+    assert check_rig(rig, read_raw(tmp_path / 'bag', rig=rig), read_run(tmp_path / 'bag', rig=rig)
+                     ) == []
 
 
 @pytest.mark.parametrize(('true', 'stated'), [(30.0, 50.0), (50.0, 30.0), (50.0, 70.0)])
