@@ -126,11 +126,11 @@ class OwnParameter:
 class RingExtension:
     """All extension parameters; a default instance is the plain ring model.
 
-    A field is the only declaration of a parameter that several effects share; `own` holds those
-    that effects declare themselves. The kernels read either by its name. Load path: P
-    [N] at the ring from the measured P_m, elevation [rad], trunnion [m]. Ring: geometry of the
-    rows, friction, series compliances, creep, settling, second mode. Measurement: tuples of four
-    are per probe 1..4.
+    A field is the only declaration of a parameter that a shipped law reads, with or without the
+    files of its effects; `own` holds those that effects declare themselves. The kernels read
+    either by its name. Load path: P [N] at the ring from the measured P_m, elevation [rad],
+    trunnion [m]. Ring: geometry of the rows, friction, series compliances, creep, settling, second
+    mode. Measurement: tuples of four are per probe 1..4.
     """
 
     # Load path
@@ -157,6 +157,7 @@ class RingExtension:
     radial_compliance: float = in_ring(READING, 0.0)  # delta_x += c F_x [m/N]
     axial_compliance: float = in_ring(READING, 0.0)  # delta_y += c F_y [m/N]
     tilt_compliance: float = in_ring(READING, 0.0)  # gamma += c M [rad/(N m)]
+    ovalisation: float = in_ring(READING, 0.0)  # d1 and d3 += c F_x [m/N]
     opening_compliance: float = in_ring(READING, 0.0)  # gamma += c max(0, M - M0) [rad/(N m)]
     opening_moment: float = in_ring(READING, 0.0)  # M0 [N m]
     opening_spread: float = in_ring(READING, 0.0)  # w: M0 spread over M0 - w to M0 + w [N m]

@@ -1,7 +1,6 @@
 """Ovalisation of the ring: d1 and d3 += c F_x, with the same sign."""
 
 from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
-from saddlering_ros.effects.extension import OwnParameter, READING
 
 
 class RingOvalisation(RingEffect):
@@ -16,5 +15,4 @@ class RingOvalisation(RingEffect):
     channels = ('parity',)
     parameters = (EffectParameter(
         'compliance', 'm/N', -2e-10, 2e-10, 3e-11, 0.0,
-        'common radial motion per unit of radial force', amplitude=True,
-        adds_to=OwnParameter('ovalisation', 'ring', READING)),)
+        'common radial motion per unit of radial force', amplitude=True, adds_to='ovalisation'),)
