@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
 
     from saddlering_ros.monitoring.detector import MonitoringError
-    from saddlering_ros.monitoring.monitor import alarm_words, MonitorSettings
+    from saddlering_ros.monitoring.monitor import alarm_words, MonitorSettings, MOVED_ALONE
     from saddlering_ros.monitoring.stream import AlarmStream
     from saddlering_ros.record.residual import residual_stretches
 
@@ -51,6 +51,8 @@ def run(args: argparse.Namespace) -> int:
                                               lambda share: bar.show('watch', share))
             for batch in stretches:
                 stream.watch(batch, test_run.load[np.searchsorted(test_run.stamps, batch.stamps)])
+        if monitor.rest is None and monitor.unwatched == MOVED_ALONE:
+            raise MonitoringError(f'{test_run.path}: nothing is watched: {MOVED_ALONE}')
         if monitor.rest is None:
             raise MonitoringError(f'{test_run.path}: the load never rests and then moves, so the '
                                   'noise is not known and nothing is watched: record some seconds '

@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from saddlering_ros.bags import read_run, write_bag
 from saddlering_ros.cli.main import main
-from saddlering_ros.rig import ParameterSet, TRUE_TO_SCALE, write_parameters
+from saddlering_ros.record import TestMetadata
+from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE, write_parameters
 
 BAG = str(Path(__file__).resolve().parents[2] / 'bags' / 'dynamic_50_fast')
 
@@ -40,3 +43,14 @@ def test_a_rate_of_false_alarms_that_cannot_be_is_one_line(parameters, capsys):
     assert error.count('\n') == 1
     assert main(['watch', BAG, '--params', parameters, '--materiality', 'nan']) == 2
     assert 'materiality is nan %: give 0 or more' in capsys.readouterr().err
+
+
+def test_a_load_cell_that_stands_still_is_told_as_such(tmp_path, parameters, capsys):
+    """It was "the load never rests and then moves": the ring moved by 90 um under it."""
+    run = read_run(BAG)
+    still = 4903.0 + np.random.default_rng(0).normal(0.0, 10.0, run.load.size)
+    bag = write_bag(tmp_path / 'still', TestMetadata('dynamic', 50.0), run.stamps, still,
+                    [run.stamps] * 4, run.gaps, default_rig().probes)
+    assert main(['watch', str(bag), '--params', parameters]) == 2
+    assert 'the residual moved by more than the materiality while the load rested' in (
+        capsys.readouterr().err)
