@@ -14,11 +14,15 @@ from saddlering_ros.diagnosis.rig_dimensions import ENTRIES, REVERSED, title_of_
 from saddlering_ros.discrepancy import CauseEntry, ReductionEntry, SizeEntry, wording
 from saddlering_ros.effects import catalogue
 from saddlering_ros.identification.uncertainty import undetermined_words
-from saddlering_ros.quantities import lowered, percent, quantity, verdict_line
+from saddlering_ros.quantities import lowered, percent, quantity, verdict_line, WIDTH_95
 from saddlering_ros.rig import PARAMETER_NAMES, PARAMETER_UNITS
 from saddlering_ros.rig.units import stiffness_per_millimetre
 
 Shares = dict[str, float]
+
+MAIN_SIZE = 0.25
+"""Share of the largest size of a cause from which the headline tells another one too: a quarter.
+"""
 
 
 class TotalReductionEntry(ReductionEntry):
@@ -167,31 +171,55 @@ def headline(document: VerdictDocument) -> str:
                 f'{_sound_words(document)}or smaller than {100.0 * quantities.MATERIAL:g} % of a '
                 "channel's range.")
     if verdict == 'unknown':
-        where = _where(document)
-        doubt = wording.doubt_words(document.get('probabilities', {}))
-        return f'{doubt}, and no cause of the catalogue is established{where}.'
+        doubt = wording.doubt_words(
+            document.get('probabilities', {}), document.get('gain', {}).get('held_out'))
+        return f'{doubt}, and no cause of the catalogue is established{_where(document)}.'
     sizes: dict[tuple[str, ...], list[str]] = {}
     for cause in causes_of(document):
         sizes.setdefault(tuple(cause['group']), []).append(size_of(cause))
     causes = [wording.cause_words([lowered(title_of(name)) for name in group], wording.joined(own))
               for group, own in sizes.items()]
-    rest = ''.join(map(wording.rest_words, document.get('remainder', [])[:1]))
-    if not rest:
+    if not document.get('remainder'):
         return wording.lacking_words(causes)
-    gain = document['gain']
-    return wording.lacking_words(causes, rest, gain['fit'], gain['held_out'], gain['how'])
+    rest, gain = document['remainder'][0], document['gain']
+    return wording.lacking_words(causes, wording.rest_words(rest) + _beside(document, rest),
+                                 gain['fit'], gain['held_out'], gain['how'])
 
 
 def _where(document: VerdictDocument) -> str:
     """Where the misfit is largest over the noise; '' if it is nowhere above it."""
-    cases = [(item['nrmse_before'] / item['noise_floor'],
-              f'; the misfit is largest in {name} of {bag_name(run["bag"])}: '
-              f'{percent(item["nrmse_before"])} of range, where noise alone gives '
-              f'{percent(item["noise_floor"])}')
-             for run in document['runs'] for name, item in run['channels'].items()
-             if name != 'parity' and item['nrmse_before'] and item['noise_floor']]
+    may_be_none = wording.may_be_none(document.get('probabilities', {}))
+    cases = []
+    for name, place, item in _misfits(document):
+        if item['nrmse_before'] and item['noise_floor']:
+            errors = math.hypot(item['noise_floor'], item.get('sound') or 0.0)
+            cases.append((
+                item['nrmse_before'] / item['noise_floor'],
+                f'; the misfit is largest in {name} of {place}: {percent(item["nrmse_before"])} '
+                f'of range, where noise alone gives {percent(item["noise_floor"])}'
+                + f', and noise with small errors {percent(errors)}' * may_be_none))
     ratio, where = max(cases, default=(0.0, ''))
     return where if ratio > 1.0 else ''
+
+
+def _misfits(document: VerdictDocument) -> list[tuple[str, str, ChannelEntry]]:
+    """Channel, run and misfits of every channel of the motion."""
+    return [(name, bag_name(run['bag']), item) for run in document.get('runs', [])
+            for name, item in run['channels'].items() if name != 'parity']
+
+
+def _beside(document: VerdictDocument, rest: Mapping[str, Any]) -> str:
+    """What the model leaves with small errors of the ring, which a rest does not count."""
+    most: dict[str, float] = {}
+    for name, _, item in _misfits(document):
+        left = item['nrmse_after'] or 0.0
+        if left > math.hypot(rest['share_of_range'], item['noise_floor'] or 0.0):
+            most[name] = max(left, most.get(name, 0.0))
+    if not rest.get('along') or not most:
+        return ''
+    told = wording.joined([f'{percent(most[name])} in {name}'
+                           for name in sorted(most, key=lambda name: -most[name])])
+    return f' beside small errors of the ring (with these, the model leaves up to {told})'
 
 
 def partial_words(document: VerdictDocument) -> str:
@@ -265,13 +293,30 @@ def gain_sentence(document: VerdictDocument) -> str:
 def size_of(cause: CauseEntry) -> str:
     """Place and size of a cause, and others: 'probe 2 gain +3.0 ± 0.2 % or probe 4 gain -3 %'.
 
-    The size is the first parameter; that of a steady line: 'amplitude 2.10 µm at 50.0 Hz'.
+    Of several sizes the main ones; that of a steady line: 'amplitude 2.10 µm at 50.0 Hz'.
     """
     fitted = sizes_of(cause)
-    words = ' '.join(filter(None, (place_of(cause), _size_words(cause['effect'], fitted)[0])))
+    sizes = ', '.join(_size_words(cause['effect'], main_sizes(cause['effect'], fitted)))
+    words = ' '.join(filter(None, (place_of(cause), sizes)))
     if _is_line(cause['effect']):
         words += f' at {quantity(fitted["frequency"]["value"], fitted["frequency"]["unit"])}'
     return words + elsewhere_words(cause)
+
+
+def main_sizes(effect_id: str, sizes: Mapping[str, SizeEntry]) -> dict[str, SizeEntry]:
+    """The sizes that move most, each as a multiple of its typical size; else the first one.
+
+    A size counts without what its 95 % interval leaves open.
+    """
+    effect, moved = catalogue().get(effect_id), {}
+    for parameter in effect.parameters if effect is not None else ():
+        if parameter.amplitude and parameter.name in sizes:
+            size = sizes[parameter.name]
+            sure = abs(size['value'] - parameter.neutral) - WIDTH_95 * size['std']
+            moved[parameter.name] = max(sure, 0.0) / parameter.scale
+    most = max(moved.values(), default=0.0)
+    main = [name for name in moved if most and moved[name] >= MAIN_SIZE * most]
+    return {name: sizes[name] for name in main or list(sizes)[:1]}
 
 
 def elsewhere_words(cause: CauseEntry) -> str:
@@ -399,7 +444,8 @@ def document_text(document: VerdictDocument) -> str:
         lines.append('')
     lines += ["Misfit by run and channel, rms in % of the channel's range, with a constant "
               'offset of each probe fitted (contact law alone / '
-              + ('extended model / noise):' if is_extended else 'noise):')]
+              + ('extended model / noise)' if is_extended else 'noise)')
+              + (', small errors of the ring counted:' if document.get('remainder') else ':')]
     for run in document['runs']:
         columns = ['nrmse_before', *(['nrmse_after'] if is_extended else []), 'noise_floor']
         shares = ', '.join(

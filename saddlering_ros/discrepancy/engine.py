@@ -181,7 +181,8 @@ def _tested(strict: Search, answer: Answer) -> tuple[Answer, Stability, bool]:
         is_better = not answer.is_beside_error and not any(
             name in cause.group for cause in answer.published.causes)
         answer = answer.doubted([sentence]) if is_better else answer.noted(sentence)
-    elif answer.verdict == 'unknown' and (run := odd_run(strict.space.base, strict.space.problem)):
+    elif answer.verdict == 'unknown' and (run := odd_run(
+            (strict.space.base, strict.fit), strict.space.problem)):
         answer = answer.noted(wording.ODD_RUN.format(run))
     return answer, stability, answer.verdict == 'unknown' and bool(
         unshared or is_better or established.other_laws(answer.search))

@@ -147,7 +147,8 @@ def misfit(document: VerdictDocument, counted: str = OFFSETS) -> str:
         html.folded('Table of the figure', html.table(
             ['run', 'test', number('elevation'), 'role', 'channel', number('contact law alone'),
              number('extended model'), number('noise floor')], rows,
-            f"Rms misfit over the channel's range in that run. {counted}Parity is zero for a "
+            f"Rms misfit over the channel's range in that run. {counted}Small errors of the ring "
+            'are a part of it, and no part of the rest that fits no cause. Parity is zero for a '
             f'rigid ring: its range is noise, so that its shares are large. {RED}')),
     )
 

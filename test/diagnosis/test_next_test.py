@@ -302,6 +302,20 @@ def test_a_size_is_said_with_its_place_its_sign_and_its_unit():
     assert size_of({**cause, 'elsewhere': elsewhere}).endswith(' or probe 4 gain -2.90 %')
 
 
+@pytest.mark.parametrize(('effect', 'sizes', 'words'), [
+    ('tilt_friction', {'moment': (100.0, 26.0, 'N m'), 'force': (4370.0, 110.0, 'N'),
+                       'force_y': (3000.0, 1600.0, 'N')}, 'force 4.37 ± 0.11 kN'),
+    ('film_creep', {'share': (0.087, 0.01, '1'), 'share_axial': (0.1087, 0.0015, '1')},
+     'share 8.7 ± 1.0 %, share_axial 10.87 ± 0.15 %'),
+    ('tilt_friction', {'moment': (100.0, 60.0, 'N m'), 'force': (30.0, 40.0, 'N')},
+     'moment 100 ± 60 N m')])
+def test_the_sizes_that_move_most_are_said(effect, sizes, words):
+    """A radial force of 4.4 kN was hidden behind a moment of 100 N m."""
+    assert size_of({'effect': effect, 'parameters': {
+        name: {'value': value, 'std': std, 'unit': unit}
+        for name, (value, std, unit) in sizes.items()}}) == words
+
+
 def a_line(cosine: float, sine: float, frequency: float) -> dict:
     sizes = {'cosine': (cosine, 'm'), 'sine': (sine, 'm'), 'frequency': (frequency, 'Hz'),
              'probe': (2.0, '')}

@@ -35,6 +35,7 @@ from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.search.lack_of_fit import Structure
 from saddlering_ros.discrepancy.verdict import established, results, stability, wording, wrong_law
+from saddlering_ros.discrepancy.verdict.parts import odd_run
 from saddlering_ros.discrepancy.verdict.results import Cause, Verdict
 
 TIME = np.linspace(0.0, 20.0, 500)
@@ -440,6 +441,21 @@ def test_a_run_without_which_the_others_fit_together_is_told(wrong: set[int]) ->
     assert all(words.startswith('the runs fit together without run 1: ') for words in told)
 
 
+@pytest.mark.parametrize('is_explained', [True, False])
+def test_a_run_that_a_cause_fits_with_the_others_is_not_told(is_explained: bool) -> None:
+    """Of a bent probe, the test with the largest motion alone shows most."""
+    problem = SimpleNamespace(runs=[SimpleNamespace(name=name) for name in 'abc'],
+                              by_run=lambda rows: np.split(rows, 3))
+    chance = np.random.default_rng(0)
+    noise, shape = chance.standard_normal(300), np.repeat([0.0, 0.0, 5.0], 100)
+    base = SimpleNamespace(theta_unit=np.ones(1), jacobian=chance.standard_normal((300, 1)),
+                           whitened=noise + shape)
+    model = SimpleNamespace(theta_unit=np.ones(1), jacobian=base.jacobian,
+                            whitened=noise if is_explained else base.whitened)
+    assert odd_run((base, base), problem) == 'c'
+    assert odd_run((base, model), problem) == ('' if is_explained else 'c')
+
+
 @pytest.mark.parametrize(('confined', 'verdict'), [('cubic', 'unknown'), ('friction', 'named')])
 def test_another_cause_that_fits_better_in_some_runs_takes_the_name(
     confined: str, verdict: str, monkeypatch: pytest.MonkeyPatch,
@@ -523,6 +539,7 @@ def test_a_misfit_that_refits_explain_without_a_cause_may_be_none() -> None:
     assert probabilities_of('named', [cause], 0.9, 0.5) == probabilities_of('named', [cause], 0.9)
     assert wording.doubt_words(surely) == 'Something is wrong'
     assert wording.doubt_words(perhaps).startswith('Perhaps nothing is wrong')
+    assert wording.doubt_words(perhaps, 0.84).startswith('Either something is wrong, or noise ')
     hardly = probabilities_of('unknown', [cause], 0.5, 0.1)
     assert 0.0 < hardly['none'] < hardly['a']
     assert wording.doubt_words(hardly) == 'Something is wrong'

@@ -47,7 +47,8 @@ def test_a_verdict_has_the_same_words_everywhere(verdict):
         assert answer.words in place
         assert 'Load twice as fast.' in place
     assert 'The verdict is near its limit: it falls with a run.' in answer.lines
-    assert answer.lines[-1].startswith('Beyond noise and causes remain: static_70, delta_y')
+    assert answer.lines[-1].startswith(
+        'Beyond noise, causes and small errors remain: static_70, delta_y')
     for line in answer.lines[1:]:
         assert line in console
         assert line in banner
@@ -65,6 +66,20 @@ def test_a_headline_is_one_sentence_with_titles(verdict, rest):
     assert said.endswith('; a rest of 0.40 % of range in delta_y fits no cause.') == bool(
         is_established and rest)
     assert (' mainly ' in said) == bool(is_established and rest)
+
+
+def test_a_rest_says_what_small_errors_of_the_ring_are_left_beside_it():
+    """It said 0.48 %, and the table of the same report had 5.5 %."""
+    runs = [{'bag': name, 'elevation_deg': 30.0, 'test': 'static', 'held_out': False, 'channels': {
+        channel: {'nrmse_before': 0.3, 'nrmse_after': after, 'noise_floor': 0.007, 'sound': 0.03}
+        for channel, after in (('delta_x', 0.008), ('delta_y', misfit), ('parity', 0.4))}}
+        for name, misfit in (('static_30', 0.055), ('static_50', 0.053))]
+    rest = {'run': 'static_30', 'channel': 'delta_y', 'share_of_range': 0.0048,
+            'times_noise': 2.1, 'along': 'load', 'size': 2e-7, 'unit': 'm'}
+    told = headline(of_verdict('named', complete=False, remainder=[rest], runs=runs))
+    assert told.endswith('; a rest of 0.48 % of range in delta_y fits no cause beside small '
+                         'errors of the ring (with these, the model leaves up to 5.5 % in '
+                         'delta_y).')
 
 
 def test_the_headline_of_runs_held_out_in_turn_does_not_tell_of_held_out_runs():

@@ -25,6 +25,10 @@ MAX_SURE = 0.99
 """Largest probability that is reported for alternatives."""
 
 
+PREDICTS = 0.5
+"""Misfit reduction on predicted runs from which a cause speaks against small errors alone, though
+it is not established: half."""
+
 PREDICTED = {'held out': 'held-out runs', 'held out in turn': 'runs held out in turn'}
 """Runs that a gain was measured on beside the fitted ones, by `Gain.how`."""
 
@@ -93,18 +97,29 @@ def headline_of(diagnosis: Diagnosis) -> str:
         return 'These data show nothing that the simulation lacks.'
     rest = ''.join(rest_words(vars(most)) for most in diagnosis.remainder[:1])
     if diagnosis.verdict == 'unknown':
-        return f'{doubt_words(diagnosis.probabilities)}, and no cause is established{rest}.'
+        doubt = doubt_words(diagnosis.probabilities, diagnosis.gain.held_out)
+        return f'{doubt}, and no cause is established{rest}.'
     gain = diagnosis.gain
     causes = dict.fromkeys(
         cause_words(list(map(diagnosis.title_of, cause.group))) for cause in diagnosis.causes)
     return lacking_words(list(causes), rest, gain.fit, gain.held_out, gain.how)
 
 
-def doubt_words(probabilities: Mapping[str, float]) -> str:
-    """The start of the headline of an `unknown`, of which `none` may be the likeliest outcome."""
-    if probabilities and max(probabilities.values()) == probabilities.get('none'):
-        return 'Perhaps nothing is wrong, because noise and small errors can leave this misfit'
-    return 'Something is wrong'
+def may_be_none(probabilities: Mapping[str, float]) -> bool:
+    """Whether `none` is the likeliest outcome."""
+    return bool(probabilities) and max(probabilities.values()) == probabilities.get('none')
+
+
+def doubt_words(probabilities: Mapping[str, float], held_out: float | None = None) -> str:
+    """The start of the headline of an `unknown`, of which `none` may be the likeliest outcome.
+
+    held_out: misfit reduction on predicted runs by causes that are not established.
+    """
+    if not may_be_none(probabilities):
+        return 'Something is wrong'
+    if (held_out or 0.0) >= PREDICTS:
+        return 'Either something is wrong, or noise and small errors left this misfit'
+    return 'Perhaps nothing is wrong, because noise and small errors can leave this misfit'
 
 
 def cause_words(titles: Sequence[str], size: str = '') -> str:
@@ -186,7 +201,7 @@ def certainty_lines(document: Mapping[str, Any], title_of: Callable[[str], str])
             document.get('stability', 1.0) if document.get('refits', True) else None),
         *(f'The verdict is near its limit: {reason}.'
           for reason in document.get('near_limit', [])),
-        f'Beyond noise and causes remain: {rests}.' if rests else '',
+        f'Beyond noise, causes and small errors remain: {rests}.' if rests else '',
         influence_words([
             (one['run'], one['start'], one['end'], one['evidence']) for one in influence],
             document.get('time_unit', 's'))))]
@@ -264,8 +279,9 @@ def remaining_words(explained: float) -> str:
 
 ONE_RUN = 'there is one run only, so that no prediction of another run supports the causes'
 WORSE_RUN = 'in one of the fitted runs the misfit is larger with the causes'
-ODD_RUN = ('the runs fit together without {}: something was different in it, such as the zero of '
-           'a sensor, or it alone shows the cause: repeat this test')
+ODD_RUN = ('the runs fit together without {}: it alone shows a cause, as a test at another load '
+           'or elevation can, or something was different in it, such as the zero of a sensor: '
+           'repeat this test')
 WORSE_VIEW = 'in {}, which the causes change most, the misfit is larger with the causes'
 ONE_VIEW = ('{} in {} alone explains the misfit nearly as well, so that what the cause does '
             'elsewhere is not confirmed')
