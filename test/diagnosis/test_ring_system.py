@@ -15,7 +15,9 @@ from saddlering_ros.diagnosis.records import build_record
 from saddlering_ros.diagnosis.ring_system import engine_effects, RingSystem
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.effects import catalogue, EffectError, extension_of
+from saddlering_ros.effects.extension import RingExtension
 from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
+from saddlering_ros.ring import probe_batch
 
 
 @pytest.fixture(scope='module')
@@ -39,6 +41,22 @@ def test_no_block_of_a_long_dynamic_run_lies_across_a_gap_of_its_data(campaign):
              for first, last in zip(grid.first, grid.last, strict=True)]
     assert np.diff(grid.time).max() > 2.5
     assert max(steps) < 2.5
+
+
+@pytest.mark.parametrize(('name', 'most'), [('dynamic_50_fast', 2e-7)])
+def test_blocks_of_a_ring_that_settles_slowly_are_means_of_a_fine_simulation(campaign, name, most):
+    rig = default_rig()
+    slow = replace(TRUE_TO_SCALE, K1=1e8, D1=5.6e6, D2=3.9e6).to_array()
+    record = read_run(next(bag for bag in campaign() if bag.name == name))
+    run = build_record(rig, record, held_out=False).run
+    grid, time = run.payload, record.time
+    fine = probe_batch(rig, [(slow, RingExtension())], grid.elevation, time, record.load,
+                       grid.zero_load, max_step=2e-4)[0]
+    truth = [fine[:, abs(time - centre) < 0.5 * width].mean(axis=1)
+             for centre, width in zip(run.time, run.width, strict=True)]
+    found = RingSystem(rig).predict_many(run, [Point(slow)])[0]
+    error = found - np.transpose(truth)
+    assert np.abs(error - error.mean(axis=1, keepdims=True)).max() < most
 
 
 @pytest.mark.parametrize('name', ['carriage_resonance', 'probe_saturation'])

@@ -19,11 +19,8 @@ MAX_ITERATIONS = 60
 """Newton needs one or two; a step with more has met a kink and is tried in parts."""
 
 MAX_STEP_ERROR = 5e-8
-"""Largest estimated error [m] of a step. A step with more is divided, down to MIN_FRACTION."""
-
-USUAL_STEP = 1e-3
-"""Step [s] beyond which the allowed error grows with the third power of the step, as the error
-itself does. The same motions are then divided at any step."""
+"""Largest estimated error [m] of a step, of any length. A step with more is divided, down to
+MIN_FRACTION."""
 
 USUAL_DAMPING = 0.2
 """Smallest damping ratio at which the errors of steps decay before they add up."""
@@ -242,14 +239,13 @@ def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, fri
     """
     before = s[at.MEASURED_LOAD]
     fraction, done, true_load = s[at.FRACTION], 0.0, 0.0
-    largest = MAX_STEP_ERROR * max(1.0, h / USUAL_STEP) ** 3
     while done < 1.0:
         for i in range(at.LOAD_STATES):
             w[at.LOAD_BACKUP + i] = s[at.MEASURED_LOAD + i]
         reached = done + fraction
         aim = load if reached >= 1.0 else before + (load - before) * reached
         true_load = take_load(m, s, aim, w)
-        allowed = largest if fraction > MIN_FRACTION else math.inf
+        allowed = MAX_STEP_ERROR if fraction > MIN_FRACTION else math.inf
         result = robust_step(m, rows, uniform, s, h * fraction, friction, allowed, recorder, w)
         if result == TOO_COARSE:
             for i in range(at.LOAD_STATES):
@@ -269,7 +265,7 @@ def careful_step(m: Any, rows: Any, uniform: Any, s: Any, h: Any, load: Any, fri
         if recorder is not None:
             row_tangents.keep_record(m, recorder, h * fraction, aim, s, w)
         # A step of twice the length has eight times the error.
-        if (fraction < 1.0 and s[at.STEP_ERROR] < 0.05 * largest
+        if (fraction < 1.0 and s[at.STEP_ERROR] < 0.05 * MAX_STEP_ERROR
                 and done % (2.0 * fraction) == 0.0):
             fraction *= 2.0
     s[at.FRACTION] = fraction
