@@ -43,7 +43,7 @@ def test_no_block_of_a_long_dynamic_run_lies_across_a_gap_of_its_data(campaign):
     assert max(steps) < 2.5
 
 
-@pytest.mark.parametrize(('name', 'most'), [('dynamic_50_fast', 2e-7)])
+@pytest.mark.parametrize(('name', 'most'), [('static_50', 1e-7), ('dynamic_50_fast', 2e-7)])
 def test_blocks_of_a_ring_that_settles_slowly_are_means_of_a_fine_simulation(campaign, name, most):
     rig = default_rig()
     slow = replace(TRUE_TO_SCALE, K1=1e8, D1=5.6e6, D2=3.9e6).to_array()
