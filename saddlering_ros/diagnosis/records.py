@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from saddlering_ros.discrepancy import direction_of, RestSegment, RunBlocks
 from saddlering_ros.errors import SaddleringError
-from saddlering_ros.estimation.rest import probe_rounding, quiet_stretches, stretches_at_rest
+from saddlering_ros.estimation.rest import (
+    level_stretches,
+    probe_rounding,
+    quiet_stretches,
+    stretches_at_rest,
+)
 from saddlering_ros.estimation.statistics import span_means
 from saddlering_ros.record import displacement_of_run, MeasuredRun, plateaus, Record
 from saddlering_ros.record.quality import white_noise
@@ -29,6 +34,12 @@ rest of the step decays by exp(-t / tau): 1 % at 0.3 s, and less than that is le
 """
 SETTLING_TIME = 1.4
 """How long the ring settles [s]: 2 % of a step are left of 0.35 s, a contact of 6 MN s/m."""
+STEADY_TIME = 1.0
+"""A held load follows straight lines over this time to both sides [s]."""
+SHORT_TIME = 0.05
+"""Time [s] of the means that must lie on one straight line, while a load is held."""
+NOISE_BAND = 4.0
+"""Standard deviations of such a mean by which it may be off the line: one of 16 000 is further."""
 BLOCKS_PER_PLATEAU = 4  # settling within a hold shows
 LONGEST_BLOCK = 2.5  # [s]; creep within a long hold shows
 DYNAMIC_BLOCKS = 600
@@ -82,14 +93,14 @@ class _Blocks:
     """Division of a run: blocks, stretches at rest, hold and branch of each block.
 
     spans: samples [first, last) of each block and the number of parts of its simulated load;
-    held: whether the load is held, which the parts then share, because their own noise would move
-    friction loops; between: samples of one part of the load outside of blocks.
+    held: samples [start, stop) over which the load is held; between: samples of one part of the
+    load outside of blocks.
     """
 
     spans: list[tuple[int, int, int]]
     rest: list[RestSegment]
     hold: Array
-    held: NDArray[np.bool_]
+    held: list[tuple[int, int]]
     branch: Array | None
     between: int
 
@@ -137,7 +148,7 @@ def build_record(rig: Rig, test_run: Record, *, held_out: bool) -> PreparedRecor
 
 def _static(rig: Rig, test_run: Record, time: Array, load: Array, quiet: Array) -> _Blocks:
     """Blocks within the plateaus of a static run."""
-    levels, hold, branch = plateaus(test_run), [], []
+    levels, hold, branch, held = plateaus(test_run), [], [], []
     blocks: list[tuple[int, int, int]] = []
     rest: list[RestSegment] = []
     step = float(np.median(np.diff(time)))
@@ -147,6 +158,7 @@ def _static(rig: Rig, test_run: Record, time: Array, load: Array, quiet: Array) 
         inside = np.flatnonzero((time >= begin + min(0.3, 0.1 * (end - begin))) & (time <= end))
         if inside.size < 4 or load[inside].mean() < rig.limits.hold_min:
             continue
+        held.append((int(inside[0]), int(inside[-1]) + 1))
         length = float(time[inside[-1]] - time[inside[0]]) + step
         parts = max(min(BLOCKS_PER_PLATEAU, inside.size // 2), int(length / LONGEST_BLOCK))
         for block in np.array_split(inside, parts):
@@ -158,8 +170,7 @@ def _static(rig: Rig, test_run: Record, time: Array, load: Array, quiet: Array) 
         if settled.size >= 8:
             rest.append(RestSegment(quiet[:, settled], step, f'{int(levels.branch[number])}'))
     between = max(1, round(STATIC_GRID / step))
-    return _Blocks(blocks, rest, np.array(hold), np.full(len(blocks), True), np.array(branch),
-                   between)
+    return _Blocks(blocks, rest, np.array(hold), held, np.array(branch), between)
 
 
 def _held_parts(since: float, length: float) -> int:
@@ -181,16 +192,57 @@ def _dynamic(rig: Rig, _: Record, time: Array, load: Array, quiet: Array) -> _Bl
     hold = np.arange(starts.size, dtype=float)
     change = np.abs(load[stops - 1] - load[starts]) / rig.full_scale_load
     parts = np.clip(np.ceil(change / PART_CHANGE), *MOVING_PARTS)
-    held = np.full(starts.size, False)
     for begin, end in rests:
         inside = (starts >= begin) & (stops <= end)
-        held |= inside
         hold[inside] = -float(begin) - 1.0
         parts[inside] = [_held_parts(since, length)
                          for since in (time[starts[inside]] - time[begin]).tolist()]
     blocks = [(int(a), int(b), min(int(count), int(b - a)))
               for a, b, count in zip(starts, stops, parts, strict=True)]
-    return _Blocks(blocks, rest, hold, held, None, 1)
+    held = [_held(time, load, level)
+            for level in level_stretches(time, load, rig.limits.rest_band)]
+    return _Blocks(blocks, rest, hold, [one for one in held if one is not None], None, 1)
+
+
+def _held(time: Array, load: Array, level: tuple[int, int]) -> tuple[int, int] | None:
+    """Samples [start, stop) about the middle of a level stretch that lie on a straight line.
+
+    The line is that of the middle half. None if the stretch is short.
+    """
+    count = max(1, round(SHORT_TIME / float(np.median(np.diff(time)))))
+    begin, end = max(level[0] - count, 0), min(level[1] + count, time.size)
+    if end - begin < 6 * count:
+        return None
+    place, quarter = np.arange(begin, end), (end - begin) // 4
+    short = span_means(load, np.maximum(place - count // 2, 0),
+                       np.minimum(place + count // 2 + 1, load.size))
+    seconds = time[begin:end] - time[begin]
+    middle = slice(quarter, place.size - quarter)
+    line = np.polyval(np.polyfit(seconds[middle], load[begin:end][middle], 1), seconds)
+    away = np.flatnonzero(
+        np.abs(short - line) > NOISE_BAND * white_noise(load[begin:end]) / math.sqrt(count))
+    before, after = away[away < place.size // 2], away[away >= place.size // 2]
+    return (begin + int(before[-1]) + 1 if before.size else begin,
+            begin + int(after[0]) if after.size else end)
+
+
+def _steady(time: Array, load: Array, held: Sequence[tuple[int, int]]) -> Array:
+    """The load (N,) with local straight lines while it is held.
+
+    The simulated friction of cylinder and bracket would follow the noise of the load cell, which
+    the ring does not feel, and lose its memory.
+    """
+    steady, half = load.copy(), max(1, round(STEADY_TIME / float(np.median(np.diff(time)))))
+    for start, stop in held:
+        seconds, force = time[start:stop] - time[start], load[start:stop]
+        place = np.arange(stop - start)
+        first, last = np.maximum(place - half, 0), np.minimum(place + half + 1, stop - start)
+        means = span_means(
+            np.stack([seconds, force, seconds**2, seconds * force]), first, last)
+        slope = (means[3] - means[0] * means[1]) / np.maximum(
+            means[2] - means[0] ** 2, np.finfo(float).tiny)
+        steady[start:stop] = means[1] + slope * (seconds - means[0])
+    return steady
 
 
 def _load_grid(
@@ -211,13 +263,10 @@ def _load_grid(
     cuts += range(reached, time.size, blocks.between)
     starts = np.array(cuts, dtype=np.int64)
     count = np.diff(np.append(starts, time.size))
-    grid = np.add.reduceat(load, starts) / count
-    for block in np.flatnonzero(blocks.held):
-        start, stop, _ = blocks.spans[block]
-        grid[first[block]:last[block]] = load[start:stop].mean()
     return LoadGrid(
         elevation=elevation, time=np.add.reduceat(time, starts) / count,
-        load=grid, zero_load=zero_load,
+        load=np.add.reduceat(_steady(time, load, blocks.held), starts) / count,
+        zero_load=zero_load,
         first=np.array(first), last=np.array(last), max_step=LONGEST_STEP,
         load_noise=white_noise(load) / np.sqrt([stop - start for start, stop, _ in blocks.spans]))
 

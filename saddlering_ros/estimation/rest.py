@@ -81,25 +81,32 @@ class Rest:
         return slice(settling, self.samples - guard) if is_long else None
 
 
-def stretches_at_rest(time: Array, load: Array, band: float) -> Stretches:
-    """Stretches [start, stop) of samples over which the mean load stays within `band` [N].
-
-    The beginning of a stretch is settling, unless the record begins with the stretch.
-    """
+def level_stretches(time: Array, load: Array, band: float) -> Stretches:
+    """Stretches [start, stop) of samples over which the mean load stays within `band` [N]."""
     step = float(np.median(np.diff(time)))
     count = max(1, round(BLOCK_SECONDS / step))
     blocks = time.size // count
     level = load[:blocks * count].reshape(-1, count).mean(axis=1)
     stretches, begin = [], 0
-    rest = Rest(band, count, float(level[0])) if blocks else Rest(band)
-    for index in range(1, blocks + 1):
-        if index < blocks and rest.takes(level[index], count):
-            continue
-        quiet = rest.quiet(step, has_moved=begin > 0, moves_on=True)
+    rest = Rest(band)
+    for index in range(blocks):
+        if not rest.takes(level[index], count):
+            stretches.append((begin, index * count))
+            begin, rest = index * count, Rest(band, count, float(level[index]))
+    return [*stretches, (begin, blocks * count)] if blocks else []
+
+
+def stretches_at_rest(time: Array, load: Array, band: float) -> Stretches:
+    """Stretches [start, stop) of samples at rest, within `band` [N] of their mean load.
+
+    The beginning of a stretch is settling, unless the record begins with the stretch.
+    """
+    step = float(np.median(np.diff(time)))
+    stretches = []
+    for begin, end in level_stretches(time, load, band):
+        quiet = Rest(band, end - begin).quiet(step, has_moved=begin > 0, moves_on=True)
         if quiet is not None:
             stretches.append((begin + quiet.start, begin + quiet.stop))
-        if index < blocks:
-            begin, rest = index * count, Rest(band, count, float(level[index]))
     return stretches
 
 

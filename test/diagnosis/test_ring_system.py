@@ -16,7 +16,8 @@ from saddlering_ros.diagnosis.ring_system import engine_effects, RingSystem
 from saddlering_ros.discrepancy import Point
 from saddlering_ros.effects import catalogue, EffectError, extension_of
 from saddlering_ros.effects.extension import RingExtension
-from saddlering_ros.rig import default_rig, TRUE_TO_SCALE
+from saddlering_ros.record import plateaus, Record
+from saddlering_ros.rig import default_rig, TONNE, TRUE_TO_SCALE
 from saddlering_ros.ring import probe_batch
 
 
@@ -43,20 +44,48 @@ def test_no_block_of_a_long_dynamic_run_lies_across_a_gap_of_its_data(campaign):
     assert max(steps) < 2.5
 
 
+def without_noise(record: Record) -> np.ndarray:
+    """A load of the same kind as that of a test, without noise."""
+    if record.test == 'dynamic':
+        corners = record.time[-1] * np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
+        level = TONNE * np.array([0.5, 0.5, 25.0, 25.0, 0.5, 0.5])
+        return np.interp(record.time, corners, level)
+    held = plateaus(record)
+    spans = list(zip(held.hold_start, held.hold_stop, strict=True))
+    level = [np.median(record.load[start:stop]) for start, stop in spans]
+    return np.interp(np.arange(record.time.size), np.ravel(spans), np.repeat(level, 2))
+
+
 @pytest.mark.parametrize(('name', 'most'), [('static_50', 1e-7), ('dynamic_50_fast', 2e-7)])
 def test_blocks_of_a_ring_that_settles_slowly_are_means_of_a_fine_simulation(campaign, name, most):
     rig = default_rig()
     slow = replace(TRUE_TO_SCALE, K1=1e8, D1=5.6e6, D2=3.9e6).to_array()
     record = read_run(next(bag for bag in campaign() if bag.name == name))
-    run = build_record(rig, record, held_out=False).run
-    grid, time = run.payload, record.time
-    fine = probe_batch(rig, [(slow, RingExtension())], grid.elevation, time, record.load,
-                       grid.zero_load, max_step=2e-4)[0]
-    truth = [fine[:, abs(time - centre) < 0.5 * width].mean(axis=1)
+    load = without_noise(record)
+    run = build_record(rig, replace(record, load=load), held_out=False).run
+    fine = probe_batch(rig, [(slow, RingExtension())], record.elevation, record.time, load,
+                       run.payload.zero_load, max_step=2e-4)[0]
+    truth = [fine[:, abs(record.time - centre) < 0.5 * width].mean(axis=1)
              for centre, width in zip(run.time, run.width, strict=True)]
     found = RingSystem(rig).predict_many(run, [Point(slow)])[0]
     error = found - np.transpose(truth)
     assert np.abs(error - error.mean(axis=1, keepdims=True)).max() < most
+
+
+@pytest.mark.parametrize('name', ['static_50', 'dynamic_50_fast'])
+def test_the_noise_of_the_load_cell_does_not_move_the_friction_of_the_cylinder(campaign, name):
+    rig = default_rig()
+    record = read_run(next(bag for bag in campaign() if bag.name == name))
+    smooth = without_noise(record)
+    noisy = smooth + np.random.default_rng(0).normal(0.0, 50.0, smooth.size)
+    rubbing = Point(TRUE_TO_SCALE.to_array(), {'cylinder_friction': {
+        'force': 3000.0, 'presliding': 2500.0, 'sharpness': 0.5}})
+    changes = []
+    for load in (smooth, noisy):
+        run = build_record(rig, replace(record, load=load), held_out=False).run
+        moved, usual = RingSystem(rig).predict_many(run, [rubbing, Point(rubbing.base)])
+        changes.append(moved - usual)
+    assert np.std(changes[1] - changes[0]) < 0.05 * np.std(changes[0])
 
 
 @pytest.mark.parametrize('name', ['carriage_resonance', 'probe_saturation'])
