@@ -24,16 +24,14 @@ Array = NDArray[np.float64]
 
 STATIC_GRID = 0.2
 """Spacing of the simulated load between the holds of static runs [s]."""
-HELD_GRID = 1.3
-"""The same while the load is held and the ring has settled [s]."""
 SETTLING_GRID = 0.15
-"""The same while the ring settles after a step of the load [s].
+"""Shortest part of a held load [s]."""
+SETTLING_SHARE = 0.25
+"""Longest part of a held load, as a share of the time since it is held.
 
-The middle of a part stands for its mean, which differs by the share h^2 / (24 tau^2) where the
-rest of the step decays by exp(-t / tau): 1 % at 0.3 s, and less than that is left of faster steps.
+The middle of a part of length h stands for its mean, from which it differs by h^2 / (24 tau^2) of
+what decays by exp(-t / tau): 0.14 % of a step at most, whatever tau is.
 """
-SETTLING_TIME = 1.4
-"""How long the ring settles [s]: 2 % of a step are left of 0.35 s, a contact of 6 MN s/m."""
 STEADY_TIME = 1.0
 """A held load follows straight lines over this time to both sides [s]."""
 SHORT_TIME = 0.05
@@ -175,8 +173,8 @@ def _static(rig: Rig, test_run: Record, time: Array, load: Array, quiet: Array) 
 
 def _held_parts(since: float, length: float) -> int:
     """Parts of a block of this length [s] that begins `since` [s] after its load is held."""
-    grid = SETTLING_GRID if since < SETTLING_TIME else HELD_GRID
-    return max(1, math.ceil(length / grid - 0.2))
+    longest = max(SETTLING_GRID, SETTLING_SHARE * since)
+    return max(1, math.ceil(length / longest - 0.2))
 
 
 def _dynamic(rig: Rig, _: Record, time: Array, load: Array, quiet: Array) -> _Blocks:
