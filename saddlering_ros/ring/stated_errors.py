@@ -5,11 +5,12 @@ and a diagnosis simulate the same one.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from saddlering_ros.effects import effect, NO_EXTENSION, RingExtension
+from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension, with_probe
 from saddlering_ros.rig import Rig
 
 SmallError = Mapping[str, Mapping[str, float]]
@@ -59,6 +60,10 @@ DIMENSIONS: Mapping[str, Dimension] = {
         'height')}
 """By the id of the effect."""
 
+ROWS: Mapping[str, tuple[str, ...]] = {
+    'axial_clearance': ('upper_row', 'lower_row'), 'radial_clearance': ('radial_row',)}
+"""Rows of which an effect changes the clearance."""
+
 CERTIFIED = {
     'load_gain': ('load_gain', 'load_gain', 'gain'),
     'load_offset': ('load_offset', 'load_offset', 'offset'),
@@ -99,12 +104,20 @@ def certified_errors(rig: Rig) -> dict[str, SmallError]:
 
 
 def with_error(rig: Rig, error: SmallError) -> tuple[Rig, RingExtension]:
-    """The rig with the dimensions of an error, and the extension by its effects."""
-    extension = NO_EXTENSION
+    """The rig with the dimensions of an error, and the extension by its effects.
+
+    The extension has a field for each of these effects, so that a catalogue may lack them.
+    """
+    changed: dict[str, Any] = {}
     for name, values in error.items():
+        size = [*values.values()][-1]
         if name in DIMENSIONS:
-            rig = DIMENSIONS[name].changed(rig, values['change'])
+            rig = DIMENSIONS[name].changed(rig, size)
+        elif name in ROWS:
+            changed |= {row: replace(getattr(NO_EXTENSION, row), gap=0.5 * size)
+                        for row in ROWS[name]}
         else:
-            cause = effect(name)
-            extension = cause.extend(extension, {**cause.complete({}), **values})
-    return rig, extension
+            field = getattr(NO_EXTENSION, name)
+            changed[name] = with_probe(
+                field, round(values.get('probe', 0.0)), size) if isinstance(field, tuple) else size
+    return rig, replace(NO_EXTENSION, **changed)

@@ -9,12 +9,14 @@ import sys
 import numpy as np
 import pytest
 
+from saddlering_ros.effects import effect, NO_EXTENSION
 from saddlering_ros.identification import identify
 from saddlering_ros.identification.objective import changes_by, predict
 from saddlering_ros.identification.observation import observe_prepared
 from saddlering_ros.identification.prepared import prepare
+from saddlering_ros.identification.uncertainty import IMPERFECTIONS
 from saddlering_ros.rig import Instruments, PARAMETER_NAMES, TRUE_TO_SCALE
-from saddlering_ros.ring.stated_errors import certified_errors
+from saddlering_ros.ring.stated_errors import CERTIFIED, certified_errors, DIMENSIONS, with_error
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'benchmarks'))
 from rigs import RIG, virtual_run
@@ -61,3 +63,17 @@ def test_an_error_of_a_probe_moves_what_that_probe_reads(absent, runs):
     # The prediction starts at rest at the zero, and a run at its first load: 2 nm at most.
     assert dict(zip(errors, changes, strict=True)) == {f'probe_gain_{number}': pytest.approx(
         gains[number - 1] * moved[number], rel=1e-3, abs=2e-9) for number in rig.probes.present}
+
+
+def test_every_stated_error_is_what_the_effect_of_this_name_makes_of_it():
+    """An effect may be taken out of the catalogue, and identification knows its errors still."""
+    rig = replace(RIG, instruments=Instruments(**{
+        entry: 1e-3 for entry, _, _ in CERTIFIED.values()}))
+    errors = {**IMPERFECTIONS, **certified_errors(rig)}
+    of_effects = [error for error in errors.values() if not {*error} & {*DIMENSIONS}]
+    assert len(of_effects) > 15
+    for error in of_effects:
+        (name, values), = error.items()
+        cause = effect(name)
+        assert with_error(rig, error)[1] == cause.extend(
+            NO_EXTENSION, {**cause.complete({}), **values})
