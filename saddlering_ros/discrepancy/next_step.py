@@ -214,9 +214,8 @@ class _OpenModels:
         # The first model stands for no particular cause; another one names its own.
         less[0] = less[best]
         limits = [open_distance(
-            taken=taken, excess=self.excess, fewer=int(self.sizes[best] - size), floor=self.floor,
-            settings=self.space.settings)
-            for taken, size in zip(less - whole[best], self.sizes, strict=True)]
+            taken=taken, excess=self.excess, floor=self.floor, settings=self.space.settings)
+            for taken in less - whole[best]]
         return whole - whole[best], np.maximum(limits, self.floor)
 
     def _forecast_each(

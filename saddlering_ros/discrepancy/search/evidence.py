@@ -264,17 +264,14 @@ def alternative_floor(pairs: int, settings: Settings) -> float:
     return fisher_limit(settings.alternative_rate, 1, pairs)
 
 
-def open_distance(
-    taken: float, excess: float, fewer: int, floor: float, settings: Settings
-) -> float:
+def open_distance(taken: float, excess: float, floor: float, settings: Settings) -> float:
     """Largest misfit by which an alternative may be behind and stay in a group.
 
     The limit rises with the remaining misfit (`excess`) and with the misfit `taken` by the
-    effect, because no form is exact. An alternative with `fewer` parameters receives an
-    allowance for each of them, because it cannot adapt to a form as the best model can.
+    effect, because no form is exact.
     """
-    margin = floor + settings.alternative_share * min(excess, taken)
-    return max(margin, settings.form_error * (1 + max(0, fewer)) * taken)
+    return max(floor + settings.alternative_share * min(excess, taken),
+               settings.form_error * taken)
 
 
 def crowded(explained: Iterable[Sizes], settings: Settings) -> bool:

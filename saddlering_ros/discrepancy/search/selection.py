@@ -306,7 +306,6 @@ def _as_good(
     excess = max(space.slow_residual(fit).excess, 0.0) if others else 0.0
     return tuple(other for other in others if other.misfit - fit.misfit <= evidence.open_distance(
         taken=less.misfit - fit.misfit, excess=excess,
-        fewer=fit.theta_unit.size - other.theta_unit.size,
         floor=evidence.alternative_floor(space.pairs, space.settings), settings=space.settings))
 
 
