@@ -9,7 +9,6 @@ wrong shares, or act in one view only where it should act in several.
 """
 
 from collections.abc import Sequence
-import math
 
 import numpy as np
 
@@ -50,19 +49,12 @@ and 0.42 at least. Right laws had 0.02 and 0.11 at most, beside pipes unlike by 
 A cause three times as large as the rest, which is over the limit there, bends by a third at most.
 """
 
-SURE = 3.0
-"""Standard deviations of noise by which a law must fail to show where it should."""
-
 MAX_SAMPLES = 4000
 """Samples of a run, evenly chosen, in which the change is followed. Chosen for cost."""
 
 
 def shown_in_one_view(space: ModelSpace, fit: Fit, name: str) -> list[str]:
-    """A sentence if the law of a ring's main cause explains as much in one view alone.
-
-    What it does elsewhere must be too much to be hidden by noise: a law that is right makes the
-    misfit of one view alone grow by `due`, give or take 2 sqrt(due).
-    """
+    """A sentence if the law of a ring's main cause explains as much in one view alone."""
     if space.problem.assumptions.exact_laws:
         return []
 
@@ -70,15 +62,11 @@ def shown_in_one_view(space: ModelSpace, fit: Fit, name: str) -> list[str]:
         white = np.column_stack([slopes, residual])
         return stepped_misfit(white.T @ white)
 
-    whole, whiten = misfit(space.tangent_of(fit).white, fit.whitened), space.metric.whiten
-    doubts = []
-    for view, plain, prediction in space.confined(fit, name, space.settings.materiality):
-        slopes = whiten(plain)
-        due = misfit(slopes, whiten(prediction - fit.prediction))
-        grows = misfit(slopes, whiten(prediction - space.problem.measured)) - whole
-        if grows < min(space.real_gain, due - 2.0 * SURE * math.sqrt(due)):
-            doubts.append(wording.ONE_VIEW.format(space.problem.titles[name], view))
-    return doubts
+    least = misfit(space.tangent_of(fit).white, fit.whitened) + space.real_gain
+    whiten, measured = space.metric.whiten, space.problem.measured
+    return [wording.ONE_VIEW.format(space.problem.titles[name], view)
+            for view, plain, prediction in space.confined(fit, name, space.settings.materiality)
+            if misfit(whiten(plain), whiten(prediction - measured)) < least]
 
 
 def shared_directions(search: Search) -> list[str]:
