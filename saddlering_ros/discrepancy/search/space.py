@@ -34,6 +34,10 @@ fewer, one short stretch at rest would leave nothing certain."""
 AT_BOUND = 1e-3
 """Distance from a bound, as a share of the range: half of the step of a sensitivity."""
 
+MINOR = 0.1
+"""Movement of a view, as a share of range and of the most that an effect moves, that is a side
+effect of its law: 1 % of its power, which errors of its form can leave."""
+
 FREE_SPREAD = 10.0
 """Spread, in shares of the range, of a parameter that counts as free."""
 
@@ -135,7 +139,8 @@ class ModelSpace:
     ) -> Iterator[tuple[str, Array, Array]]:
         """Each view, sensitivities (n, k) and prediction (n,) if an effect acted there alone.
 
-        To first order. Nothing for an effect that moves other views by `least` of range at most.
+        To first order. Nothing for an effect that moves other views by `least` of range at most,
+        or by MINOR of what it moves most: its law is one of one view.
         """
         problem, tangent = self.problem, self.tangent_of(fit).plain
         slices = fit.candidate.slices(len(problem.system.base_parameters))
@@ -143,6 +148,7 @@ class ModelSpace:
             slices, self.changes_of(fit).T, strict=True) if effect.id == name)
         moves = {view: float(problem.view_sizes(change, view).max())
                  for view in problem.system.views}
+        least = max(least, MINOR * max(moves.values()))
         seen = [view for view, move in moves.items() if move > least]
         for view in seen if len(seen) > 1 else ():
             confined = tangent.copy()
