@@ -19,6 +19,7 @@ from saddlering_ros.discrepancy import (
     Settings,
 )
 from saddlering_ros.discrepancy.search.evidence import Comparison
+from saddlering_ros.discrepancy.verdict import published
 
 PHASE = np.clip((TIME - 4.0) / 16.0, 0.0, 1.0)
 LATE = np.sin(2.0 * np.pi * PHASE)
@@ -79,6 +80,16 @@ def test_a_cause_is_named_where_no_form_of_a_much_larger_one_takes_its_place() -
 @pytest.mark.parametrize('size', [0.03, -0.03])
 def test_a_small_cause_is_found_in_a_view_where_a_large_one_does_nothing(size: float) -> None:
     assert names(diagnosed(0.0, late=0.3, other_bend=size)) == {'late', 'other_bend'}
+
+
+def test_a_cause_with_which_runs_may_be_predicted_no_better_has_no_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A sound ring was named for friction and play, with -62 to 56 % on its held-out run."""
+    monkeypatch.setattr(published._Powers, 'interval', lambda powers: (-0.62, 0.56))
+    found = diagnosed(0.0, late=0.3)
+    assert found.verdict == 'unknown'
+    assert any(note.endswith('so that there may be none') for note in found.warnings)
 
 
 def test_a_size_stopped_by_its_bound_is_said_to_be() -> None:

@@ -64,6 +64,8 @@ def judge_alone(
             wording.remaining_words(share), left, wording.joined(titles)))
     doubts += left_by_ring(space, fit, after, published.shares)
     doubts += wrong_law.shown_in_one_view(space, fit, published.main.effect)
+    if not space.problem.assumptions.exact_laws:
+        doubts += _uncertain_gain(published.shares)
     doubts += wrong_inputs(space, fit) if len(ids) > 1 else []
     if crowded([Comparison(space, space.without(fit, name), fit).added for name in ids], settings):
         doubts.append(wording.CROWDED.format(len(ids)))
@@ -299,12 +301,15 @@ def doubts_among(
 
 def _unlike_in_runs(shares: Shares) -> list[str]:
     """Sentences on runs, predicted or fitted, in which the misfit falls by too little."""
-    doubts = []
-    if shares.interval is None:
-        doubts.append(wording.ONE_RUN)
-    elif shares.interval[0] <= 0.0:
-        doubts.append(wording.UNCERTAIN_GAIN.format(*map(percent, shares.interval)))
+    doubts = [wording.ONE_RUN] if shares.interval is None else _uncertain_gain(shares)
     return doubts if shares.worst_run >= 0.0 else [*doubts, wording.WORSE_RUN]
+
+
+def _uncertain_gain(shares: Shares) -> list[str]:
+    """A sentence if predicted runs may be predicted no better, by the 95 % interval."""
+    interval = shares.interval
+    return [wording.UNCERTAIN_GAIN.format(*map(percent, interval))
+            ] if interval and interval[0] <= 0.0 else []
 
 
 def other_laws(search: Search) -> list[str]:
