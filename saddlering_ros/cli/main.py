@@ -101,8 +101,7 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        # The reader is gone; the flush of Python at exit must not report it again.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return READER_GONE
     except ModuleNotFoundError as error:
         return _complain(
@@ -113,11 +112,20 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
                 and error.errno in UNUSABLE_FILE):
             return _complain(f'{error.filename}: {error.strerror}', UNUSABLE, args)
         if isinstance(error, OSError) and error.errno in NO_ROOM:
+            try:
+                sys.stdout.flush()
+            except OSError:
+                _drop_output()
             return _complain(
                 f'{error.strerror}: neither standard output nor the folder of scratch files, '
                 f'{tempfile.gettempdir()}, may be full: choose other places', UNUSABLE, args)
         hint = '' if args.traceback else ' (--traceback shows the place)'
         return _complain(f'failed: {type(error).__name__}: {error}{hint}', OUR_FAILURE, args)
+
+
+def _drop_output() -> None:
+    """Let the flush of Python at exit not report again that standard output takes nothing."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def open_closed_streams() -> None:
