@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from saddlering_ros.discrepancy import direction_of, RestSegment, RunBlocks
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.estimation.rest import (
+    BLOCK_SECONDS,
     level_stretches,
     probe_rounding,
     quiet_stretches,
@@ -34,10 +35,9 @@ what decays by exp(-t / tau): 0.14 % of a step at most, whatever tau is.
 """
 STEADY_TIME = 1.0
 """A held load follows straight lines over this time to both sides [s]."""
-SHORT_TIME = 0.05
-"""Time [s] of the means that must lie on one straight line, while a load is held."""
 NOISE_BAND = 4.0
-"""Standard deviations of such a mean by which it may be off the line: one of 16 000 is further."""
+"""Standard deviations by which a mean over BLOCK_SECONDS may be off the straight line of a held
+load: one of 16 000 is further."""
 BLOCKS_PER_PLATEAU = 4  # settling within a hold shows
 LONGEST_BLOCK = 2.5  # [s]; creep within a long hold shows
 DYNAMIC_BLOCKS = 600
@@ -197,29 +197,29 @@ def _dynamic(rig: Rig, _: Record, time: Array, load: Array, quiet: Array) -> _Bl
                          for since in (time[starts[inside]] - time[begin]).tolist()]
     blocks = [(int(a), int(b), min(int(count), int(b - a)))
               for a, b, count in zip(starts, stops, parts, strict=True)]
-    held = [_held(time, load, level)
-            for level in level_stretches(time, load, rig.limits.rest_band)]
-    return _Blocks(blocks, rest, hold, [one for one in held if one is not None], None, 1)
+    count = max(1, round(BLOCK_SECONDS / step))
+    wider = [(max(begin - count, 0), min(end + count, time.size))
+             for begin, end in level_stretches(time, load, rig.limits.rest_band)]
+    held = [_held(time, load, begin, end, count) for begin, end in wider
+            if end - begin >= 6 * count]
+    return _Blocks(blocks, rest, hold, held, None, 1)
 
 
-def _held(time: Array, load: Array, level: tuple[int, int]) -> tuple[int, int] | None:
-    """Samples [start, stop) about the middle of a level stretch that lie on a straight line.
+def _held(time: Array, load: Array, begin: int, end: int, count: int) -> tuple[int, int]:
+    """Samples [start, stop) about the middle of [begin, end) that lie on a straight line.
 
-    The line is that of the middle half. None if the stretch is short.
+    The line is that of the middle half; means over `count` samples are compared with it.
     """
-    count = max(1, round(SHORT_TIME / float(np.median(np.diff(time)))))
-    begin, end = max(level[0] - count, 0), min(level[1] + count, time.size)
-    if end - begin < 6 * count:
-        return None
-    place, quarter = np.arange(begin, end), (end - begin) // 4
-    short = span_means(load, np.maximum(place - count // 2, 0),
-                       np.minimum(place + count // 2 + 1, load.size))
-    seconds = time[begin:end] - time[begin]
-    middle = slice(quarter, place.size - quarter)
+    size, quarter, first = end - begin, (end - begin) // 4, max(begin - count, 0)
+    place = np.arange(size) + begin - first
+    around = load[first:end + count]
+    short = span_means(around, np.maximum(place - count // 2, 0),
+                       np.minimum(place + count // 2 + 1, around.size))
+    seconds, middle = time[begin:end] - time[begin], slice(quarter, size - quarter)
     line = np.polyval(np.polyfit(seconds[middle], load[begin:end][middle], 1), seconds)
     away = np.flatnonzero(
         np.abs(short - line) > NOISE_BAND * white_noise(load[begin:end]) / math.sqrt(count))
-    before, after = away[away < place.size // 2], away[away >= place.size // 2]
+    before, after = away[away < size // 2], away[away >= size // 2]
     return (begin + int(before[-1]) + 1 if before.size else begin,
             begin + int(after[0]) if after.size else end)
 
