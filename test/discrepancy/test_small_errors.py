@@ -123,6 +123,7 @@ def test_a_cause_among_small_errors_whose_size_may_be_nothing_has_no_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(system, 'WIDTH_95', 1e4)
+    monkeypatch.setattr(established, 'HALF_THE_POWER', 1.0)
     answer = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES)
     assert answer.verdict == 'unknown'
     assert 'not established: friction: the 95 % interval' in answer.warnings[-1]
@@ -287,7 +288,7 @@ def test_what_takes_a_place_in_a_model_that_cancels_is_tried(
 
 def taking(**shares: float) -> Any:
     """A publication in which effects take these shares of what the others leave."""
-    return SimpleNamespace(member_shares={
+    return SimpleNamespace(shares=None, member_shares={
         name: SimpleNamespace(best=share) for name, share in shares.items()})
 
 
@@ -359,6 +360,40 @@ def test_no_cause_is_the_main_one_beside_one_of_twice_its_power(
     found: Any = SimpleNamespace(member_shares={'friction': shares}, shares=shares, causes=[])
     doubts = [wording.AS_LARGE] if is_refused else []
     assert established.doubts_among(among, 'friction', found)[0] == doubts
+
+
+@pytest.mark.parametrize(('error', 'is_refused'), [(0.016, True), (0.012, False)])
+def test_no_cause_is_main_beside_a_small_error_of_half_its_power(
+        error: float, is_refused: bool) -> None:
+    """Friction, which a ring had, was named; a moment arm that an elevation error can replace had
+    72 % of its power and was left to the small errors."""
+    among: Any = among_of(model_of(60.0, friction=0.02, elevation=error), [
+        model_of(55.0, friction=0.02), model_of(20.0, elevation=error), model_of(0.0)])
+    among.space.problem = SimpleNamespace(titles={'friction': 'friction'})
+    shares = results.Shares({'gamma': 0.9}, {}, 0.5, ('gamma', 0.9), ('gamma', 0.9), (0.3, 0.5))
+    found: Any = SimpleNamespace(member_shares={'friction': shares}, shares=shares, causes=[])
+    doubts = [wording.AS_LARGE] if is_refused else []
+    assert established.doubts_among(among, 'friction', found)[0] == doubts
+
+
+@pytest.mark.parametrize(('visible', 'taken', 'is_refused'), [
+    (0.0035, 0.97, False), (0.0035, 0.84, True), (0.0019, 0.97, True), (0.0041, 0.84, False)])
+def test_a_cause_that_takes_nearly_all_stands_out_with_half_the_size(
+        visible: float, taken: float, is_refused: bool) -> None:
+    """Friction with 97 % of the power of a misfit had no name for 35 times in place of 40."""
+    among: Any = among_of(model_of(60.0, friction=visible), [model_of(0.0)])
+    among.space.problem = SimpleNamespace(titles={'friction': 'friction'})
+    shares = results.Shares({'gamma': taken}, {}, 0.5, ('gamma', taken), ('gamma', taken),
+                            (0.3, 0.5))
+    found: Any = SimpleNamespace(member_shares={}, shares=shares, causes=[])
+    assert bool(established.doubts_among(among, 'friction', found)[0]) == is_refused
+
+
+def test_a_model_whose_effects_cancel_widens_no_interval() -> None:
+    """A gain of a probe against an ovalisation 30 times as large made its size uncertain."""
+    best, alike = model_of(50.0, oval=0.02), model_of(45.0, oval=0.03)
+    cancels = model_of(48.0, 0.3, oval=0.9, gain=0.9)
+    assert among_of(best, [alike, cancels, model_of(30.0, oval=0.04)]).likely == [best, alike]
 
 
 @pytest.mark.parametrize(('taken', 'is_refused'), [(0.9, False), (0.6, True)])

@@ -73,9 +73,10 @@ class Among:
 
     @property
     def likely(self) -> list[Model]:
-        """The best model and all that are nearly as likely; more likely ones may cancel."""
+        """The best model and all others that are nearly as likely, whose effects do not cancel."""
         least = self.best.evidence - MIN_MARGIN
-        return [self.best, *(other for other in self.others if other.evidence > least)]
+        return [self.best, *(other for other in self.others
+                             if other.evidence > least and other.is_acceptable)]
 
     def closest_without(self, *names: str) -> tuple[Model, float]:
         """The best model without effects, and the logarithm of the likelihood over that of it.
@@ -139,9 +140,9 @@ class Among:
         """Logarithm of the likelihood over that of the best model without an effect."""
         return self.closest_without(name)[1]
 
-    def stands_out(self, name: str) -> bool:
-        """Whether an effect is an outlier of the small errors."""
-        return self.times(name) >= MIN_TIMES and self.margin(name) >= MIN_MARGIN
+    def stands_out(self, name: str, least: float = MIN_TIMES) -> bool:
+        """Whether an effect is an outlier: at least so many times the small errors, and sure."""
+        return self.times(name) >= least and self.margin(name) >= MIN_MARGIN
 
 
 def search_among_small_errors(search: Search) -> Among | None:
