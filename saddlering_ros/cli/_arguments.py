@@ -57,6 +57,10 @@ class OneLineParser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, "invalid value: '--'")
         return super()._get_values(action, arg_strings)
 
+    def print_help(self, file: Any = None) -> None:
+        """Print the help; argparse drops the error of a full disk."""
+        print(self.format_help(), end='', file=file, flush=True)
+
     def error(self, message: str) -> NoReturn:
         """Print the error and how to get help; exit with status 2."""
         choice = _CHOICE.fullmatch(message)

@@ -117,8 +117,8 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
             except OSError:
                 _drop_output()
             return _complain(
-                f'{error.strerror}: neither standard output nor the folder of scratch files, '
-                f'{tempfile.gettempdir()}, may be full: choose other places', UNUSABLE, args)
+                f'{error.strerror}: standard output or the folder of scratch files, '
+                f'{tempfile.gettempdir()}, is full: choose another place', UNUSABLE, args)
         hint = '' if args.traceback else ' (--traceback shows the place)'
         return _complain(f'failed: {type(error).__name__}: {error}{hint}', OUR_FAILURE, args)
 
@@ -158,18 +158,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     open_closed_streams()
     print_any_text()
     leave_by_exception()
-    try:
+
+    def parse_and_run(args: argparse.Namespace) -> int:
         parser, commands = build_parser()
         if '_ARGCOMPLETE' in os.environ:  # the shell asks for completions of this line
             import argcomplete
 
             argcomplete.autocomplete(parser)
-        args = parser.parse_args(argv)
+        parser.parse_args(argv, args)
         words = sys.argv[1:] if argv is None else argv
         args.command_line = shlex.join(['saddlering', *map(str, words)])
         return run_reporting(commands[args.command][1], args)
-    except KeyboardInterrupt:
-        return INTERRUPTED
+
+    return run_reporting(parse_and_run, argparse.Namespace(command='', traceback=False))
 
 
 def leave_by_exception() -> None:
@@ -217,7 +218,7 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
         from saddlering_ros.files import code_hash
 
-        print(f'saddlering {__version__} (code {code_hash()})')
+        print(f'saddlering {__version__} (code {code_hash()})', flush=True)
         parser.exit()
 
 
@@ -226,7 +227,7 @@ def _complain(message: str, status: int, args: argparse.Namespace) -> int:
         import traceback
         traceback.print_exc()
     line = ' '.join(arguments.in_options(message).split())
-    print(f'saddlering {args.command}: {printable(line)}', file=sys.stderr)
+    print(f'saddlering {args.command}'.rstrip() + f': {printable(line)}', file=sys.stderr)
     return status
 
 

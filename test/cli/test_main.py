@@ -244,11 +244,16 @@ def test_info_writes_its_json_although_its_reader_is_gone(tmp_path):
     assert len(json.loads((tmp_path / 'info.json').read_text())) == 2
 
 
-def test_a_full_disk_behind_standard_output_is_told_as_such():
-    bag = ROOT / 'bags' / 'dynamic_50_fast'
+@pytest.mark.parametrize('unbuffered', ['', '1'])
+@pytest.mark.parametrize(('words', 'said'), [
+    ('info bags/dynamic_50_fast', 'saddlering info'), ('--help', 'saddlering'),
+    ('info --help', 'saddlering info'), ('--version', 'saddlering')])
+def test_a_full_disk_behind_standard_output_is_told_as_such(words, said, unbuffered):
     done = subprocess.run(
-        ['bash', '-c', f'{sys.executable} -m saddlering_ros.cli.main info {bag} > /dev/full'],
-        capture_output=True, text=True, check=False)
+        ['bash', '-c', f'{sys.executable} -m saddlering_ros.cli.main {words} > /dev/full'],
+        capture_output=True, text=True, check=False, cwd=ROOT,
+        env={**os.environ, 'PYTHONUNBUFFERED': unbuffered})
     assert done.returncode == 2
-    assert done.stderr.startswith('saddlering info: No space left on device: neither standard out')
+    assert done.stderr.startswith(f'{said}: No space left on device: standard output or the ')
+    assert done.stderr.endswith('is full: choose another place\n')
     assert done.stderr.count('\n') == 1
