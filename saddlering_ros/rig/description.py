@@ -283,6 +283,9 @@ def rig_from_parameters(parameters: Mapping[str, Any], where: str) -> Rig:
         force_unit=unit, instruments=instruments_from(rig.take('instruments', {}), where),
         wear_limits={name: wear.number(name, 1e-9, 1.0) for name in WEAR_LIMITS if name in wear},
         bounds=check_bounds(bounds, where))
+    if result.preload >= result.full_scale_load:
+        raise RigError(f'{where}: rig.preload is {result.preload:g} N, not below '
+                       f'rig.full_scale_load, {result.full_scale_load:g} N: correct one of them')
     for section in (*parts, ranges, wear, rig):
         section.finish()
     return result

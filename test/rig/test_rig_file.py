@@ -64,6 +64,8 @@ def _set(document: dict[str, Any], name: str, value: Any) -> None:
     ('rig.probes.polarity', [1, 1, 1], 'four numbers, each 1 or -1'),
     ('rig.probes.max_range', 0.0, 'give the span in metres'),
     ('rig.preload', -1.0, 'give a number from'),
+    ('rig.preload', 3e5, 'not below rig.full_scale_load, 245166 N: correct one of them'),
+    ('rig.full_scale_load', 4903.0, 'rig.preload is 4903.32 N, not below'),
     ('bounds.K1', [1e9, 2e7], 'give [low, high] with 0 < low < high'),
     ('bounds.n1', [1.0], 'give [low, high]'),
     ('bounds.D1', 'any', 'give [low, high]'),
