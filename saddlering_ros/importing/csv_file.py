@@ -17,7 +17,7 @@ from pyarrow import csv as arrow_csv
 
 from saddlering_ros.errors import refuse_unknown_keys
 from saddlering_ros.importing.calibration import ImportingError, known_unit
-from saddlering_ros.importing.source import Block, Column, NUMBER, Source, TEXT
+from saddlering_ros.importing.source import Block, Column, MAX_LEFT_OUT, NUMBER, Source, TEXT
 
 SNIFFED_BYTES = 1 << 18
 SNIFFED_LINES = 400
@@ -107,7 +107,7 @@ def _rows(lines: Sequence[str], delimiter: str) -> list[list[str]]:
 
 def _sniffed(path: Path, lines: Sequence[str], given: Mapping[str, Any]) -> CsvShape:
     """The delimiter and decimal mark by which most cells of the last lines are numbers."""
-    best, shape = 0.0, CsvShape()
+    best, columns, shape = 0.0, 0, CsvShape()
     thousands = str(given.get('thousands', ''))
     is_quoted = any('"' in line for line in lines[-20:])
     lines = [line.replace(thousands, '') for line in lines] if thousands else lines
@@ -125,12 +125,19 @@ def _sniffed(path: Path, lines: Sequence[str], given: Mapping[str, Any]) -> CsvS
             share = sum(is_number(cell, decimal) for cell in cells) / max(len(cells), 1)
             score = share * (1.0 + 0.01 * width)
             if score > best + 1e-9:
-                best = score
+                best, columns = score, width
                 shape = replace(_headings(rows, width, decimal), delimiter=delimiter,
                                 decimal=decimal)
     if not best and not given.keys() >= {'delimiter', 'decimal', 'header_line', 'first_line'}:
         raise ImportingError(f'{path}: no columns of numbers were found: state csv: {{delimiter, '
                              'decimal, header_line, first_line} in the map')
+    for delimiter in () if 'first_line' in given else DELIMITERS.keys() - {shape.delimiter}:
+        if sum(len(row) == columns and 2 * sum(is_number(cell, shape.decimal) for cell in row)
+               > columns for row in _rows(lines[:shape.first_line - 1], delimiter)) > 2:
+            raise ImportingError(
+                f'{path}: the delimiter changes in line {shape.first_line} from '
+                f'{DELIMITERS[delimiter]} to {DELIMITERS.get(shape.delimiter, shape.delimiter)}: '
+                'correct the file, or state csv: {first_line} in the map')
     return shape
 
 
@@ -214,12 +221,13 @@ class CsvSource(Source):
 
     def _batches(self, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
         shape, width = self._shape, len(self.columns)
-        read = 0
+        read = left_out = 0
 
         def on_bad_row(row: arrow_csv.InvalidRow) -> str:
-            nonlocal read
+            nonlocal read, left_out
             read += 1
             if row.text.strip():
+                left_out += 1
                 where = '' if row.number is None else f'line {row.number}'
                 self.warn(f'rows without {width} columns are left out', 1,
                           f'{where} with {row.actual_columns}'.strip())
@@ -248,6 +256,10 @@ class CsvSource(Source):
             raise ImportingError(f'{self.path}: cannot be read as a table ({reason}): state csv: '
                                  'in the map') from problem
         self._check_read(read)
+        if left_out > max(1.0, MAX_LEFT_OUT * read):
+            reason = next(line for line in self.warnings if 'columns are left out' in line)
+            raise ImportingError(f'{reason}, of {read} rows: correct the file, or state csv: '
+                                 '{delimiter} in the map')
 
     def _check_read(self, read: int) -> None:
         """ImportingError unless every line of data was read as one row, or counted as left out."""

@@ -13,11 +13,8 @@ from saddlering_ros.bags.write import END_OF_STAMPS
 from saddlering_ros.importing import calibration
 from saddlering_ros.importing.calibration import CountedTime, ImportingError
 from saddlering_ros.importing.mapping import ChannelMap, ImportMap, Split
-from saddlering_ros.importing.source import Block, find_column, MOMENT, Source
+from saddlering_ros.importing.source import Block, find_column, MAX_LEFT_OUT, MOMENT, Source
 from saddlering_ros.record.batches import Floats, SECOND, Stamps
-
-MAX_LEFT_OUT = 0.01
-"""Largest share of a file's rows that may be left out because their time does not rise."""
 
 UNDATED, DAY = 10 * 365 * 86400 * SECOND, 86400 * SECOND
 """A stamp before 1980 [ns] comes of a time without a date: no rig was recorded then. It counts

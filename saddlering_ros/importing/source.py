@@ -18,6 +18,10 @@ from saddlering_ros.importing.calibration import ImportingError, known_unit, Uni
 BLOCK_ROWS = 1 << 16
 """Rows that are read at a time."""
 
+MAX_LEFT_OUT = 0.01
+"""Largest share of a file's rows that may be left out: those whose time does not rise, and those
+with another number of columns."""
+
 _HDF5 = b'\x89HDF\r\n\x1a\n'
 
 NUMBER, TEXT, MOMENT = 'number', 'text', 'moment'

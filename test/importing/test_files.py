@@ -46,6 +46,18 @@ def test_rows_of_another_width_are_left_out_and_counted(tmp_path: Path) -> None:
         f'{tmp_path}/a.csv: rows without 3 columns are left out: 1, first line 11 with 4',)
 
 
+@pytest.mark.parametrize(('rows', 'change', 'said'), [
+    (50, 31, 'the delimiter changes in line 32 from semicolon to comma: correct the file'),
+    (900, 501, 'rows without 3 columns are left out: 400, first line 502 with 1, of 900 rows')])
+def test_a_delimiter_that_changes_half_way_is_refused_with_its_line(
+        tmp_path: Path, rows: int, change: int, said: str) -> None:
+    text = lines(t=[f'{0.01 * i:.2f}' for i in range(rows)], F=['1'] * rows, w=['1'] * rows)
+    text[change:] = [line.replace(';', ',') for line in text[change:]]
+    numbered = {**LOAD, 'column': '#2'}, {**PROBE, 'column': '#3'}
+    assert said in refusal(tmp_path, document(*numbered, time={**TIME, 'column': '#1'}),
+                           '\n'.join(text) + '\n')
+
+
 def test_zero_bytes_at_the_end_of_a_file_are_a_row_that_is_left_out(tmp_path: Path) -> None:
     """A recorder that is cut off leaves them; a short file was "neither a text file nor ..."."""
     result = convert(tmp_path, plain_table() + '\0' * 4096, document())
