@@ -7,14 +7,17 @@ browser zooms into; both show the same because both are made from the same `Char
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager, get_font
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,8 +36,8 @@ DARK, LIGHT = 0.45, 0.2
 MAIN, STRIP = 3.0, 1.25
 """Heights of a channel and of its misfit below."""
 
-FONT = {
-    'font.family': 'DejaVu Sans', 'font.size': 9.0, 'axes.titlesize': 10.0,
+FONT: dict[str, Any] = {
+    'font.family': ['DejaVu Sans'], 'font.size': 9.0, 'axes.titlesize': 10.0,
     'axes.labelsize': 9.0, 'legend.fontsize': 8.0, 'axes.grid': True, 'grid.color': '#e4e8ec',
     'grid.linewidth': 0.7, 'axes.edgecolor': '#7b8794', 'axes.linewidth': 0.8,
     'axes.axisbelow': True, 'axes.spines.top': False, 'axes.spines.right': False,
@@ -219,6 +222,22 @@ def compared(
                   bands=bands, levels=(0.0,)))
 
 
+def legible(text: str) -> str:
+    """The text, with the code of each sign that no font has, as on a terminal that lacks it."""
+    return ''.join(sign if sign.isascii() else _drawn(sign) for sign in text)
+
+
+@cache
+def _drawn(sign: str) -> str:
+    """The sign, if a font of FONT has it or an installed one, which FONT gets; else its code."""
+    families = FONT['font.family']
+    for font in sorted(fontManager.ttflist, key=lambda font: font.name not in families):
+        if ord(sign) in get_font(font.fname).get_charmap() and 'Last Resort' not in font.name:
+            families += [font.name] if font.name not in families else []
+            return sign
+    return ascii(sign)[1:-1]
+
+
 def draw(chart: Chart) -> Figure:
     """The chart as a figure."""
     with drawing():
@@ -234,11 +253,13 @@ def draw(chart: Chart) -> Figure:
                 figure.colorbar(axes.images[0], ax=grid, shrink=0.7, pad=0.02, label=heat.label,
                                 extend='both' if heat.low < 0.0 else 'neither')
         handles = [
-            Patch(color=NOISE, alpha=entry.opacity, lw=0.0, label=entry.name)
-            if isinstance(entry, ShadedBand) else Line2D([], [], label=entry.name, **_look(entry))
-            for entry in chart.named]
+            Patch(color=NOISE, alpha=entry.opacity, lw=0.0, label=name)
+            if isinstance(entry, ShadedBand) else Line2D([], [], label=name, **_look(entry))
+            for entry in chart.named for name in [legible(entry.name)]]
         if handles:
             figure.legend(handles=handles, loc='outside lower center', ncols=chart.legend_columns)
+        for text in figure.findobj(Text):
+            text.set_fontfamily(FONT['font.family'])
         return figure
 
 
@@ -266,7 +287,7 @@ def _draw_panel(axes: Axes, panel: Panel, *, is_small: bool) -> None:
     axes.minorticks_off()
     for axis, ticks in ((axes.xaxis, panel.x_ticks), (axes.yaxis, panel.y_ticks)):
         if ticks is not None:
-            axis.set_ticks(list(ticks.at), list(ticks.words), fontsize=ticks.size)
+            axis.set_ticks(list(ticks.at), list(map(legible, ticks.words)), fontsize=ticks.size)
     if panel.y_range is not None:
         axes.set_ylim(*panel.y_range)
     if not panel.has_y_grid:
@@ -279,7 +300,7 @@ def _draw_panel(axes: Axes, panel: Panel, *, is_small: bool) -> None:
     if panel.shows_y and panel.shows_y_label:
         axes.set_ylabel(panel.y_label)
     if panel.title:
-        axes.set_title(panel.title, fontsize=9.0 if is_small else None)
+        axes.set_title(legible(panel.title), fontsize=9.0 if is_small else None)
 
 
 def _look(series: Series) -> dict[str, Any]:

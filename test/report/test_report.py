@@ -45,6 +45,19 @@ def page(made_once):
         return diagnosis_page(document(), RUNS)
 
 
+@pytest.mark.filterwarnings('error')
+def test_a_sign_that_the_font_lacks_is_drawn_by_another_font_or_as_its_code(tmp_path):
+    lacking, in_stix = '\u0378', '\u1d8a'
+    names = charts.Ticks((0.0, 1.0), (f'{lacking}_30 µ', in_stix))
+    panel = charts.Panel(0, 0, 'x', 'y', (charts.line([0.0, 1.0], [0.0, 1.0], '#000', lacking),),
+                         title=lacking, x_ticks=names)
+    figure = draw(charts.Chart((panel,), 3.0, 2.0))
+    figure.savefig(tmp_path / 'drawn.png')
+    axes = figure.axes[0]
+    assert axes.get_title() == figure.legends[0].texts[0].get_text() == '\\u0378'
+    assert [label.get_text() for label in axes.get_xticklabels()] == ['\\u0378_30 µ', in_stix]
+
+
 def test_the_page_says_the_verdict_before_anything_else(page):
     text = re.sub(r'<(style|script).*?</\1>', '', page, flags=re.S)
     said = 'The simulation lacks dry friction in the radial row'
