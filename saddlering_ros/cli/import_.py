@@ -123,7 +123,7 @@ def _doubts(args: argparse.Namespace, result: ImportResult, rig: Rig) -> list[st
         info = bag_info(run.path, rig=rig)
         doubts = [arguments.in_options(line) for line in (*info.problems, *info.notes)]
         if args.rig is not None and not info.problems:
-            doubts += contradictions(run.path, rig)
+            doubts += contradictions(run.path, rig)[0]
         spans = {name: max(course.highest) - min(course.lowest)
                  for name, course in run.courses.items()}
         gaps = max(span for name, span in spans.items() if name.startswith('eddy'))

@@ -61,11 +61,12 @@ def run(args: argparse.Namespace) -> int:
         if args.drawing != written[1]:
             save_drawing(written[1], rig)
         write_text(args.draft, text, RigError)
-    found = {bag: contradictions(bag, rig, args.test, arguments.elevation_of(args))
-             for bag in args.check}
+    found, alike = {}, {}
+    for bag in args.check:
+        found[bag], alike[bag] = contradictions(bag, rig, args.test, arguments.elevation_of(args))
     doubts = sum(len(lines) for lines in found.values())
     if not tell_json(args, {'rig_hash': rig.digest, 'written': [str(path) for path in written],
-                            'checked': found}):
+                            'checked': found, 'elevations_alike': alike}):
         print(f'rig: {rig_in_words(rig)}')
         for path in written:
             print(f'written: {path}')
@@ -73,6 +74,9 @@ def run(args: argparse.Namespace) -> int:
             print(f'{bag}: {"no contradiction to the rig file" if not lines else ""}'.rstrip())
             for line in lines:
                 print(f'  {line}')
+            if alike[bag]:
+                print('  the elevation is not certain: the motion agrees with '
+                      f'{" and ".join(f"{one:g}" for one in alike[bag])} deg too')
     if doubts:
         sys.stdout.flush()
         print(f'saddlering rig: {doubts} {"contradiction" if doubts == 1 else "contradictions"} '
@@ -83,12 +87,15 @@ def run(args: argparse.Namespace) -> int:
 
 def contradictions(
     bag: Path | str, rig: Rig, test: str | None = None, elevation: float | None = None,
-) -> list[str]:
-    """Contradictions between a bag and a rig, a line each; elevation [rad]."""
+) -> tuple[list[str], list[float]]:
+    """Contradictions between a bag and a rig, a line each, and other elevations [deg] that agree.
+
+    elevation [rad] in place of the stated one.
+    """
     from saddlering_ros.bags import read_raw, read_run
-    from saddlering_ros.doubts.on_rig import check_rig
+    from saddlering_ros.doubts.on_rig import check_rig, elevations_alike
     from saddlering_ros.record import condensed
 
-    test_run = read_run(bag, test=test, elevation=elevation, rig=rig)
-    findings = check_rig(rig, read_raw(bag, rig=rig), condensed(test_run, rig))
-    return [*map(str, findings)]
+    run = condensed(read_run(bag, test=test, elevation=elevation, rig=rig), rig)
+    findings = check_rig(rig, read_raw(bag, rig=rig), run)
+    return [*map(str, findings)], [] if findings else elevations_alike(rig, run)

@@ -136,6 +136,25 @@ def test_an_elevation_that_is_wrong_by_20_deg_is_found(
         assert any('tilt and axial motion agree with an elevation' in line for line in found), seed
 
 
+def test_a_ring_that_moves_too_much_for_a_stiff_one_is_not_taken_for_it(
+        made_once: MadeOnce) -> None:
+    """Of 28 at 30 deg 26 passed for 70, where a stiff ring hardly takes up its clearance."""
+    for seed in (2, 7, 13):
+        bag = static_test(made_once, 30.0, seed)
+        run = read_run(bag, rig=RIG, elevation=math.radians(70.0))
+        found = [*map(str, check_rig(RIG, read_raw(bag, rig=RIG), run))]
+        assert any('agree with an elevation of' in line for line in found), seed
+
+
+def test_other_elevations_with_which_a_test_agrees_are_told(
+        made_once: MadeOnce, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = static_test(made_once, 70.0, 2)
+    for words, others in ((('--elevation', '50'), '30 and 70'), ((), '30 and 50')):
+        assert main(['rig', '--check', str(bag), *words]) == 0
+        out = capsys.readouterr().out
+        assert f'the elevation is not certain: the motion agrees with {others} deg too' in out
+
+
 @pytest.mark.parametrize(('true', 'stated', 'is_doubtful'), [
     (30.0, 30.0, False), (50.0, 50.0, False), (70.0, 70.0, False),
     (30.0, 65.0, True), (50.0, 10.0, True),
