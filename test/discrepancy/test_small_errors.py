@@ -123,7 +123,7 @@ def test_a_cause_among_small_errors_whose_size_may_be_nothing_has_no_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(system, 'WIDTH_95', 1e4)
-    monkeypatch.setattr(established, 'HALF_THE_POWER', 1.0)
+    monkeypatch.setattr(established, 'MIN_REDUCTION', 1.0)
     answer = diagnosed({**SMALL, 'friction': 0.3}, *SHAPES)
     assert answer.verdict == 'unknown'
     assert 'not established: friction: the 95 % interval' in answer.warnings[-1]

@@ -34,10 +34,10 @@ MIN_TAKEN_BESIDE = 1.0 - 0.5 * (1.0 - MIN_TAKEN)
 """The same of a main cause beside one with alternatives, which can take part of what a wrong main
 cause leaves: half as much is left."""
 
-HALF_THE_POWER = 1.0 - (1.0 - MAINLY) ** 0.5
-"""Reduction of the rms by which a cause takes half of the power. Two misaligned rotors had 0.87
-with intervals that hold zero, and 40 sound machines and stand-ins with such intervals 0.20 at
-most."""
+MIN_REDUCTION = 1.0 - (1.0 - MIN_TAKEN) ** 0.5
+"""Reduction of the rms by which a cause takes `MIN_TAKEN` of the power. Two misaligned rotors had
+0.84 and 0.87 with intervals of their size that hold zero, a crack that stood in for a rub 0.48,
+and 40 sound machines and stand-ins 0.20 at most."""
 
 MIN_TIMES_NEARLY_ALL = MIN_TIMES / 2.0
 """Size over the spread of small errors from which a cause stands out that takes `MIN_TAKEN` of
@@ -186,11 +186,11 @@ def uncertainties_of(cause: Cause, title: str) -> list[str]:
 
     An interval is that of a straight line through the fit. Where a parameter of the base grows
     with the size, it can hold a size of zero whose own fit leaves the whole misfit: a cause that
-    surely takes half of the power of predicted runs is there. A law that contains others can be
+    surely takes 85 % of the power of predicted runs is there. A law that contains others can be
     one of these alone, whatever it takes.
     """
     sentences, size, interval = [], cause.definition.size, cause.gain.interval
-    is_there = interval is not None and interval[0] > HALF_THE_POWER and (
+    is_there = interval is not None and interval[0] > MIN_REDUCTION and (
         not cause.definition.contains)
     for parameter in cause.definition.ordered:
         interval = cause.parameters[parameter.name].interval
