@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis import records as prepared
 from saddlering_ros.diagnosis import verdict
@@ -33,6 +35,11 @@ def diagnose_ring(
     """
     if not runs:
         raise DiagnosisError('no runs to diagnose: give at least one')
+    top, least = max(float(np.nanmax(run.load)) for run in runs), rig.limits.identification_min
+    if top <= least:
+        raise DiagnosisError(f'{runs[0].path}: no load exceeds {rig.force_words(least)}, a fifth '
+                             f'of full scale (highest {rig.force_words(top)}): add a run with '
+                             "more load, or correct the rig file's full_scale_load")
     records = _with_own_names([
         *(build_record(rig, run, held_out=False) for run in runs),
         *(build_record(rig, run, held_out=True) for run in hold_out)])

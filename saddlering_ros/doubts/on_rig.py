@@ -404,9 +404,9 @@ def _apparent_elevations(rig: Rig, load: Floats, delta_y: Floats, gamma: Floats)
     found = []
     for share in (0.75, 0.5):
         kept = load > load.min() + share * np.ptp(load)
-        around = load[kept] - load[kept].mean()
-        if len(around) < 10 or np.ptp(around) < 0.05 * rig.full_scale_load:
+        if np.count_nonzero(kept) < 10 or np.ptp(load[kept]) < 0.05 * rig.full_scale_load:
             return np.empty(0)
+        around = load[kept] - load[kept].mean()
         lift, tilt = float(around @ delta_y[kept]), float(around @ gamma[kept])
         if lift == 0.0 or not rig.trunnion.y:
             return np.empty(0)

@@ -164,18 +164,21 @@ def check_overlap(
         f'{abs(apart):.6g} s apart): synchronise the clocks, or start both recordings together')
 
 
-def _gaps(topic: str, stamps: NDArray[np.int64]) -> list[Finding]:
-    """A finding on the gaps in the stamps of a topic."""
+def _stream_findings(topic: str, raw: RawTopic) -> list[Finding]:
+    """Findings on gaps in the stamps of a topic, and on readings that never change."""
+    stamps, (lowest, highest) = raw.stamps, extremes(raw.values)
+    findings = [NEVER_CHANGES.at(topic)] if lowest == highest else []
     before = np.flatnonzero(gap_mask(stamps))
     if not len(before):
-        return []
+        return findings
     longest = int((stamps[before + 1] - stamps[before]).max()) / 1e9
-    return [GAPS.at(topic, count=len(before), plural='s' * (len(before) > 1), longest=longest)]
+    return [*findings, GAPS.at(topic, count=len(before), plural='s' * (len(before) > 1),
+                               longest=longest)]
 
 
 def _probe_findings(raw: RawTopic, aligned: NDArray[np.float64]) -> list[Finding]:
     """Faults of the readings of a probe; `aligned` (N,) are those at the stamps of the load."""
-    findings = _gaps(raw.topic, raw.stamps)
+    findings = _stream_findings(raw.topic, raw)
     low, high = raw.min_range, raw.max_range
     absent = count_where(np.isnan, aligned)
     if absent > NO_READING.limit * len(aligned):
@@ -186,8 +189,7 @@ def _probe_findings(raw: RawTopic, aligned: NDArray[np.float64]) -> list[Finding
         findings.append(AT_LIMIT_OF_SPAN.at(
             raw.topic, count=count, readings=len(raw.values), low=low, high=high,
             unit=_unit_outside(raw)))
-    lowest, highest = extremes(raw.values)
-    return [*findings, NEVER_CHANGES.at(raw.topic)] if lowest == highest else findings
+    return findings
 
 
 def _is_span(low: float, high: float) -> bool:
@@ -273,7 +275,7 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
     findings: list[object] = [*record.notes]
     if absent and rig is not None:
         findings.append(PROBE_ABSENT.at(absent=rig.probes.absent, partner=rig.probes.partner))
-    findings += [*load.notes, *_gaps('load', load.stamps)]
+    findings += [*load.notes, *_stream_findings('load', load)]
     # The partner of an absent probe has the same faults, and a note on each.
     for raw, aligned in zip(probes, gaps, strict=True):
         if raw.topic != absent:

@@ -74,6 +74,13 @@ def test_an_elevation_in_radians_looks_like_it(tmp_path, recording, stated, is_d
         assert f'give --elevation {round(math.degrees(stated))}' in notes
 
 
+@pytest.mark.filterwarnings('error')
+def test_a_load_cell_that_stands_still_is_noted(tmp_path, recording):
+    still = np.full_like(recording.values[LOAD_TOPIC], RIG.preload)
+    bag = recording.changed(LOAD_TOPIC, values=still).write(tmp_path / 'bag')
+    assert 'load: the reading never changes' in bag_info(bag).notes
+
+
 @pytest.mark.parametrize(('seconds', 'is_doubtful'), [(0.2, True), (-1.0, True), (0.01, False)])
 def test_probes_stamped_by_another_clock_are_noted(tmp_path, recording, seconds, is_doubtful):
     for topic in PROBE_TOPICS:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from saddlering_ros import diagnose, diagnosis
@@ -22,6 +24,12 @@ def notes_of(bags) -> str:
 def test_no_bags_is_an_error_in_one_line():
     with pytest.raises(DiagnosisError, match='at least one'):
         diagnosis.diagnose_ring([], rig=default_rig())
+
+
+def test_a_load_that_never_rises_is_an_error_in_one_line(campaign):
+    run = read_run(campaign()[2])
+    with pytest.raises(DiagnosisError, match=r'no load exceeds 5\.0 t, a fifth of full scale'):
+        diagnosis.diagnose_ring([replace(run, load=0.1 * run.load)], rig=default_rig())
 
 
 def test_a_bag_that_is_not_there_is_status_2_and_one_line(tmp_path, capsys):
