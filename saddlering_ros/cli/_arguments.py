@@ -246,7 +246,8 @@ TRUST = option('--trust-rig', 'accept a bag or parameters that state another rig
                action='store_true')
 METADATA = (
     option('--test', 'kind of test, in place of that of the bag', choices=('static', 'dynamic')),
-    option('--elevation', 'elevation, in place of that of the bag', type=float, metavar='DEG'))
+    option('--elevation', 'elevation, in place of that of the bag',
+           type=Within(float, -10.0, 90.0), metavar='DEG'))
 """Options that replace the test metadata of the bag."""
 
 READING = (RIG, TRUST, *METADATA)

@@ -273,7 +273,7 @@ def check_run(run: Record, rig: Rig) -> Plateaus | None:
         try:
             readings = plateaus(run)
         except BagError as problem:
-            raise IdentificationError(f'{name}: {problem}') from problem
+            raise IdentificationError(str(problem)) from problem
         levels = np.unique(np.round(readings.load / rig.limits.level_step))
         if len(levels) < 2:
             raise IdentificationError(

@@ -244,6 +244,17 @@ def test_info_writes_its_json_although_its_reader_is_gone(tmp_path):
     assert len(json.loads((tmp_path / 'info.json').read_text())) == 2
 
 
+@pytest.mark.parametrize(('words', 'said'), [
+    (('displacement', 'bags/dynamic_50_fast', '--elevation', '5000'),
+     'displacement: --elevation is 5000: give -10 to 90'),
+    (('identify', 'bags/dynamic_50_fast', '--test', 'static'),
+     'identify: bags/dynamic_50_fast: the load is held at')])
+def test_a_refusal_names_what_was_typed_once(words, said):
+    done = saddlering(*words)
+    assert (done.returncode, done.stderr.count('\n')) == (2, 1)
+    assert done.stderr.startswith(f'saddlering {said}')
+
+
 @pytest.mark.parametrize('unbuffered', ['', '1'])
 @pytest.mark.parametrize(('words', 'said'), [
     ('info bags/dynamic_50_fast', 'saddlering info'), ('--help', 'saddlering'),
