@@ -181,7 +181,8 @@ def model_of(evidence: float, joint: float = 1.0, **visible: float) -> small_err
     laws = tuple((SimpleNamespace(
         id=name, contains=('friction',) if name == 'every' else ()), 0) for name in visible)
     ids = tuple(visible)
-    fit: Any = SimpleNamespace(candidate=SimpleNamespace(effects=laws, ids=ids, key=ids))
+    fit: Any = SimpleNamespace(candidate=SimpleNamespace(effects=laws, ids=ids, key=ids),
+                               misfit=5000.0, converged=True)
     return small_errors.Model(fit, evidence, 1e-4, visible, joint)
 
 
@@ -284,6 +285,35 @@ def test_what_takes_a_place_in_a_model_that_cancels_is_tried(
     errors: Any = SimpleNamespace(model_of_fit=lambda space, fit: models[fit.candidate.ids])
     among = searching._climb(space, errors, models['tilt',].fit)
     assert [*among.best.visible] == ['tilt', 'arm']
+
+
+def test_a_fit_that_promises_more_is_finished_before_it_is_compared(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The true model of ring 236 stopped short, and was less likely than the best by 156."""
+    best, promising, poor = (model_of(evidence, **{name: 0.02}) for name, evidence in (
+        ('radius', 0.0), ('arm', -156.0), ('gap', -156.0)))
+    promised = {'arm': 4600.0, 'gap': 4900.0}
+    for model in (promising, poor):
+        model.fit.converged = False
+    monkeypatch.setattr(searching, 'linear_misfit', lambda fit, base: promised[
+        fit.candidate.ids[0]])
+    finished: list[str] = []
+
+    def refit(metric: Any, fits: Sequence[Any], rounds: int) -> Sequence[Any]:
+        finished.extend(fit.candidate.ids[0] for fit in fits)
+        return fits
+
+    monkeypatch.setattr(searching, 'refit_full_jacobian', refit)
+    space: Any = SimpleNamespace(
+        metric=None, settings=SimpleNamespace(max_rounds=60), keep=lambda fit: fit,
+        problem=SimpleNamespace(system=SimpleNamespace(base_parameters=())))
+    errors: Any = SimpleNamespace(model_of_fit=lambda space, fit: replace(
+        promising, evidence=35.0))
+    models = {model.fit.candidate.key: model for model in (best, promising, poor)}
+    searching._complete(space, errors, models, set())
+    assert finished == ['arm']
+    assert [model.evidence for model in models.values()] == [0.0, 35.0, -156.0]
 
 
 def taking(**shares: float) -> Any:

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import Fit, PRIOR
+from saddlering_ros.discrepancy.problem.fits import Fit, Key, linear_misfit, PRIOR
 from saddlering_ros.discrepancy.problem.metric import nuisance_columns
 from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search import ranking
 from saddlering_ros.discrepancy.search.selection import in_metric, Search, stopped_sizes
 from saddlering_ros.discrepancy.search.small_errors import Model, SmallErrors, SPREADS
-from saddlering_ros.discrepancy.search.space import fit_each, ModelSpace
+from saddlering_ros.discrepancy.search.space import fit_each, ModelSpace, refit_full_jacobian
 from saddlering_ros.estimation.least_squares import covariance
 from saddlering_ros.quantities import WIDTH_95
 
@@ -172,12 +172,14 @@ def search_among_small_errors(search: Search) -> Among | None:
 
 def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
     """Models about the best one so far, until none is better."""
-    models: dict[object, Model] = {}
+    models: dict[Key, Model] = {}
+    completed: set[Key] = set()
 
     def add(fits: Sequence[Fit]) -> None:
         for one in fits:
             if one.candidate.key not in models and not stopped_sizes(space.problem, one):
                 models[one.candidate.key] = errors.model_of_fit(space, one)
+        _complete(space, errors, models, completed)
 
     add([space.base, fit, *_with_another(space, space.base, MAX_TRIED)])
     # A cause shows beside another one that hides it, and then its first-order gain is no guide.
@@ -185,7 +187,7 @@ def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
     if singles:
         pairs = _with_another(space, max(singles, key=lambda model: model.evidence).fit)
         add(sorted(pairs, key=space.foreseen)[:MAX_PAIRS])
-    done: set[object] = set()
+    done: set[Key] = set()
     for _ in range(MAX_STEPS):
         space.watch.check()
         # Effects that cancel each other are no model, but what takes the place of one may be.
@@ -205,6 +207,30 @@ def _climb(space: ModelSpace, errors: SmallErrors, fit: Fit) -> Among:
     best = _with_contained_law(space, models.values())
     others = [model for model in models.values() if model is not best]
     return Among(space, best, others, errors)
+
+
+def _complete(
+    space: ModelSpace, errors: SmallErrors, models: dict[Key, Model], completed: set[Key],
+) -> None:
+    """Finish the fits whose slopes promise to be nearly as likely as the best one, each once.
+
+    The evidence of an unfinished fit is no evidence against its model: the true one of a ring was
+    less likely than the best one by 156 with a misfit of 5 702, and more likely by 35 with 4 981.
+    """
+    def promised(model: Model) -> float:
+        left = linear_misfit(model.fit, space.problem.system.base_parameters)
+        return model.evidence + 0.5 * (model.fit.misfit - left)
+
+    while True:
+        least = max(model.evidence for model in models.values()) - MIN_MARGIN
+        wanted = {key: model.fit for key, model in models.items() if not model.fit.converged
+                  and key not in completed and promised(model) > least}
+        if not wanted:
+            return
+        completed.update(wanted)
+        for fit in refit_full_jacobian(
+                space.metric, list(wanted.values()), space.settings.max_rounds):
+            models[fit.candidate.key] = errors.model_of_fit(space, space.keep(fit))
 
 
 def _with_contained_law(space: ModelSpace, models: Collection[Model]) -> Model:
