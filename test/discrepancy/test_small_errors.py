@@ -392,16 +392,20 @@ def test_no_cause_is_the_main_one_beside_one_of_twice_its_power(
     assert established.doubts_among(among, 'friction', found)[0] == doubts
 
 
-@pytest.mark.parametrize(('error', 'is_refused'), [(0.016, True), (0.012, False)])
+@pytest.mark.parametrize(('error', 'share', 'is_refused'), [
+    (0.016, 0.9, True), (0.012, 0.9, False), (0.016, 0.1, False)])
 def test_no_cause_is_main_beside_a_small_error_of_half_its_power(
-        error: float, is_refused: bool) -> None:
+        error: float, share: float, is_refused: bool) -> None:
     """Friction, which a ring had, was named; a moment arm that an elevation error can replace had
-    72 % of its power and was left to the small errors."""
+    72 % of its power and was left to the small errors. A drift that took nothing hindered a play.
+    """
     among: Any = among_of(model_of(60.0, friction=0.02, elevation=error), [
         model_of(55.0, friction=0.02), model_of(20.0, elevation=error), model_of(0.0)])
     among.space.problem = SimpleNamespace(titles={'friction': 'friction'})
     shares = results.Shares({'gamma': 0.9}, {}, 0.5, ('gamma', 0.9), ('gamma', 0.9), (0.3, 0.5))
-    found: Any = SimpleNamespace(member_shares={'friction': shares}, shares=shares, causes=[])
+    found: Any = SimpleNamespace(
+        member_shares={'friction': shares, 'elevation': SimpleNamespace(best=share)},
+        shares=shares, causes=[])
     doubts = [wording.AS_LARGE] if is_refused else []
     assert established.doubts_among(among, 'friction', found)[0] == doubts
 

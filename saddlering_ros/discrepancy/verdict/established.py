@@ -292,8 +292,7 @@ def doubts_among(
     """Reasons why the main effect of the best model among small errors is not established.
 
     With them other causes that explain as well, each in its model; none of one in doubt. No cause
-    is the main one where another stands out that has twice its power, or where one that has half
-    of its power belongs to the small errors, because others can replace it.
+    is the main one beside one as large.
     """
     taken = published.member_shares.get(name, published.shares)
     title = among.space.problem.titles[name]
@@ -320,11 +319,22 @@ def doubts_among(
         doubts.append(wording.ONE_VIEW.format(title, view))
     if taken.best < required:
         doubts.append(wording.weak_words(title, taken, required))
-    powers = {other: size**2 for other, size in among.best.visible.items()}
-    if any(power > powers[name] / MAINLY if among.stands_out(other, _min_times(published, other))
-           else power > powers[name] * MAINLY for other, power in powers.items() if other != name):
+    if any(_is_as_large(among, published, other, name)
+           for other in among.best.visible if other != name):
         doubts.append(wording.AS_LARGE)
     return doubts, {} if doubts else group
+
+
+def _is_as_large(among: Among, published: Publication, other: str, main: str) -> bool:
+    """Whether an effect has twice the power of the main one, or half of it and no name.
+
+    It has none if it belongs to the small errors because others can replace it. What takes no more
+    than a right cause may leave can move much: a base parameter imitates it.
+    """
+    ratio = (among.best.visible[other] / among.best.visible[main]) ** 2
+    if among.stands_out(other, _min_times(published, other)):
+        return ratio > 1.0 / MAINLY
+    return ratio > MAINLY and published.member_shares[other].best > 1.0 - MIN_TAKEN
 
 
 def _unlike_in_runs(shares: Shares) -> list[str]:
