@@ -230,7 +230,7 @@ def save_preview(path: Path, runs: Sequence[ImportedRun], rig: Rig) -> None:
     """Write the picture of the first MAX_RUNS runs, by the suffix, in the rig's unit of forces."""
     from matplotlib.figure import Figure
 
-    from saddlering_ros.pages.charts import FONT, legible
+    from saddlering_ros.pages.charts import families_for, legible
 
     shown = list(runs[:MAX_RUNS])
     figure = Figure(figsize=(max(7.5, 4.0 * len(shown)), 5.0), layout='constrained')
@@ -246,9 +246,10 @@ def save_preview(path: Path, runs: Sequence[ImportedRun], rig: Rig) -> None:
             plot.plot(time, band.mean(axis=0), color=_COLOURS[name], linewidth=0.9,
                       label=name.replace('eddy_current_', 'probe '))
         facts = run.metadata
-        load.set_title(f'{legible(run.path.name)}: {facts.test}, {facts.elevation_deg:g} deg\n'
+        name = legible(run.path.name)
+        load.set_title(f'{name}: {facts.test}, {facts.elevation_deg:g} deg\n'
                        f'from {words_of(run.start)}', fontsize=9, parse_math=False,
-                       family=FONT['font.family'])
+                       family=families_for(name))
         gaps.set_xlabel('time [s]')
     axes[0, 0].set_ylabel(f'load [{rig.force_unit}]')
     axes[1, 0].set_ylabel('gap [mm]')

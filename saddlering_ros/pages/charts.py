@@ -36,8 +36,9 @@ DARK, LIGHT = 0.45, 0.2
 MAIN, STRIP = 3.0, 1.25
 """Heights of a channel and of its misfit below."""
 
-FONT: dict[str, Any] = {
-    'font.family': ['DejaVu Sans'], 'font.size': 9.0, 'axes.titlesize': 10.0,
+USUAL_FONT = 'DejaVu Sans'
+FONT = {
+    'font.family': USUAL_FONT, 'font.size': 9.0, 'axes.titlesize': 10.0,
     'axes.labelsize': 9.0, 'legend.fontsize': 8.0, 'axes.grid': True, 'grid.color': '#e4e8ec',
     'grid.linewidth': 0.7, 'axes.edgecolor': '#7b8794', 'axes.linewidth': 0.8,
     'axes.axisbelow': True, 'axes.spines.top': False, 'axes.spines.right': False,
@@ -224,18 +225,22 @@ def compared(
 
 def legible(text: str) -> str:
     """The text, with the code of each sign that no font has, as on a terminal that lacks it."""
-    return ''.join(sign if sign.isascii() else _drawn(sign) for sign in text)
+    return ''.join(sign if sign.isascii() or _font_with(sign) else ascii(sign)[1:-1]
+                   for sign in text)
+
+
+def families_for(text: str) -> list[str]:
+    """The usual font, and for each sign that it lacks an installed one."""
+    others = (_font_with(sign) for sign in text if not sign.isascii())
+    return [*dict.fromkeys([USUAL_FONT, *filter(None, others)])]
 
 
 @cache
-def _drawn(sign: str) -> str:
-    """The sign, if a font of FONT has it or an installed one, which FONT gets; else its code."""
-    families = FONT['font.family']
-    for font in sorted(fontManager.ttflist, key=lambda font: font.name not in families):
-        if ord(sign) in get_font(font.fname).get_charmap() and 'Last Resort' not in font.name:
-            families += [font.name] if font.name not in families else []
-            return sign
-    return ascii(sign)[1:-1]
+def _font_with(sign: str) -> str:
+    """The usual font if it has the sign, else an installed one, else ''."""
+    return next((
+        font.name for font in sorted(fontManager.ttflist, key=lambda one: one.name != USUAL_FONT)
+        if 'Last Resort' not in font.name and ord(sign) in get_font(font.fname).get_charmap()), '')
 
 
 def draw(chart: Chart) -> Figure:
@@ -259,7 +264,7 @@ def draw(chart: Chart) -> Figure:
         if handles:
             figure.legend(handles=handles, loc='outside lower center', ncols=chart.legend_columns)
         for text in figure.findobj(Text):
-            text.set_fontfamily(FONT['font.family'])
+            text.set_fontfamily(families_for(text.get_text()))
         return figure
 
 
