@@ -79,20 +79,8 @@ def build_parser() -> tuple[arguments.OneLineParser, dict[str, tuple[arguments.C
 
 
 def run_reporting(run: Run, args: argparse.Namespace) -> int:
-    """Run one subcommand; print an error as one line; return the exit status.
-
-    A command without --rig takes the rig file of the project, named on standard error.
-    """
+    """Run something; print an error as one line; return the exit status."""
     try:
-        if getattr(args, 'rig', '') is None and os.environ.get('SADDLERING_RIG'):
-            from saddlering_ros.rig import load_rig, short_digest
-            from saddlering_ros.rig.description import rig_file_of_project
-
-            args.rig = rig_file_of_project()
-            print(f'saddlering {args.command}: rig: {args.rig} (SADDLERING_RIG), hash '
-                  f'{short_digest(load_rig(args.rig).digest)}', file=sys.stderr)
-        arguments.check_ranges(args)
-        arguments.check_files(args)
         status = run(args)
         sys.stdout.flush()
         return status
@@ -121,6 +109,23 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
                 f'{tempfile.gettempdir()}, is full: choose another place', UNUSABLE, args)
         hint = '' if args.traceback else ' (--traceback shows the place)'
         return _complain(f'failed: {type(error).__name__}: {error}{hint}', OUR_FAILURE, args)
+
+
+def run_checked(run: Run, args: argparse.Namespace) -> int:
+    """Run one subcommand after a check of its ranges and files; return the exit status.
+
+    A command without --rig takes the rig file of the project, named on standard error.
+    """
+    if getattr(args, 'rig', '') is None and os.environ.get('SADDLERING_RIG'):
+        from saddlering_ros.rig import load_rig, short_digest
+        from saddlering_ros.rig.description import rig_file_of_project
+
+        args.rig = rig_file_of_project()
+        print(f'saddlering {args.command}: rig: {args.rig} (SADDLERING_RIG), hash '
+              f'{short_digest(load_rig(args.rig).digest)}', file=sys.stderr)
+    arguments.check_ranges(args)
+    arguments.check_files(args)
+    return run(args)
 
 
 def _drop_output() -> None:
@@ -168,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.parse_args(argv, args)
         words = sys.argv[1:] if argv is None else argv
         args.command_line = shlex.join(['saddlering', *map(str, words)])
-        return run_reporting(commands[args.command][1], args)
+        return run_checked(commands[args.command][1], args)
 
     return run_reporting(parse_and_run, argparse.Namespace(command='', traceback=False))
 
