@@ -184,19 +184,19 @@ def uncertain_law(space: spaces.ModelSpace, published: Publication) -> list[str]
 def uncertainties_of(cause: Cause, title: str) -> list[str]:
     """Sentences on the absence, and on the limiting cases of shapes, in 95 % intervals.
 
-    An interval is that of a straight line through the fit. Where a parameter of the base grows
-    with the size, it can hold a size of zero whose own fit leaves the whole misfit: a cause that
-    surely takes 85 % of the power of predicted runs is there. A law that contains others can be
-    one of these alone, whatever it takes.
+    An interval follows from the slopes at the fit. Where a parameter of the base grows with the
+    size, the interval can include zero although a fit without the cause leaves the whole misfit.
+    A cause that surely takes `MIN_TAKEN` of the power of predicted runs is therefore present. A
+    law that contains others can be one of these alone, whatever it takes.
     """
-    sentences, size, interval = [], cause.definition.size, cause.gain.interval
-    is_there = interval is not None and interval[0] > MIN_REDUCTION and (
+    sentences, size, reduction = [], cause.definition.size, cause.gain.interval
+    is_present = reduction is not None and reduction[0] > MIN_REDUCTION and (
         not cause.definition.contains)
     for parameter in cause.definition.ordered:
         interval = cause.parameters[parameter.name].interval
         limit = cause.definition.neutral if parameter is size else parameter.limiting_case
         if interval is None or limit is None or not interval[0] <= limit <= interval[1] or (
-                parameter is size and is_there):
+                parameter is size and is_present):
             continue
         name, at_limit = ('size', 'the size at which the effect does nothing')
         if parameter is not size:
