@@ -192,18 +192,23 @@ class FunctionTask:
 
 
 class Namesakes:
-    """Notices nodes that have the full name of this one; logs a warning when one comes."""
+    """Notices nodes that have the full name of this one; logs a warning when one comes.
+
+    They are counted by a service that every node has. The middleware's list of names may hold a
+    node that has left for good: it reads what nodes say of themselves in one thread and that they
+    leave in another, and what it reads too late is never removed.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node, self._is_told = node, False
 
     def words(self) -> str:
         """A warning for /diagnostics while there is one; else ''."""
-        own = self._node.get_name(), self._node.get_namespace()
-        if self._node.get_node_names_and_namespaces().count(own) < 2:
+        own = self._node.get_fully_qualified_name()
+        if self._node.count_services(f'{own}/get_parameters') < 2:
             self._is_told = False
             return ''
-        words = (f'runs twice: another node named {self._node.get_fully_qualified_name()} is in '
+        words = (f'runs twice: another node named {own} is in '
                  'this ROS domain, and what they publish and serve is mixed: end one of them, or '
                  'give one a namespace (a node that was killed is forgotten within 20 s)')
         if not self._is_told:

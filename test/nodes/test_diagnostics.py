@@ -26,7 +26,15 @@ from saddlering_ros.record.batches import SECOND
 from saddlering_ros.record.guard import load_limits, SampleGuard, Samples
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.rig.drawing import dotted, entry_values
-from saddlering_ros.ros.diagnostics import ERROR, Events, OK, SaturationTask, StreamTask, WARN
+from saddlering_ros.ros.diagnostics import (
+    ERROR,
+    Events,
+    Namesakes,
+    OK,
+    SaturationTask,
+    StreamTask,
+    WARN,
+)
 from saddlering_ros.ros.messages import to_stamp
 from saddlering_ros.ros.parameters import rig_words
 from saddlering_ros.ros.raw_topics import RawSubscription
@@ -161,6 +169,22 @@ def test_a_publisher_that_a_node_cannot_hear_is_told_once_in_its_log_and_on_diag
     found = StreamingNode.sources(node).report(1.0)
     assert (found.level, found.words) == ((WARN, words) if words else (OK, 'one at most'))
     assert logged == ([words] if words else [])
+
+
+@pytest.mark.parametrize('running', [1, 2])
+def test_a_node_that_has_left_is_no_namesake_though_the_middleware_still_names_it(
+        running: int) -> None:
+    logged: list[str] = []
+    node: Any = SimpleNamespace(
+        get_name=lambda: 'a_node', get_namespace=lambda: '/rig',
+        get_fully_qualified_name=lambda: '/rig/a_node',
+        get_node_names_and_namespaces=lambda: [('a_node', '/rig')] * 2,
+        count_services=lambda name: running * (name == '/rig/a_node/get_parameters'),
+        get_logger=lambda: SimpleNamespace(warning=logged.append))
+    namesakes = Namesakes(node)
+    words = [namesakes.words() for _ in range(2)]
+    assert [bool(said) for said in words] == [running == 2] * 2
+    assert len(logged) == running - 1
 
 
 ONE_CLOCK = 'no difference between load and probes is seen'
