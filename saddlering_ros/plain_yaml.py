@@ -1,6 +1,5 @@
 """YAML from any source as plain values: no text can run code, fill memory or take long."""
 
-from collections.abc import Iterable
 import os
 from pathlib import Path
 import re
@@ -62,7 +61,20 @@ def parse_yaml(text: str) -> Any:
     if len(text) > MAX_BYTES:
         raise YamlRefused(f'is longer than {MAX_BYTES} characters: check the file')
     try:
-        _check_size(yaml.parse(text, _Loader))
+        depth = 0
+        for event in yaml.parse(text, _Loader):
+            if isinstance(event, yaml.AliasEvent):
+                raise YamlRefused('holds an alias (*name), which is not accepted: write the value '
+                                  'out', event)
+            if isinstance(event, yaml.ScalarEvent) and len(event.value) > LONGEST_NUMBER and (
+                    _NUMBER.fullmatch(event.value)):
+                raise YamlRefused(f'holds a number of more than {LONGEST_NUMBER} digits: '
+                                  'shorten it', event)
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEEPEST:
+                raise YamlRefused(f'holds more than {DEEPEST} collections inside each other: '
+                                  'correct the file', event)
         return yaml.load(text, _Loader)
     except (ValueError, LookupError, AttributeError, TypeError, ArithmeticError,
             RecursionError) as problem:  # faults that the constructors of PyYAML accept
@@ -140,21 +152,3 @@ def read_regular_text(path: Path, error: type[SaddleringError], limit: int = MAX
             raise
         reason = getattr(problem, 'strerror', None) or 'not a text file'
         raise error(f'{path}: cannot be read ({reason}): check the path') from problem
-
-
-def _check_size(events: Iterable[yaml.Event]) -> None:
-    """Refuse documents that could take much time or memory."""
-    depth = 0
-    for event in events:
-        if isinstance(event, yaml.AliasEvent):
-            raise YamlRefused('holds an alias (*name), which is not accepted: write the value '
-                              'out', event)
-        if isinstance(event, yaml.ScalarEvent) and len(event.value) > LONGEST_NUMBER and (
-                _NUMBER.fullmatch(event.value)):
-            raise YamlRefused(f'holds a number of more than {LONGEST_NUMBER} digits: '
-                              'shorten it', event)
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > DEEPEST:
-            raise YamlRefused(f'holds more than {DEEPEST} collections inside each other: '
-                              'correct the file', event)

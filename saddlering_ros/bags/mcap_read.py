@@ -135,7 +135,25 @@ class McapFile:
                 seen = _give_back(buffer, seen, stop)
             position = stop
         yield loose.block(buffer)
-        self._check_end(buffer, position, start, stop)
+        # Check the data against the statements at the end of the file.
+        (stated,) = struct.unpack_from('<I', buffer, start)
+        crc = seen = 0
+        for begin in range(0, position if stated else 0, 1 << 20):
+            crc = zlib.crc32(buffer[begin:min(begin + (1 << 20), position)], crc)
+            seen = _give_back(buffer, seen, begin)
+        if crc != stated:
+            raise self._damaged(position, 'the data (their checksum differs)')
+        opcode = DATA_END
+        while opcode != FOOTER:
+            opcode, start, stop = self._record(buffer, stop)
+            if opcode == STATISTICS:
+                (count,) = struct.unpack_from('<Q', buffer, start)
+                if count != self.message_count:
+                    raise DamageError(
+                        f'{self.name}: {self.message_count} of {count} messages are readable, a '
+                        'record between them is damaged: copy the file again')
+        if buffer[stop:stop + len(MAGIC)] != MAGIC:
+            raise self._cut_off(len(buffer))
 
     def _record(self, buffer: mmap.mmap, position: int) -> tuple[int, int, int]:
         """Opcode, first and past-the-last byte of the content of the record at `position`."""
@@ -166,27 +184,6 @@ class McapFile:
         elif opcode == METADATA:
             stated = records.Metadata.read(_Fields(buffer, start, stop))
             self.metadata[stated.name] = stated.metadata
-
-    def _check_end(self, buffer: mmap.mmap, position: int, start: int, stop: int) -> None:
-        """Check the data against the statements at the end of the file."""
-        (stated,) = struct.unpack_from('<I', buffer, start)
-        crc = seen = 0
-        for begin in range(0, position if stated else 0, 1 << 20):
-            crc = zlib.crc32(buffer[begin:min(begin + (1 << 20), position)], crc)
-            seen = _give_back(buffer, seen, begin)
-        if crc != stated:
-            raise self._damaged(position, 'the data (their checksum differs)')
-        opcode = DATA_END
-        while opcode != FOOTER:
-            opcode, start, stop = self._record(buffer, stop)
-            if opcode == STATISTICS:
-                (count,) = struct.unpack_from('<Q', buffer, start)
-                if count != self.message_count:
-                    raise DamageError(
-                        f'{self.name}: {self.message_count} of {count} messages are readable, a '
-                        'record between them is damaged: copy the file again')
-        if buffer[stop:stop + len(MAGIC)] != MAGIC:
-            raise self._cut_off(len(buffer))
 
     # -- a chunk -------------------------------------------------------------------------------
 

@@ -1,22 +1,12 @@
 """`saddlering campaign`: diagnose all bags of a folder and compare the rings."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys
 import time
-from typing import TYPE_CHECKING
 
 from saddlering_ros.cli import _arguments as arguments
 from saddlering_ros.cli._arguments import Bar, Command, option, show_table, tell_json, Within
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from saddlering_ros.campaign.sessions import Session
-    from saddlering_ros.campaign.store import Status, Store
-    from saddlering_ros.fleet.attention import Fleet
 
 MAX_SHOWN = 40
 """Sessions listed before a campaign starts."""
@@ -67,7 +57,12 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.campaign.store import CampaignError, Store
 
     if str(args.folder) == 'status' and args.store is not None:
-        _show_status(Store(args.store))
+        status = Store(args.store).read_status()
+        state = 'running' if status.running else 'finished' if status.done == status.total else (
+            'stopped: repeat the command to continue')
+        if status.running and time.time() - status.updated > STALE:
+            state = 'no sign of life for a minute: repeat the command to continue'
+        print(f'{status}; {state}')
         return 0
 
     from saddlering_ros.campaign import sessions, task
@@ -93,7 +88,14 @@ def run(args: argparse.Namespace) -> int:
     else:
         grouped = sessions.group_sessions(bags, args.gap * 3600.0, args.hold_out)
     if args.json != '-':
-        _show_sessions(grouped)
+        show_table(['session', 'ring', 'rig', 'date', 'tests', 'note'], [
+            (one.name, one.ring, one.bench, one.date, one.tests, one.problem or '; '.join(
+                f'{bag.path.name}: {bag.note}' for bag in one.bags if bag.note))
+            for one in grouped[:MAX_SHOWN]], texts=6)
+        if len(grouped) > MAX_SHOWN:
+            print(f'... and {len(grouped) - MAX_SHOWN} more: see manifest.csv')
+        print(f'{len(grouped)} sessions of {len({one.ring for one in grouped})} rings, '
+              f'{sum(len(one.bags) for one in grouped)} bags')
     if args.plan:
         return 0
     store = Store(args.out)
@@ -114,40 +116,16 @@ def run(args: argparse.Namespace) -> int:
     write_tables(store, tasks)
     fleet = write_fleet(store, tasks, limits)
     if not tell_json(args, json.loads((store.folder / 'fleet.json').read_text())):
-        _show_results(fleet, summary, store)
+        for drift in fleet.rigs:
+            print(f'rig {drift.owner}: its rings drift together: {drift.next_test}')
+        for ring in [ring for ring in fleet.rings if ring.reasons][:MAX_SHOWN]:
+            print(f'ring {ring.ring}: {"; ".join(ring.reasons)}')
+        words = (f'{summary.done} of {summary.total} sessions have a result, {summary.computed} '
+                 f'of them new; written: {store.folder / "report.html"}')
+        if summary.failed:
+            words += f'; {summary.failed} failed: verdicts.parquet has the reasons'
+        if summary.altered:
+            words += (f'; {len(summary.altered)} result files were damaged or altered and are '
+                      f'computed again, first {summary.altered[0]}')
+        print(words)
     return 1 if summary.faults else 0
-
-
-def _show_status(store: Store) -> None:
-    status = store.read_status()
-    state = 'running' if status.running else 'finished' if status.done == status.total else (
-        'stopped: repeat the command to continue')
-    if status.running and time.time() - status.updated > STALE:
-        state = 'no sign of life for a minute: repeat the command to continue'
-    print(f'{status}; {state}')
-
-
-def _show_sessions(grouped: Sequence[Session]) -> None:
-    show_table(['session', 'ring', 'rig', 'date', 'tests', 'note'], [
-        (one.name, one.ring, one.bench, one.date, one.tests, one.problem or '; '.join(
-            f'{bag.path.name}: {bag.note}' for bag in one.bags if bag.note))
-        for one in grouped[:MAX_SHOWN]], texts=6)
-    if len(grouped) > MAX_SHOWN:
-        print(f'... and {len(grouped) - MAX_SHOWN} more: see manifest.csv')
-    print(f'{len(grouped)} sessions of {len({one.ring for one in grouped})} rings, '
-          f'{sum(len(one.bags) for one in grouped)} bags')
-
-
-def _show_results(fleet: Fleet, summary: Status, store: Store) -> None:
-    for drift in fleet.rigs:
-        print(f'rig {drift.owner}: its rings drift together: {drift.next_test}')
-    for ring in [ring for ring in fleet.rings if ring.reasons][:MAX_SHOWN]:
-        print(f'ring {ring.ring}: {"; ".join(ring.reasons)}')
-    words = (f'{summary.done} of {summary.total} sessions have a result, {summary.computed} of '
-             f'them new; written: {store.folder / "report.html"}')
-    if summary.failed:
-        words += f'; {summary.failed} failed: verdicts.parquet has the reasons'
-    if summary.altered:
-        words += (f'; {len(summary.altered)} result files were damaged or altered and are '
-                  f'computed again, first {summary.altered[0]}')
-    print(words)

@@ -12,7 +12,7 @@ from saddlering_ros.cli._arguments import Command, option, tell_json, Within
 from saddlering_ros.errors import plain_number, VirtualRigError
 
 if TYPE_CHECKING:
-    from saddlering_ros.rig import ContactParameters, Rig
+    from saddlering_ros.rig import ContactParameters
     from saddlering_ros.virtual_rig.experiment import TestPlan
 
 COMMANDS = (Command(
@@ -76,7 +76,17 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.virtual_rig.experiment import record_test, write_record
 
     if args.list_effects:
-        print(effects_text(load_rig(args.rig)))
+        from saddlering_ros.virtual_rig.effects import EFFECTS
+
+        lines, rig = [], load_rig(args.rig)
+        for name, effect in sorted(EFFECTS.items()):
+            lines.append(f'{name}: {(effect.act.__doc__ or "").strip()}')
+            lines += [f'    {size.name} [{size.unit}] {"+-" if size.signed else ""}{size.low:g} '
+                      f'to {size.high:g}, typical {size.typical:g}'
+                      for size in effect.parameters_on(rig)]
+            if len(effect.forms) > 1:
+                lines.append(f'    forms: {", ".join(effect.forms)}')
+        print('\n'.join(lines))
         return 0
     parse_requests(args.effect, args.form)  # a misspelt effect is reported before missing options
     if args.out is None or args.test is None or args.elevation is None:
@@ -143,17 +153,3 @@ def _contact(args: argparse.Namespace) -> ContactParameters:
             raise VirtualRigError(f'--set {text!r} cannot be read: write NAME=NUMBER') from problem
     return replace(TRUE_TO_SCALE if args.params is None else read_parameters(args.params).contact,
                    **values)
-
-
-def effects_text(rig: Rig) -> str:
-    """All effects with their parameters (main one first), plausible sizes on a rig, and forms."""
-    from saddlering_ros.virtual_rig.effects import EFFECTS
-
-    lines = []
-    for name, effect in sorted(EFFECTS.items()):
-        lines.append(f'{name}: {(effect.act.__doc__ or "").strip()}')
-        lines += [f'    {size.name} [{size.unit}] {"+-" if size.signed else ""}{size.low:g} to '
-                  f'{size.high:g}, typical {size.typical:g}' for size in effect.parameters_on(rig)]
-        if len(effect.forms) > 1:
-            lines.append(f'    forms: {", ".join(effect.forms)}')
-    return '\n'.join(lines)

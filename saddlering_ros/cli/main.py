@@ -111,40 +111,9 @@ def run_reporting(run: Run, args: argparse.Namespace) -> int:
         return _complain(f'failed: {type(error).__name__}: {error}{hint}', OUR_FAILURE, args)
 
 
-def run_checked(run: Run, args: argparse.Namespace) -> int:
-    """Run one subcommand after a check of its ranges and files; return the exit status.
-
-    A command without --rig takes the rig file of the project, named on standard error.
-    """
-    if getattr(args, 'rig', '') is None and os.environ.get('SADDLERING_RIG'):
-        from saddlering_ros.rig import load_rig, short_digest
-        from saddlering_ros.rig.description import rig_file_of_project
-
-        args.rig = rig_file_of_project()
-        print(f'saddlering {args.command}: rig: {args.rig} (SADDLERING_RIG), hash '
-              f'{short_digest(load_rig(args.rig).digest)}', file=sys.stderr)
-    arguments.check_ranges(args)
-    arguments.check_files(args)
-    return run(args)
-
-
 def _drop_output() -> None:
     """Let the flush of Python at exit not report again that standard output takes nothing."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def open_closed_streams() -> None:
-    """Give a process started with a closed standard stream (`>&-`) the null device in its place.
-
-    A file opened later would take the stream's number and receive the printed text.
-    """
-    for number, name, mode in ((0, 'stdin', 'r'), (1, 'stdout', 'w'), (2, 'stderr', 'w')):
-        if getattr(sys, name) is None:
-            null = os.open(os.devnull, os.O_RDWR)
-            if null != number:
-                os.dup2(null, number)
-                os.close(null)
-            setattr(sys, name, os.fdopen(number, mode))
 
 
 def print_any_text() -> None:
@@ -160,7 +129,15 @@ def print_any_text() -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `saddlering` with `argv` (default: the process's own); return the exit status."""
-    open_closed_streams()
+    # A process started with a closed standard stream (`>&-`) gets the null device in its place: a
+    # file opened later would take the stream's number and receive the printed text.
+    for number, name, mode in ((0, 'stdin', 'r'), (1, 'stdout', 'w'), (2, 'stderr', 'w')):
+        if getattr(sys, name) is None:
+            null = os.open(os.devnull, os.O_RDWR)
+            if null != number:
+                os.dup2(null, number)
+                os.close(null)
+            setattr(sys, name, os.fdopen(number, mode))
     print_any_text()
     leave_by_exception()
 
@@ -173,7 +150,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.parse_args(argv, args)
         words = sys.argv[1:] if argv is None else argv
         args.command_line = shlex.join(['saddlering', *map(str, words)])
-        return run_checked(commands[args.command][1], args)
+        # A command without --rig takes the rig file of the project, named on standard error.
+        if getattr(args, 'rig', '') is None and os.environ.get('SADDLERING_RIG'):
+            from saddlering_ros.rig import load_rig, short_digest
+            from saddlering_ros.rig.description import rig_file_of_project
+
+            args.rig = rig_file_of_project()
+            print(f'saddlering {args.command}: rig: {args.rig} (SADDLERING_RIG), hash '
+                  f'{short_digest(load_rig(args.rig).digest)}', file=sys.stderr)
+        arguments.check_ranges(args)
+        arguments.check_files(args)
+        return commands[args.command][1](args)
 
     return run_reporting(parse_and_run, argparse.Namespace(command='', traceback=False))
 

@@ -42,7 +42,17 @@ def draft_map(sources: Sequence[Source]) -> tuple[str, list[str]]:
         shape = ', '.join(f'{key}: {_quoted(value)}' for key, value in settings.items())
         lines.append(f'csv: {{{shape}}}')
     lines += ['time:', *(f'  {line}' for line in _time(columns)), 'channels:']
-    chosen = _chosen(columns)
+    # A column for each channel: by its unit and name; numbers 1 to 4 for the probes.
+    chosen: dict[str, Column] = {}
+    for column in columns:
+        is_load = _is_called(column, _LOAD)
+        if column.kind != NUMBER or (_is_called(column, _TIME) and not is_load):
+            continue
+        number = _NUMBERED.search(column.name.rpartition('/')[2])
+        if is_load or measures(column.unit, calibration.FORCE, calibration.PRESSURE):
+            chosen.setdefault('hydraulic_load', column)
+        elif number and (_is_called(column, _PROBE) or measures(column.unit, calibration.LENGTH)):
+            chosen.setdefault(f'eddy_current_{number[1]}', column)
     for name in REQUIRED:
         entries = _channel(name, chosen[name], sources) if name in chosen else \
             [f'column: {TO_DO}', f'unit: {TO_DO}']
@@ -116,21 +126,6 @@ def _is_date(text: str) -> bool:
     except ValueError:
         return bool(_DAY_FIRST.match(text))
     return True
-
-
-def _chosen(columns: Sequence[Column]) -> dict[str, Column]:
-    """A column for each channel: by its unit and name; numbers 1 to 4 for the probes."""
-    chosen: dict[str, Column] = {}
-    for column in columns:
-        is_load = _is_called(column, _LOAD)
-        if column.kind != NUMBER or (_is_called(column, _TIME) and not is_load):
-            continue
-        number = _NUMBERED.search(column.name.rpartition('/')[2])
-        if is_load or measures(column.unit, calibration.FORCE, calibration.PRESSURE):
-            chosen.setdefault('hydraulic_load', column)
-        elif number and (_is_called(column, _PROBE) or measures(column.unit, calibration.LENGTH)):
-            chosen.setdefault(f'eddy_current_{number[1]}', column)
-    return chosen
 
 
 def _channel(name: str, column: Column, sources: Sequence[Source]) -> list[str]:

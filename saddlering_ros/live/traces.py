@@ -191,7 +191,20 @@ class Traces:
         if self.origin is None:
             self.origin = int(stamps.min())
         self.newest = max(self.newest, int(stamps.max()))
-        self._make_room()
+        assert self.origin is not None
+        while (min(self.newest - self.origin, self._window) // self.width) >= self._limit:
+            self.width *= 2
+            self.version += 1
+            for cells in self._cells.values():
+                cells.number //= 2
+            self._cells = {name: merged(cells) for name, cells in self._cells.items()}
+        oldest = (self.newest - self.origin - self._window) // self.width
+        first = min((int(cells.number[0]) for cells in self._cells.values() if len(cells)),
+                    default=0)
+        if oldest > self._limit // 8 + first:
+            self.version += 1
+            self._cells = {name: cells.pick(cells.number >= oldest)
+                           for name, cells in self._cells.items()}
         self.turn += 1
         peaks = np.column_stack([self._peaks[name], values])
         self._peaks[name] = np.column_stack(
@@ -223,22 +236,6 @@ class Traces:
         self.clear()
         self._start, self._ended = start, ended
         self._leftovers_until = time.monotonic() + LEFTOVERS
-
-    def _make_room(self) -> None:
-        assert self.origin is not None
-        while (min(self.newest - self.origin, self._window) // self.width) >= self._limit:
-            self.width *= 2
-            self.version += 1
-            for cells in self._cells.values():
-                cells.number //= 2
-            self._cells = {name: merged(cells) for name, cells in self._cells.items()}
-        oldest = (self.newest - self.origin - self._window) // self.width
-        first = min((int(cells.number[0]) for cells in self._cells.values() if len(cells)),
-                    default=0)
-        if oldest > self._limit // 8 + first:
-            self.version += 1
-            self._cells = {name: cells.pick(cells.number >= oldest)
-                           for name, cells in self._cells.items()}
 
     def means(self, name: str) -> Floats:
         """Means (C, N) of the drawn cells of a stream; NaN where not known."""

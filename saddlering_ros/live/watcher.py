@@ -262,7 +262,20 @@ class Watcher:
             now = time.monotonic()
             if now - polled >= POLL:
                 polled = now
-                self._poll()
+                for name, flow in self._flows.items():
+                    messages = flow.take()
+                    if messages:
+                        with contextlib.suppress(CdrError), self.lock:
+                            self._take(name, messages)
+                # Every node reports a thousand times a second; the last report of each counts.
+                last = {report[:NODE_NAME]: report for report in self._reports.take()}
+                for report in last.values():
+                    with contextlib.suppress(RMWError), self.lock:
+                        said = deserialize_message(report, msg.ReplayProgress)
+                        self._published.update(
+                            zip(said.outputs, map(int, said.published), strict=False))
+                for action in self.actions.values():
+                    action.look_after()
             if now - reported >= REPORT and self._replay is not None:
                 reported = now
                 self._report([flow for flow in self._flows.values() if flow.reliable])
@@ -276,21 +289,6 @@ class Watcher:
     def _report(self, flows: list[RawSubscription]) -> None:
         """Report to a replay what has arrived."""
         self._progress.publish(progress_of(f'{names.LIVE_PAGE}_{os.getpid()}', flows, []))
-
-    def _poll(self) -> None:
-        for name, flow in self._flows.items():
-            messages = flow.take()
-            if messages:
-                with contextlib.suppress(CdrError), self.lock:
-                    self._take(name, messages)
-        # Every node reports a thousand times a second; the last report of each counts.
-        last = {report[:NODE_NAME]: report for report in self._reports.take()}
-        for report in last.values():
-            with contextlib.suppress(RMWError), self.lock:
-                said = deserialize_message(report, msg.ReplayProgress)
-                self._published.update(zip(said.outputs, map(int, said.published), strict=False))
-        for action in self.actions.values():
-            action.look_after()
 
     def _review(self, now: float) -> None:
         """Fit the subscriptions to their publishers; what is allowed; who ended with a replay."""

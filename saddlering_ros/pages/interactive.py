@@ -48,7 +48,19 @@ def chart_of(chart: Chart) -> Plotly:
         suffix = '' if number == 1 else str(number)
         across, up = _domains(chart, panel, height)
         first = first_of_column.setdefault(panel.column, suffix)
-        x_axis, y_axis = _axes(panel, across, up, suffix)
+        is_heat = panel.heat is not None
+        x_axis = _axis(across, f'y{suffix}',
+                       panel.x_label if panel.shows_x and not is_heat else '',
+                       panel.x_ticks, [series.x for series in panel.series], is_log=panel.x_is_log)
+        y_axis = _axis(up, f'x{suffix}',
+                       panel.y_label if panel.shows_y and panel.shows_y_label else '',
+                       panel.y_ticks, [series.y for series in panel.series], is_log=panel.y_is_log)
+        x_axis |= {'showticklabels': panel.shows_x, 'showgrid': not is_heat}
+        y_axis |= {'showticklabels': panel.shows_y, 'showgrid': panel.has_y_grid and not is_heat}
+        if panel.y_range is not None:
+            y_axis['range'] = list(panel.y_range)
+        elif is_heat:
+            y_axis['autorange'] = 'reversed'
         layout |= {f'xaxis{suffix}': x_axis, f'yaxis{suffix}': y_axis}
         if chart.shares_x and first != suffix:
             layout[f'xaxis{suffix}']['matches'] = f'x{first}'
@@ -69,23 +81,6 @@ def chart_of(chart: Chart) -> Plotly:
                 'opacity': band.opacity, 'hoverinfo': 'skip'}
                for band in chart.named if isinstance(band, ShadedBand)]
     return {'data': traces, 'layout': layout, 'height': round(height)}
-
-
-def _axes(panel: Panel, across: Span, up: Span, suffix: str) -> tuple[Plotly, Plotly]:
-    """Both axes of a panel; across, up: the shares of the figure that it takes."""
-    is_heat = panel.heat is not None
-    x_axis = _axis(across, f'y{suffix}', panel.x_label if panel.shows_x and not is_heat else '',
-                   panel.x_ticks, [series.x for series in panel.series], is_log=panel.x_is_log)
-    y_axis = _axis(up, f'x{suffix}',
-                   panel.y_label if panel.shows_y and panel.shows_y_label else '',
-                   panel.y_ticks, [series.y for series in panel.series], is_log=panel.y_is_log)
-    x_axis |= {'showticklabels': panel.shows_x, 'showgrid': not is_heat}
-    y_axis |= {'showticklabels': panel.shows_y, 'showgrid': panel.has_y_grid and not is_heat}
-    if panel.y_range is not None:
-        y_axis['range'] = list(panel.y_range)
-    elif is_heat:
-        y_axis['autorange'] = 'reversed'
-    return x_axis, y_axis
 
 
 def as_script(chart: Plotly, name: str) -> str:

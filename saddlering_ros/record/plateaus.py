@@ -170,17 +170,10 @@ def _holds(time: Floats, load: Floats, window: float, span: float) -> list[Span]
     holds = [(start, stop) for start, stop in merged if time[stop - 1] - time[start] >= shortest]
     # Number of samples whose mean shows the end of a hold, at most a window.
     wanted = max(EDGE / period, (NOISE_FACTOR * noise / (4.0 * STEADY_SHARE * span)) ** 2)
-    return _extended(holds, load, max(1, round(min(wanted, window / period))), tolerance, noise)
-
-
-def _extended(
-    holds: list[Span], load: Floats, edge: int, tolerance: float, noise: float,
-) -> list[Span]:
-    """Extend each hold by the samples at its level that the window removed at its ends.
-
-    A hold ends where the mean of `edge` samples leaves its level. These samples and as many
-    before them do not belong to the hold.
-    """
+    # Extend each hold by the samples at its level that the window removed at its ends. A hold
+    # ends where the mean of `edge` samples leaves its level. These samples and as many before
+    # them do not belong to the hold.
+    edge = max(1, round(min(wanted, window / period)))
     total = _running_sum(load)
     limit = max(tolerance, NOISE_FACTOR * noise / np.sqrt(edge))
 

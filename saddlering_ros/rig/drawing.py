@@ -60,7 +60,24 @@ def _save(rig: Rig, elevation_deg: float, place: Path | TextIO, kind: str) -> No
     # Lengths are in units of the pitch radius of the axial rows.
     reach = max(1.62, rig.probes.axial_span / 2.0 / rig.axial_rows.pitch_radius + 0.42)
     _draw_ring(axes, rig, elevation_deg, reach)
-    _draw_probes(axes, rig, reach)
+    probes, radius = rig.probes, rig.axial_rows.pitch_radius
+    level = max(-0.6, min(0.6, probes.radial_height / radius)) - 0.42
+    for number, sign in enumerate(probes.polarity, 1):
+        if number == probes.absent:
+            continue
+        side = 1.0 if number in (1, 4) else -1.0
+        if number in (1, 3):
+            face = np.array([side * (reach - 0.05 * sign), level])
+            grows, aside = np.array([side * sign, 0.0]), np.array([0.0, -0.15])
+        else:
+            face = np.array([side * probes.axial_span / 2.0 / radius, 0.42 - 0.08 * sign])
+            grows, aside = np.array([0.0, sign]), np.array([side * 0.12, 0.0])
+        half_width = 0.04 * grows[::-1]
+        _box(axes, face - 0.1 * grows - half_width, face - 0.3 * grows + half_width, PROBE)
+        _arrow(axes, face + aside, face + aside + 0.3 * grows, PROBE)
+        x, y = face + aside + 0.45 * grows
+        _text(axes, x, y, f'{number} ({"+" if sign > 0 else "−"})', PROBE, fontsize=11,
+              weight='bold')
     axes.set(xlim=(-reach - 0.75, reach + 0.75), aspect='equal',
              ylim=(-1.35, max(1.15, rig.trunnion.y / rig.axial_rows.pitch_radius + 1.05)))
     axes.axis('off')
@@ -133,28 +150,6 @@ def _draw_ring(axes: Axes, rig: Rig, degrees: float, reach: float) -> None:
     _text(axes, -0.5 * span, 1.06, f'L = {rig.probes.axial_span:g} m')
     _text(axes, 0.5, -1.3, f'R = {radius:g} m')
     _text(axes, right + 0.08, y / 2, f'y_t = {trunnion.y:g} m', rotation=90)
-
-
-def _draw_probes(axes: Axes, rig: Rig, reach: float) -> None:
-    """Each probe on that side of its target on which the gap grows as its polarity says."""
-    probes, radius = rig.probes, rig.axial_rows.pitch_radius
-    level = max(-0.6, min(0.6, probes.radial_height / radius)) - 0.42
-    for number, sign in enumerate(probes.polarity, 1):
-        if number == probes.absent:
-            continue
-        side = 1.0 if number in (1, 4) else -1.0
-        if number in (1, 3):
-            face = np.array([side * (reach - 0.05 * sign), level])
-            grows, aside = np.array([side * sign, 0.0]), np.array([0.0, -0.15])
-        else:
-            face = np.array([side * probes.axial_span / 2.0 / radius, 0.42 - 0.08 * sign])
-            grows, aside = np.array([0.0, sign]), np.array([side * 0.12, 0.0])
-        half_width = 0.04 * grows[::-1]
-        _box(axes, face - 0.1 * grows - half_width, face - 0.3 * grows + half_width, PROBE)
-        _arrow(axes, face + aside, face + aside + 0.3 * grows, PROBE)
-        x, y = face + aside + 0.45 * grows
-        _text(axes, x, y, f'{number} ({"+" if sign > 0 else "−"})', PROBE, fontsize=11,
-              weight='bold')
 
 
 ENTRIES: tuple[tuple[str, str], ...] = (
