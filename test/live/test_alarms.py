@@ -1,6 +1,6 @@
 """Claims about what the page shows of the alarm."""
 
-import time
+from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
@@ -9,7 +9,7 @@ from rosnet import wait_until
 from saddlering_interfaces.msg import ReplayState, RingAlarm
 from saddlering_ros.live.session import alarm_as_page, AlarmOfTest, Session, with_link
 from saddlering_ros.live.traces import TestCurves
-from saddlering_ros.live.watcher import Watcher
+from saddlering_ros.live.watcher import REVIEW, SILENT, Watcher
 from saddlering_ros.ros.messages import to_time
 from saddlering_ros.ros.names import STATE
 
@@ -52,22 +52,27 @@ def test_a_node_that_reports_no_longer_is_shown_as_offline():
     (ReplayState.FINISHED, True, 0.0, 'Ended with its replay', 'finished'),
     (ReplayState.PLAYING, True, 0.0, 'Ended with its replay', 'stopped'),  # Ctrl-C
     (ReplayState.PLAYING, False, 0.0, OFFLINE, 'playing'),
-    (ReplayState.FINISHED, True, 0.4, OFFLINE, 'finished')])
+    (ReplayState.FINISHED, True, SILENT, OFFLINE, 'finished')])
 def test_a_node_that_leaves_with_its_replay_is_not_offline_but_one_that_died_in_it_is(
         ros_domain, monkeypatch, state, clock_leaves, pause, words, shown):
-    monkeypatch.setattr('saddlering_ros.live.watcher.SILENT', 0.3)
-    monkeypatch.setattr('saddlering_ros.live.watcher.REVIEW', 0.05)
+    """The page's clock is turned by hand: how fast the machine is does not matter."""
+    page = SimpleNamespace(time=100.0)
+    monkeypatch.setattr('saddlering_ros.live.watcher.time',
+                        SimpleNamespace(monotonic=lambda: page.time))
     with Watcher(ros_domain) as watcher:
         if not clock_leaves:
             watcher.node.create_publisher(ReplayState, STATE, 1)
         watcher._on_alarm(RingAlarm(state=RingAlarm.BLIND))
         watcher._on_diagnostics(DiagnosticArray(status=[
             DiagnosticStatus(name='ring_alarm: alarm', message='no alarm')]))
-        time.sleep(pause)
+        page.time += pause
         watcher._on_replay(ReplayState(state=state))
-        wait_until(lambda: watcher.state()['alarm']['offline'] == words, 20.0)
-        assert watcher.state()['health'][0]['words'] == words
-        assert watcher.state()['replay']['state'] == shown
+        page.time += REVIEW
+        wait_until(lambda: watcher._has_clock != clock_leaves, what='it looks for the clock')
+        page.time += SILENT
+        said = watcher.state()
+        assert said['alarm']['offline'] == said['health'][0]['words'] == words
+        assert said['replay']['state'] == shown
         watcher._on_replay(ReplayState(state=ReplayState.PLAYING))  # another replay, without it
         assert watcher.state()['health'][0]['words'] == words
 
