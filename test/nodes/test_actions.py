@@ -276,6 +276,7 @@ def test_a_goal_that_runs_when_the_server_is_told_to_stop_still_ends(
     with heard.lock:
         future = handle.get_result_async()
     wait_until(lambda: bool(goals.feedback_of(handle)), what='it runs')
+    stop_worker(node)  # or it might be done before the node is told
     node.process.terminate()
     wait_until(future.done, what='the goal ends')
     assert future.result().result.status == DiagnoseRing.Result.FAILED
