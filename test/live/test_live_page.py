@@ -95,16 +95,15 @@ class Servers:
         rclpy.shutdown(context=self.context)
 
     def _identify(self, goal):
-        for turn in range(600):
-            if goal.is_cancel_requested:
-                goal.canceled()
-                return IdentifyRing.Result(status=IdentifyRing.Result.CANCELED, message='canceled')
+        turn = 0
+        while not goal.is_cancel_requested and self.context.ok():
+            turn = min(turn + 1, 50)
             goal.publish_feedback(IdentifyRing.Feedback(
-                stage='swarm', iteration=min(turn, 50) // 2, iterations=50, best_objective=1.25,
+                stage='swarm', iteration=turn // 2, iterations=50, best_objective=1.25,
                 elapsed=10.0, progress=0.3))
             time.sleep(0.05)
-        goal.abort()
-        return IdentifyRing.Result()
+        goal.canceled()
+        return IdentifyRing.Result(status=IdentifyRing.Result.CANCELED, message='canceled')
 
     def _diagnose(self, goal):
         goal.publish_feedback(DiagnoseRing.Feedback(stage='screening', progress=0.5, elapsed=1.0))
@@ -112,12 +111,16 @@ class Servers:
         goal.succeed()
         return DiagnoseRing.Result(verdict='named', verdict_json=json.dumps(VERDICT))
 
-    def say_well(self):
-        """Report once on /diagnostics, then never again."""
+    def say_well(self, page):
+        """Report on /diagnostics until the page shows it, then never again."""
         said = self.node.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        while not said.get_subscription_count():
-            time.sleep(0.01)
-        said.publish(DiagnosticArray(status=[DiagnosticStatus(name='a_node: task', message='up')]))
+        status = DiagnosticStatus(name='a_node: task', message='up')
+
+        def is_shown():
+            said.publish(DiagnosticArray(status=[status]))
+            return page.run('document.querySelector("#nodes [data-level=ok]") !== null')
+
+        wait_until(is_shown, what='the page shows a node that is well')
 
     def alarm(self, **fields):
         """Publish a state of the alarm, as ring_alarm does."""
@@ -257,8 +260,7 @@ def test_alarm_and_progress_are_shown_canceled_by_a_click_and_a_verdict_comes(ro
     with contextlib.closing(Servers(ros_domain)) as servers, browser_page() as page:
         with served(ros_domain) as where:
             page.open(where.url)
-            servers.say_well()
-            page.wait('document.querySelector("#nodes [data-level=ok]") !== null')
+            servers.say_well(page)
             servers.alarm(state=RingAlarm.BLIND, message='BLIND: nothing arrives',
                           missing=['/ring/residual'])
             page.wait('document.querySelector("#alarm.blind")?.innerText.includes('
