@@ -54,7 +54,7 @@ def _messages(folder: str) -> Iterator[str]:
                 # The last name, as of DiscrepancyError(...) and of system.DiscrepancyError(...).
                 name, texts = ast.unparse(item.func).rpartition('.')[2], item.args
                 ours = name.endswith('Error') and not name.startswith(('Value', 'Type', 'Assert'))
-                if ours or name == 'Kind':
+                if ours or name == 'Finding':
                     yield from _text(texts[0])
 
 
@@ -67,14 +67,6 @@ def _text(value: ast.expr) -> Iterator[str]:
                         for part in value.values)
     else:
         return
-    words = _without_figures(' '.join(words.split()))
+    words = ' '.join(words.split())
     if len(words.replace('…', '').split()) >= MIN_WORDS:
         yield words.replace('<', '\\<').replace('*', '\\*').replace('_', '\\_')
-
-
-def _without_figures(words: str) -> str:
-    """… in place of the braces of a template."""
-    while '{' in words and '}' in words[words.index('{'):]:
-        start = words.index('{')
-        words = f'{words[:start]}…{words[words.index("}", start) + 1:]}'
-    return words

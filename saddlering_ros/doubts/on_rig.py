@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.doubts.comparison import rig_in_words
-from saddlering_ros.doubts.finding import Finding, Kind
+from saddlering_ros.doubts.finding import Finding
 from saddlering_ros.doubts.readings import LENGTH_UNITS
 from saddlering_ros.doubts.wiring import exchange_findings, Floats, wiring_findings
 from saddlering_ros.quantities import quantity
@@ -45,63 +45,26 @@ which the parity may follow the load."""
 MIN_HOLDS = 8
 """Number of holds with which a dynamic record looks static."""
 
-PARITY_FOLLOWS = Kind(
-    'the parity of probes 1 and 3 follows the load by {moved}; that of a rigid ring is constant: '
-    'cross-talk, a gain, a bracket or the ring itself (diagnose reports which)',
-    limit=0.004)
+MAX_FOLLOWING = 0.004
 """Share of the largest motion by which the parity may follow the load. In 17 bags with sound
 probes it follows by 0.0016 at most, with a probe of twice the usual error of gain by 0.014."""
 
-PARITY_OSCILLATES = Kind(
-    'the parity of probes 1 and 3 oscillates by {size} at {frequency}, which a rigid ring cannot: '
-    'mains pickup, a vibration of the probes, or one above half the sampling rate that is seen at '
-    'a wrong frequency (aliasing): filter before sampling',
-    limit=60.0)
+MIN_LINE = 60.0
 """Ratio of the power of a line of the spectrum to the median about it. One of 1 000 records of
 white noise reaches it, with a line of a fifth of the noise; the line must also exceed the noise.
 Bags of the virtual rig stay below 36."""
 
-LOAD_UNIT = Kind(
-    'the load begins at {start:.4g} and ends at {peak:.4g} at most, which looks like {units} (the '
-    'preload is {preload:.4g} N): publish newtons, or K comes out about {factor:.2g} times too '
-    'small')
-
-OVERLOAD = Kind(
-    'the load reaches {peak} and the full scale is {full}: the unit or the gain of the load, or '
-    'full_scale_load of the rig file, is wrong',
-    limit=1.1)
+OVERLOAD = 1.1
 """Share of the full scale, in any unit, below which the highest load stays."""
 
-START_OFF_PRELOAD = Kind(
-    'the record starts at {start}, which is not near the preload ({preload}): displacements count '
-    'from there')
-
-NO_REST = Kind(
-    'no half second of a steady load near the preload ({preload}) has {count} readings: '
-    'displacements count from the first reading alone: rest longer, or record faster')
-
-TOO_FAST = Kind(
-    'the load rises by {rise} within {seconds}, faster than the hydraulics can '
-    '(rig.full_scale_time is {least}): the unit or rate of the time is wrong, and so will D be; '
-    'or the rig file is',
-    limit=1.2)
+TOO_FAST = 1.2
 """Rate of the load, as a multiple of full scale in rig.full_scale_time, that no rise exceeds
 between a quarter and three quarters of the range, over MIN_SAMPLES samples and more."""
 
-ELEVATION_UNIT = Kind(
-    'the elevation of {stated:g} deg looks like radians: give --elevation {radians:.0f}, or '
-    'correct the metadata of the bag',
-    limit=0.03)
+OFF_WHOLE = 0.03
 """Distance [deg] from a whole number of degrees, as a number of radians with three decimals."""
 
-SPAN_UNIT = Kind(
-    'probe {probe} publishes a span up to {high:.4g} m and the rig file gives {wanted:.4g} m, '
-    'which looks like {unit}: publish metres')
-
-LOOKS_STATIC = Kind(
-    'the load is held at {holds} levels, which looks like a static test: give --test static, or '
-    'correct the metadata of the bag',
-    limit=0.6)
+STATIC_SHARE = 0.6
 """Share of its time in holds with which a dynamic record looks static."""
 
 MIN_LINE_SAMPLES, LINE_REACH = 200, 12
@@ -110,33 +73,13 @@ MIN_LINE_SAMPLES, LINE_REACH = 200, 12
 MIN_PEAK = 0.5
 """Share of the full scale that the highest load of a test reaches."""
 
-OTHER_RIG = Kind('it was recorded on a rig with the hash {hash}, and this rig is another ({rig})')
-
-OTHER_RANGE = Kind(
-    'probe {probe} states a range of {low:g} to {high:g} mm, the rig file {rig_low:g} to '
-    '{rig_high:g} mm (rig.probes.min_range, max_range)')
-
-OUT_OF_RANGE = Kind(
-    'probe {probe} reads {low:.3f} to {high:.3f} mm, outside of the range in the rig file '
-    '(rig.probes.min_range, max_range)')
-
-OTHER_FULL_SCALE = Kind(
-    'the highest load is {peak}, the full scale in the rig file {full} (rig.full_scale_load)',
-    limit=1.05)
+MAX_PEAK = 1.05
 """Share of the full scale that the highest load of a test does not exceed."""
 
-OTHER_PRELOAD = Kind(
-    'the record starts at {start}, the preload in the rig file is {preload} (rig.preload)',
-    limit=0.04)
+OFF_PRELOAD = 0.04
 """Share of the full scale by which a record may start beside the preload."""
 
-OTHER_ELEVATION = Kind(
-    'tilt and axial motion agree with an elevation of about {apparent:.0f} deg (within '
-    '{uncertainty:.2g}) and the bag states {stated:g}: the elevation, the trunnion '
-    "(rig.trunnion), the probes' span (rig.probes.axial_span) or "
-    'the pitch radius (rig.axial_rows.pitch_radius) is wrong, or a fault of the ring turns it '
-    '(diagnose tells which)',
-    limit=math.radians(10.0))
+MAX_TURN = math.radians(10.0)
 """Error [rad] of the elevation from tilt over lift against that of the nearest simulated ring,
 beside what the curvature of the two adds. 19 sound rings of another simulator stay within it."""
 
@@ -195,9 +138,12 @@ def parity_findings(rig: Rig, load: Floats, gaps: Floats) -> list[Finding]:
     moved = abs(float(slope)) * float(np.ptp(force))
     spread = float(np.std(parity - start - slope * force, ddof=2))
     largest = float(np.ptp(means[:4], axis=1).max())
-    if moved < max(PARITY_FOLLOWS.limit * largest, PARITY_ERRORS * spread):
+    if moved < max(MAX_FOLLOWING * largest, PARITY_ERRORS * spread):
         return []
-    return [PARITY_FOLLOWS.at(moved=quantity(moved, 'm', digits=2))]
+    return [Finding(
+        f'the parity of probes 1 and 3 follows the load by {quantity(moved, "m", digits=2)}; that '
+        'of a rigid ring is constant: cross-talk, a gain, a bracket or the ring itself (diagnose '
+        'reports which)')]
 
 
 def line_findings(rig: Rig, seconds: float, load: Floats, gaps: Floats) -> list[Finding]:
@@ -220,10 +166,13 @@ def line_findings(rig: Rig, seconds: float, load: Floats, gaps: Floats) -> list[
     place = int(np.argmax(power[LINE_REACH:-LINE_REACH] / usual)) + LINE_REACH
     size = 4.0 * math.sqrt(power[place]) / parity.size
     noise = float(np.std(np.diff(parity))) / math.sqrt(2.0)
-    if power[place] < PARITY_OSCILLATES.limit * usual[place - LINE_REACH] or size < noise:
+    if power[place] < MIN_LINE * usual[place - LINE_REACH] or size < noise:
         return []
-    return [PARITY_OSCILLATES.at(size=quantity(size, 'm', digits=2),
-                                 frequency=quantity(place / seconds, 'Hz'))]
+    return [Finding(
+        f'the parity of probes 1 and 3 oscillates by {quantity(size, "m", digits=2)} at '
+        f'{quantity(place / seconds, "Hz")}, which a rigid ring cannot: mains pickup, a vibration '
+        'of the probes, or one above half the sampling rate that is seen at a wrong frequency '
+        '(aliasing): filter before sampling')]
 
 
 def rig_findings(
@@ -238,12 +187,16 @@ def rig_findings(
     for number, (_, high) in enumerate(spans, start=1):
         looks = [name for name, factor in LENGTH_UNITS.items() if _is_near(high * factor, wanted)]
         if looks and not _is_near(high, wanted):
-            findings.append(SPAN_UNIT.at(probe=number, high=high, wanted=wanted, unit=looks[0]))
+            findings.append(Finding(
+                f'probe {number} publishes a span up to {high:.4g} m and the rig file gives '
+                f'{wanted:.4g} m, which looks like {looks[0]}: publish metres'))
     if test == 'dynamic':
         holds = find_holds(time, load)
         held = sum(float(time[stop - 1] - time[start]) for start, stop in holds)
-        if len(holds) >= MIN_HOLDS and held >= LOOKS_STATIC.limit * float(time[-1] - time[0]):
-            findings.append(LOOKS_STATIC.at(holds=len(holds)))
+        if len(holds) >= MIN_HOLDS and held >= STATIC_SHARE * float(time[-1] - time[0]):
+            findings.append(Finding(
+                f'the load is held at {len(holds)} levels, which looks like a static test: give '
+                '--test static, or correct the metadata of the bag'))
     return findings
 
 
@@ -255,9 +208,11 @@ def _unit_of_elevation(stated: float) -> list[Finding]:
     """A finding if an elevation [deg] with three decimals or more is a whole angle in radians."""
     radians = math.degrees(stated)
     if (abs(stated) > math.pi / 2.0 + 1e-3 or abs(stated - round(stated, 2)) < 1e-6
-            or abs(radians - round(radians)) > ELEVATION_UNIT.limit):
+            or abs(radians - round(radians)) > OFF_WHOLE):
         return []
-    return [ELEVATION_UNIT.at(stated=stated, radians=radians)]
+    return [Finding(
+        f'the elevation of {stated:g} deg looks like radians: give --elevation {radians:.0f}, or '
+        'correct the metadata of the bag')]
 
 
 def units_of_preload(rig: Rig, load: float) -> list[str]:
@@ -273,52 +228,70 @@ def _unit_of_time(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
     bottom = top - int(np.argmax(load[top::-1] <= 0.75 * low + 0.25 * high))
     rise, seconds = float(load[top] - load[bottom]), float(time[top] - time[bottom])
     share = rise * rig.full_scale_time / rig.full_scale_load
-    if top - bottom < MIN_SAMPLES or share < TOO_FAST.limit * seconds:
+    if top - bottom < MIN_SAMPLES or share < TOO_FAST * seconds:
         return []
-    return [TOO_FAST.at(rise=rig.force_words(rise), seconds=quantity(seconds, 's', digits=2),
-                        least=quantity(rig.full_scale_time, 's'))]
+    return [Finding(
+        f'the load rises by {rig.force_words(rise)} within {quantity(seconds, "s", digits=2)}, '
+        f'faster than the hydraulics can (rig.full_scale_time is '
+        f'{quantity(rig.full_scale_time, "s")}): the unit or rate of the time is wrong, and so '
+        'will D be; or the rig file is')]
 
 
 def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
     zero = zero_of_record(rig, time, load)
     start, peak, full = zero.load, float(extremes(load)[1]), rig.full_scale_load
     looks = [name for name in units_of_preload(rig, start)
-             if PEAK_SHARE < peak * FORCE_UNITS[name] / full < OVERLOAD.limit]
+             if PEAK_SHARE < peak * FORCE_UNITS[name] / full < OVERLOAD]
     if looks:
-        return [LOAD_UNIT.at(start=start, peak=peak, units=' or '.join(looks),
-                             preload=rig.preload, factor=FORCE_UNITS[looks[0]])]
-    if peak > OVERLOAD.limit * full:
-        return [OVERLOAD.at(peak=rig.force_words(peak), full=rig.force_words(full))]
-    if not zero.near_preload and abs(start - rig.preload) <= OTHER_PRELOAD.limit * full:
-        return [NO_REST.at(preload=rig.force_words(rig.preload), count=MIN_SAMPLES)]
-    if not zero.near_preload:
-        return [START_OFF_PRELOAD.at(start=rig.force_words(start),
-                                     preload=rig.force_words(rig.preload))]
-    return []
+        return [Finding(
+            f'the load begins at {start:.4g} and ends at {peak:.4g} at most, which looks like '
+            f'{" or ".join(looks)} (the preload is {rig.preload:.4g} N): publish newtons, or K '
+            f'comes out about {FORCE_UNITS[looks[0]]:.2g} times too small')]
+    if peak > OVERLOAD * full:
+        return [Finding(
+            f'the load reaches {rig.force_words(peak)} and the full scale is '
+            f'{rig.force_words(full)}: the unit or the gain of the load, or full_scale_load of '
+            'the rig file, is wrong')]
+    preload = rig.force_words(rig.preload)
+    if not zero.near_preload and abs(start - rig.preload) <= OFF_PRELOAD * full:
+        return [Finding(
+            f'no half second of a steady load near the preload ({preload}) has {MIN_SAMPLES} '
+            'readings: displacements count from the first reading alone: rest longer, or record '
+            'faster')]
+    return [] if zero.near_preload else [Finding(
+        f'the record starts at {rig.force_words(start)}, which is not near the preload '
+        f'({preload}): displacements count from there')]
 
 
 def check_rig(rig: Rig, record: RawRecord, run: Record) -> list[Finding]:
     """A finding for each contradiction between bag and rig; [] if there is none."""
     findings, probes, full = [], rig.probes, rig.full_scale_load
     if run.rig_hash not in ('', rig.digest):
-        findings.append(OTHER_RIG.at(hash=short_digest(run.rig_hash), rig=rig_in_words(rig)))
+        findings.append(Finding(
+            f'it was recorded on a rig with the hash {short_digest(run.rig_hash)}, and this rig '
+            f'is another ({rig_in_words(rig)})'))
     for number in probes.present:
         raw = record[PROBE_TOPICS[number - 1]]
         stated, wanted = (raw.min_range, raw.max_range), (probes.min_range, probes.max_range)
         if not np.allclose(stated, wanted, rtol=1e-3, atol=1e-9):
-            findings.append(OTHER_RANGE.at(
-                probe=number, low=stated[0] * 1e3, high=stated[1] * 1e3,
-                rig_low=wanted[0] * 1e3, rig_high=wanted[1] * 1e3))
+            findings.append(Finding(
+                f'probe {number} states a range of {stated[0] * 1e3:g} to {stated[1] * 1e3:g} mm, '
+                f'the rig file {wanted[0] * 1e3:g} to {wanted[1] * 1e3:g} mm '
+                '(rig.probes.min_range, max_range)'))
         low, high = map(float, extremes(raw.values))
         if low < probes.min_range or high > probes.max_range:
-            findings.append(OUT_OF_RANGE.at(probe=number, low=low * 1e3, high=high * 1e3))
+            findings.append(Finding(
+                f'probe {number} reads {low * 1e3:.3f} to {high * 1e3:.3f} mm, outside of the '
+                'range in the rig file (rig.probes.min_range, max_range)'))
     peak, start = float(np.nanmax(run.load)), float(np.nanmedian(run.load[:10]))
-    if not MIN_PEAK * full <= peak <= OTHER_FULL_SCALE.limit * full:
-        findings.append(
-            OTHER_FULL_SCALE.at(peak=rig.force_words(peak), full=rig.force_words(full)))
-    if abs(start - rig.preload) > OTHER_PRELOAD.limit * full:
-        findings.append(OTHER_PRELOAD.at(start=rig.force_words(start, 2),
-                                         preload=rig.force_words(rig.preload, 2)))
+    if not MIN_PEAK * full <= peak <= MAX_PEAK * full:
+        findings.append(Finding(
+            f'the highest load is {rig.force_words(peak)}, the full scale in the rig file '
+            f'{rig.force_words(full)} (rig.full_scale_load)'))
+    if abs(start - rig.preload) > OFF_PRELOAD * full:
+        findings.append(Finding(
+            f'the record starts at {rig.force_words(start, 2)}, the preload in the rig file is '
+            f'{rig.force_words(rig.preload, 2)} (rig.preload)'))
     return [*findings, *wiring_findings(rig, run.elevation, run.load, run.gaps),
             *_elevation(rig, run)]
 
@@ -338,9 +311,13 @@ def _elevation(rig: Rig, run: Record, must_be_sure: bool = False) -> list[Findin
         return []
     if _agrees(rig, run, measured, run.elevation):
         return []
-    return [OTHER_ELEVATION.at(apparent=math.degrees(apparent % math.pi),
-                               uncertainty=math.degrees(uncertainty + USUAL_SHIFT),
-                               stated=math.degrees(run.elevation))]
+    return [Finding(
+        'tilt and axial motion agree with an elevation of about '
+        f'{math.degrees(apparent % math.pi):.0f} deg (within '
+        f'{math.degrees(uncertainty + USUAL_SHIFT):.2g}) and the bag states '
+        f'{math.degrees(run.elevation):g}: the elevation, the trunnion (rig.trunnion), the '
+        "probes' span (rig.probes.axial_span) or the pitch radius (rig.axial_rows.pitch_radius) "
+        'is wrong, or a fault of the ring turns it (diagnose tells which)')]
 
 
 def elevations_alike(rig: Rig, run: Record) -> list[float]:
@@ -381,7 +358,7 @@ def _agrees(rig: Rig, run: Record, measured: Floats, elevation: float) -> bool:
             return True
         (angles, motion), (simulated, least) = measured.T, expected.T
         apart = np.abs(_turned(angles - simulated)) - abs(_turned(angles[1] - angles[0]))
-        if apart.max() <= OTHER_ELEVATION.limit and (motion <= MAX_MOTION * least).all():
+        if apart.max() <= MAX_TURN and (motion <= MAX_MOTION * least).all():
             return True
     return False
 

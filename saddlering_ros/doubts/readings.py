@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.doubts.finding import Finding, Kind
+from saddlering_ros.doubts.finding import Finding
 from saddlering_ros.errors import BagError
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record import quality as logger_quality
@@ -42,42 +42,10 @@ MAX_SPAN = 0.1
 FAR_OUTSIDE = 20.0
 """Distance of a typical gap from the probe's span, in spans, that shows another unit."""
 
-GAPS = Kind('{count} gap{plural} in the stamps, the longest {longest:.3f} s')
-
-NO_READING = Kind('has no reading at {count} of {stamps} load stamps', limit=0.005)
+MAX_UNREAD = 0.005
 """Share of load stamps without a reading, as at both ends of a record."""
 
-AT_LIMIT_OF_SPAN = Kind(
-    '{count} of {readings} readings are at or beyond the limits of its span ({low:g} to {high:g} '
-    'm){unit}')
-NO_SPAN = Kind('states no span (min_range, max_range)')
-NEVER_CHANGES = Kind('the reading never changes')
-
-HELD = Kind(
-    '{percent:.0f} % of consecutive readings are equal: the sensor reads at about {update:.3g} Hz '
-    'and is published at {rate:.4g} Hz; readings are up to {age:.3g} ms old, which shifts D1 and '
-    "D2: record at the sensor's own rate")
-COARSE = Kind(
-    'its resolution of {step} is coarser than its noise ({noise} rms): rounding counts as noise; '
-    'use a finer range of the converter')
-SPIKES = Kind(
-    '{count} of its readings are spikes, the first at sample {first}: identification and '
-    'diagnosis leave them out')
-STALL = Kind(
-    '{count} equal readings in a row from {seconds:.2f} s on: the converter or the logger stopped')
-AT_LIMIT = Kind(
-    '{count} readings equal the {value} that no other reading exceeds: the sensor or its '
-    'amplifier is at a limit')
-FILTERED = Kind(
-    '{subject} low-passed at about {bandwidth:.2g} Hz and the other readings are not, or less: a '
-    'lag of about {lag:.1f} ms, which shifts D1 and D2: give all channels the same filter')
-DRIFT = Kind(
-    'load and probes are stamped at rates that differ by {percent:.3g} %: if both should have one '
-    'rate, a clock drifts by {drift:.3g} ms over the record, which shifts D1 and D2')
-OTHER_CLOCK = Kind(
-    'the probes begin and end {seconds:.3g} s {side} than the load: if all were recorded '
-    'together, the clocks differ by this time: correct the stamps, or D1 and D2 are wrong',
-    limit=0.05)
+MAX_APART = 0.05
 """Time [s] that recordings which begin and end together do not lie apart."""
 
 MAX_REFUSED_SHARE = 0.05
@@ -86,18 +54,6 @@ wrong."""
 
 MIN_SECONDS = 0.1
 """Duration of a record below which it is no test: five means of a fit."""
-
-REFUSED = Kind(
-    '{count} samples are refused, as live nodes refuse them ({words}): validity marks what is '
-    'interpolated across them, and identification and diagnosis leave it out')
-DOUBTFUL_LOAD = Kind(
-    '{count} samples lie behind a step that the hydraulics cannot make in its time '
-    '(rig.full_scale_time), as when a counter rolls over: validity marks what is simulated by '
-    'them, and identification and diagnosis leave it out')
-PROBE_ABSENT = Kind(
-    'probe {absent} is absent (rig.probes.absent): delta_x is of probe {partner} alone, with the '
-    'ring taken as rigid; the parity is unknown, and causes that show in it cannot be told from '
-    'others')
 
 MAX_GAP_SHARE = 0.5
 """Share of a probe's record in gaps above which its stamps come by blocks."""
@@ -167,13 +123,13 @@ def check_overlap(
 def _stream_findings(topic: str, raw: RawTopic) -> list[Finding]:
     """Findings on gaps in the stamps of a topic, and on readings that never change."""
     stamps, (lowest, highest) = raw.stamps, extremes(raw.values)
-    findings = [NEVER_CHANGES.at(topic)] if lowest == highest else []
+    findings = [Finding('the reading never changes', topic)] if lowest == highest else []
     before = np.flatnonzero(gap_mask(stamps))
     if not len(before):
         return findings
     longest = int((stamps[before + 1] - stamps[before]).max()) / 1e9
-    return [*findings, GAPS.at(topic, count=len(before), plural='s' * (len(before) > 1),
-                               longest=longest)]
+    return [*findings, Finding(f'{len(before)} gap{"s" * (len(before) > 1)} in the stamps, the '
+                               f'longest {longest:.3f} s', topic)]
 
 
 def _probe_findings(raw: RawTopic, aligned: NDArray[np.float64]) -> list[Finding]:
@@ -181,14 +137,15 @@ def _probe_findings(raw: RawTopic, aligned: NDArray[np.float64]) -> list[Finding
     findings = _stream_findings(raw.topic, raw)
     low, high = raw.min_range, raw.max_range
     absent = count_where(np.isnan, aligned)
-    if absent > NO_READING.limit * len(aligned):
-        findings.append(NO_READING.at(raw.topic, count=absent, stamps=len(aligned)))
+    if absent > MAX_UNREAD * len(aligned):
+        findings.append(Finding(
+            f'has no reading at {absent} of {len(aligned)} load stamps', raw.topic))
     if not _is_span(low, high):
-        findings.append(NO_SPAN.at(raw.topic))
+        findings.append(Finding('states no span (min_range, max_range)', raw.topic))
     elif count := count_where(lambda block: (block <= low) | (block >= high), raw.values):
-        findings.append(AT_LIMIT_OF_SPAN.at(
-            raw.topic, count=count, readings=len(raw.values), low=low, high=high,
-            unit=_unit_outside(raw)))
+        findings.append(Finding(
+            f'{count} of {len(raw.values)} readings are at or beyond the limits of its span '
+            f'({low:g} to {high:g} m){_unit_outside(raw)}', raw.topic))
     return findings
 
 
@@ -214,20 +171,30 @@ def quality_findings(topic: str, quality: TopicQuality, unit: str) -> list[Findi
     """What makes a topic's readings doubtful."""
     findings = []
     if quality.is_held:
-        findings.append(HELD.at(
-            topic, percent=100.0 * quality.repeated, update=quality.update_rate,
-            rate=quality.rate, age=1e3 / quality.update_rate))
+        findings.append(Finding(
+            f'{100.0 * quality.repeated:.0f} % of consecutive readings are equal: the sensor '
+            f'reads at about {quality.update_rate:.3g} Hz and is published at {quality.rate:.4g} '
+            f'Hz; readings are up to {1e3 / quality.update_rate:.3g} ms old, which shifts D1 and '
+            "D2: record at the sensor's own rate", topic))
     elif quality.is_coarse:
-        findings.append(COARSE.at(topic, step=quantity(quality.resolution, unit),
-                                  noise=quantity(quality.noise, unit)))
+        findings.append(Finding(
+            f'its resolution of {quantity(quality.resolution, unit)} is coarser than its noise '
+            f'({quantity(quality.noise, unit)} rms): rounding counts as noise; use a finer range '
+            'of the converter', topic))
     if quality.spikes.size:
-        findings.append(SPIKES.at(topic, count=quality.spikes.size, first=int(quality.spikes[0])))
+        findings.append(Finding(
+            f'{quality.spikes.size} of its readings are spikes, the first at sample '
+            f'{quality.spikes[0]}: identification and diagnosis leave them out', topic))
     start, count = quality.stall
     if count:
-        findings.append(STALL.at(topic, count=count, seconds=start / quality.rate))
+        findings.append(Finding(
+            f'{count} equal readings in a row from {start / quality.rate:.2f} s on: the converter '
+            'or the logger stopped', topic))
     value, often = quality.limit
     if often:
-        findings.append(AT_LIMIT.at(topic, count=often, value=quantity(value, unit)))
+        findings.append(Finding(
+            f'{often} readings equal the {quantity(value, unit)} that no other reading exceeds: '
+            'the sensor or its amplifier is at a limit', topic))
     return findings
 
 
@@ -240,9 +207,15 @@ def clock_findings(
         of_probes = logger_quality.median_of_known([one.bandwidth for one in probes])
         slow, subject = ((load.bandwidth, 'the load seems') if lag > 0.0 else
                          (of_probes, 'the probes seem'))
-        findings.append(FILTERED.at(subject=subject, bandwidth=slow, lag=1e3 * abs(lag)))
+        findings.append(Finding(
+            f'{subject} low-passed at about {slow:.2g} Hz and the other readings are not, or '
+            f'less: a lag of about {1e3 * abs(lag):.1f} ms, which shifts D1 and D2: give all '
+            'channels the same filter'))
     if share := rate_share(load, probes, seconds):
-        findings.append(DRIFT.at(percent=100.0 * abs(share), drift=1e3 * abs(share) * seconds))
+        findings.append(Finding(
+            f'load and probes are stamped at rates that differ by {100.0 * abs(share):.3g} %: if '
+            'both should have one rate, a clock drifts by '
+            f'{1e3 * abs(share) * seconds:.3g} ms over the record, which shifts D1 and D2'))
     return findings
 
 
@@ -250,9 +223,12 @@ def _other_clock(load: RawTopic, probes: Sequence[RawTopic]) -> list[Finding]:
     """A finding if all probes begin and end by the same time apart from the load."""
     ends = np.array([raw.stamps[[0, -1]] - load.stamps[[0, -1]] for raw in probes]) * 1e-9
     apart, period = float(np.median(ends)), float(np.median(np.diff(load.stamps))) * 1e-9
-    if abs(apart) < OTHER_CLOCK.limit + 3.0 * period or float(np.ptp(ends)) > 3.0 * period:
+    if abs(apart) < MAX_APART + 3.0 * period or float(np.ptp(ends)) > 3.0 * period:
         return []
-    return [OTHER_CLOCK.at(seconds=abs(apart), side='later' if apart > 0.0 else 'earlier')]
+    return [Finding(
+        f'the probes begin and end {abs(apart):.3g} s {"later" if apart > 0.0 else "earlier"} '
+        'than the load: if all were recorded together, the clocks differ by this time: correct '
+        'the stamps, or D1 and D2 are wrong')]
 
 
 def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None) -> Record:
@@ -274,7 +250,10 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
                  for name in RIG_TOPICS}
     findings: list[object] = [*record.notes]
     if absent and rig is not None:
-        findings.append(PROBE_ABSENT.at(absent=rig.probes.absent, partner=rig.probes.partner))
+        findings.append(Finding(
+            f'probe {rig.probes.absent} is absent (rig.probes.absent): delta_x is of probe '
+            f'{rig.probes.partner} alone, with the ring taken as rigid; the parity is unknown, '
+            'and causes that show in it cannot be told from others'))
     findings += [*load.notes, *_stream_findings('load', load)]
     # The partner of an absent probe has the same faults, and a note on each.
     for raw, aligned in zip(probes, gaps, strict=True):
@@ -284,10 +263,17 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
         counts = {reason.replace('_', ' '): number
                   for reason, number in guard.counters.refused.items()}
         if raw.topic != absent and counts:
-            findings.append(REFUSED.at(raw.topic, count=sum(counts.values()), words=', '.join(
-                f'{number} {reason}' for reason, number in counts.items())))
+            words = ', '.join(f'{number} {reason}' for reason, number in counts.items())
+            findings.append(Finding(
+                f'{sum(counts.values())} samples are refused, as live nodes refuse them '
+                f'({words}): validity marks what is interpolated across them, and identification '
+                'and diagnosis leave it out', raw.topic))
         if raw.topic != absent and guard.counters.doubtful_load:
-            findings.append(DOUBTFUL_LOAD.at(raw.topic, count=guard.counters.doubtful_load))
+            findings.append(Finding(
+                f'{guard.counters.doubtful_load} samples lie behind a step that the hydraulics '
+                'cannot make in its time (rig.full_scale_time), as when a counter rolls over: '
+                'validity marks what is simulated by them, and identification and diagnosis leave '
+                'it out', raw.topic))
     for name, quality in qualities.items():
         if name != absent:
             findings += quality_findings(name, quality, 'N' if name == LOAD_TOPIC else 'm')

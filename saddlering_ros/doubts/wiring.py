@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from saddlering_ros.doubts.finding import Finding, Kind
+from saddlering_ros.doubts.finding import Finding
 from saddlering_ros.quantities import quantity
 from saddlering_ros.record import Record
 from saddlering_ros.record.scratch import blocks, complete_rows, spread
@@ -36,33 +36,16 @@ each other: 0.004 to 0.012 with sound probes, 0.08 with a draught at one of them
 
 STUCK_SAMPLES = 20
 
-STUCK = Kind(
-    'probe {probe} stays at {gap:.2f} µm while the load changes from {loads}: the probe is stuck, '
-    'or at an end of its range',
-    limit=0.05)
+STUCK_SHARE = 0.05
 """Share of the load's span that passes while a reading stands still."""
 
-DEAD = Kind(
-    'probe {probe} does not follow the load: its reading changes by {motion} over {span}, that '
-    'of another probe by {largest}; check that the probe is connected and faces the ring',
-    limit=0.02)
+DEAD_SHARE = 0.02
 """Share of the largest motion below which a probe does not follow the load."""
 
-COPIED = Kind('probes {first} and {second} have the same readings throughout: one channel is '
-              'recorded twice: correct the driver or the map of the import')
-
-SWAPPED = Kind(
-    'channels of probes {swapped}: {first} and {second} mirror each other (their sum is '
-    '{percent:.1f} % of their difference), and 1 and 3, which should, do not ({opposite:.0f} %)',
-    limit=0.06)
+MIRROR_LIMIT = 0.06
 """Sum of two probes, as a share of their difference (rms), up to which they mirror each other."""
 
-WRONG_SIDE = Kind('{guess}: µm per {unit} {slopes}')
-
-EXCHANGED = Kind(
-    'probes {first} and {second} exchange their readings at {seconds:.3f} s while the load stands '
-    'still: a cable or a channel was moved: repeat the test',
-    limit=8.0)
+EXCHANGE_SIZE = 8.0
 """Change of each reading at an exchange, as a multiple of the usual change over ROWS: 1.4 at most
 in 25 bags without one."""
 
@@ -90,10 +73,15 @@ def wiring_findings(rig: Rig, elevation: float, load: Floats, gaps: Floats) -> l
     for probe in (number - 1 for number in rig.probes.present):
         is_stuck = _stuck(rig, probe, load, gaps[probe])
         stuck += is_stuck
-        if not is_stuck and clear[probe] and motion[probe] < DEAD.limit * largest:
-            dead.append(DEAD.at(probe=probe + 1, motion=quantity(motion[probe], 'm'),
-                                span=rig.force_words(span), largest=quantity(largest, 'm')))
-    copied = [COPIED.at(first=first + 1, second=second + 1)
+        if not is_stuck and clear[probe] and motion[probe] < DEAD_SHARE * largest:
+            dead.append(Finding(
+                f'probe {probe + 1} does not follow the load: its reading changes by '
+                f'{quantity(motion[probe], "m")} over {rig.force_words(span)}, that of another '
+                f'probe by {quantity(largest, "m")}; check that the probe is connected and faces '
+                'the ring'))
+    copied = [Finding(f'probes {first + 1} and {second + 1} have the same readings throughout: '
+                      'one channel is recorded twice: correct the driver or the map of the '
+                      'import')
               for first, second in combinations(range(4), 2)
               if np.array_equal(gaps[first], gaps[second])]
     if stuck or dead or copied:
@@ -117,10 +105,11 @@ def _stuck(rig: Rig, probe: int, load: Floats, gap: Floats) -> list[Finding]:
     longest = int(np.argmax(np.diff(edges)))
     rows = slice(*edges[longest:longest + 2].tolist())
     low, high = float(load[rows].min()), float(load[rows].max())
-    if rows.stop - rows.start < STUCK_SAMPLES or high - low < STUCK.limit * float(np.ptp(load)):
+    if rows.stop - rows.start < STUCK_SAMPLES or high - low < STUCK_SHARE * float(np.ptp(load)):
         return []
-    return [STUCK.at(probe=probe + 1, gap=gap[rows.start] * 1e6,
-                     loads=rig.force_range(low, high, 2))]
+    return [Finding(
+        f'probe {probe + 1} stays at {gap[rows.start] * 1e6:.2f} µm while the load changes from '
+        f'{rig.force_range(low, high, 2)}: the probe is stuck, or at an end of its range')]
 
 
 def _mirrored(increments: Floats) -> list[Finding]:
@@ -135,14 +124,16 @@ def _mirrored(increments: Floats) -> list[Finding]:
     if opposite < OPPOSITE_LIMIT or opposite > 1.0 / OPPOSITE_LIMIT:
         return []  # They do, or move to the same side: `_sides` judges that.
     (first, second), least = min(unlikeness.items(), key=lambda pair: pair[1])
-    if least > SWAPPED.limit or least > opposite / 3.0:
+    if least > MIRROR_LIMIT or least > opposite / 3.0:
         return []
     # One radial probe has its own channel: the other is read where its partner should be.
     cables = sorted({0, 2} ^ {first, second})
     swapped = (f'{cables[0] + 1} and {cables[1] + 1} look swapped' if len(cables) == 2 else
                '1 and 3 look swapped with those of 2 and 4')
-    return [SWAPPED.at(swapped=swapped, first=first + 1, second=second + 1, percent=100 * least,
-                       opposite=100 * opposite)]
+    return [Finding(
+        f'channels of probes {swapped}: {first + 1} and {second + 1} mirror each other (their sum '
+        f'is {100 * least:.1f} % of their difference), and 1 and 3, which should, do not '
+        f'({100 * opposite:.0f} %)')]
 
 
 def _sides(rig: Rig, slope: Floats, expected: Floats, clear: NDArray[np.bool_]) -> list[Finding]:
@@ -164,7 +155,7 @@ def _sides(rig: Rig, slope: Floats, expected: Floats, clear: NDArray[np.bool_]) 
         wrong = [probe for probe in wrong if probe + 1 in rig.probes.present]
         names = ' and '.join(str(probe + 1) for probe in wrong)
         guess = f'wrong polarity of probe{"s" * (len(wrong) > 1)} {names} (rig.probes.polarity)'
-    return [WRONG_SIDE.at(guess=guess, unit=rig.force_unit, slopes=slopes)]
+    return [Finding(f'{guess}: µm per {rig.force_unit} {slopes}')]
 
 
 ROWS, USUAL_SHARE = 2, 0.99
@@ -191,9 +182,10 @@ def exchange_findings(rig: Rig, time: Floats, load: Floats, gaps: Floats) -> lis
                 change = np.abs(after - before).min(axis=0)
                 # A ring that slips across its clearance passes by the mirror of its place.
                 away = np.abs([after - before[::-1], later - before[::-1]]).max(axis=(0, 1))
-                is_large = change > EXCHANGED.limit * max(usual[one] for one in pair)
+                is_large = change > EXCHANGE_SIZE * max(usual[one] for one in pair)
                 places = np.flatnonzero(still & is_large & (away < MATCH * change))
             if len(places):
                 exchanges.setdefault(pair, float(time[block.start + int(places[0]) + 1]))
-    return [EXCHANGED.at(first=pair[0] + 1, second=pair[1] + 1, seconds=seconds)
-            for pair, seconds in exchanges.items()]
+    return [Finding(f'probes {first + 1} and {second + 1} exchange their readings at '
+                    f'{seconds:.3f} s while the load stands still: a cable or a channel was '
+                    'moved: repeat the test') for (first, second), seconds in exchanges.items()]
