@@ -72,7 +72,7 @@ def _section(effect: RingEffect) -> str:
     lines += [f'\nChoice `{choice.name}`: {choice.words}.' for choice in effect.choices]
     lines.append(f'\nConfirmed by: {_sentence(effect.settled_by)}\n')
     shown = [f'`{test.id}`: {words}' for test in RIG_TESTS
-             if (words := getattr(effect.outcomes, test.id))]
+             if (words := effect.outcomes.get(test.id))]
     if shown:
         lines.append(f'[Tests](#tests-that-tell-causes-apart) would show {"; ".join(shown)}.\n')
     return '\n'.join(lines)

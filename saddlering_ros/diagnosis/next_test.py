@@ -165,8 +165,7 @@ def outcome(effect_id: str, test: RigTest) -> str:
     """Outcome of a test if this effect is the cause; UNCLEAR if any outcome is possible."""
     if effect_id not in catalogue():
         return UNCLEAR
-    stated: str | None = getattr(catalogue()[effect_id].outcomes, test.id)
-    return test.otherwise if stated is None else stated
+    return catalogue()[effect_id].outcomes.get(test.id, test.otherwise)
 
 
 def separated(test: RigTest, effects: Sequence[str]) -> int:
@@ -384,7 +383,7 @@ def with_swapped_probes(point: Point) -> Point:
     for name, values in point.effects.items():
         probe = values.get('probe', 0.0)
         effect = catalogue().get(name)
-        moves = effect is not None and effect.outcomes.swapped_probes == MOVES
+        moves = effect is not None and effect.outcomes.get('swapped_probes') == MOVES
         other = {'rate': values['both'] - values['rate']} if probe > 4 else {
             'probe': (probe + 1) % 4 + 1}
         effects[name] = {**values, **other} if moves and probe else values

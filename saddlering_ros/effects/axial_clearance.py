@@ -1,6 +1,5 @@
 """Another clearance than assumed: mu1 + e (1 + s u), half at each side, u in -1 to 1 by roller."""
 
-from saddlering_ros.effects.base import Outcomes
 from saddlering_ros.effects.common_shapes import ClearanceEffect
 
 
@@ -9,6 +8,6 @@ class AxialClearance(ClearanceEffect):
     words = ('The clearance of the axial rows differs from the rig file. Tilt and axial motion '
              'begin with a dead zone and then have a nearly constant error, because fewer or more '
              'rollers share the load.')
-    outcomes = Outcomes(pull_push='an axial jump other than the clearance in the rig file')
+    outcomes = {'pull_push': 'an axial jump other than the clearance in the rig file'}
     rows = ('upper_row', 'lower_row')
     channels = ('delta_y', 'gamma')

@@ -1,6 +1,6 @@
 """A spring in series with the rollers: delta_y += c F_y."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 
 
 class AxialCompliance(RingEffect):
@@ -10,8 +10,7 @@ class AxialCompliance(RingEffect):
              'damping. Tilt is not changed.')
     settled_by = ('Swapped probes 2 and 4 rule out the instruments; a second loading rate (x4) '
                   'tells the spring from K1.')
-    outcomes = Outcomes(
-        other_elevation='a misfit of the axial motion in proportion to the axial force')
+    outcomes = {'other_elevation': 'a misfit of the axial motion in proportion to the axial force'}
     stage = 'ring'
     channels = ('delta_y',)
     parameters = (EffectParameter(

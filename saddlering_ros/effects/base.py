@@ -1,6 +1,7 @@
 """Effects of the catalogue, their parameters, and the tests on the rig that separate causes.
 
-The `outcomes` of an effect hold the result of each of these tests if that effect is the cause.
+The `outcomes` of an effect hold the result of these tests, by their id, if that effect is the
+cause: a noun with its clause. A test without an entry has the outcome of most effects.
 """
 
 from __future__ import annotations
@@ -17,26 +18,6 @@ from saddlering_ros.rig.geometry import size_factor
 
 UNCLEAR = ''
 """The outcome of a test that does not separate an effect from the others."""
-
-
-@dataclass(frozen=True)
-class Outcomes:
-    """Outcomes of the tests of RIG_TESTS, by their id, as a noun with its clause.
-
-    None: outcome for every effect without an entry.
-    """
-
-    second_rate: str | None = None
-    repeat_cycle: str | None = None
-    zero_load: str | None = None
-    swapped_probes: str | None = None
-    slewed_ring: str | None = None
-    other_elevation: str | None = None
-    reference_load: str | None = None
-    inclinometer: str | None = None
-    pull_push: str | None = None
-    heights: str | None = None
-    other_gap: str | None = None
 
 
 @dataclass(frozen=True)
@@ -157,7 +138,7 @@ class RingEffect:
     title: ClassVar[str]
     words: ClassVar[str]
     settled_by: ClassVar[str]
-    outcomes: ClassVar[Outcomes] = Outcomes()
+    outcomes: ClassVar[Mapping[str, str]] = {}
     stage: ClassVar[str]                      # one of STAGES
     channels: ClassVar[tuple[str, ...]] = ('delta_x', 'delta_y', 'gamma')  # and parity
     parameters: ClassVar[tuple[EffectParameter, ...]]

@@ -1,6 +1,6 @@
 """A joint that opens: gamma += c mean(max(0, M - M0)), M0 spread evenly over M0 - w to M0 + w."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 
 
 class BoltOpening(RingEffect):
@@ -10,9 +10,9 @@ class BoltOpening(RingEffect):
              'another. The kink is the same at every elevation, for rising and falling load.')
     settled_by = ('A run at another elevation: the kink stays at the same moment, not at the same '
                   'load; the ring slewed by 90 deg moves the opening to other bolts.')
-    outcomes = Outcomes(
-        slewed_ring='a kink at another tilting moment',
-        other_elevation='a kink at the same tilting moment and another load')
+    outcomes = {
+        'slewed_ring': 'a kink at another tilting moment',
+        'other_elevation': 'a kink at the same tilting moment and another load'}
     stage = 'ring'
     form = 0.05  # bolts need not open evenly over the range of moments
     channels = ('gamma',)

@@ -1,7 +1,5 @@
 """Play in the loading bracket: theta + e z, z a hysteron over the measured load."""
 
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter
 from saddlering_ros.effects.common_shapes import FrictionEffect, LOOP_OUTCOMES, loop_parameters
 
@@ -12,9 +10,9 @@ class BracketPlay(FrictionEffect):
              'of a rising load therefore differs slightly from that of a falling load. A small '
              'loop results, of opposite sense in the axial channel and in the two others.')
     settled_by = 'An inclinometer on the bracket, read while loading and unloading.'
-    outcomes = replace(
-        LOOP_OUTCOMES,
-        inclinometer='an angle that jumps when the load changes direction')
+    outcomes = {
+        **LOOP_OUTCOMES,
+        'inclinometer': 'an angle that jumps when the load changes direction'}
     element = 'bracket_play'
     stage = 'load path'
     form = 0.1  # a bracket seats bit by bit, not all at one load

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 import math
 
-from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
+from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension
 
 ALIKE, EACH = 0.0, 1.0
@@ -23,7 +23,7 @@ class CarriageResonance(RingEffect):
              'run shows nothing.')
     settled_by = ('A second loading rate (x4): the oscillation grows with the rate and keeps its '
                   'frequency.')
-    outcomes = Outcomes(second_rate='an oscillation that becomes smaller and keeps its frequency')
+    outcomes = {'second_rate': 'an oscillation that becomes smaller and keeps its frequency'}
     stage = 'ring'
     parameters = (
         EffectParameter('share', '1', 0.0, 1.5, 1.0, 1.0,

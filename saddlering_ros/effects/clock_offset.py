@@ -1,6 +1,6 @@
 """Two clocks: a reading of the probes at t carries the stamp t + tau + skew t."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 
 
 class ClockOffset(RingEffect):
@@ -10,7 +10,7 @@ class ClockOffset(RingEffect):
              'shows this.')
     settled_by = ('A second loading rate (x4): the shift stays the same in seconds; or record one '
                   'signal with both recorders.')
-    outcomes = Outcomes(second_rate='a shift of the same time with sharp corners')
+    outcomes = {'second_rate': 'a shift of the same time with sharp corners'}
     stage = 'measurement'
     parameters = (
         EffectParameter('offset', 's', -0.5, 0.5, 0.02, 0.0,

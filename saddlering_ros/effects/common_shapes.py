@@ -5,14 +5,7 @@ from dataclasses import replace
 import math
 from typing import Any, ClassVar
 
-from saddlering_ros.effects.base import (
-    Choice,
-    EffectParameter,
-    Outcomes,
-    RingEffect,
-    UNCLEAR,
-    Variant,
-)
+from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, UNCLEAR, Variant
 from saddlering_ros.effects.extension import Hysteron, RingExtension, Wear
 
 
@@ -38,9 +31,9 @@ def hysteron(limit: float, values: Mapping[str, float]) -> Hysteron:
     return Hysteron(limit, values['presliding'], values['sharpness'], values['initial'])
 
 
-LOOP_OUTCOMES = Outcomes(
-    second_rate='a loop of the same height',
-    repeat_cycle='a loop that repeats and stays open during the holds', pull_push=UNCLEAR)
+LOOP_OUTCOMES = {
+    'second_rate': 'a loop of the same height',
+    'repeat_cycle': 'a loop that repeats and stays open during the holds', 'pull_push': UNCLEAR}
 """What the tests on the rig show of friction."""
 
 

@@ -1,7 +1,5 @@
 """Friction in the cylinder: P = P_m - F z, z a hysteron over the measured load."""
 
-from dataclasses import replace
-
 from saddlering_ros.effects.base import EffectParameter
 from saddlering_ros.effects.common_shapes import FrictionEffect, LOOP_OUTCOMES, loop_parameters
 
@@ -13,9 +11,9 @@ class CylinderFriction(FrictionEffect):
              'show a loop, which has the same height in force units at every load and elevation.')
     settled_by = ('A reference load: a load cell between cylinder and trunnion, read while '
                   'loading and unloading.')
-    outcomes = replace(
-        LOOP_OUTCOMES,
-        reference_load='a difference that changes its sign between loading and unloading')
+    outcomes = {
+        **LOOP_OUTCOMES,
+        'reference_load': 'a difference that changes its sign between loading and unloading'}
     element = 'cylinder_friction'
     stage = 'load path'
     form = 0.1  # seals grip harder at rest and at higher pressure

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 from saddlering_ros.rig import Rig
 
 
@@ -14,8 +14,7 @@ class DampingLaw(RingEffect):
              'squeezed out; with a high power, damping then begins at one penetration.')
     settled_by = ('A second loading rate (x4): the lag scales with rate at each load, and its '
                   'shape over load stays.')
-    outcomes = Outcomes(
-        second_rate='a lag that keeps its shape over load and scales with the rate')
+    outcomes = {'second_rate': 'a lag that keeps its shape over load and scales with the rate'}
     stage = 'ring'
     form = 0.1  # the power of penetration and the saturation may differ between the rows
     parameters = (

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from saddlering_ros.effects import base
-from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
+from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension
 
 ALL_ROWS, RADIAL, AXIAL, EACH = 0.0, 1.0, 2.0, 3.0
@@ -18,10 +18,10 @@ class FilmCreep(RingEffect):
              'that remains at the end.')
     settled_by = ('A second loading rate (x4), and a repeat cycle with holds at zero and full '
                   'load: creep continues during the holds and fades.')
-    outcomes = Outcomes(
-        second_rate='a loop whose height depends on the rate',
-        repeat_cycle='a loop that closes during the holds', zero_load=base.UNCLEAR,
-        pull_push=base.UNCLEAR)
+    outcomes = {
+        'second_rate': 'a loop whose height depends on the rate',
+        'repeat_cycle': 'a loop that closes during the holds', 'zero_load': base.UNCLEAR,
+        'pull_push': base.UNCLEAR}
     stage = 'ring'
     form = 0.1  # films creep with more than one time constant
     parameters = (

@@ -1,6 +1,6 @@
 """Wrong gain of the load measurement: P = P_m / (1 + g)."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 
 
 class LoadGain(RingEffect):
@@ -11,9 +11,9 @@ class LoadGain(RingEffect):
              'the error.')
     settled_by = ('A reference load: a known weight or a calibrated load cell in line with the '
                   'cylinder.')
-    outcomes = Outcomes(
-        reference_load='a difference that is a fixed share of the load',
-        other_elevation='the same share of every displacement at both elevations')
+    outcomes = {
+        'reference_load': 'a difference that is a fixed share of the load',
+        'other_elevation': 'the same share of every displacement at both elevations'}
     stage = 'load path'
     parameters = (EffectParameter(
         'gain', '1', -0.3, 0.3, 0.03, 0.0, 'share by which the measured load is too large',

@@ -1,6 +1,6 @@
 """Bent load characteristic: P = P_m + 4 c P_m (P_fs - P_m) / P_fs."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 
 
 class LoadNonlinearity(RingEffect):
@@ -9,7 +9,7 @@ class LoadNonlinearity(RingEffect):
              'The error is a parabola over load, of equal size in force units in all channels, '
              'up and down alike.')
     settled_by = 'A reference load in several steps up to full scale.'
-    outcomes = Outcomes(reference_load='a difference that is largest at half load')
+    outcomes = {'reference_load': 'a difference that is largest at half load'}
     stage = 'load path'
     parameters = (EffectParameter(
         'curvature', '1', -0.1, 0.1, 0.01, 0.0,

@@ -1,6 +1,6 @@
 """Wrong zero of the load measurement: P = P_m - P0."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect, UNCLEAR
+from saddlering_ros.effects.base import EffectParameter, RingEffect, UNCLEAR
 
 
 class LoadOffset(RingEffect):
@@ -9,8 +9,8 @@ class LoadOffset(RingEffect):
              'of newtons in every run, so that it matters most at low load, where the clearances '
              'close.')
     settled_by = 'A zero-load record with the cylinder disconnected, or a reference load.'
-    outcomes = Outcomes(
-        reference_load='the same difference in newtons at every load', zero_load=UNCLEAR)
+    outcomes = {
+        'reference_load': 'the same difference in newtons at every load', 'zero_load': UNCLEAR}
     stage = 'load path'
     parameters = (EffectParameter(
         'offset', 'N', -15000.0, 8000.0, 2000.0, 0.0, 'reading of the load measurement at no load',

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, UNCLEAR, Variant
+from saddlering_ros.effects.base import EffectParameter, UNCLEAR, Variant
 from saddlering_ros.effects.common_shapes import ANY_PROBE, probe_variants, ProbeEffect
 from saddlering_ros.effects.extension import RingExtension
 
@@ -14,8 +14,8 @@ class MainsPickup(ProbeEffect):
              'oscillation at one frequency, at zero load too. At a low sampling rate this '
              'oscillation appears at another, lower frequency. A spectrum shows its frequency.')
     settled_by = 'A zero-load record at the highest sampling rate.'
-    outcomes = Outcomes(
-        zero_load='a line in the spectrum at constant preload', swapped_probes=UNCLEAR)
+    outcomes = {
+        'zero_load': 'a line in the spectrum at constant preload', 'swapped_probes': UNCLEAR}
     parameters = (
         EffectParameter('cosine', 'm', -2e-5, 2e-5, 1e-6, 0.0,
                         'part in phase with a cosine from the start of the run', amplitude=True,

@@ -1,6 +1,6 @@
 """Load applied higher or lower than assumed: y_t + e."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 
 
 class MomentArm(RingEffect):
@@ -10,9 +10,9 @@ class MomentArm(RingEffect):
              'both. The radial channel does not change.')
     settled_by = ('Measure the height of the loading axis over the ring, or hang a reference load '
                   'from a known arm.')
-    outcomes = Outcomes(
-        heights='another height of the loading axis than in the rig file',
-        other_elevation='a misfit of tilt and axial motion only')
+    outcomes = {
+        'heights': 'another height of the loading axis than in the rig file',
+        'other_elevation': 'a misfit of tilt and axial motion only'}
     stage = 'load path'
     channels = ('delta_y', 'gamma')
     parameters = (EffectParameter(

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 import math
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect, UNCLEAR
+from saddlering_ros.effects.base import EffectParameter, RingEffect, UNCLEAR
 from saddlering_ros.effects.extension import RingExtension
 
 
@@ -15,7 +15,7 @@ class OutOfRound(RingEffect):
              'zone and then a nearly constant offset.')
     settled_by = ('The ring slewed by 90 deg: the effect of an oval changes its sign, that of a '
                   'clearance does not.')
-    outcomes = Outcomes(slewed_ring='a misfit of the opposite sign', pull_push=UNCLEAR)
+    outcomes = {'slewed_ring': 'a misfit of the opposite sign', 'pull_push': UNCLEAR}
     stage = 'ring'
     channels = ('delta_x',)
     parameters = (

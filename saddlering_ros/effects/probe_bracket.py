@@ -1,6 +1,6 @@
 """A probe bracket that bends with load: d_i += b P."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes
+from saddlering_ros.effects.base import EffectParameter
 from saddlering_ros.effects.common_shapes import ProbeEffect
 
 
@@ -11,7 +11,7 @@ class ProbeBracket(ProbeEffect):
              'channels.')
     settled_by = ('Swapped probes: the error stays with the bracket; the ring slewed by 90 deg '
                   'does not change the error.')
-    outcomes = Outcomes(other_elevation='a misfit of one probe in the same proportion to the load')
+    outcomes = {'other_elevation': 'a misfit of one probe in the same proportion to the load'}
     parameters = (EffectParameter(
         'compliance', 'm/N', -2e-10, 2e-10, 2e-11, 0.0, 'motion of the bracket per unit of load',
         amplitude=True, adds_to='probe_bracket'),)

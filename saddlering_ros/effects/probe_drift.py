@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, Variant
+from saddlering_ros.effects.base import Choice, EffectParameter, Variant
 from saddlering_ros.effects.common_shapes import MOVES, probe_variants, ProbeEffect
 from saddlering_ros.effects.extension import RingExtension, with_probe
 
@@ -17,11 +17,10 @@ class ProbeDrift(ProbeEffect):
              'temperature. The error follows time and not the load, continues at rest, and leaves '
              'the loop open at zero.')
     settled_by = 'A zero-load record as long as a test.'
-    outcomes = Outcomes(
-        second_rate='a misfit that grows with the time and not with the load',
-        repeat_cycle='a misfit that continues to grow during the holds at preload',
-        zero_load='readings that drift at constant preload',
-        swapped_probes=MOVES)
+    outcomes = {
+        'second_rate': 'a misfit that grows with the time and not with the load',
+        'repeat_cycle': 'a misfit that continues to grow during the holds at preload',
+        'zero_load': 'readings that drift at constant preload', 'swapped_probes': MOVES}
     parameters = (
         EffectParameter('rate', 'm/s', -5e-7, 5e-7, 2e-8, 0.0, 'drift per second', amplitude=True),
         EffectParameter('both', 'm/s', -1e-6, 1e-6, 2e-8, 0.0,

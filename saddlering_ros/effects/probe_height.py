@@ -1,6 +1,6 @@
 """Radial probes higher than assumed: d1 and -d3 see delta_x + (h_s + h) gamma."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 
 
 class ProbeHeight(RingEffect):
@@ -10,9 +10,9 @@ class ProbeHeight(RingEffect):
              'channel has the shape of the tilt.')
     settled_by = ('Measure the height of probes 1 and 3 over the mid-plane; or record a run at '
                   'another elevation, where the ratio of tilt and radial force differs.')
-    outcomes = Outcomes(
-        heights='another height of probes 1 and 3 than in the rig file',
-        other_elevation='a radial misfit in proportion to the tilt')
+    outcomes = {
+        'heights': 'another height of probes 1 and 3 than in the rig file',
+        'other_elevation': 'a radial misfit in proportion to the tilt'}
     stage = 'measurement'
     channels = ('delta_x',)
     parameters = (EffectParameter(

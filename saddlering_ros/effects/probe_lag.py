@@ -1,6 +1,6 @@
 """Slow probe electronics: a low-pass of one or two stages on one or all probes."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, UNCLEAR, Variant
+from saddlering_ros.effects.base import EffectParameter, UNCLEAR, Variant
 from saddlering_ros.effects.common_shapes import ANY_PROBE, probe_variants, ProbeEffect
 
 
@@ -11,8 +11,8 @@ class ProbeLag(ProbeEffect):
              'nothing. A lag of all probes looks much like damping, and a lag of two stages much '
              'like a clock offset.')
     settled_by = 'A second loading rate (x4), with swapped probes if only one is slow.'
-    outcomes = Outcomes(
-        second_rate='a delay of the same time with rounded corners', swapped_probes=UNCLEAR)
+    outcomes = {
+        'second_rate': 'a delay of the same time with rounded corners', 'swapped_probes': UNCLEAR}
     parameters = (
         EffectParameter('time', 's', 0.0, 1.0, 0.03, 0.03,
                         'time constant of the low-pass, of both its stages together',

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes
+from saddlering_ros.effects.base import Choice, EffectParameter
 from saddlering_ros.effects.common_shapes import MOVES, ONE_PROBE, probe_variants, ProbeEffect
 from saddlering_ros.effects.extension import RingExtension
 
@@ -16,9 +16,9 @@ class ProbeSaturation(ProbeEffect):
              'and right below this level.')
     settled_by = ('The same test with the gap of that probe set wider or narrower at zero; '
                   'swapped probes.')
-    outcomes = Outcomes(
-        swapped_probes=MOVES,
-        other_gap='a flat part that moves to another load or disappears')
+    outcomes = {
+        'swapped_probes': MOVES,
+        'other_gap': 'a flat part that moves to another load or disappears'}
     parameters = (EffectParameter(
         'limit', 'm', 2e-6, 1e-3, 8e-5, 8e-5,
         'travel from zero at which the reading is cut off; large: never', amplitude=True,

@@ -1,6 +1,6 @@
 """A spring in series with the rollers: delta_x += c F_x."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 
 
 class RadialCompliance(RingEffect):
@@ -9,7 +9,7 @@ class RadialCompliance(RingEffect):
              'additional motion is a straight line over load, without loop and without damping, '
              'so that the radial stiffness imitates nearly all of it.')
     settled_by = 'A second loading rate (x4): the compliance has no damping, the rollers have.'
-    outcomes = Outcomes(other_elevation='a radial misfit in proportion to the radial force')
+    outcomes = {'other_elevation': 'a radial misfit in proportion to the radial force'}
     stage = 'ring'
     channels = ('delta_x',)
     parameters = (EffectParameter(

@@ -1,6 +1,6 @@
 """Ovalisation of the ring: d1 and d3 += c F_x, with the same sign."""
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 
 
 class RingOvalisation(RingEffect):
@@ -10,7 +10,7 @@ class RingOvalisation(RingEffect):
              'zero for a rigid ring. The parity is then a straight line over load, without loop.')
     settled_by = ('Swapped probes 1 and 3: ovalisation stays in the parity, a gain error of one '
                   'probe changes its sign.')
-    outcomes = Outcomes(other_elevation='a parity in proportion to the radial force')
+    outcomes = {'other_elevation': 'a parity in proportion to the radial force'}
     stage = 'ring'
     channels = ('parity',)
     parameters = (EffectParameter(

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from saddlering_ros.effects import base
-from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
+from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
 from saddlering_ros.effects.extension import RingExtension
 
 EACH = 3.0
@@ -20,12 +20,12 @@ class Settling(RingEffect):
              'second cycle to the same load shows no change.')
     settled_by = ('A repeat cycle with holds at zero and full load: the second cycle shows no '
                   'settling.')
-    outcomes = Outcomes(
-        second_rate='no misfit in the repeated test',
-        repeat_cycle='a misfit in the first cycle only',
-        swapped_probes='no misfit in the repeated test', slewed_ring=base.UNCLEAR,
-        other_elevation=base.UNCLEAR, other_gap='no misfit in the repeated test',
-        pull_push=base.UNCLEAR)
+    outcomes = {
+        'second_rate': 'no misfit in the repeated test',
+        'repeat_cycle': 'a misfit in the first cycle only',
+        'swapped_probes': 'no misfit in the repeated test', 'slewed_ring': base.UNCLEAR,
+        'other_elevation': base.UNCLEAR, 'other_gap': 'no misfit in the repeated test',
+        'pull_push': base.UNCLEAR}
     stage = 'ring'
     form = 0.05  # joints settle not quite in proportion to the load
     parameters = (

@@ -1,6 +1,6 @@
 """A spring in series with the rollers: gamma += c M."""
 
-from saddlering_ros.effects.base import Choice, EffectParameter, Outcomes, RingEffect, Variant
+from saddlering_ros.effects.base import Choice, EffectParameter, RingEffect, Variant
 
 TILT, EACH = 2.0, 3.0
 """The choices: tilt alone, or every coordinate by its own amount."""
@@ -13,7 +13,7 @@ class TiltCompliance(RingEffect):
              'without damping. A joint that bends unevenly moves the ring radially and axially '
              'too, each in proportion to its own force.')
     settled_by = 'A second loading rate (x4), or an inclinometer on the upper ring itself.'
-    outcomes = Outcomes(other_elevation='a misfit of the tilt in proportion to the tilting moment')
+    outcomes = {'other_elevation': 'a misfit of the tilt in proportion to the tilting moment'}
     stage = 'ring'
     parameters = (
         EffectParameter('compliance', 'rad/(N m)', 0.0, 5e-10, 1e-10, 1e-10,

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import EffectParameter, Outcomes, RingEffect
+from saddlering_ros.effects.base import EffectParameter, RingEffect
 from saddlering_ros.effects.extension import RingExtension
 
 
@@ -14,7 +14,7 @@ class UnequalRows(RingEffect):
              'the whole load range.')
     settled_by = ('Pull-push through zero load, which exchanges the parts of the two rows; '
                   'swapped probes 2 and 4 rule out the instruments.')
-    outcomes = Outcomes(pull_push='a misfit that changes its sign with the load')
+    outcomes = {'pull_push': 'a misfit that changes its sign with the load'}
     stage = 'ring'
     channels = ('delta_y', 'gamma')
     parameters = (EffectParameter(

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from saddlering_ros.effects.base import Outcomes, RingEffect, UNCLEAR, Variant
+from saddlering_ros.effects.base import RingEffect, UNCLEAR, Variant
 from saddlering_ros.effects.common_shapes import arc_parameters, KIND, KINDS, STARTS, worn_arc
 from saddlering_ros.effects.extension import RingExtension
 
@@ -14,8 +14,8 @@ class WornSectorRadial(RingEffect):
              'come into contact later. The radial channel is softer when the arc lies at the '
              'rear, where the load is, and right elsewhere.')
     settled_by = 'The ring slewed by 90 deg: the arc leaves the load zone.'
-    outcomes = Outcomes(
-        slewed_ring='a misfit that disappears or moves to another load', pull_push=UNCLEAR)
+    outcomes = {
+        'slewed_ring': 'a misfit that disappears or moves to another load', 'pull_push': UNCLEAR}
     stage = 'ring'
     form = 0.2  # worn arcs end softly, and no two rollers on them alike
     channels = ('delta_x',)
