@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import subprocess
 import time
 from typing import Any
 
@@ -41,6 +42,15 @@ def wait_until(condition: Callable[[], bool], seconds: float = 60.0, what: str =
         if time.monotonic() > deadline:
             raise AssertionError(f'not within {seconds:g} s: {what or condition}')
         time.sleep(0.01)
+
+
+@contextlib.contextmanager
+def ended(process: subprocess.Popen[Any]) -> Iterator[None]:
+    """Leave no process in the domain, whatever the test comes to."""
+    try:
+        yield
+    finally:
+        process.kill()
 
 
 class Client(ServedNode):

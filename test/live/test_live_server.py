@@ -14,6 +14,7 @@ from aiohttp import CookieJar
 from aiohttp.test_utils import TestClient, TestServer
 from colour_vision import APART, smallest_difference
 import pytest
+from rosnet import ended
 
 from saddlering_ros.cli.main import main
 from saddlering_ros.errors import LiveError
@@ -118,7 +119,7 @@ def test_the_command_says_where_its_page_is_and_ends_by_a_signal(ros_domain, tmp
     said = tmp_path / 'said.json'
     command = [sys.executable, '-m', 'saddlering_ros.cli.main', 'live', '--port', '0', '--json',
                str(said)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as live:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as live, ended(live):
         line = live.stdout.readline()
         told = json.loads(said.read_text())
         assert line.startswith(f'{told["url"]} shows ROS domain {ros_domain};')

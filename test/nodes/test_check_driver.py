@@ -10,8 +10,8 @@ import sys
 
 import numpy as np
 import pytest
-from rosnet import Client, wait_until
-from test_examples import ended, start
+from rosnet import Client, ended, wait_until
+from test_examples import start
 
 from saddlering_ros.doubts.driver import check_driver, HeardTopic
 from saddlering_ros.doubts.finding import FAULT, NOTE

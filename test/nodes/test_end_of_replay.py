@@ -13,7 +13,7 @@ from typing import Any
 
 from node_server import NodeServer
 import pytest
-from rosnet import Client, wait_until
+from rosnet import Client, ended, wait_until
 from std_srvs.srv import Trigger
 
 from saddlering_interfaces.msg import ReplayProgress
@@ -111,7 +111,7 @@ def test_a_reader_that_had_no_processor_still_gets_the_end_of_a_test(
         'timeout': 1.0})  # for which it waits for a stopped reader that it has not found yet
     wait_until(lambda: 'paused' in clock.said(), 80.0, 'the clock is ready')
     with subprocess.Popen([sys.executable, '-c', READER, str(ros_domain), str(count)],
-                          stdout=subprocess.PIPE, text=True) as reader:
+                          stdout=subprocess.PIPE, text=True) as reader, ended(reader):
         assert reader.stdout is not None
         assert reader.stdout.readline() == 'matched\n'
         # The reader may know of the node before the node knows of it, which then sends it nothing.

@@ -15,7 +15,7 @@ import pytest
 from rclpy.action import ActionServer
 from rclpy.task import Future
 from ros_domains import DomainLease
-from rosnet import Client, Driver, wait_until
+from rosnet import Client, Driver, ended, wait_until
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
@@ -30,15 +30,6 @@ def start(group: NodeGroup, name: str, *arguments: str) -> subprocess.Popen[str]
     return subprocess.Popen([sys.executable, '-u', EXAMPLES / name, *arguments], text=True,
                             env=group.environment, stdout=subprocess.PIPE,
                             stderr=subprocess.STDOUT)
-
-
-@contextlib.contextmanager
-def ended(process: subprocess.Popen[str]) -> Iterator[None]:
-    """Leave no process in the domain, whatever the test comes to."""
-    try:
-        yield
-    finally:
-        process.kill()
 
 
 @pytest.fixture(scope='module')
