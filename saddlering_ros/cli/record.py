@@ -2,9 +2,9 @@
 
 import argparse
 import atexit
+import math
 import signal
 import sys
-import threading
 import time
 
 from saddlering_ros.cli import _arguments as arguments
@@ -47,10 +47,10 @@ def run(args: argparse.Namespace) -> int:
         facts = TestMetadata(args.test, args.elevation, details=facts).as_text()
     domain = arguments.domain_of(args)
     prepare_middleware()
-    told_to_end = threading.Event()
+    told_to_end: list[int] = []  # no Event: a handler would wait for ever for a lock of its thread
     for name in ('SIGINT', 'SIGTERM', 'SIGHUP'):  # heard, too, while the bag is being closed
         number = getattr(signal, name)
-        signal.signal(number, lambda *_: told_to_end.set())
+        signal.signal(number, lambda number, _: told_to_end.append(number))
         # At its end the interpreter restores the default, by which a repeated signal kills.
         atexit.register(signal.signal, number, signal.SIG_IGN)
     began = time.monotonic()
@@ -58,9 +58,9 @@ def run(args: argparse.Namespace) -> int:
                    namespace=namespace_of(args.namespace)) as node:
         if args.json != '-':
             print(f'recording ROS domain {domain} into {args.out}; Ctrl-C ends it', flush=True)
-        while not node.done and not told_to_end.wait(0.05):
-            if args.duration is not None and time.monotonic() - began >= args.duration:
-                break
+        end = began + (args.duration or math.inf)
+        while not (node.done or told_to_end or time.monotonic() >= end):
+            time.sleep(0.05)
         contradiction = node.settle_rig()
     if contradiction:
         print(f'note: {contradiction}', file=sys.stderr)
