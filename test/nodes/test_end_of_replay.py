@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import ReplayProgress
 from saddlering_ros.bags import read_raw
 from saddlering_ros.cli.main import main
-from saddlering_ros.ros.launcher import NodeGroup
+from saddlering_ros.ros.launcher import NodeGroup, ros_arguments
 from saddlering_ros.ros.messages import LockstepGroup
 
 
@@ -73,6 +73,13 @@ def test_progress_that_does_not_belong_together_or_is_of_nobody_waited_for_is_no
     assert group.absent() == ['reader: nothing received']
 
 
+PATIENT_LOAD = """
+import sys
+from saddlering_ros.ros import streaming_node
+streaming_node.LONGEST_HAND_OVER = 60.0  # how fast this machine lets the reader go on is no matter
+from saddlering_ros.nodes.hydraulic_load import main
+main(sys.argv[1:])
+"""
 READER = """
 import os, sys, time
 from saddlering_ros.ros.launcher import prepare_middleware
@@ -85,8 +92,7 @@ flow = RawSubscription(rclpy.create_node('reader'), 'rig/hydraulic_load', Wrench
 while not flow.publishers():
     time.sleep(0.01)
 print('matched', flush=True)
-end = time.monotonic() + 30.0
-while flow.received < int(sys.argv[2]) and flow.publishers() and time.monotonic() < end:
+while flow.received < int(sys.argv[2]) and flow.publishers():
     flow.take()
     time.sleep(0.01)
 flow.take()
@@ -104,14 +110,16 @@ def test_a_reader_that_had_no_processor_still_gets_the_end_of_a_test(
         return said is not None and min(said.subscriptions) > 0
 
     count = len(read_raw(bag)['/rig/hydraulic_load'])
-    load = group.start('hydraulic_load', {'bag': str(bag)})
     clock = group.start('replay_clock', {
         'bag': str(bag), 'lockstep': True, 'rate': 0.0, 'exit_at_end': True, 'start_paused': True,
         'participants': ['hydraulic_load'],
         'timeout': 1.0})  # for which it waits for a stopped reader that it has not found yet
-    wait_until(lambda: 'paused' in clock.said(), 80.0, 'the clock is ready')
-    with subprocess.Popen([sys.executable, '-c', READER, str(ros_domain), str(count)],
-                          stdout=subprocess.PIPE, text=True) as reader, ended(reader):
+    with subprocess.Popen(
+            [sys.executable, '-c', PATIENT_LOAD, *ros_arguments({'bag': str(bag)})],
+            env=group.environment) as load, ended(load), subprocess.Popen(
+            [sys.executable, '-c', READER, str(ros_domain), str(count)],
+            stdout=subprocess.PIPE, text=True) as reader, ended(reader):
+        wait_until(lambda: 'paused' in clock.said(), 80.0, 'the clock is ready')
         assert reader.stdout is not None
         assert reader.stdout.readline() == 'matched\n'
         # The reader may know of the node before the node knows of it, which then sends it nothing.
@@ -119,7 +127,7 @@ def test_a_reader_that_had_no_processor_still_gets_the_end_of_a_test(
         reader.send_signal(signal.SIGSTOP)
         assert heard.call(Trigger, '/replay_clock/play').success
         wait_until(lambda: 'at its end' in clock.said(), 80.0, 'the end of the bag')
-        load.process.send_signal(signal.SIGINT)
+        load.send_signal(signal.SIGINT)
         time.sleep(0.2)
         reader.send_signal(signal.SIGCONT)
         assert reader.stdout.readline() == f'{count}\n'
