@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from saddlering_ros import discrepancy
 from saddlering_ros.diagnosis.rig_dimensions import changed_title
 from saddlering_ros.diagnosis.ring_system import RingSystem
-from saddlering_ros.discrepancy import Diagnosis, Effect, Parameter, Point, RunBlocks
+from saddlering_ros.discrepancy import (
+    Diagnosis,
+    Effect,
+    Neighbourhood,
+    Parameter,
+    Point,
+    RunBlocks,
+)
 from saddlering_ros.effects import catalogue
 from saddlering_ros.rig import Instruments, PARAMETER_NAMES, Rig
 
@@ -119,12 +126,12 @@ class TwoSessions:
         session = self.session_of(run)
         return self.ring.predict_many(run, [seen_in(session, point) for point in points])
 
-    def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> SessionNeighbourhoods:
-        return SessionNeighbourhoods(self, {
+    def neighbourhood(self, groups: Sequence[Sequence[Point]]) -> Neighbourhood:
+        by_session = {
             session: self.ring.neighbourhood(
                 [[seen_in(session, point) for point in group] for group in groups])
-            for session in (EARLIER, LATER)
-        })
+            for session in (EARLIER, LATER)}
+        return lambda run: by_session[self.session_of(run)](run)
 
     def targets(self, run: RunBlocks, point: Point) -> dict[str, Array]:
         return self.ring.targets(run, seen_in(self.session_of(run), point))
@@ -177,18 +184,6 @@ def in_one_session(effect: Effect) -> Effect:
     sessions = (LATER, EARLIER) if effect.one_sided else (LATER,)
     return replace(effect, variants=tuple(
         {**variant, SESSION: session} for session in sessions for variant in effect.variants))
-
-
-@dataclass(frozen=True)
-class SessionNeighbourhoods:
-    """Groups of points, prepared for the runs of each session."""
-
-    system: TwoSessions
-    by_session: Mapping[float, discrepancy.Neighbourhood]
-
-    def predict(self, run: RunBlocks) -> list[Array]:
-        """Channels (B, C, N) of each group."""
-        return self.by_session[self.system.session_of(run)].predict(run)
 
 
 def seen_in(session: float, point: Point) -> Point:

@@ -58,7 +58,8 @@ def changed_title(effect_id: str) -> str:
 
 def entry_of(effect_id: str) -> str:
     """The entry of the rig file whose error an effect is or would look like; '' for others."""
-    return DIMENSIONS[effect_id].entry if effect_id in DIMENSIONS else ENTRIES.get(effect_id, '')
+    return (f'rig.{DIMENSIONS[effect_id].entry}' if effect_id in DIMENSIONS else
+            ENTRIES.get(effect_id, ''))
 
 
 def entries_of(rig: Rig, causes: Sequence[Cause]) -> list[str]:
@@ -90,45 +91,46 @@ def without_dimensions(point: Point) -> Point:
                               if not title_of_dimension(name)})
 
 
-class NeighbourhoodsByRig:
+def neighbourhood_by_rig(
+    rig: Rig, groups: Sequence[Sequence[Point]],
+    prepare: Callable[[Rig, list[list[Point]]], Neighbourhood],
+) -> Neighbourhood:
     """Groups of points of which some have another rig: those of one rig are prepared together.
 
     prepare: the neighbourhood of points on a rig. Signs of the channels act on its readings.
     """
+    rigs: dict[tuple[tuple[str, float], ...], dict[int, list[int]]] = {}
+    for number, group in enumerate(groups):
+        for row, point in enumerate(group):
+            key = tuple((name, values['change']) for name, values in point.effects.items()
+                        if name in DIMENSIONS)
+            rigs.setdefault(key, {}).setdefault(number, []).append(row)
+    # For each rig its points, and the group and the rows of each of its groups.
+    parts: list[tuple[Neighbourhood, list[tuple[int, list[int]]]]] = []
+    for key, places in rigs.items():
+        changed = rig
+        for name, change in key:
+            changed = DIMENSIONS[name].changed(changed, change)
+        own = [[without_dimensions(groups[number][row]) for row in rows]
+               for number, rows in places.items()]
+        parts.append((prepare(changed, own), list(places.items())))
+    # Factors (B, C) of each group.
+    none = {'probe': 0.0, 'reversal': 0.0}
+    signs = [np.array([
+        [1.0 - 2.0 * reversed_['reversal'] * (number == reversed_['probe'])
+         for number in rig.probes.present]
+        for reversed_ in (point.effects.get(REVERSED, none) for point in group)])
+        for group in groups]
 
-    def __init__(self, rig: Rig, groups: Sequence[Sequence[Point]],
-                 prepare: Callable[[Rig, list[list[Point]]], Neighbourhood]) -> None:
-        rigs: dict[tuple[tuple[str, float], ...], dict[int, list[int]]] = {}
-        for number, group in enumerate(groups):
-            for row, point in enumerate(group):
-                key = tuple((name, values['change']) for name, values in point.effects.items()
-                            if name in DIMENSIONS)
-                rigs.setdefault(key, {}).setdefault(number, []).append(row)
-        # For each rig its points, and the group and the rows of each of its groups.
-        self._parts: list[tuple[Neighbourhood, list[tuple[int, list[int]]]]] = []
-        for key, places in rigs.items():
-            changed = rig
-            for name, change in key:
-                changed = DIMENSIONS[name].changed(changed, change)
-            own = [[without_dimensions(groups[number][row]) for row in rows]
-                   for number, rows in places.items()]
-            self._parts.append((prepare(changed, own), list(places.items())))
-        # Factors (B, C) of each group.
-        none = {'probe': 0.0, 'reversal': 0.0}
-        self._signs = [np.array([
-            [1.0 - 2.0 * reversed_['reversal'] * (number == reversed_['probe'])
-             for number in rig.probes.present]
-            for reversed_ in (point.effects.get(REVERSED, none) for point in group)])
-            for group in groups]
-
-    def predict(self, run: RunBlocks) -> list[NDArray[np.float64]]:
-        """Points (B, C, N) of each group."""
-        answers = [np.empty((*sign.shape, run.time.size)) for sign in self._signs]
-        for neighbourhood, places in self._parts:
-            for (group, rows), values in zip(places, neighbourhood.predict(run), strict=True):
+    def predict(run: RunBlocks) -> list[NDArray[np.float64]]:
+        answers = [np.empty((*sign.shape, run.time.size)) for sign in signs]
+        for neighbourhood, places in parts:
+            for (group, rows), values in zip(places, neighbourhood(run), strict=True):
                 answers[group][rows] = values
         return [answer * sign[:, :, None]
-                for answer, sign in zip(answers, self._signs, strict=True)]
+                for answer, sign in zip(answers, signs, strict=True)]
+
+    return predict
 
 
 def certificate_notes(rig: Rig, causes: Iterable[Cause]) -> list[str]:

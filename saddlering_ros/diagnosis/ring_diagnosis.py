@@ -25,8 +25,8 @@ from saddlering_ros.rig import PARAMETER_NAMES, ParameterSet, Rig
 
 def diagnose_ring(
     runs: Sequence[Record], hold_out: Sequence[Record] = (), *, rig: Rig,
-    parameters: ParameterSet | None = None, seed: int = 0, settings: Settings | None = None,
-    on_progress: OnProgress | None = None, is_cancelled: IsCancelled | None = None,
+    parameters: ParameterSet | None = None, seed: int = 0, on_progress: OnProgress | None = None,
+    is_cancelled: IsCancelled | None = None,
 ) -> verdict.Verdict:
     """Diagnosis of the simulation of `rig` on runs, judged on `hold_out` if given.
 
@@ -56,7 +56,7 @@ def diagnose_ring(
     diagnosis = discrepancy.diagnose(
         system, fitted,
         hold_out=[record.run for record in records if record.run.held_out],
-        settings=settings or Settings(seed=seed), start=start, proposals=propose(rig, fitted),
+        settings=Settings(seed=seed), start=start, proposals=propose(rig, fitted),
         on_progress=on_progress, is_cancelled=is_cancelled)
     figures = tuple(
         verdict.run_figures(rig, diagnosis, record, prediction.before, prediction.after)

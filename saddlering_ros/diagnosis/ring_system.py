@@ -48,49 +48,44 @@ KEPT_POINTS = 4096
 """Number of stored extensions, because every run is simulated at the same effects."""
 
 
-class RingNeighbourhood:
-    """Groups of points of a ring, prepared for any run."""
+def by_tangents(system: RingSystem, groups: Sequence[Sequence[Point]]) -> Neighbourhood:
+    """The first point of each group simulated in any run, and its neighbours by exact tangents.
 
-    def __init__(self, system: RingSystem, groups: Sequence[Sequence[Point]]) -> None:
-        self._system, self._groups = system, groups
-        self._candidates = [[(point.base, system.extension(point)) for point in group]
-                            for group in groups]
-        self._has_laws = any(system.laws(group[0]) for group in groups)
-        # Whether a point after the first of its group has a tangent.
-        self._near = [[has_tangent(group[0], other) for other in group[1:]]
-                      for group in self._candidates]
-        self._passes = Neighbourhoods(system.rig, [
-            (group[0], list(compress(group[1:], own)))
-            for group, own in zip(self._candidates, self._near, strict=True) if any(own)])
+    A neighbour without a tangent is simulated, and so is a point without any that has one.
+    """
+    candidates = [[(point.base, system.extension(point)) for point in group] for group in groups]
+    # Whether a point after the first of its group has a tangent.
+    tangents = [[has_tangent(group[0], other) for other in group[1:]] for group in candidates]
+    passes = Neighbourhoods(system.rig, [
+        (group[0], list(compress(group[1:], own)))
+        for group, own in zip(candidates, tangents, strict=True) if any(own)])
 
-    def predict(self, run: RunBlocks) -> list[Array]:
-        """Points (B, C, N) of each group: the first simulated, its neighbours by exact tangents.
-
-        A neighbour without a tangent is simulated, and so is a point without any that has one.
-        """
-        if self._has_laws:
-            return [self._system.predict_many(run, group) for group in self._groups]
+    def predict(run: RunBlocks) -> list[Array]:
+        if any(system.laws(group[0]) for group in groups):
+            return [system.predict_many(run, group) for group in groups]
         # By tangents; NaN for a point that must be simulated.
         grid: LoadGrid = run.payload
-        seen, answers = self._system.seen, []
-        responses = iter(self._passes.along(grid.elevation, grid.time, grid.load, grid.zero_load,
-                                            grid.max_step, (grid.first, grid.last)))
-        for near in self._near:
+        answers = []
+        responses = iter(passes.along(grid.elevation, grid.time, grid.load, grid.zero_load,
+                                      grid.max_step, (grid.first, grid.last)))
+        for near in tangents:
             answer = np.full((1 + len(near), *run.channels.shape), np.nan)
             if any(near):
                 response = next(responses)
-                answer[0] = response.centre[seen]
-                answer[1:][near] = response.neighbours[:, seen]
+                answer[0] = response.centre[system.seen]
+                answer[1:][near] = response.neighbours[:, system.seen]
             answers.append(answer)
         missing = [
             (answer, index, candidate)
-            for answer, group in zip(answers, self._candidates, strict=True)
+            for answer, group in zip(answers, candidates, strict=True)
             for index, candidate in enumerate(group) if not np.isfinite(answer[index]).all()]
         if missing:
-            simulated = self._system.simulated(run, [candidate for _, _, candidate in missing])
+            simulated = system.simulated(run, [candidate for _, _, candidate in missing])
             for (answer, index, _), values in zip(missing, simulated, strict=True):
                 answer[index] = values
         return [np.clip(answer, -10.0 * FAILED, 10.0 * FAILED) for answer in answers]
+
+    return predict
 
 
 @dataclass(frozen=True)
@@ -161,7 +156,7 @@ class RingSystem:
 
     def predict_many(self, run: RunBlocks, points: Sequence[Point]) -> Array:
         if any(map(rig_dimensions.has_dimensions, points)):
-            return np.concatenate(self._by_rig([[point] for point in points]).predict(run))
+            return np.concatenate(self._by_rig([[point] for point in points])(run))
         candidates = [(point.base, self.extension(point)) for point in points]
         answer, grid = self.simulated(run, candidates), run.payload
         for number, point in enumerate(points):
@@ -180,13 +175,13 @@ class RingSystem:
         """Groups of points with their extensions, and the tangents that each group allows."""
         if any(rig_dimensions.has_dimensions(point) for group in groups for point in group):
             return self._by_rig(groups)
-        return RingNeighbourhood(self, groups)
+        return by_tangents(self, groups)
 
-    def _by_rig(self, groups: Sequence[Sequence[Point]]) -> rig_dimensions.NeighbourhoodsByRig:
+    def _by_rig(self, groups: Sequence[Sequence[Point]]) -> Neighbourhood:
         """The groups, with the points of each rig together."""
-        return rig_dimensions.NeighbourhoodsByRig(
+        return rig_dimensions.neighbourhood_by_rig(
             self.rig, groups,
-            lambda rig, own: replace(self, rig=rig, bounds_rig=self.rig).neighbourhood(own))
+            lambda rig, own: by_tangents(replace(self, rig=rig, bounds_rig=self.rig), own))
 
     def simulated(
         self, run: RunBlocks, candidates: Sequence[tuple[Array, RingExtension]]

@@ -267,15 +267,6 @@ def _sound_words(document: VerdictDocument) -> str:
             f'({percent(misfit)} of range in {name}, {but}), ')
 
 
-def _unseen_errors(document: VerdictDocument) -> str:
-    """With `none`, the errors of the rig file that these data might not show."""
-    sizes = [f'{ENTRIES[limit["effect"]]} {quantity(limit["limit"], limit["unit"], digits=2)}'
-             for limit in document.get('detection_limits') or []
-             if limit['effect'] in ENTRIES and limit['testable']]
-    return ('Errors of the rig file below these sizes may not show: '
-            f'{", ".join(sizes)}.') if sizes and document['verdict'] == 'none' else ''
-
-
 def gain_sentence(document: VerdictDocument) -> str:
     """The misfit reduction of the extension, with that on held-out runs if there are some."""
     gain = document.get('gain')
@@ -293,30 +284,22 @@ def gain_sentence(document: VerdictDocument) -> str:
 def size_of(cause: CauseEntry) -> str:
     """Place and size of a cause, and others: 'probe 2 gain +3.0 ± 0.2 % or probe 4 gain -3 %'.
 
-    Of several sizes the main ones; that of a steady line: 'amplitude 2.10 µm at 50.0 Hz'.
+    Of several sizes those that move most, each as a multiple of its typical size, without what
+    its 95 % interval leaves open. Of a steady line: 'amplitude 2.10 µm at 50.0 Hz'.
     """
-    fitted = sizes_of(cause)
-    sizes = ', '.join(_size_words(cause['effect'], main_sizes(cause['effect'], fitted)))
-    words = ' '.join(filter(None, (place_of(cause), sizes)))
-    if _is_line(cause['effect']):
-        words += f' at {quantity(fitted["frequency"]["value"], fitted["frequency"]["unit"])}'
-    return words + elsewhere_words(cause)
-
-
-def main_sizes(effect_id: str, sizes: Mapping[str, SizeEntry]) -> dict[str, SizeEntry]:
-    """The sizes that move most, each as a multiple of its typical size; else the first one.
-
-    A size counts without what its 95 % interval leaves open.
-    """
-    effect, moved = catalogue().get(effect_id), {}
+    fitted, effect, moved = sizes_of(cause), catalogue().get(cause['effect']), {}
     for parameter in effect.parameters if effect is not None else ():
-        if parameter.amplitude and parameter.name in sizes:
-            size = sizes[parameter.name]
+        if parameter.amplitude and parameter.name in fitted:
+            size = fitted[parameter.name]
             sure = abs(size['value'] - parameter.neutral) - WIDTH_95 * size['std']
             moved[parameter.name] = max(sure, 0.0) / parameter.scale
     most = max(moved.values(), default=0.0)
     main = [name for name in moved if most and moved[name] >= MAIN_SIZE * most]
-    return {name: sizes[name] for name in main or list(sizes)[:1]}
+    words = ' '.join(filter(None, (place_of(cause), ', '.join(_size_words(
+        cause['effect'], {name: fitted[name] for name in main or list(fitted)[:1]})))))
+    if _is_line(cause['effect']):
+        words += f' at {quantity(fitted["frequency"]["value"], fitted["frequency"]["unit"])}'
+    return words + elsewhere_words(cause)
 
 
 def elsewhere_words(cause: CauseEntry) -> str:
@@ -429,8 +412,12 @@ def document_text(document: VerdictDocument) -> str:
     verdict = document['verdict']
     lines = [verdict_line(verdict), headline(document),
              partial_words(document), gain_sentence(document),
-             *wording.certainty_lines(document, lowered_titles), tried(document),
-             _unseen_errors(document)]
+             *wording.certainty_lines(document, lowered_titles), tried(document)]
+    sizes = [f'{ENTRIES[limit["effect"]]} {quantity(limit["limit"], limit["unit"], digits=2)}'
+             for limit in document.get('detection_limits') or []
+             if limit['effect'] in ENTRIES and limit['testable']]
+    if sizes and verdict == 'none':
+        lines.append(f'Errors of the rig file below these sizes may not show: {", ".join(sizes)}.')
     if document['next_test']:
         lines.append(f'next test: {document["next_test"]}')
     lines = [*filter(None, lines), '']

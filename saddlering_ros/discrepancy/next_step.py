@@ -288,7 +288,7 @@ def _seen_by(
     if proposal.as_made is not None:
         made = [[proposal.as_made(point) for point in group] for group in made]
     if isinstance(problem.system, systems.SystemWithTangents):
-        answers = problem.system.neighbourhood(made).predict(proposal.run)
+        answers = problem.system.neighbourhood(made)(proposal.run)
     else:
         answers = [problem.simulate(proposal.run, group) for group in made]
     views = []

@@ -323,6 +323,11 @@ FIELDS = {'middle_row': 'radial_row'}
 """Fields of a Rig by the names of rig files where these differ; the hash is that of the files'."""
 
 
+def place_of(entry: str) -> list[str]:
+    """Field of a `Rig`, and of its part, that hold an entry of a file: 'middle_row.height'."""
+    return [FIELDS.get(name, name) for name in entry.split('.')]
+
+
 def short_digest(digest: str) -> str:
     """The first digits, for people: enough to distinguish the rigs of one firm."""
     return digest[:12]

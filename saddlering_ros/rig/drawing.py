@@ -17,7 +17,7 @@ import yaml
 from saddlering_ros.errors import did_you_mean
 from saddlering_ros.files import whole_file
 from saddlering_ros.plain_yaml import parse_strict_yaml
-from saddlering_ros.rig.description import FIELDS, Rig, rig_from_parameters, short_digest
+from saddlering_ros.rig.description import place_of, Rig, rig_from_parameters, short_digest
 from saddlering_ros.rig.parameter_file import plain_exponents, RigError, unfold
 
 if TYPE_CHECKING:
@@ -192,8 +192,7 @@ def entry_values(rig: Rig) -> dict[str, Any]:
     """The value of every entry, as a rig file states it."""
     values = {}
     for name, _ in ENTRIES:
-        section, dot, key = name.rpartition('.')
-        values[name] = attrgetter(f'{FIELDS.get(section, section)}{dot}{key}')(rig)
+        values[name] = attrgetter('.'.join(place_of(name)))(rig)
     values['probes.polarity'] = [int(sign) for sign in rig.probes.polarity]
     return values
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from saddlering_ros.effects.extension import NO_EXTENSION, RingExtension, with_probe
 from saddlering_ros.rig import Rig
+from saddlering_ros.rig.description import place_of
 
 SmallError = Mapping[str, Mapping[str, float]]
 """Sizes by parameter, by the id of an effect or a dimension."""
@@ -19,7 +20,7 @@ SmallError = Mapping[str, Mapping[str, float]]
 
 @dataclass(frozen=True)
 class Dimension:
-    """An entry of the rig file, and the part of a `Rig` and its field that have it.
+    """An entry of the rig file.
 
     usual: an error [unit] that a wrong drawing would give; reach: the largest that is searched;
     least: the smallest possible value.
@@ -30,34 +31,28 @@ class Dimension:
     unit: str
     usual: float
     reach: float
-    part: str
-    field: str
     least: float = -np.inf
 
     def read(self, rig: Rig) -> float:
-        return float(getattr(getattr(rig, self.part), self.field))
+        part, field = place_of(self.entry)
+        return float(getattr(getattr(rig, part), field))
 
     def changed(self, rig: Rig, change: float) -> Rig:
         """The rig with another value of the entry."""
-        return rig.changed(self.part, self.field, change)
+        part, field = place_of(self.entry)
+        return rig.changed(part, field, change)
 
 
 DIMENSIONS: Mapping[str, Dimension] = {
-    'rig_weight': Dimension(
-        'rig.carriage.weight', 'Weight', 'N', 8e3, 1e5, 'carriage', 'weight', 0.0),
-    'rig_weight_x': Dimension(
-        'rig.carriage.weight_x', 'Place of the weight', 'm', 0.05, 1.0, 'carriage', 'weight_x'),
-    'rig_trunnion_x': Dimension(
-        'rig.trunnion.x', 'trunnion.x', 'm', 0.05, 0.5, 'trunnion', 'x'),
+    'rig_weight': Dimension('carriage.weight', 'Weight', 'N', 8e3, 1e5, 0.0),
+    'rig_weight_x': Dimension('carriage.weight_x', 'Place of the weight', 'm', 0.05, 1.0),
+    'rig_trunnion_x': Dimension('trunnion.x', 'trunnion.x', 'm', 0.05, 0.5),
     'rig_axial_span': Dimension(
-        'rig.probes.axial_span', 'Span of the axial probes', 'm', 0.03, 0.6, 'probes',
-        'axial_span', 0.1),
+        'probes.axial_span', 'Span of the axial probes', 'm', 0.03, 0.6, 0.1),
     'rig_axial_radius': Dimension(
-        'rig.axial_rows.pitch_radius', 'Pitch radius of the axial rows', 'm', 0.02, 0.3,
-        'axial_rows', 'pitch_radius', 0.1),
+        'axial_rows.pitch_radius', 'Pitch radius of the axial rows', 'm', 0.02, 0.3, 0.1),
     'rig_radial_row_height': Dimension(
-        'rig.middle_row.height', 'Height of the radial row', 'm', 0.02, 0.3, 'radial_row',
-        'height')}
+        'middle_row.height', 'Height of the radial row', 'm', 0.02, 0.3)}
 """By the id of the effect."""
 
 ROWS: Mapping[str, tuple[str, ...]] = {

@@ -29,8 +29,8 @@ def test_the_model_of_three_probes_is_that_of_four_without_the_third(campaign):
     np.testing.assert_array_equal(less.predict_many(three, [point])[0],
                                   whole.predict_many(four, [point])[0][rows])
     groups = [[point, Point(1.001 * point.base, point.effects)]]
-    ours, = less.neighbourhood(groups).predict(three)
-    theirs, = whole.neighbourhood(groups).predict(four)
+    ours, = less.neighbourhood(groups)(three)
+    theirs, = whole.neighbourhood(groups)(four)
     np.testing.assert_array_equal(ours, theirs[:, rows])
     motion = np.array([3e-5, 1e-5, -3e-5, 2e-5])
     for view, weights in less.views.items():

@@ -163,7 +163,7 @@ def test_neighbours_of_a_point_are_what_simulations_of_them_give(run):
     ahead = {**friction, 'probe_gain': {'gain': 1e-5, 'probe': 1}}
     group = [Point(values, friction), Point(law, friction), Point(values, rougher),
              Point(values, oval), Point(values, ahead)]
-    found, oval_alone = system.neighbourhood([group, [group[0], group[3]]]).predict(run)
+    found, oval_alone = system.neighbourhood([group, [group[0], group[3]]])(run)
     simulated = system.predict_many(run, group)
     assert np.array_equal(oval_alone, found[[0, 3]])
     assert found[0] == pytest.approx(simulated[0], abs=1e-13)
@@ -247,8 +247,8 @@ def test_a_dimension_of_the_rig_file_is_a_cause_like_any_other(run):
     np.testing.assert_allclose(seen[:2], [usual, expected], rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(seen[2], usual * np.array([1.0, 1.0, 1.0, -1.0])[:, None])
     group = [span, Point(1.0001 * base, span.effects), stiffer]
-    near = system.neighbourhood([group]).predict(run)[0]
-    own = RingSystem(wider).neighbourhood([[plain, stiffer]]).predict(run)[0]
+    near = system.neighbourhood([group])(run)[0]
+    own = RingSystem(wider).neighbourhood([[plain, stiffer]])(run)[0]
     np.testing.assert_allclose(near[:2], own, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(near[2:], system.predict_many(run, [stiffer]), atol=1e-12)
 

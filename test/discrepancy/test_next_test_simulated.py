@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -109,8 +108,7 @@ class Tangents(Spring):
     """The same with its neighbourhoods, so that its best tests are judged by refits."""
 
     def neighbourhood(self, groups):
-        return SimpleNamespace(predict=lambda run: [self.predict_many(run, group)
-                                                    for group in groups])
+        return lambda run: [self.predict_many(run, group) for group in groups]
 
 
 def test_refits_of_a_linear_system_promise_what_its_forecasts_do(monkeypatch):

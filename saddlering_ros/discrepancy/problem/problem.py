@@ -237,7 +237,7 @@ class Problem:
             return np.split(answers, ends[:-1], axis=1)
         self.simulations += int(ends[-1])
         prepared = self.system.neighbourhood(groups)
-        runs = [prepared.predict(run) for run in self.runs]
+        runs = [prepared(run) for run in self.runs]
         self.watch.work(int(ends[-1]) / self.usual_simulations)
         return [np.concatenate([answer.reshape(len(answer), -1) for answer in parts], axis=1).T
                 for parts in zip(*runs, strict=True)]

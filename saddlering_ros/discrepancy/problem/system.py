@@ -324,12 +324,8 @@ class System(Protocol):
         ...
 
 
-class Neighbourhood(Protocol):
-    """Groups of points, made once for all runs."""
-
-    def predict(self, run: RunBlocks) -> list[Array]:
-        """Channels (B, C, N) of `run` for every group."""
-        ...
+Neighbourhood = Callable[[RunBlocks], list[Array]]
+"""Channels (B, C, N) of a run for every group of points, which are prepared once for all runs."""
 
 
 @runtime_checkable
