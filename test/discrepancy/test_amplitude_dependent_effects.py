@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from saddlering_ros.discrepancy import Effect, Parameter
 from saddlering_ros.discrepancy.problem.fits import Candidate, Fit
 from saddlering_ros.discrepancy.problem.system import Point
-from saddlering_ros.discrepancy.search.ranking import rank
+from saddlering_ros.discrepancy.search.ranking import best_pairs, rank
 from saddlering_ros.discrepancy.search.signatures import Signature, with_amplitude_dependence
 
 TIME = np.linspace(0.0, 1.0, 200)
@@ -53,3 +55,24 @@ def test_a_straight_effect_starts_at_the_size_that_fits() -> None:
     name, start = best(31.0 * (TIME - TIME.mean()))
     assert name == 'gain'
     assert abs(start - 0.31) < 1e-6
+
+
+def test_no_law_is_tried_beside_one_that_it_contains() -> None:
+    """Friction in all rows had a radial force of 40 kN beside that of the radial row, which took
+    its place; without the latter it acted, and friction of 435 N seemed to move most (ring 433).
+    """
+    wide = Effect('gain', GAIN.parameters, ({}, {}), first_variant=1, contains=('swing',))
+    seen = [*SEEN, Signature(wide, 1, np.array([0.2]), 0.2, TIME, TIME, 1.0, 8.0, 1.0)]
+    misfit = swing(0.12) + 31.0 * (TIME - TIME.mean())
+
+    def beside(effect: Effect, variant: int) -> set[tuple[str, int]]:
+        model = replace(fit(misfit), candidate=Candidate(((effect, variant),)))
+        return {(score.effect.id, score.variant) for score in rank(
+            model, np.ones((TIME.size, 1)) / np.sqrt(TIME.size), seen, [effect.id])}
+
+    assert beside(SWING, 0) == {('gain', 0)}
+    assert beside(GAIN, 0) == {('swing', 0)}
+    assert beside(wide, 1) == set()
+    pairs = best_pairs(fit(misfit), seen, 1.0)
+    assert [[(effect.id, variant) for effect, variant in candidate.effects]
+            for candidate, _ in pairs] == [[('gain', 0), ('swing', 0)]]

@@ -54,13 +54,23 @@ class Score:
     amplitude_dependent: bool = False
 
 
+def overlap(one: Effect, other: Effect) -> bool:
+    """Whether one of two laws contains the other."""
+    return one.id in other.contains or other.id in one.contains
+
+
 def rank(
     fit: Fit, white_columns: Array, signatures: Sequence[Signature], skip: Sequence[str] = ()
 ) -> list[Score]:
-    """Candidates by the first-order gain of their signatures, each with its best start."""
+    """Candidates by the first-order gain of their signatures, each with its best start.
+
+    A law has no place beside one that it contains: what both describe would count twice, or not.
+    """
     orthogonal = orthonormal(white_columns)
     starts: dict[tuple[str, int], list[tuple[float, Signature, Array]]] = {}
-    usable = [one for one in signatures if one.effect.id not in skip and one.length > 1e-9]
+    own = [effect for effect, _ in fit.candidate.effects]
+    usable = [one for one in signatures if one.effect.id not in skip and one.length > 1e-9
+              and not any(overlap(one.effect, effect) for effect in own)]
     if not usable:
         return []
     stack = np.column_stack([signature.white for signature in usable])
@@ -179,8 +189,9 @@ def best_pairs(
     reaches = np.array([reach_of(signature) for signature in signatures])
     stack = np.column_stack([signature.white for signature in signatures])
     gains, *factors = _pair_gains(stack, -(stack.T @ base.whitened), reaches)
-    names = np.array([signature.effect.id for signature in signatures])
-    gains[names[:, None] == names] = -np.inf
+    effects = [signature.effect for signature in signatures]
+    is_one = [[one.id == other.id or overlap(one, other) for other in effects] for one in effects]
+    gains[np.array(is_one)] = -np.inf
     pairs: dict[frozenset[str], tuple[Candidate, Array]] = {}
     for flat in np.argsort(-gains, axis=None):
         place = divmod(int(flat), len(signatures))
