@@ -53,6 +53,8 @@ def by_tangents(system: RingSystem, groups: Sequence[Sequence[Point]]) -> Neighb
 
     A neighbour without a tangent is simulated, and so is a point without any that has one.
     """
+    if any(system.laws(group[0]) for group in groups):
+        return lambda run: [system.predict_many(run, group) for group in groups]
     candidates = [[(point.base, system.extension(point)) for point in group] for group in groups]
     # Whether a point after the first of its group has a tangent.
     tangents = [[has_tangent(group[0], other) for other in group[1:]] for group in candidates]
@@ -61,8 +63,6 @@ def by_tangents(system: RingSystem, groups: Sequence[Sequence[Point]]) -> Neighb
         for group, own in zip(candidates, tangents, strict=True) if any(own)])
 
     def predict(run: RunBlocks) -> list[Array]:
-        if any(system.laws(group[0]) for group in groups):
-            return [system.predict_many(run, group) for group in groups]
         # By tangents; NaN for a point that must be simulated.
         grid: LoadGrid = run.payload
         answers = []
