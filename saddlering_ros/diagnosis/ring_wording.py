@@ -295,8 +295,8 @@ def size_of(cause: CauseEntry) -> str:
             moved[parameter.name] = max(sure, 0.0) / parameter.scale
     most = max(moved.values(), default=0.0)
     main = [name for name in moved if most and moved[name] >= MAIN_SIZE * most]
-    words = ' '.join(filter(None, (place_of(cause), ', '.join(_size_words(
-        cause['effect'], {name: fitted[name] for name in main or list(fitted)[:1]})))))
+    sizes = _size_words(cause['effect'], {name: fitted[name] for name in main or list(fitted)[:1]})
+    words = ' '.join(filter(None, (place_of(cause), ', '.join(sizes))))
     if _is_line(cause['effect']):
         words += f' at {quantity(fitted["frequency"]["value"], fitted["frequency"]["unit"])}'
     return words + elsewhere_words(cause)

@@ -191,7 +191,6 @@ class Traces:
         if self.origin is None:
             self.origin = int(stamps.min())
         self.newest = max(self.newest, int(stamps.max()))
-        assert self.origin is not None
         while (min(self.newest - self.origin, self._window) // self.width) >= self._limit:
             self.width *= 2
             self.version += 1
