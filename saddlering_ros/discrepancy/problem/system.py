@@ -168,6 +168,10 @@ class Effect:
                 raise DiscrepancyError(f'effect {self.id}: a start names {", ".join(unknown)}, '
                                        f'which are not among {", ".join(self.parameters)}')
 
+    def overlaps(self, other: Effect) -> bool:
+        """Whether it is the other effect, or one of the two laws contains the other."""
+        return self.id == other.id or self.id in other.contains or other.id in self.contains
+
     @cached_property
     def ordered(self) -> tuple[Parameter, ...]:
         """The parameters with their names, the size first."""

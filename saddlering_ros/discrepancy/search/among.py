@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saddlering_ros.discrepancy.problem.fits import Fit, Key, linear_misfit, PRIOR
+from saddlering_ros.discrepancy.problem.fits import Fit, Key, PRIOR
 from saddlering_ros.discrepancy.problem.metric import nuisance_columns
 from saddlering_ros.discrepancy.problem.system import Array, Effect
 from saddlering_ros.discrepancy.search import ranking
@@ -218,8 +218,7 @@ def _complete(
     less likely than the best one by 156 with a misfit of 5 702, and more likely by 35 with 4 981.
     """
     def promised(model: Model) -> float:
-        left = linear_misfit(model.fit, space.problem.system.base_parameters)
-        return model.evidence + 0.5 * (model.fit.misfit - left)
+        return model.evidence + 0.5 * (space.penalised(model.fit) - space.foreseen(model.fit))
 
     while True:
         least = max(model.evidence for model in models.values()) - MIN_MARGIN
@@ -277,7 +276,7 @@ def _with_another(
 ) -> list[Fit]:
     """The model of `fit` plus each of the best effects to first order; without `most`, of all."""
     scores = ranking.rank(
-        fit, space.tangent_of(fit).white, space.shown, [*fit.candidate.ids, *excluded])
+        fit, space.tangent_of(fit).white, space.shown, excluded)
     return fit_each(space, fit, ranking.best_of_each(scores)[:most])
 
 

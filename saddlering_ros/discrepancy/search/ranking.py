@@ -54,23 +54,19 @@ class Score:
     amplitude_dependent: bool = False
 
 
-def overlap(one: Effect, other: Effect) -> bool:
-    """Whether one of two laws contains the other."""
-    return one.id in other.contains or other.id in one.contains
-
-
 def rank(
     fit: Fit, white_columns: Array, signatures: Sequence[Signature], skip: Sequence[str] = ()
 ) -> list[Score]:
     """Candidates by the first-order gain of their signatures, each with its best start.
 
-    A law has no place beside one that it contains: what both describe would count twice, or not.
+    No effect of the fit is a candidate, and no law that contains one of these or that one of these
+    contains: two laws would describe the same part. skip: ids of others that are none.
     """
     orthogonal = orthonormal(white_columns)
     starts: dict[tuple[str, int], list[tuple[float, Signature, Array]]] = {}
     own = [effect for effect, _ in fit.candidate.effects]
     usable = [one for one in signatures if one.effect.id not in skip and one.length > 1e-9
-              and not any(overlap(one.effect, effect) for effect in own)]
+              and not any(one.effect.overlaps(effect) for effect in own)]
     if not usable:
         return []
     stack = np.column_stack([signature.white for signature in usable])
@@ -189,9 +185,6 @@ def best_pairs(
     reaches = np.array([reach_of(signature) for signature in signatures])
     stack = np.column_stack([signature.white for signature in signatures])
     gains, *factors = _pair_gains(stack, -(stack.T @ base.whitened), reaches)
-    effects = [signature.effect for signature in signatures]
-    is_one = [[one.id == other.id or overlap(one, other) for other in effects] for one in effects]
-    gains[np.array(is_one)] = -np.inf
     pairs: dict[frozenset[str], tuple[Candidate, Array]] = {}
     for flat in np.argsort(-gains, axis=None):
         place = divmod(int(flat), len(signatures))
@@ -199,7 +192,7 @@ def best_pairs(
             break
         both = [signatures[index] for index in place]
         ids = frozenset(one.effect.id for one in both)
-        if ids in pairs:
+        if ids in pairs or both[0].effect.overlaps(both[1].effect):
             continue
         start = np.concatenate([base.theta_unit, *(
             [_size_unit(one, float(factor[place])), *one.theta_unit[1:]]

@@ -260,8 +260,7 @@ def check_alternatives(space: ModelSpace, fit: Fit, log: SearchLog) -> tuple[Fit
             less = space.without(fit, name)
             taken, members = less.misfit - fit.misfit, set(less.candidate.ids)
             # An effect that base parameters almost imitate is not searched, but may be the cause.
-            scores = ranking.rank(
-                less, space.tangent_of(less).white, space.shown, [*members, name])
+            scores = ranking.rank(less, space.tangent_of(less).white, space.shown, [name])
             listed = ranking.shortlist(scores, MIN_LIKE * taken, settings.refits)
             # Effects that were almost as good as the best one beside those of `less` are tried.
             tried = [trial for trial in log.candidates if set(trial.effects[:-1]) == members]
@@ -294,7 +293,7 @@ def other_places(space: ModelSpace, fit: Fit, name: str) -> tuple[Fit, ...]:
     own, variant = next(pair for pair in fit.candidate.effects if pair[0].id == name)
     least = MIN_LIKE * (less.misfit - fit.misfit)
     scores = [score for score in ranking.rank(
-        less, space.tangent_of(less).white, space.shown, less.candidate.ids)
+        less, space.tangent_of(less).white, space.shown)
         if score.effect is own and score.variant != variant and score.gain > least]
     return _as_good(space, fit, less, spaces.fit_each(space, less, scores, [fit]))
 

@@ -167,7 +167,7 @@ class ModelSpace:
     def scores(self, fit: Fit) -> list[Score]:
         """First-order gains beside `fit` of all testable effects that are not in it."""
         return self.once('scores', fit, lambda: rank(
-            fit, self.tangent_of(fit).white, self.usable, fit.candidate.ids))
+            fit, self.tangent_of(fit).white, self.usable))
 
     @property
     def real_gain(self) -> float:

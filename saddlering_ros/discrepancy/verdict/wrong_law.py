@@ -80,11 +80,11 @@ def shared_directions(search: Search) -> list[str]:
     beyond = orthonormal(white[:, : len(base)])
     sentences = []
     for effect, _, indices in fit.candidate.slices(len(base)):
-        same = {*fit.candidate.ids, *effect.contains}
+        same = {*fit.candidate.ids}
         same.update(*(other.candidate.ids for other in search.alternatives.get(effect.id, ())))
         tried = [(other, fit.candidate.plus(other, variant), start)
                  for other in problem.system.effects
-                 if other.id not in same and effect.id not in other.contains
+                 if other.id not in same and not effect.overlaps(other)
                  for variant in range(len(other.variants)) for start in other.first_guesses]
         if not tried:
             continue
