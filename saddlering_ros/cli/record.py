@@ -47,7 +47,8 @@ def run(args: argparse.Namespace) -> int:
         facts = TestMetadata(args.test, args.elevation, details=facts).as_text()
     domain = arguments.domain_of(args)
     prepare_middleware()
-    told_to_end: list[int] = []  # no Event: a handler would wait for ever for a lock of its thread
+    # No Event: its handler would wait for ever for a lock that the same thread holds.
+    told_to_end: list[int] = []
     for name in ('SIGINT', 'SIGTERM', 'SIGHUP'):  # heard, too, while the bag is being closed
         number = getattr(signal, name)
         signal.signal(number, lambda number, _: told_to_end.append(number))

@@ -194,9 +194,9 @@ class FunctionTask:
 class Namesakes:
     """Notices nodes that have the full name of this one; logs a warning when one comes.
 
-    They are counted by a service that every node has. The middleware's list of names may hold a
-    node that has left for good: it reads what nodes say of themselves in one thread and that they
-    leave in another, and what it reads too late is never removed.
+    They are counted by a service that every node has, because the middleware's list of names can
+    keep a node that has left. One thread of the middleware reads the descriptions of nodes, and
+    another one their departures. It never removes a description that it reads after the departure.
     """
 
     def __init__(self, node: Node) -> None:
