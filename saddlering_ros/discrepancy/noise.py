@@ -172,6 +172,33 @@ def _between_repeats(repeats: Sequence[str | Array], records: Records) -> NoiseO
     return dict.fromkeys(by_run, replace(noise, pairs=degrees))
 
 
+PROVISIONAL_STD = 0.01
+"""Unknown noise as a share of range in the first fit: any size gives plain least squares."""
+
+EXACT = 1e-9
+"""Share of range below which a residual is rounding: far below any instrument's noise."""
+
+SURE = 1000
+"""Degrees of freedom of the level of a residual that is nothing, or not yet known."""
+
+
+def noise_of_channel(
+    declared: Noise, readings: Records, left: Records | None, scale: float
+) -> dict[str, ChannelNoise]:
+    """The noise of one channel by run, as declared, or learnt from what a fit leaves of it."""
+    if not declared.learns_from_residuals:
+        own = dict(declared.resolve(readings))
+        for record in left or ():
+            if own[record.run].pairs < KNOWN_EXACTLY:  # Declared noise does not change.
+                own[record.run] = record_noise.widened(own[record.run], record)
+        return own
+    if left is None:
+        return {record.run: white_noise(PROVISIONAL_STD * scale, SURE) for record in readings}
+    exact = white_noise(EXACT * scale, SURE)
+    return {record.run: exact if np.nanmax(np.abs(record.values)) < EXACT * scale
+            else declared.resolve([record])[record.run] for record in left}
+
+
 MAX_CHANCE = 1e-3
 """Chance of as small or as large a misfit from noise alone, below which the noise is over- or
 underestimated ..."""

@@ -96,6 +96,10 @@ class ChannelNoise:
         return replace(self, white=factor * self.white, slow=factor * self.slow,
                        held=factor * self.held, floor=factor * self.floor)
 
+    def of_samples(self, step: float) -> ChannelNoise:
+        """The same noise of samples every `step` [s], which are no means of their width."""
+        return replace(self, white=0.0, floor=self.floor + self.white / step)
+
     def with_relaxations(self, variances: Array, time_constants: Array) -> ChannelNoise:
         """The same noise plus relaxations of `variances` (T,) with `time_constants` (T,) [s]."""
         return replace(self, slow=np.append(self.slow, variances),

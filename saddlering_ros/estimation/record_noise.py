@@ -47,6 +47,10 @@ MAX_BINS = 120
 ROUNDS = 300
 """Rounds of the multiplicative update; each one raises the likelihood."""
 
+MIN_SPACING = 1.5
+"""Usual spacing of a channel's samples over that of its run, from which the channel is recorded at
+a rate of its own: 1 if less than half of the samples are missing, and 2 or more otherwise."""
+
 BINS_AN_OCTAVE = 2
 """Bins of the comparison of a spectrum with an expected one."""
 
@@ -70,6 +74,12 @@ class ChannelRecord:
     @property
     def duration(self) -> float:
         return float(self.time[-1] - self.time[0])
+
+    def at_own_rate(self) -> 'ChannelRecord':
+        """The samples that are there alone, where they have a rate of their own."""
+        there = np.isfinite(self.values)
+        own = replace(self, time=self.time[there], values=self.values[there])
+        return own if own.step > MIN_SPACING * self.step else self
 
     def stretches(self, start: float = -np.inf, end: float = np.inf) -> Iterator[Array]:
         """Values between `start` and `end` [s], in stretches without a missing sample."""

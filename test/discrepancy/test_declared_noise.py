@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saddlering_ros.discrepancy import DiscrepancyError
+from saddlering_ros.discrepancy import Channel, DiscrepancyError, Model, Parameter, Run
 from saddlering_ros.discrepancy.noise import Noise, wrong_level
+from saddlering_ros.discrepancy.problem.model import ModelSystem
 from saddlering_ros.estimation.process import ChannelNoise, EstimationError
 from saddlering_ros.estimation.record_noise import (
     ChannelRecord,
@@ -167,6 +168,28 @@ def test_misfit_far_under_the_noise_is_noticed_and_usual_misfit_is_not() -> None
 def test_noise_that_cannot_be_is_refused_in_one_line(make, words: str) -> None:
     with pytest.raises(DiscrepancyError, match=words):
         make()
+
+
+def seen_every(step: int, noise: Noise) -> float:
+    """The learnt deviation of a channel of noise of 1 that has samples at every `step`th time."""
+    values = np.random.default_rng(1).normal(size=TIME.size)
+    run = Run('a', TIME, outputs={'seen': np.where(np.arange(TIME.size) % step, np.nan, values)})
+    model = Model(lambda *_: {}, {'gain': Parameter(0, 1)}, {}, {'seen': Channel(noise=noise)})
+    system = ModelSystem(model, [run])
+    blocks = system.blocks(run, held_out=False)
+    learnt = system.learn_noise([blocks], [blocks.channels])['a', 0]
+    return float(system.scales[0] * learnt.variances(blocks.width).mean() ** 0.5)
+
+
+@pytest.mark.parametrize('noise', [
+    Noise.unknown(), Noise.from_rest([(0.0, 20.0)]), Noise.white(1.0)])
+def test_a_channel_with_samples_at_every_eighth_time_has_the_noise_of_its_samples(noise) -> None:
+    assert seen_every(8, noise) == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_channel_with_too_few_samples_to_learn_its_noise_is_named() -> None:
+    with pytest.raises(DiscrepancyError, match='channel seen: noise: run a holds 10 samples'):
+        seen_every(400, Noise.unknown())
 
 
 def test_an_interval_without_samples_is_refused_in_one_line() -> None:

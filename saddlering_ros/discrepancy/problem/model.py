@@ -12,12 +12,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from saddlering_ros.discrepancy.noise import KNOWN_EXACTLY, Noise, white_noise
+from saddlering_ros.discrepancy.noise import Noise, noise_of_channel
 from saddlering_ros.discrepancy.problem import system
 from saddlering_ros.discrepancy.problem.problem import Assumptions
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, Effect, Parameter
-from saddlering_ros.estimation.process import ChannelNoise
-from saddlering_ros.estimation.record_noise import ChannelRecord, widened
+from saddlering_ros.estimation.process import ChannelNoise, EstimationError
+from saddlering_ros.estimation.record_noise import ChannelRecord
 from saddlering_ros.quantities import percent
 
 Outputs = Mapping[str, ArrayLike]
@@ -198,17 +198,8 @@ class Model:
         return values
 
 
-PROVISIONAL_STD = 0.01
-"""Unknown noise as a share of range in the first fit: any size gives plain least squares."""
-
 COORDINATE_WAVES = 40
 """Half waves along each coordinate, so that fine ripples such as cogging are seen."""
-
-EXACT = 1e-9
-"""Share of range below which a residual is rounding: far below any instrument's noise."""
-
-SURE = 1000
-"""Degrees of freedom of the level of a residual that is nothing, or not yet known."""
 
 DIVERGED = 1e6
 """Ranges at which a prediction has diverged: none is near, and its square is finite."""
@@ -350,31 +341,20 @@ class ModelSystem:
         """The noise of every channel in shares of its range, as declared or learnt."""
         noise: dict[tuple[str, int], ChannelNoise] = {}
         for number, (name, channel) in enumerate(self.model.channels.items()):
-            scale = float(self.scales[number])
+            power = float(self.scales[number]) ** 2  # Noise as a share of the range.
+            readings = [_record(run, number, run.channels[number] * power**0.5) for run in runs]
             left = None if residuals is None else [
-                _record(run, number, residual[number] * scale)
+                _record(run, number, residual[number] * power**0.5)
                 for run, residual in zip(runs, residuals, strict=True)]
-            if channel.noise.learns_from_residuals and left is None:
-                own = {run.name: white_noise(PROVISIONAL_STD * scale, SURE) for run in runs}
-            elif channel.noise.learns_from_residuals and left is not None:
-                own = {}
-                for record in left:
-                    exact = np.nanmax(np.abs(record.values)) < EXACT * scale
-                    own.update({record.run: white_noise(EXACT * scale, SURE)} if exact
-                               else channel.noise.resolve([record]))
-            else:
-                readings = [
-                    _record(run, number, np.asarray(run.payload.outputs[name])) for run in runs]
-                own = dict(channel.noise.resolve(readings))
-                for record in left or ():
-                    if own[record.run].pairs < KNOWN_EXACTLY:  # Declared noise does not change.
-                        own[record.run] = widened(own[record.run], record)
-            power = scale**2  # Noise as a share of the range.
-            for run in runs:
+            try:
+                own = noise_of_channel(channel.noise, readings, left, power**0.5)
+            except EstimationError as error:
+                raise DiscrepancyError(f'channel {name}: {error}') from None
+            for run, record in zip(runs, readings, strict=True):
                 whole = own[run.name]
-                noise[run.name, number] = ChannelNoise(
-                    whole.white / power, whole.slow / power, whole.held / power, whole.pairs,
-                    whole.time_constants, floor=whole.floor / power)
+                if record.time.size < run.time.size:  # Its own rate, and not that of the run.
+                    whole = whole.of_samples(record.step)
+                noise[run.name, number] = whole.times(1.0 / power)
         return noise
 
     def _simulated(self, asked: list[dict[str, float]], run: Run) -> Iterator[Outputs | None]:
@@ -495,6 +475,6 @@ def _range(name: str, fitted: Sequence[Run]) -> float:
 
 
 def _record(run: system.RunBlocks, channel: int, values: Array) -> ChannelRecord:
-    """One channel's values with NaN where a sample is missing."""
+    """One channel's values with NaN where a sample is missing, or at the channel's own rate."""
     there = np.isfinite(values) if run.present is None else run.present[channel]
-    return ChannelRecord(run.name, run.time, np.where(there, values, np.nan))
+    return ChannelRecord(run.name, run.time, np.where(there, values, np.nan)).at_own_rate()
