@@ -21,7 +21,7 @@ from typing import Any
 import zlib
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtr, bdtrc
 
 from saddlering_ros.errors import VirtualRigError
 from saddlering_ros.files import sha256_of_file, write_text
@@ -289,8 +289,8 @@ def broken_promises(scores: Sequence[tuple[str, str]]) -> list[str]:
     for promise in PROMISES:
         own = [score for kind, score in scores if kind in promise.kinds]
         count = own.count(promise.score)
-        unlikely = (binom.cdf(count, len(own), promise.rate) if promise.is_minimum
-                    else binom.sf(count - 1, len(own), promise.rate))
+        unlikely = (bdtr(count, len(own), promise.rate) if promise.is_minimum
+                    else bdtrc(count - 1, len(own), promise.rate))
         if own and unlikely < CHANCE:
             broken.append(f'{promise.words}: {count} of {len(own)}, promised '
                           f'{"at least" if promise.is_minimum else "at most"} {promise.rate:.0%}')

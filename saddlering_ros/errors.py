@@ -35,6 +35,10 @@ class VirtualRigError(SaddleringError):
     """A test that cannot be generated as requested; one line: fault, place, remedy."""
 
 
+class ReportError(SaddleringError):
+    """A report that cannot be drawn or written."""
+
+
 class LiveError(SaddleringError):
     """A page that cannot be served with these options."""
 

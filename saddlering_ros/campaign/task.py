@@ -17,9 +17,8 @@ from typing import Any
 from saddlering_ros.api.inputs import origins
 from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.campaign.sessions import base_of, FIT, HOLD_OUT, Session
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import ReportError, SaddleringError
 from saddlering_ros.files import sha256_of_file, versions_in_use
-from saddlering_ros.pages.html import ReportError
 from saddlering_ros.progress import OnProgress
 from saddlering_ros.rig import default_rig, Rig
 

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from saddlering_ros.errors import SaddleringError
+from saddlering_ros.errors import ReportError
 from saddlering_ros.files import check_ending, PAGE_ENDINGS, write_text
 from saddlering_ros.pages import interactive
 from saddlering_ros.pages.charts import Chart, draw
@@ -34,10 +34,6 @@ NOTHING = ('', '–')
 escape = html.escape
 
 SCRIPT, STYLE = (Path(__file__).with_name(name) for name in ('charts.js', 'page.css'))
-
-
-class ReportError(SaddleringError):
-    """A report that cannot be drawn or written."""
 
 
 def write_page(path: Path | str, document: str) -> None:

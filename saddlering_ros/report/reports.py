@@ -10,12 +10,13 @@ import numpy as np
 
 from saddlering_ros.diagnosis.ring_wording import bag_name, lowered_titles, VerdictDocument
 from saddlering_ros.diagnosis.verdict import Verdict
+from saddlering_ros.errors import ReportError
 from saddlering_ros.files import whole_file, write_csv
 from saddlering_ros.identification.validation import judge, Validation
 from saddlering_ros.pages import html
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.charts import draw
-from saddlering_ros.pages.html import Cell, code, number, ReportError
+from saddlering_ros.pages.html import Cell, code, number
 from saddlering_ros.quantities import allowed_misfit, percent, quantity
 from saddlering_ros.record import displacement_of_run, Record
 from saddlering_ros.record.batches import gap_mask

@@ -22,7 +22,7 @@ from saddlering_ros.campaign.running import document_of, local_workers, run_camp
 from saddlering_ros.campaign.store import CampaignError, CampaignInterruptedError, Store
 from saddlering_ros.campaign.tables import write_tables
 from saddlering_ros.campaign.task import session_verdict
-from saddlering_ros.pages.html import ReportError
+from saddlering_ros.errors import ReportError
 
 HERE = Path(__file__).resolve().parent
 
