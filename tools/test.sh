@@ -18,8 +18,9 @@ run() {
 # A test run starts hundreds of processes; without kept bytecode, each would compile the package.
 unset PYTHONDONTWRITEBYTECODE
 
-# Two workers and the nodes share the cores: threads of one would only wait for another.
-export SADDLERING_THREADS=${SADDLERING_THREADS:-1}
+# Two workers and the nodes share the cores: threads of one would only wait for another, and those
+# of BLAS compute while they wait.
+export SADDLERING_THREADS=${SADDLERING_THREADS:-1} OPENBLAS_NUM_THREADS=1
 
 # Compiled once, before several processes ask for it.
 tools/run.sh python -m saddlering_ros.ring.warm > /dev/null || exit

@@ -23,7 +23,7 @@ from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Provenance
 from saddlering_ros.identification import identify
-from saddlering_ros.progress import IsCancelled, OnProgress, Watch
+from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 from saddlering_ros.quantities import finite_json, lowered
 from saddlering_ros.record import Record
 from saddlering_ros.rig import instruments, PARAMETER_NAMES, Rig
@@ -143,6 +143,7 @@ def change_words(cause: Cause) -> str:
     return f'{words} (or {lowered_names(others)})' if others else words
 
 
+@one_blas_thread()
 def compare_records(
     before: Sequence[Record], after: Sequence[Record], *, rig: Rig,
     between: Sequence[Sequence[Record]] = (), seed: int = 0, on_progress: OnProgress | None = None,

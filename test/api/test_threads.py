@@ -12,10 +12,12 @@ def blas_threads():
 def test_blas_has_one_thread_inside_and_what_the_caller_chose_afterwards():
     with threadpool_limits(limits=2, user_api='blas'):
         before = blas_threads()
+        assert before == {2}
         with one_blas_thread():
             assert blas_threads() == {1}
         assert blas_threads() == before
 
 
 def test_a_decorated_function_computes_with_one_thread():
-    assert one_blas_thread()(blas_threads)() == {1}
+    with threadpool_limits(limits=2, user_api='blas'):
+        assert one_blas_thread()(blas_threads)() == {1}
