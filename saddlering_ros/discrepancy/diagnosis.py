@@ -133,6 +133,7 @@ def _with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> res
     white = metric.whiten(residual)
     rounding = (systems.JITTER * float(problem.channel_ranges.max())) ** 2
     under, over = [], []
+    small: dict[str, tuple[float, str]] = {}
     for index, channel, part in problem.slices:
         run, name = problem.runs[index], problem.system.channel_names[channel]
         there = slice(None) if run.present is None else run.present[channel]
@@ -148,13 +149,18 @@ def _with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> res
             over.append(noise_sentence(side, statistic, free, where))
         beyond = float(np.mean(left**2)) * (1.0 - free / max(statistic, free))
         least = max(MODEL_SETTINGS.materiality, allowed[channel])
-        if side == 'under' and beyond >= (least * problem.view_ranges[name]) ** 2:
+        share = beyond**0.5 / problem.view_ranges[name]
+        if side == 'under' and share >= least:
             under.append(noise_sentence(side, statistic, free, where))
+        elif side == 'under' and not (is_learnt or allowed[channel]):
+            ratio = (statistic / free) ** 0.5
+            small[name] = max(small.get(name, (0.0, '')), (ratio, wording.BEYOND_NOISE.format(
+                name, run.name, ratio, percent(share))))
     if diagnosis.verdict == 'unknown' or diagnosis.remainder:
-        under = []  # The warning on a remaining misfit is given already.
+        under, small = [], {}  # The warning on a remaining misfit is given already.
+    warnings = (*over, *under, *(sentence for _, sentence in small.values()), *diagnosis.warnings)
     if not under and not over:
-        return diagnosis
-    warnings = (*over, *under, *diagnosis.warnings)
+        return replace(diagnosis, warnings=warnings)
     if diagnosis.verdict == 'unknown' or not (diagnosis.causes or under):
         return replace(diagnosis, warnings=warnings)
     causes = tuple(replace(cause, partial=True) for cause in diagnosis.causes)

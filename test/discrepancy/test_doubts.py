@@ -270,6 +270,24 @@ def test_noise_declared_far_too_small_is_reported_and_leaves_no_clean_verdict() 
     assert seen_with(Noise.white(STD), std=STD).warnings == ()
 
 
+@pytest.mark.parametrize(('declared', 'words'), [(1e-5, 'times that of the declared'), (1e-3, '')])
+def test_noise_declared_far_too_small_is_reported_where_it_is_too_small_to_matter(
+        declared: float, words: str) -> None:
+    """`none` had no warning, a probability of 0 for none, and limits 100 times too small."""
+    found = seen_with(Noise.white(declared), std=1e-3)
+    assert (found.verdict, bool(words)) == ('none', bool(found.warnings))
+    assert words in ''.join(found.warnings)
+    assert found.probabilities['none'] > 0.9
+
+
+def test_no_rest_is_larger_than_the_residual() -> None:
+    """A gain whose bound is far off left 47 % of range where the residual was 2.7 %."""
+    found = diagnose(replace(MODEL, base={'gain': Parameter(0.5, 0.98)}), [record('a')])
+    left = found.fits.after.prediction - found.fits.metric.problem.measured
+    largest = max(test.visible for test in found.residual_after.consistency)
+    assert 0.0 < largest <= left.std() + 1e-9
+
+
 def test_records_without_any_noise_get_a_name_and_no_doubt_about_noise() -> None:
     run = Run('a', TIME, outputs={'seen': TIME})
     exact = simulate({'gain': 1.0, 'bend.size': 0.3, 'bend.width': 0.3}, run)

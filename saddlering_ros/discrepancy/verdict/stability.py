@@ -80,7 +80,9 @@ def _refits(search: Search) -> tuple[Refit, ...]:
     """
     space = search.space
     group = [search.fit, *(other for fits in search.alternatives.values() for other in fits)]
-    models = {fit.candidate.key: fit for fit in (space.base, *space.fits.values(), *group)}
+    others = [fit for fit in space.fits.values() if search.fit.candidate.effects
+              or Comparison(space, space.base, fit).is_material]  # nothing is nothing that matters
+    models = {fit.candidate.key: fit for fit in (space.base, *others, *group)}
     answers = []
     wanted = {name for fit in group for name in fit.candidate.ids}
     narrower = {name for fit in group for effect, _ in fit.candidate.effects
