@@ -35,6 +35,13 @@ of the highest reference and of the length; errors of shift, magnitude and slope
 MAX_ZERO_ERROR = 3.0
 """Largest mean residual, in standard errors of the zero, that the zero explains."""
 
+MAX_NOISE = 0.1
+"""Largest noise over the range of a channel with which slope, loop, delay and rating of its curve
+say something: a prediction without error is rated 0.8 or more up to a noise of 0.1."""
+
+MIN_RATED = 10
+"""Smallest number of points of a rated curve: one more than the mean of a slope takes."""
+
 LAG = 3
 """Samples over which a step of the residual at rest is taken, because neighbours share stamps."""
 
@@ -43,7 +50,8 @@ LAG = 3
 class ChannelFigures:
     """Figures of one channel of one run; simulated against measured, in the channel's unit.
 
-    None means that a figure has no meaning, for instance for the parity, which is not simulated.
+    None means that a figure has no meaning: of the parity, which is not simulated, and of the
+    curve of a channel that hardly moves more than its noise.
     E and u_val: ASME V&V 20 (noise and zero of the readings, covariance of the parameters, small
     errors of a sound ring).
     """
@@ -135,28 +143,30 @@ def channel_figures(
     uncertainty = math.hypot(
         math.hypot(reading_noise, zero_noise), math.sqrt(max(0.0, input_variance)), sound)
     is_simulated = CHANNELS[position] != 'parity'
+    noise_of_sample = _noise_of_sample(residual, rests, noise, step)
+    moves = (reading_noise if static else noise_of_sample) <= MAX_NOISE * extent
     box = extent * float(np.ptp(shape_load))
     # Areas of the loops over the load, positive where the unloading branch lies above.
     steps = np.diff(shape_load, append=shape_load[0])
     areas = [_ratio(float(-np.sum(0.5 * (values + np.roll(values, -1)) * steps)), box)
-             for values in (shape_measured, shape_simulated)]
+             if moves else None for values in (shape_measured, shape_simulated)]
     centred = shape_simulated - shape_simulated.mean()
-    is_sloped = is_simulated and float(centred @ centred) > 0.0
-    rating = rate(shape_measured, shape_simulated) if is_simulated else None
+    is_rated = is_simulated and moves and len(shape_measured) >= MIN_RATED
+    rating = rate(shape_measured, shape_simulated) if is_rated else None
     return ChannelFigures(
         unit='rad' if CHANNELS[position] == 'gamma' else 'm', range=extent,
         zero_error=zero_error, rmse=rmse,
         nrmse=_ratio(rmse, extent),
-        noise_floor=_ratio(_noise_of_sample(residual, rests, noise, step), extent),
+        noise_floor=_ratio(noise_of_sample, extent),
         sound=_ratio(sound, extent),
         maximum=float(np.max(np.abs(shape_measured - shape_simulated))),
         bias=float(np.mean(residual[compared])),
         slope_ratio=(float(centred @ shape_measured) / float(centred @ centred)
-                     if is_sloped else None),
+                     if is_simulated and moves and float(centred @ centred) > 0.0 else None),
         loop_area=None if areas[0] is None or areas[1] is None else areas[0] - areas[1],
         loop_area_measured=areas[0], loop_area_simulated=areas[1],
         zero_return=_zero_return(run, residual, rests),
-        time_shift=None if static or not is_simulated else _time_shift(run, position),
+        time_shift=_time_shift(run, position) if is_rated and not static else None,
         iso18571=None if rating is None else rating.overall,
         iso18571_parts=None if rating is None else asdict(rating), comparison_error=error,
         validation_uncertainty=uncertainty, e_over_uval=_ratio(error, uncertainty))
@@ -226,7 +236,7 @@ def rate(reference: Array, signal: Array) -> Rating:
     """Rate `signal` (N,) against `reference` (N,), both on one even time grid."""
     reference, signal = _shortened(reference), _shortened(signal)
     peak = float(np.max(np.abs(reference)))
-    if len(reference) < 10 or peak == 0.0:
+    if peak == 0.0:
         same = float(np.array_equal(reference, signal))
         return Rating(same, same, same, same)
     # The shift of the highest cross-correlation, at most a fifth of the record; 0 if none gains.

@@ -6,7 +6,7 @@ faster in between than the recorder samples.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +29,10 @@ from saddlering_ros.rig import CHANNELS, PARAMETER_NAMES, PARAMETER_UNITS, Param
 from saddlering_ros.ring import simulate, static_response
 from saddlering_ros.ring.roller_scatter import sound_deviation
 from saddlering_ros.ring.sensitivity import static_sensitivities
+
+HARDLY_MOVES = ('noise is more than a tenth of the motion in {}: no slope, loop, delay and rating '
+                'is given there; load the ring further')
+"""The note on channels of which no curve can be rated."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,14 @@ def validate(
             seen.channels[channel] = channel_figures(
                 seen, row, one.rests, process, one.interval, lasting, variance[row],
                 float(sound[row]))
-    return Validation(tuple(one.run for one in compared), parameters)
+    return Validation(tuple(_noted(one.run) for one in compared), parameters)
+
+
+def _noted(run: RunValidation) -> RunValidation:
+    """A run with a note on its channels that hardly move."""
+    still = [name for name in CHANNELS[:3] if run.channels[name].slope_ratio is None]
+    return replace(run, notes=(*run.notes, HARDLY_MOVES.format(', '.join(still)))
+                   ) if still else run
 
 
 @dataclass(frozen=True)

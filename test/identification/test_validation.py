@@ -144,6 +144,23 @@ def test_a_simulation_that_is_right_meets_every_criterion(clean):
         'misfit': True, 'comparison_error': True, 'iso18571': True, 'parity': True}
 
 
+def test_noise_is_not_rated_against_noise():
+    """A ring under a load that stands still had a slope of -2.4, and failed a rating of 0.3."""
+    still = record('dynamic', ramp(top=0.5, seconds=4.0), elevation=70.0, load_noise=50.0)
+    (run,) = validate([still], RIG, TRUTH).runs
+    one = run.channels['delta_x']
+    assert {one.slope_ratio, one.loop_area, one.time_shift, one.iso18571} == {None}
+    assert 'iso18571' not in [item.id for item in judge([run])]
+    assert any('more than a tenth of the motion in delta_x, delta_y, gamma' in note
+               for note in run.notes)
+
+
+def test_a_static_run_of_few_plateaus_has_no_rating_of_a_curve():
+    one = figures(static_run(70.0, top=4))
+    assert one.iso18571 is None
+    assert one.slope_ratio == pytest.approx(1.0, abs=0.02)
+
+
 def test_a_criterion_that_fails_names_the_channel_that_fails_it(runs):
     bent = with_gaps(runs[0], lambda gaps, _, load: gaps + np.array(
         [[1.0], [0.0], [-1.0], [0.0]]) * 5e-6 * (load / load.max()) ** 2)
