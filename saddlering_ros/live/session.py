@@ -11,7 +11,7 @@ from saddlering_interfaces.msg import RingAlarm
 from saddlering_ros.bags.wire import decode_time
 from saddlering_ros.bags.write import BagWriter
 from saddlering_ros.errors import LiveError
-from saddlering_ros.live.traces import TestCurves
+from saddlering_ros.live.traces import CurvesOfTest
 from saddlering_ros.monitoring.monitor import FOLLOWS
 from saddlering_ros.quantities import signed
 from saddlering_ros.record.batches import SECOND
@@ -142,7 +142,7 @@ class Session:
                 self.current.alarm.hear(self._alarm)
         self.current.name = name or self.current.name
 
-    def hear(self, message: RingAlarm, tests: Iterable[TestCurves]) -> None:
+    def hear(self, message: RingAlarm, tests: Iterable[CurvesOfTest]) -> None:
         """Take a state of the alarm: of the newest of `tests` that its stamp is in, or of now."""
         self._alarm = message
         stamp = to_stamp(message.header.stamp)
@@ -162,7 +162,7 @@ class Session:
             surplus -= one.size
             one.messages, one.size, one.is_cut = {}, 0, True
 
-    def as_page(self, curves: TestCurves, scales: Mapping[str, float]) -> dict[str, Any]:
+    def as_page(self, curves: CurvesOfTest, scales: Mapping[str, float]) -> dict[str, Any]:
         """A test as the page lists it: times [ms], peaks in the units of the page, the verdict."""
         test = self._tests[curves.number]
         return {
@@ -183,7 +183,7 @@ class Session:
         return [replace(test, messages=dict(test.messages)) for test in tests]
 
 
-def messages_of(tests: Sequence[SeenTest], curves: TestCurves) -> dict[str, list[Stamped]]:
+def messages_of(tests: Sequence[SeenTest], curves: CurvesOfTest) -> dict[str, list[Stamped]]:
     """By topic the messages of the first of `tests`, with their stamps.
 
     They came during it, or just beside it: topics are drained one after another. It takes seconds

@@ -87,7 +87,7 @@ def merged(*several: Cells) -> Cells:
 
 
 @dataclass(frozen=True)
-class TestCurves:
+class CurvesOfTest:
     """The curves of one test, and its peaks (C, 2), lowest and highest, by stream.
 
     number: counted from 1; origin, newest [ns]: first and last stamp; width of a cell [ns].
@@ -132,7 +132,7 @@ class Traces:
         self._window = int(window * SECOND)
         self.number = 1
         self.version = self.turn = self.left_out = self._start = 0
-        self.past: deque[TestCurves] = deque(maxlen=MAX_PAST)
+        self.past: deque[CurvesOfTest] = deque(maxlen=MAX_PAST)
         self._leftovers_until = 0.0
         self._forget()
 
@@ -156,11 +156,11 @@ class Traces:
         self._peaks = {name: np.full((count, 2), np.nan) for name, count in self._channels.items()}
 
     @property
-    def current(self) -> TestCurves | None:
+    def current(self) -> CurvesOfTest | None:
         """The test that is shown; None before its first sample."""
         if self.origin is None:
             return None
-        return TestCurves(self.number, self.origin, self.newest, self.width, self._cells,
+        return CurvesOfTest(self.number, self.origin, self.newest, self.width, self._cells,
                           self._peaks)
 
     def push(self, name: str, stamps: Stamps, values: Floats) -> None:

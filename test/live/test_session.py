@@ -5,13 +5,13 @@ import pytest
 
 from saddlering_ros.bags.wire import decode_time, encode_displacements, encode_samples
 from saddlering_ros.live.session import messages_of, Session
-from saddlering_ros.live.traces import TestCurves
+from saddlering_ros.live.traces import CurvesOfTest
 from saddlering_ros.live.watcher import Watcher
 from saddlering_ros.record.batches import Displacements, Samples
 from saddlering_ros.record.topics import LOAD, PROBES
 
 STAMPS = 10**18 + 10_000_000 * np.arange(100)
-CURVES = {number: TestCurves(number, int(STAMPS[0]), int(STAMPS[-1]), 10**7, {}, {})
+CURVES = {number: CurvesOfTest(number, int(STAMPS[0]), int(STAMPS[-1]), 10**7, {}, {})
           for number in (1, 2)}
 
 
