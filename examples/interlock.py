@@ -9,7 +9,6 @@ of this topic as false, too. This is no safety device: keep the limits of the hy
 """
 
 import signal
-import threading
 import time
 
 import rclpy
@@ -66,10 +65,10 @@ class Interlock(Node):
 
 # On Ctrl-C the message in hand is finished first; rclpy's own handler would break into it.
 rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-told_to_stop = threading.Event()
-signal.signal(signal.SIGINT, lambda *_: told_to_stop.set())
+told_to_stop: list[int] = []
+signal.signal(signal.SIGINT, lambda number, _: told_to_stop.append(number))
 interlock = Interlock()
-while not told_to_stop.is_set():
+while not told_to_stop:
     rclpy.spin_once(interlock, timeout_sec=0.1)
 interlock.destroy_node()
 rclpy.shutdown()

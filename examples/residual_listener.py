@@ -4,7 +4,6 @@
 """
 
 import signal
-import threading
 
 import rclpy
 from rclpy.node import Node
@@ -39,10 +38,10 @@ class ResidualListener(Node):
 
 # On Ctrl-C the message in hand is finished first; rclpy's own handler would break into it.
 rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-told_to_stop = threading.Event()
-signal.signal(signal.SIGINT, lambda *_: told_to_stop.set())
+told_to_stop: list[int] = []
+signal.signal(signal.SIGINT, lambda number, _: told_to_stop.append(number))
 listener = ResidualListener()
-while not told_to_stop.is_set():
+while not told_to_stop:
     rclpy.spin_once(listener, timeout_sec=0.1)
 listener.destroy_node()
 rclpy.shutdown()

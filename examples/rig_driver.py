@@ -9,7 +9,6 @@ device's sample count, not with the time at which its block is read.
 import math
 import random
 import signal
-import threading
 import time
 
 from builtin_interfaces.msg import Time
@@ -71,11 +70,11 @@ class RigDriver(Node):
 
 # On Ctrl-C the block in hand is finished first; rclpy's own handler would break into it.
 rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-told_to_stop = threading.Event()
+told_to_stop: list[int] = []
 for number in (signal.SIGINT, signal.SIGTERM):
-    signal.signal(number, lambda *_: told_to_stop.set())
+    signal.signal(number, lambda number, _: told_to_stop.append(number))
 driver = RigDriver(Daq())
-while not told_to_stop.is_set():
+while not told_to_stop:
     rclpy.spin_once(driver, timeout_sec=0.1)
 driver.destroy_node()
 rclpy.shutdown()
