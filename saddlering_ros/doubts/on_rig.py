@@ -7,7 +7,6 @@ stands.
 
 from dataclasses import replace
 import math
-from typing import Any
 
 import numpy as np
 
@@ -363,9 +362,9 @@ def _agrees(rig: Rig, run: Record, measured: Floats, elevation: float) -> bool:
     return False
 
 
-def _turned(angle: Any) -> Any:
-    """The angle [rad] between two lines, from -pi/2 to pi/2."""
-    return (angle + math.pi / 2.0) % math.pi - math.pi / 2.0
+def _turned(angle: Floats | float) -> Floats:
+    """Each angle [rad] between two lines, from -pi/2 to pi/2."""
+    return np.asarray(angle + math.pi / 2.0) % math.pi - math.pi / 2.0
 
 
 def _apparent_elevations(rig: Rig, load: Floats, delta_y: Floats, gamma: Floats) -> Floats:
