@@ -214,6 +214,17 @@ def test_a_check_tells_what_cannot_be_seen_before_anything_is_diagnosed() -> Non
     assert 'base gain' in lines
 
 
+def test_a_check_refits_the_base_to_a_large_change_of_an_effect() -> None:
+    """Wear of a gain in a curve "reached 68 standard deviations", and no diagnosis can find it."""
+    def bent(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        return {'seen': np.tanh(parameters['gain'] * (1.0 - parameters['worn.share']) * DRIVE)}
+
+    worn = Effect('Wear', {'share': Parameter(0.0, 0.5)})
+    model = Model(bent, {'gain': Parameter(0.5, 2.0)}, {'worn': worn}, {'seen': Channel()})
+    run = Run('a', TIME, outputs={'seen': np.tanh(DRIVE) + 1e-3 * np.cos(1e5 * TIME)})
+    assert 'effect worn: cannot be told from the base' in str(check(model, [run]))
+
+
 def test_the_summary_and_the_page_tell_verdict_cause_and_gain(tmp_path) -> None:
     found = diagnose(MODEL, [record('a')], hold_out=[record('b', seed=2)])
     assert 'verdict: named' in found.summary()
