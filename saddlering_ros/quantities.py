@@ -55,9 +55,15 @@ def compact(value: float | None, digits: int = 3) -> str:
 
 
 def span(low: float, high: float, unit: str = '', digits: int = 4) -> str:
-    """'(1.27 to 1.33) × 10⁸ N/m^n': two numbers with one power of ten."""
-    size = max(abs(low), abs(high))
+    """'(1.27 to 1.33) × 10⁸ N/m^n': two numbers with one power of ten, which differ.
+
+    Times of a clock, which need more digits, have no power: '1700000005 to 1700000008 s'.
+    """
+    size, apart = max(abs(low), abs(high)), abs(high - low)
     power = math.floor(math.log10(size)) if size and not 1e-2 <= size < 1e4 else 0
+    needed = math.floor(math.log10(size / apart)) + 2 if 0.0 < apart < size else 0
+    if needed > digits:
+        digits, power = needed, 0 if 0 < power < needed else power
     words = f'{low / 10.0**power:.{digits}g} to {high / 10.0**power:.{digits}g}'
     text = f'({words}) × 10{superscript(power)}' if power else words
     return text if unit in PLAIN else f'{text} {unit}'

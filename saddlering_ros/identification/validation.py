@@ -175,11 +175,10 @@ def _compare(run: Record, rig: Rig, parameters: ParameterSet) -> _Comparison:
     if np.count_nonzero(compared) < 5:
         raise IdentificationError(
             f'{name}: fewer than 5 samples can be compared: check that load and probes overlap')
-    notes = () if measured.zero.near_preload else ('the record does not start near preload',)
     result = RunValidation(
         name=name, test=run.test, elevation=float(run.elevation), channels={}, time=measured.time,
         load=measured.load, measured=actual, simulated=simulated, compared=compared,
-        notes=(*run.notes, *notes), origin=run.origin)
+        notes=tuple(run.notes), origin=run.origin)
     return _Comparison(result, measured, rests, channels)
 
 

@@ -24,6 +24,8 @@ def test_a_quantity_has_a_prefix_and_the_digits_its_error_leaves(value, unit, st
 def test_an_interval_has_one_power_of_ten_and_its_unit():
     assert span(1.27e8, 1.33e8, 'N/m^n') == '(1.27 to 1.33) × 10⁸ N/m^n'
     assert span(1.065, 1.0967) == '1.065 to 1.097'
+    assert span(1700000005.0125, 1700000007.5, 's', 3) == '1700000005 to 1700000008 s'
+    assert span(1.27, 1.2701) == '1.27 to 1.2701'
 
 
 def test_a_compact_number_has_no_closing_zeros_and_no_letter_e():
