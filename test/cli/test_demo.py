@@ -15,6 +15,7 @@ import time
 from unittest import mock
 
 from browser import browser_page
+from few_effects import few_effects
 import pytest
 
 from benchmarks.examiner import draw_truth, DrawSettings, RecordSettings, write_campaign
@@ -86,7 +87,8 @@ def test_the_demo_finds_a_cause_live_and_halves_the_misfit_of_the_runs_kept_back
     settings = DrawSettings(('radial_friction',), fixed={'radial_friction': {'force': 8000.0}})
     write_campaign(draw_truth(4, 'single', settings), bags,
                    ('static_50', 'dynamic_50_fast', 'dynamic_70'), SHORTER)
-    with mock.patch.dict(os.environ, ROS_LOG_DIR=str(tmp_path)):
+    with mock.patch.dict(os.environ, ROS_LOG_DIR=str(tmp_path)), few_effects(
+            'radial_friction', 'tilt_friction', 'cylinder_friction', 'film_creep', 'settling'):
         status = main(['demo', '--bags', str(bags), '--out', str(tmp_path / 'out')])
     assert status == 0, capsys.readouterr()
     assert 'verdict: ' in capsys.readouterr().out
