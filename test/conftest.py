@@ -118,6 +118,13 @@ def pictures_once(made_once: MadeOnce, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(DRAWN, shared_drawn(made_once))
 
 
+@pytest.fixture
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let reports have their words alone: a picture takes 0.3 s of processor time."""
+    from shared_pictures import DRAWN
+    monkeypatch.setattr(DRAWN, lambda chart: b'undrawn')
+
+
 @pytest.fixture(scope='session')
 def node_server() -> Iterator[NodeServer]:
     """Forks the nodes of this process's tests; see its module."""

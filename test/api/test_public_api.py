@@ -162,6 +162,7 @@ def test_a_result_is_printed_as_its_summary_and_shown_as_one_line(found, bags):
     assert '\n' not in repr(found) + repr(bags[0])
 
 
+@pytest.mark.usefixtures('no_pictures')
 def test_a_report_is_written(judged, tmp_path):
     judged.write_report(tmp_path / 'page.html', command='python mine.py')
     assert 'python mine.py' in (tmp_path / 'page.html').read_text()

@@ -72,6 +72,7 @@ def test_identify_json_on_stdout_is_json_alone(bags, capsys):
     assert document['parameters']['D1']['pinned'] is False
 
 
+@pytest.mark.usefixtures('no_pictures')
 def test_validate_prints_a_table_writes_json_and_pictures(
     bags, parameter_file, tmp_path, capsys
 ):

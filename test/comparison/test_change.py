@@ -202,6 +202,7 @@ def test_a_series_stands_in_the_document_and_on_the_page(grown, tmp_path):
         ('load / t', 'δx / µm')}
 
 
+@pytest.mark.usefixtures('no_pictures')
 def test_a_change_tells_how_certain_it_is(grown, tmp_path):
     group = ('radial_friction', CONTACT_CHANGE)
     cause = replace(grown.diagnosis.causes[0], group=group)

@@ -225,6 +225,7 @@ def test_a_check_refits_the_base_to_a_large_change_of_an_effect() -> None:
     assert 'effect worn: cannot be told from the base' in str(check(model, [run]))
 
 
+@pytest.mark.usefixtures('no_pictures')
 def test_the_summary_and_the_page_tell_verdict_cause_and_gain(tmp_path) -> None:
     found = diagnose(MODEL, [record('a')], hold_out=[record('b', seed=2)])
     assert 'verdict: named' in found.summary()

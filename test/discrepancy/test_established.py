@@ -648,6 +648,7 @@ def of_ids(parameters: dict[str, float], run: Run) -> dict[str, np.ndarray]:
     (0.009, 0.0, 0.08, 'Dry friction has 1.'),
     (0.1, 0.05, 0.0, 'explained by Dry friction'),
     (0.03, 0.1, 0.0, 'Dry friction: a law of another shape')])
+@pytest.mark.usefixtures('no_pictures')
 def test_sentences_have_titles_where_machines_read_ids(
     tmp_path: Path, friction: float, error: float, noise: float, words: str,
 ) -> None:

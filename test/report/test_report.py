@@ -155,8 +155,8 @@ def test_a_line_beside_a_sound_model_has_no_gain_of_the_model():
     assert gain_sentence(said) == ''
 
 
-def test_a_verdict_without_a_cause_mentions_no_extended_model(monkeypatch):
-    monkeypatch.setattr(DRAWN, lambda chart: b'')  # the words alone
+@pytest.mark.usefixtures('no_pictures')
+def test_a_verdict_without_a_cause_mentions_no_extended_model():
     for verdict in ('none', 'unknown'):
         said = document(verdict, causes=[], notes=[])
         shown = document_text(said) + diagnosis_page(said, RUNS[:1])
