@@ -112,13 +112,6 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 
 @pytest.fixture
-def pictures_once(made_once: MadeOnce, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let reports take the picture of a chart that another test drew."""
-    from shared_pictures import DRAWN, shared_drawn
-    monkeypatch.setattr(DRAWN, shared_drawn(made_once))
-
-
-@pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let reports have their words alone: a picture takes 0.3 s of processor time."""
     from shared_pictures import DRAWN

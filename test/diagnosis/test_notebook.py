@@ -24,7 +24,7 @@ def cells():
 
 
 def test_the_notebook_goes_from_bags_to_a_verdict(
-        campaign, made_once, pictures_once, tmp_path, monkeypatch, capsys):
+        campaign, made_once, no_pictures, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(PLACE, shared_diagnose(made_once))
     (tmp_path / 'bags').symlink_to(campaign('radial_friction', 8000.0, 'force')[0].parent)
     monkeypatch.chdir(tmp_path)

@@ -24,7 +24,7 @@ def test_every_page_with_a_snippet_is_run():
 
 @pytest.mark.parametrize('page', PRINTED)
 def test_the_snippets_of_a_page_run_as_they_stand(
-        page, campaign, made_once, pictures_once, tmp_path, monkeypatch, capsys):
+        page, campaign, made_once, no_pictures, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(PLACE, shared_diagnose(made_once))
     (tmp_path / 'bags').symlink_to(campaign('radial_friction', 8000.0, 'force')[0].parent)
     (tmp_path / 'config').symlink_to(ROOT / 'config')
