@@ -8,7 +8,7 @@ from rosnet import wait_until
 
 from saddlering_interfaces.msg import ReplayState, RingAlarm
 from saddlering_ros.live.session import alarm_as_page, AlarmOfTest, Session, with_link
-from saddlering_ros.live.traces import TestCurves
+from saddlering_ros.live.traces import CurvesOfTest
 from saddlering_ros.live.watcher import REVIEW, SILENT, Watcher
 from saddlering_ros.ros.messages import to_time
 from saddlering_ros.ros.names import STATE
@@ -118,7 +118,7 @@ def test_a_first_guess_that_later_samples_speak_against_is_taken_back():
 
 def test_a_state_of_the_alarm_that_comes_late_counts_for_the_test_of_its_stamp():
     session = Session()
-    earlier = TestCurves(1, 10 * 10**9, 20 * 10**9, 10**7, {}, {})
+    earlier = CurvesOfTest(1, 10 * 10**9, 20 * 10**9, 10**7, {}, {})
     session.hear(told(RingAlarm.WATCHING, 12.0), [earlier])
     session.follow(2, '')
     session.hear(told(RingAlarm.ALARM, 20.5, channel='gamma', size=3e-6,
