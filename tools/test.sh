@@ -11,9 +11,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 with_nodes=(test/nodes test/live test/cli)  # a test marked ros elsewhere is refused (conftest.py)
 no_tests=5  # pytest's status when nothing was selected
 
-run() {
-  exec tools/run.sh python -m pytest --quiet "$@"
-}
+pytest=(tools/run.sh python -m pytest --quiet)
 
 # A test run starts hundreds of processes; without kept bytecode, each would compile the package.
 unset PYTHONDONTWRITEBYTECODE
@@ -26,7 +24,7 @@ export SADDLERING_THREADS=${SADDLERING_THREADS:-1} OPENBLAS_NUM_THREADS=1
 tools/run.sh python -m saddlering_ros.ring.warm > /dev/null || exit
 
 said=$(mktemp)
-(run -m ros --numprocesses 0 "${@:-${with_nodes[@]}}") > "$said" 2>&1 &
+(exec "${pytest[@]}" -m ros --numprocesses 0 "${@:-${with_nodes[@]}}") > "$said" 2>&1 &
 nodes=$!
 end_nodes() {
   kill -INT "$nodes" 2> /dev/null
@@ -39,7 +37,9 @@ end_nodes() {
 }
 trap end_nodes EXIT
 trap 'exit 130' INT TERM
-(run -m 'not ros' --numprocesses auto --dist worksteal "$@")
+# Nodes wait for each other and come first where they can compute: their part would else end last,
+# with a core idle.
+(exec nice -n 10 "${pytest[@]}" -m 'not ros' --numprocesses auto --dist worksteal "$@")
 without=$?
 [ "$without" != 2 ] || exit 2
 wait "$nodes"
