@@ -262,13 +262,26 @@ def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
     """Whether each effect shows beside the base parameters."""
     problem = metric.problem
     base = problem.system.base_parameters
+    white = tangent(metric, fit).white
+    directions, steps = orthonormal(white), np.linalg.pinv(white)
+
+    def beside_base(changes: Array) -> Array:
+        """Lengths (S,) of what the base leaves of whitened changes (n, S), to first order."""
+        return np.linalg.norm(changes - directions @ (directions.T @ changes), axis=0)
+
     lines = []
     for effect in problem.system.effects:
         points = [Candidate(((effect, 0),)).point(base, np.concatenate([fit.theta_unit, start]))
                   for start in effect.first_guesses]
         change = metric.whiten(problem.predict(points) - fit.prediction[:, None])
         change = change[:, np.isfinite(change).all(axis=0)]
-        lengths, whole = _beside_base(metric, fit, change), np.linalg.norm(change, axis=0)
+        lengths, whole = beside_base(change), np.linalg.norm(change, axis=0)
+        theta, left = fit.theta_unit[:, None], change
+        for _ in range(REFIT_ROUNDS):
+            theta = np.clip(theta + steps @ np.nan_to_num(left), 0.0, 1.0)
+            moved = [fit.candidate.point(base, one) for one in theta.T]
+            left = change - metric.whiten(problem.predict(moved) - fit.prediction[:, None])
+            lengths = np.fmin(lengths, beside_base(left))
         if not whole.max(initial=0.0) > 0.0:
             seen = 'changes nothing at any start'
         elif (lengths / np.maximum(whole, 1e-300)).max() < MIN_SHARE:
@@ -277,21 +290,3 @@ def _effect_lines(metric: Metric, fit: Fit) -> list[str]:
             seen = f'reaches {lengths.max():.3g} standard deviations at the best start'
         lines.append(f'effect {effect.id}: {seen}')
     return lines
-
-
-def _beside_base(metric: Metric, fit: Fit, changes: Array) -> Array:
-    """Lengths (S,) of whitened changes (n, S) of a prediction that base parameters leave of them.
-
-    The parameters are refitted to each change: to first order, a large one leaves its curvature.
-    """
-    problem, white = metric.problem, tangent(metric, fit).white
-    orthogonal, steps = orthonormal(white), np.linalg.pinv(white)
-    theta, left = np.tile(fit.theta_unit[:, None], changes.shape[1]), changes
-    shortest = np.linalg.norm(left - orthogonal @ (orthogonal.T @ left), axis=0)
-    for _ in range(REFIT_ROUNDS):
-        theta = np.clip(theta + steps @ np.nan_to_num(left), 0.0, 1.0)
-        points = [fit.candidate.point(problem.system.base_parameters, one) for one in theta.T]
-        left = changes - metric.whiten(problem.predict(points) - fit.prediction[:, None])
-        shortest = np.fmin(shortest, np.linalg.norm(
-            left - orthogonal @ (orthogonal.T @ left), axis=0))
-    return np.asarray(shortest)
