@@ -380,9 +380,6 @@ def _residual_of(space: ModelSpace, fit: Fit) -> results.Residual:
     consistency = consistency_tests(
         space.metric, fit, sensitivities, slow, space.max_pairs,
     ) if space.problem.assumptions.exact_laws else []
-    # A shape that parameters nearly imitate has an estimate with a large error.
-    consistency = [replace(test, visible=min(test.visible, float(space.problem.view_sizes(
-        fit.prediction - space.problem.measured, test.view).max()))) for test in consistency]
     shapes = space.tests.shapes(fit, sensitivities)
     return results.Residual(slow, space.tests.fast(fit), tuple(shapes), tuple(consistency))
 

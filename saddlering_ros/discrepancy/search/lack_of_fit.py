@@ -431,9 +431,11 @@ def consistency_tests(
                  for view in problem.system.views}
         view = max(sizes, key=lambda name: sizes[name])
         beyond = max(statistic - count * level, 0.0) / max(statistic, 1e-300)
+        # A shape that parameters nearly imitate has an estimate with a large error.
+        largest = float(problem.view_sizes(fit.prediction - problem.measured, view).max())
         tests.append(ShapeTest(
             view, name, float(fisher_chance(statistic / count / level, count, pairs)), statistic,
-            count, sizes[view] * beyond**0.5))
+            count, min(sizes[view] * beyond**0.5, largest)))
     return [replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests]
 
 
