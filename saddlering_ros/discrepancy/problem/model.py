@@ -341,20 +341,20 @@ class ModelSystem:
         """The noise of every channel in shares of its range, as declared or learnt."""
         noise: dict[tuple[str, int], ChannelNoise] = {}
         for number, (name, channel) in enumerate(self.model.channels.items()):
-            power = float(self.scales[number]) ** 2  # Noise as a share of the range.
-            readings = [_record(run, number, run.channels[number] * power**0.5) for run in runs]
+            scale = float(self.scales[number])
+            readings = [_record(run, number, run.channels[number] * scale) for run in runs]
             left = None if residuals is None else [
-                _record(run, number, residual[number] * power**0.5)
+                _record(run, number, residual[number] * scale)
                 for run, residual in zip(runs, residuals, strict=True)]
             try:
-                own = noise_of_channel(channel.noise, readings, left, power**0.5)
+                own = noise_of_channel(channel.noise, readings, left, scale)
             except EstimationError as error:
                 raise DiscrepancyError(f'channel {name}: {error}') from None
             for run, record in zip(runs, readings, strict=True):
                 whole = own[run.name]
                 if record.time.size < run.time.size:  # Its own rate, and not that of the run.
                     whole = whole.of_samples(record.step)
-                noise[run.name, number] = whole.times(1.0 / power)
+                noise[run.name, number] = whole.times(1.0 / scale**2)
         return noise
 
     def _simulated(self, asked: list[dict[str, float]], run: Run) -> Iterator[Outputs | None]:
