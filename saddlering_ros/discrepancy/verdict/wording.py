@@ -378,9 +378,9 @@ BEYOND_DECLARED = '{} in {}: {} of range remains, more than the declared model e
 OTHER_FORM = ('{} remains with the causes, most of it in {}: the law of a cause in the catalogue '
               'is idealised, which explains this remainder')
 BEYOND_NOISE = (
-    '{} in {}: the misfit is {:.3g} times that of the declared noise, and {} of range, which is '
-    'too small to matter: the noise is declared too small, so that detection limits are too small '
-    'too, or the model errs by as much')
+    '{} in {}: the misfit is {:.3g} times that of the declared noise, and with {} of range too '
+    'small to matter; either the declared noise and the detection limits are too small, or the '
+    'model errs by as much')
 HIDDEN = ('the interval of {} counts no cause too small to show: {} of {} would change the size '
           'by {}')
 
