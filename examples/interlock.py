@@ -65,7 +65,7 @@ class Interlock(Node):
 
 # On Ctrl-C the message in hand is finished first; rclpy's own handler would break into it.
 rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-told_to_stop: list[int] = []
+told_to_stop: list[int] = []  # no Event: its lock can stop a second handler
 signal.signal(signal.SIGINT, lambda number, _: told_to_stop.append(number))
 interlock = Interlock()
 while not told_to_stop:

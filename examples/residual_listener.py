@@ -38,7 +38,7 @@ class ResidualListener(Node):
 
 # On Ctrl-C the message in hand is finished first; rclpy's own handler would break into it.
 rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-told_to_stop: list[int] = []
+told_to_stop: list[int] = []  # no Event: its lock can stop a second handler
 signal.signal(signal.SIGINT, lambda number, _: told_to_stop.append(number))
 listener = ResidualListener()
 while not told_to_stop:

@@ -70,7 +70,7 @@ class RigDriver(Node):
 
 # On Ctrl-C the block in hand is finished first; rclpy's own handler would break into it.
 rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-told_to_stop: list[int] = []
+told_to_stop: list[int] = []  # no Event: its lock can stop a second handler
 for number in (signal.SIGINT, signal.SIGTERM):
     signal.signal(number, lambda number, _: told_to_stop.append(number))
 driver = RigDriver(Daq())
