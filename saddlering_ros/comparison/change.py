@@ -22,7 +22,7 @@ from saddlering_ros.discrepancy import Cause, Diagnosis, Estimate, Problem
 from saddlering_ros.doubts.comparison import refuse_repeats
 from saddlering_ros.errors import SaddleringError
 from saddlering_ros.files import Provenance
-from saddlering_ros.identification import identify
+from saddlering_ros.identification import Identification, identify
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
 from saddlering_ros.quantities import finite_json, lowered
 from saddlering_ros.record import Record
@@ -170,8 +170,8 @@ def compare_records(
             for number, one in enumerate(built, start=1))
     earlier, later = prepared['before'], prepared['after']
     watch.progress('contact parameters', 0.0)
-    start = dict(zip(PARAMETER_NAMES, identify(
-        list(before), rig, is_cancelled=is_cancelled).parameters.contact.to_array(), strict=True))
+    identified = identify(list(before), rig, is_cancelled=is_cancelled)
+    start = dict(zip(PARAMETER_NAMES, identified.parameters.contact.to_array(), strict=True))
     renewed, said = renewed_between(before, after)
     system = TwoSessions(RingSystem(rig), frozenset(one.run.name for one in earlier), renewed)
     diagnosis = discrepancy.diagnose_system(Problem(
@@ -183,7 +183,7 @@ def compare_records(
     notes += [*said, *check_set([*earlier, *later], rig), *diagnosis.warnings,
               *rig_dimensions.certificate_notes(rig, diagnosis.causes),
               *rig_dimensions.assumed_notes(rig)]
-    contact = contact_of_sessions(diagnosis, system)
+    contact = contact_of_sessions(diagnosis, system, identified)
     left = sessions.left_between(diagnosis, system)
     diagnosis = sessions.with_main_cause(
         replace(diagnosis, causes=tuple(map(_as_change, diagnosis.causes))), left)
@@ -320,13 +320,14 @@ def _limits_alone(
 
 
 def contact_of_sessions(
-    diagnosis: Diagnosis, system: TwoSessions,
+    diagnosis: Diagnosis, system: TwoSessions, earlier: Identification,
 ) -> dict[str, tuple[Estimate, Estimate, Estimate]]:
     """Contact parameters before, after, and their change, each with its standard deviation.
 
-    One linear step from the fit with the causes, in which each session has a contact law of its
-    own: errors that both sessions share are marginalised, and so is the size of every cause but a
-    change of the contact law itself.
+    The law before is that of `identify` (NaN if not determined). The change is one linear step
+    from the fit with the causes, in which each session has a contact law of its own: errors that
+    both sessions share are marginalised, and so is the size of every cause but a change of the
+    contact law itself. The law before and the change count as independent.
     """
     metric, fit, parameters = diagnosis.fits.metric, diagnosis.fits.after, system.base_parameters
     problem, count = metric.problem, len(parameters)
@@ -348,15 +349,20 @@ def contact_of_sessions(
     changed = {QUANTITIES[round(moved['quantity'])]: 1.0 + moved['change']} if moved else {}
     for index, parameter in enumerate(parameters):
         unit, places = float(fit.theta_unit[index]), [index, count + index]
-        slope = parameter.slope(unit)
-        earlier, later = map(parameter.from_unit, np.clip(unit + step[places], 0.0, 1.0).tolist())
-        later *= changed.get(parameter.name, 1.0)
-        both = slope**2 * covariance[np.ix_(places, places)]
-        first, second, difference = (
-            Estimate(float(size), math.sqrt(power), parameter.unit) for size, power in (
-                (earlier, both[0, 0]), (later, both[1, 1]),
-                (later - earlier, both[0, 0] + both[1, 1] - 2.0 * both[0, 1])))
-        answers[parameter.name] = first, second, difference
+        ends = np.clip(unit + step[places], 0.0, 1.0).tolist()
+        first, last = map(parameter.from_unit, ends)
+        last *= changed.get(parameter.name, 1.0)
+        both = covariance[np.ix_(places, places)]
+        spread = math.sqrt(both[0, 0] + both[1, 1] - 2.0 * both[0, 1])
+        before, std = earlier.parameters.contact.to_array()[index], earlier.std[index]
+        # A K or D changes by the same factor about the identified law as about the fitted one.
+        factor = before / first if parameter.scale == 'log' else 1.0
+        change = Estimate(factor * (last - first), factor * parameter.slope(ends[0]) * spread,
+                          parameter.unit)
+        answers[parameter.name] = (
+            Estimate(float(before), float(std), parameter.unit),
+            Estimate(float(before + change.value), math.hypot(std, change.std), parameter.unit),
+            change)
     return answers
 
 

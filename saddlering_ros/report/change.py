@@ -47,8 +47,9 @@ def contact_words(name: str, numbers: Sequence[Estimate]) -> list[str]:
     The change can be known better than either, as errors that both sessions share are not in it.
     """
     least = 1.0 if name[0] == 'n' else max(abs(one.value) for one in numbers[:2])
-    return [quantity(one.value, one.unit, one.std) if reason_wide(name, one.std / least, 2) is None
-            else f'{UNDETERMINED} (best known {quantity(one.value, one.unit)})' for one in numbers]
+    return [f'{UNDETERMINED} (best known {quantity(one.value, one.unit)})'
+            if math.isnan(one.std) or reason_wide(name, one.std / least, 2)
+            else quantity(one.value, one.unit, one.std) for one in numbers]
 
 
 def wear_words(judged: Sequence[Mapping[str, Any]]) -> list[str]:

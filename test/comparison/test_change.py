@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 import pickle
 
 from few_effects import few_effects
@@ -40,6 +41,7 @@ from saddlering_ros.discrepancy import Cause, Estimate, Point
 from saddlering_ros.discrepancy.problem.fits import Gain
 from saddlering_ros.discrepancy.verdict.results import NOTHING
 from saddlering_ros.errors import BagError
+from saddlering_ros.identification import identify
 from saddlering_ros.pages.certainty import certainty
 from saddlering_ros.pages.html import pictures_of
 from saddlering_ros.progress import one_blas_thread, Watch
@@ -269,16 +271,39 @@ def test_a_misfit_that_both_sessions_have_is_no_change(grown):
     assert left_between(both, system) < 2e-3
 
 
-def test_a_misfit_beyond_noise_widens_the_contact_law_of_both_sessions(grown):
+@pytest.fixture(scope='module')
+def identified(before):
+    """The contact law of the earlier session, as `saddlering identify` prints it."""
+    return identify(before, RIG)
+
+
+def test_the_contact_law_before_is_that_of_an_identification(grown, identified):
+    """On a ring of 0.3 m the joint fit of the sessions had D2 five deviations from the truth."""
+    document = identified.to_json()['parameters']
+    for name, (first, last, change) in grown.contact.items():
+        assert first.value == pytest.approx(document[name]['value'])
+        if document[name]['pinned']:
+            assert first.std == pytest.approx(document[name]['std'])
+            assert last.std == pytest.approx(math.hypot(first.std, change.std))
+        else:
+            assert math.isnan(first.std)
+            assert math.isnan(last.std)
+        assert last.value - first.value == pytest.approx(change.value)
+    assert not all(entry['pinned'] for entry in document.values())
+    assert grown.to_json()['parameters']['before']['n1_std'] is None
+
+
+def test_a_misfit_beyond_noise_widens_the_change_of_the_contact_law(grown, identified):
     """On a ring whose rest was 15 um in both, K1 was 110 deviations wrong."""
     system = TwoSessions(RingSystem(RIG), frozenset(record.run.name for record in grown.before))
     left = grown.diagnosis.residual_after
     large = replace(left, slow=replace(left.slow, excess=8.0 * left.slow.dimensions))
     with one_blas_thread():  # As it was compared, to the last digit.
-        wider = contact_of_sessions(replace(grown.diagnosis, residual_after=large), system)
-    for name, numbers in grown.contact.items():
-        for one, wide in zip(numbers, wider[name], strict=True):
-            assert (wide.value, wide.std) == (one.value, pytest.approx(3.0 * one.std))
+        wider = contact_of_sessions(
+            replace(grown.diagnosis, residual_after=large), system, identified)
+    for name, (_, _, change) in grown.contact.items():
+        assert wider[name][2].value == pytest.approx(change.value, rel=1e-9)
+        assert wider[name][2].std == pytest.approx(3.0 * change.std)
 
 
 def test_an_instrument_calibrated_between_the_sessions_may_differ_by_both_certificates(
@@ -401,4 +426,5 @@ def test_a_contact_parameter_that_a_session_does_not_determine_has_no_interval()
     before, after, change = contact_words('D2', numbers)
     assert (before, change) == ('(4.20 ± 0.90) × 10⁶ N s/m', '(-3.90 ± 0.20) × 10⁶ N s/m')
     assert after == 'not determined by these data (best known 3.00 × 10⁵ N s/m)'
-    assert contact_words('n2', [Estimate(1.1, 0.2, '')])[0].startswith('not determined')
+    for open_std in (0.2, math.nan):
+        assert contact_words('n2', [Estimate(1.1, open_std, '')])[0].startswith('not determined')
