@@ -7,7 +7,7 @@ import time as clock
 import numpy as np
 
 from saddlering_ros.discrepancy.engine import diagnose_system
-from saddlering_ros.discrepancy.noise import noise_sentence, wrong_level
+from saddlering_ros.discrepancy.noise import is_correlated, noise_sentence, wrong_level
 from saddlering_ros.discrepancy.problem import system as systems
 from saddlering_ros.discrepancy.problem.fits import Candidate, centred, Fit, fit_base, tangent
 from saddlering_ros.discrepancy.problem.metric import Metric, noise_metric
@@ -119,12 +119,19 @@ def _finished(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diag
     return replace(diagnosis, warnings=warnings, runs=tuple(predictions), remainder=remainder)
 
 
+OPEN = {'none': 0.5, 'unknown': 0.5}
+"""Probabilities of a misfit that is smaller than declared noise and is no noise itself: nothing is
+known of how often a cause hides there."""
+
+
 def _with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> results.Diagnosis:
     """The same with a warning, and without a name, if the misfit does not agree with the noise.
 
-    Where a model error is declared, a residual far below it is what the declaration says, and one
-    below it is nothing. Noise that is learnt holds a part of the misfit of a cause, so that it is
-    far above what a right cause leaves.
+    Noise that is declared too large can hide a cause, or what a wrong law leaves. `none` stays
+    where the misfit is noise of a smaller size, or too small to matter. Where a model error is
+    declared, a residual far below it is what the declaration says, and one below it is nothing.
+    Noise that is learnt holds a part of the misfit of a cause, so that it is far above what a
+    right cause leaves.
     """
     metric, fit = diagnosis.fits.metric.with_offsets(), diagnosis.fits.after
     problem = metric.problem
@@ -132,7 +139,7 @@ def _with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> res
     residual = fit.prediction - problem.measured
     white = metric.whiten(residual)
     rounding = (systems.JITTER * float(problem.channel_ranges.max())) ** 2
-    under, over = [], []
+    under, over, not_noise = [], [], []
     small: dict[str, tuple[float, str]] = {}
     for index, channel, part in problem.slices:
         run, name = problem.runs[index], problem.system.channel_names[channel]
@@ -147,6 +154,9 @@ def _with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> res
         side, where = wrong_level(statistic, free, noise.pairs), f'{name} in {run.name}'
         if side == 'over' and has_noise and not is_learnt and not allowed[channel]:
             over.append(noise_sentence(side, statistic, free, where))
+            size = float(np.mean(left**2)) ** 0.5 / problem.view_ranges[name]
+            if size >= MODEL_SETTINGS.materiality and is_correlated(white[part][there]):
+                not_noise.append(where)
         beyond = float(np.mean(left**2)) * (1.0 - free / max(statistic, free))
         least = max(MODEL_SETTINGS.materiality, allowed[channel])
         share = beyond**0.5 / problem.view_ranges[name]
@@ -158,15 +168,17 @@ def _with_noise_doubts(diagnosis: results.Diagnosis, system: ModelSystem) -> res
                 name, run.name, ratio, percent(share))))
     if diagnosis.verdict == 'unknown' or diagnosis.remainder:
         under, small = [], {}  # The warning on a remaining misfit is given already.
-    warnings = (*over, *under, *(sentence for _, sentence in small.values()), *diagnosis.warnings)
-    if not under and not over:
-        return replace(diagnosis, warnings=warnings)
-    if diagnosis.verdict == 'unknown' or not (diagnosis.causes or under):
+    doubts = [] if diagnosis.verdict == 'unknown' or not over else [
+        wording.WRONG_LAW_HIDES] if diagnosis.causes else [
+        wording.NOT_NOISE.format(where) for where in not_noise[:1]]
+    warnings = (*over, *under, *(sentence for _, sentence in small.values()), *doubts,
+                *diagnosis.warnings)
+    if not under and not doubts:
         return replace(diagnosis, warnings=warnings)
     causes = tuple(replace(cause, partial=True) for cause in diagnosis.causes)
     return replace(
         diagnosis, verdict='unknown', causes=causes, warnings=warnings, complete=False,
-        probabilities=results.probabilities_of('unknown', causes))
+        probabilities=results.probabilities_of('unknown', causes) if causes or under else OPEN)
 
 
 SOUND_SHARE, OPEN_FACTOR = 0.4, 3.0

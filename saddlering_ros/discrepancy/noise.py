@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 from scipy.optimize import nnls
+from scipy.special import ndtr
 
 from saddlering_ros.discrepancy.problem.system import Array, DiscrepancyError, RunBlocks
 from saddlering_ros.estimation import record_noise
@@ -222,6 +223,15 @@ def wrong_level(
     return None
 
 
+def is_correlated(whitened: Array) -> bool:
+    """Whether neighbours of a whitened misfit (n,) are alike, which noise of no level is.
+
+    By their correlation (J. von Neumann, Ann. Math. Stat. 12 (1941) 367).
+    """
+    products, squares = whitened[1:] @ whitened[:-1], max(float(whitened @ whitened), 1e-300)
+    return bool(ndtr(-products / squares * whitened.size**0.5) < MAX_CHANCE)
+
+
 def noise_sentence(
     side: Literal['over', 'under'], statistic: float, dimensions: float, where: str
 ) -> str:
@@ -229,8 +239,8 @@ def noise_sentence(
     remedy = {
         'under': ', and no cause explains it; give the noise of the channel as it is, leave it to '
                  'be learnt (Noise.unknown), or declare a model error',
-        'over': ': no conclusion is possible; give the noise of the channel (Noise.white, '
-                'Noise.from_rest) or a smaller model error'}[side]
+        'over': ': nothing can be concluded on what is smaller than this noise; give the noise of '
+                'the channel as it is (Noise.white, Noise.from_rest)'}[side]
     return (f'noise {side}estimated in {where}: the misfit is {statistic:.3g} where noise alone '
             f'would give about {dimensions:.3g}{remedy}')
 

@@ -124,6 +124,27 @@ def test_noise_declared_far_too_large_gives_no_name_and_a_warning() -> None:
     assert 'noise overestimated' in ' '.join(found.warnings)
 
 
+@pytest.mark.parametrize('times', [2.0, 5.0, 30.0])
+def test_a_sound_machine_with_noise_declared_too_large_is_none_beside_one_warning(
+        times: float) -> None:
+    """"No conclusion is possible" stood beside `none` with a probability of 97 %."""
+    found = seen_with(Noise.white(times * STD), std=STD)
+    assert (found.verdict, found.probabilities['none'] > 0.9) == ('none', True)
+    (warning,) = found.warnings
+    assert 'noise overestimated' in warning
+    assert 'nothing can be concluded on what is smaller than this noise' in warning
+
+
+def test_a_misfit_under_noise_declared_too_large_that_is_no_noise_is_left_open() -> None:
+    """A bend of twenty times the noise was `none` with a probability of 97 %."""
+    channel = Channel(offset='free', noise=Noise.white(1.0))
+    found = diagnose(replace(MODEL, channels={'seen': channel}), [record('a', size=0.2)])
+    assert (found.verdict, found.complete) == ('unknown', False)
+    assert found.probabilities == {'none': 0.5, 'unknown': 0.5}
+    assert found.headline.startswith('Perhaps nothing is wrong')
+    assert 'no noise of a smaller size either' in found.warnings[1]
+
+
 @pytest.mark.parametrize(('noise', 'verdict'), [
     (Noise.white(STD), 'unknown'), (Noise.unknown(), 'named')])
 def test_noise_that_is_learnt_takes_no_name_and_probabilities_follow_the_verdict(

@@ -381,6 +381,10 @@ BEYOND_NOISE = (
     '{} in {}: the misfit is {:.3g} times that of the declared noise, and with {} of range too '
     'small to matter; either the declared noise and the detection limits are too small, or the '
     'model errs by as much')
+WRONG_LAW_HIDES = ('what a wrong law leaves could hide in noise that is overestimated, so that no '
+                   'cause is established')
+NOT_NOISE = ('the misfit in {} is no noise of a smaller size either: neighbouring samples are '
+             'alike, by a cause that the overestimated noise hides or by noise that is correlated')
 HIDDEN = ('the interval of {} counts no cause too small to show: {} of {} would change the size '
           'by {}')
 
