@@ -460,8 +460,7 @@ def _left(
             size = sizes.get((test.view, test.coordinate), size)
         is_real = test.p_value < settings.error_rate and size >= least[test.view]
         if is_real and test.view not in told:
-            run = problem.runs[int(np.argmax(slow.sizes[test.view]))]
-            left.append((run, test.view, size, test.coordinate))
+            left.append((problem.runs[test.run], test.view, size, test.coordinate))
             told.add(test.view)
     return left
 

@@ -313,6 +313,16 @@ def test_noise_declared_far_too_small_is_reported_where_it_is_too_small_to_matte
     assert found.probabilities['none'] > 0.9
 
 
+@pytest.mark.parametrize('name', ['b', 'c'])
+def test_a_rest_that_only_a_test_of_consistency_finds_is_told_of_its_run(name: str) -> None:
+    """The first run was named, because no slow structure is larger than noise in any run."""
+    channel = Channel(offset='free', noise=Noise.white(1.0))
+    runs = [record(one, size=0.3 * (one == name), seed=seed) for seed, one in enumerate('abcd')]
+    found = diagnose(replace(MODEL, effects={}, channels={'seen': channel}), runs)
+    assert not found.residual_after.slow.sizes['seen'].any()
+    assert [rest.run for rest in found.remainder] == [name]
+
+
 def test_no_rest_is_larger_than_the_residual() -> None:
     """A gain whose bound is far off left 47 % of range where the residual was 2.7 %."""
     found = diagnose(replace(MODEL, base={'gain': Parameter(0.5, 0.98)}), [record('a')])

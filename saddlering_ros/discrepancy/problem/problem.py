@@ -309,6 +309,13 @@ class Problem:
             self.runs, self.view_residuals(residual, view), strict=True)]
         return np.sqrt(squares) / self.view_ranges[view]
 
+    def run_along(self, residual: Array, shape: Array, view: str) -> int:
+        """Index of the run in which stacked residuals (n,) go most along a shape (n,)."""
+        return int(np.argmax([
+            np.average(seen * along, weights=self.sample_weights(run, view))
+            for run, seen, along in zip(self.runs, self.view_residuals(residual, view),
+                                        self.view_residuals(shape, view), strict=True)]))
+
     def mean_square(self, seen: Array, run: RunBlocks, view: str) -> float:
         """Mean square over time of the values (N,) of a view, without missing samples."""
         return float(np.average(seen**2, weights=self.sample_weights(run, view)))

@@ -128,7 +128,8 @@ WAVE_SAMPLES = 4
 class ShapeTest:
     """One family of shapes, its size as a share of range; shape (n,): what it takes, if sure.
 
-    beyond_noise: the size less what noise alone would leave, where a model error is declared.
+    beyond_noise: the size less what noise alone would leave, where a model error is declared;
+    run: index of the run whose residual goes most along the shape.
     """
 
     view: str
@@ -139,6 +140,7 @@ class ShapeTest:
     visible: float
     shape: Array | None = field(default=None, repr=False, compare=False)
     beyond_noise: float = 0.0
+    run: int = 0
 
 
 @dataclass(frozen=True)
@@ -304,6 +306,7 @@ class LackOfFitTests:
     def shapes(self, fit: Fit, tangent: Tangent) -> list[ShapeTest]:
         """Every family in every view, the most significant first; p-values count their number."""
         problem, orthogonal, tests = self._metric.problem, orthonormal(tangent.white), []
+        residual = fit.prediction - problem.measured
         parameters = np.linalg.pinv(orthogonal.T @ tangent.white)
         both = self._metric.shared.apply(np.column_stack([orthogonal, fit.whitened]))
         for coordinate, family in shape_families(problem.runs, problem.assumptions).items():
@@ -333,7 +336,8 @@ class LackOfFitTests:
                 ) if problem.allowed_sizes[view] and chance < MAX_CHANCE else 0.0
                 tests.append(ShapeTest(
                     view, coordinate, float(chance), statistic, max(count, 1), float(size),
-                    shape if chance < MAX_CHANCE else None, beyond))
+                    shape if chance < MAX_CHANCE else None, beyond,
+                    problem.run_along(residual, shape, view)))
         return sorted(
             (replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests),
             key=lambda test: (test.p_value, -test.statistic / test.dimensions))
@@ -408,6 +412,7 @@ def consistency_tests(
     structure of the residual bounds its level from above.
     """
     problem, tests = metric.problem, []
+    residual = fit.prediction - problem.measured
     inverse = np.linalg.pinv(tangent.white.T @ tangent.white, rcond=1e-10, hermitian=True)
     for name, blocks in _consistent_families(problem, fit, tangent):
         columns = BlockColumns(metric, blocks, 1 + max(int(one.index[-1]) for one in blocks))
@@ -432,10 +437,11 @@ def consistency_tests(
         view = max(sizes, key=lambda name: sizes[name])
         beyond = max(statistic - count * level, 0.0) / max(statistic, 1e-300)
         # A shape that parameters nearly imitate has an estimate with a large error.
-        largest = float(problem.view_sizes(fit.prediction - problem.measured, view).max())
+        largest = float(problem.view_sizes(residual, view).max())
         tests.append(ShapeTest(
             view, name, float(fisher_chance(statistic / count / level, count, pairs)), statistic,
-            count, min(sizes[view] * beyond**0.5, largest)))
+            count, min(sizes[view] * beyond**0.5, largest),
+            run=problem.run_along(residual, shape, view)))
     return [replace(test, p_value=min(1.0, test.p_value * len(tests))) for test in tests]
 
 
