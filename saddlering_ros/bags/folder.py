@@ -42,6 +42,7 @@ class BagDirectory:
     path: Path
     files: tuple[Path, ...]
     custom_data: dict[str, str] = field(default_factory=dict)
+    start: int | None = None  # of the recording [ns since 1970]; None: not stated
     message_count: int | None = None  # of all files; None: not stated
     message_compression: str = ''  # of each message: '' or 'zstd' (mode "message" of rosbag2)
     has_metadata: bool = False
@@ -84,12 +85,12 @@ def open_directory(path: Path | str) -> BagDirectory:
     beside = path.parent / METADATA
     information: dict[str, Any] = {}
     with suppress(BagError):
-        information = read_metadata(beside) if beside.is_file() else {}
+        information = _read_metadata(beside) if beside.is_file() else {}
     named = {Path(name).name for name in _names(information)}
     if path.name not in named:
         return BagDirectory(path, (path,))
     of_bag = _with_information(path, (path,), information)
-    return of_bag if len(named) == 1 else replace(of_bag, message_count=None)
+    return of_bag if len(named) == 1 else replace(of_bag, start=None, message_count=None)
 
 
 @contextmanager
@@ -133,7 +134,7 @@ def _of_directory(path: Path) -> BagDirectory:
         raise BagError(
             f'{path}: is not a bag, but a folder of {below}: give one of them, or all as {path}/*'
             if below else f'{path}: holds no .mcap file: give a bag recorded with storage mcap')
-    information = read_metadata(path / METADATA)
+    information = _read_metadata(path / METADATA)
     storage = _word(information, 'storage_identifier') or 'mcap'
     if storage != 'mcap':
         raise BagError(
@@ -158,13 +159,15 @@ def _with_information(
         raise BagError(
             f'{path}: messages are compressed with {compression!r}, which is not supported: '
             'convert the bag with "ros2 bag convert"')
-    count = information.get('message_count')
+    start, count = information.get('starting_time'), information.get('message_count')
+    start = start.get('nanoseconds_since_epoch') if isinstance(start, dict) else None
     return BagDirectory(path, files, custom_data_of(information),
+                        start if isinstance(start, int) else None,
                         count if isinstance(count, int) else None,
                         compression if mode == 'message' else '', True)
 
 
-def read_metadata(path: Path) -> dict[str, Any]:
+def _read_metadata(path: Path) -> dict[str, Any]:
     """Statements of a metadata.yaml on its bag; BagError if there are none."""
     return parse_metadata(read_regular_text(path, BagError), str(path))
 

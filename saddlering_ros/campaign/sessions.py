@@ -164,11 +164,7 @@ def _look_at(path: Path) -> FoundBag:
     """The bag at `path` by its summaries alone, no message is read; a fault is its `problem`."""
     try:
         directory = bags.open_directory(path)
-        metadata, start = dict(directory.custom_data), None
-        if directory.has_metadata and directory.path.is_dir():
-            stated = bags.read_metadata(directory.path / bags.METADATA).get('starting_time')
-            value = stated.get('nanoseconds_since_epoch') if isinstance(stated, dict) else None
-            start = value if isinstance(value, int) else None
+        metadata, start = dict(directory.custom_data), directory.start
         for file in () if metadata and start is not None else directory.files:
             # One of six unrelated types of damage; reading the bag will report it.
             with suppress(Exception), bags.plain_file(file) as plain, plain.open('rb') as stream:

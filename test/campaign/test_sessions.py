@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from campaign_stubs import write_bag
 import pytest
 
+from saddlering_ros.bags import folder
 from saddlering_ros.campaign.sessions import (
     find_bags,
     group_sessions,
@@ -18,6 +19,7 @@ from saddlering_ros.campaign.sessions import (
 )
 from saddlering_ros.campaign.store import CampaignError
 from saddlering_ros.campaign.task import change_since, session_verdict, tasks_of
+from saddlering_ros.plain_yaml import parse_yaml
 from saddlering_ros.rig import default_rig
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
@@ -40,6 +42,17 @@ def test_tests_of_one_ring_within_a_day_are_one_session_and_a_longer_gap_joins_m
 def test_an_elevation_is_held_out_where_another_is_left(works):
     sessions = group_sessions(find_bags(works), hold_out=70.0)
     assert [len(item.of_role('hold_out')) for item in sessions] == [1, 0, 1, 1]
+
+
+def test_the_description_of_a_bag_is_parsed_once(tmp_path, monkeypatch):
+    """Once for its files and once more for its time."""
+    parsed = []
+    monkeypatch.setattr(folder, 'parse_yaml', lambda text: parsed.append(text) or parse_yaml(text))
+    shutil.copytree(BAGS / 'static_50', tmp_path / 'static_50')
+    (bag,) = find_bags(tmp_path)
+    assert len(parsed) == 1
+    assert bag.time == pytest.approx(parse_yaml(parsed[0])['rosbag2_bagfile_information'][
+        'starting_time']['nanoseconds_since_epoch'] / 1e9)
 
 
 def test_split_bare_and_nested_bags_are_found(tmp_path):
