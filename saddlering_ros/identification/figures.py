@@ -37,7 +37,8 @@ MAX_ZERO_ERROR = 3.0
 
 MAX_NOISE = 0.1
 """Largest noise over the range of a channel with which slope, loop, delay and rating of its curve
-say something: a prediction without error is rated 0.8 or more up to a noise of 0.1."""
+say something: a prediction without error is rated 0.8 or more up to a noise of 0.1. Slope and
+delay are relative to the simulated curve, whose range has the same limit."""
 
 MIN_RATED = 10
 """Smallest number of points of a rated curve: one more than the mean of a slope takes."""
@@ -51,7 +52,7 @@ class ChannelFigures:
     """Figures of one channel of one run; simulated against measured, in the channel's unit.
 
     None means that a figure has no meaning: of the parity, which is not simulated, and of the
-    curve of a channel that hardly moves more than its noise.
+    curve of a channel that hardly moves more than its noise, or hardly would by the simulation.
     E and u_val: ASME V&V 20 (noise and zero of the readings, covariance of the parameters, small
     errors of a sound ring).
     """
@@ -144,7 +145,9 @@ def channel_figures(
         math.hypot(reading_noise, zero_noise), math.sqrt(max(0.0, input_variance)), sound)
     is_simulated = CHANNELS[position] != 'parity'
     noise_of_sample = _noise_of_sample(residual, rests, noise, step)
-    moves = (reading_noise if static else noise_of_sample) <= MAX_NOISE * extent
+    moves, is_followed = (
+        (reading_noise if static else noise_of_sample) <= MAX_NOISE * motion
+        for motion in (extent, float(np.ptp(shape_simulated))))
     box = extent * float(np.ptp(shape_load))
     # Areas of the loops over the load, positive where the unloading branch lies above.
     steps = np.diff(shape_load, append=shape_load[0])
@@ -152,6 +155,7 @@ def channel_figures(
              if moves else None for values in (shape_measured, shape_simulated)]
     centred = shape_simulated - shape_simulated.mean()
     is_rated = is_simulated and moves and len(shape_measured) >= MIN_RATED
+    is_sloped = is_simulated and moves and is_followed
     rating = rate(shape_measured, shape_simulated) if is_rated else None
     return ChannelFigures(
         unit='rad' if CHANNELS[position] == 'gamma' else 'm', range=extent,
@@ -162,11 +166,11 @@ def channel_figures(
         maximum=float(np.max(np.abs(shape_measured - shape_simulated))),
         bias=float(np.mean(residual[compared])),
         slope_ratio=(float(centred @ shape_measured) / float(centred @ centred)
-                     if is_simulated and moves and float(centred @ centred) > 0.0 else None),
+                     if is_sloped else None),
         loop_area=None if areas[0] is None or areas[1] is None else areas[0] - areas[1],
         loop_area_measured=areas[0], loop_area_simulated=areas[1],
         zero_return=_zero_return(run, residual, rests),
-        time_shift=_time_shift(run, position) if is_rated and not static else None,
+        time_shift=_time_shift(run, position) if is_rated and is_sloped and not static else None,
         iso18571=None if rating is None else rating.overall,
         iso18571_parts=None if rating is None else asdict(rating), comparison_error=error,
         validation_uncertainty=uncertainty, e_over_uval=_ratio(error, uncertainty))

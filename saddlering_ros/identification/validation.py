@@ -30,9 +30,9 @@ from saddlering_ros.ring import simulate, static_response
 from saddlering_ros.ring.roller_scatter import sound_deviation
 from saddlering_ros.ring.sensitivity import static_sensitivities
 
-HARDLY_MOVES = ('noise is more than a tenth of the motion in {}: no slope, loop, delay and rating '
-                'is given there; load the ring further')
-"""The note on channels of which no curve can be rated."""
+HARDLY_MOVES = ('noise is more than a tenth of the measured or the simulated motion in {}: '
+                'figures of the curve that say nothing are left out; load the ring further')
+"""The note on channels whose curves cannot be compared in full."""
 
 
 @dataclass(frozen=True)

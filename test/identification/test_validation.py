@@ -151,8 +151,20 @@ def test_noise_is_not_rated_against_noise():
     one = run.channels['delta_x']
     assert {one.slope_ratio, one.loop_area, one.time_shift, one.iso18571} == {None}
     assert 'iso18571' not in [item.id for item in judge([run])]
-    assert any('more than a tenth of the motion in delta_x, delta_y, gamma' in note
+    assert any('more than a tenth of the measured or the simulated motion in delta_x' in note
                for note in run.notes)
+
+
+def test_a_simulation_that_stands_still_has_no_slope_and_no_delay():
+    """A drift under a constant load had a slope of -6e14, by rounding, and no note."""
+    still = record('dynamic', (np.arange(4000) / 1e3, np.full(4000, 4e4)), elevation=70.0)
+    drift = np.array([[1e-5], [2e-5], [-1e-5], [3e-5]])
+    (run,) = validate([with_gaps(
+        still, lambda gaps, time, _: gaps + drift * (time - time[0]))], RIG, TRUTH).runs
+    one = run.channels['delta_y']
+    assert (one.slope_ratio, one.time_shift) == (None, None)
+    assert one.iso18571 < 0.3
+    assert any('the simulated motion in delta_x, delta_y, gamma' in note for note in run.notes)
 
 
 def test_a_static_run_of_few_plateaus_has_no_rating_of_a_curve():
