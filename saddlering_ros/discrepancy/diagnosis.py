@@ -199,11 +199,6 @@ REFIT_ROUNDS = 2
 """Rounds in which base parameters are refitted to the change of an effect. Without any, a heat
 transfer smaller by 25 % left 68 standard deviations, and less than `MIN_SHARE` with one."""
 
-MIN_SENSITIVITY = 1.0
-"""Change of the residual by the whole range of a parameter, in standard deviations of the noise,
-below which it cannot be seen: less than the noise of one number."""
-
-
 class CheckReport(list[str]):
     """Findings, one line each; it prints as these lines."""
 
@@ -257,16 +252,16 @@ def _base_lines(metric: Metric, fit: Fit) -> list[str]:
         others = orthonormal(np.delete(white, number, axis=1))
         own = white[:, number] - others @ (others.T @ white[:, number])
         alone, beside = float(np.linalg.norm(white[:, number])), float(np.linalg.norm(own))
-        if alone < MIN_SENSITIVITY:
+        if alone < systems.MIN_SENSITIVITY:
             seen = 'cannot be seen in these runs'
-        elif beside < MIN_SENSITIVITY:
+        elif beside < systems.MIN_SENSITIVITY:
             seen = 'cannot be told from the other base parameters'
         else:
             seen = f'determined to {parameter.slope(float(fit.theta_unit[number])) / beside:.2g}'
         place = float(fit.theta_unit[number])
         stopped = ', at its bound' if min(place, 1.0 - place) < 1e-3 else ''
-        lines.append(f'base {parameter.name}: {parameter.from_unit(place):.5g} {parameter.unit}'
-                     f'{stopped}, {seen}')
+        value = f'{parameter.from_unit(place):.5g} {parameter.unit}'.rstrip()
+        lines.append(f'base {parameter.name}: {value}{stopped}, {seen}')
     return lines
 
 

@@ -258,6 +258,19 @@ def test_the_summary_and_the_page_tell_verdict_cause_and_gain(tmp_path) -> None:
     assert 'Next step: ' in page
 
 
+@pytest.mark.usefixtures('no_pictures')
+def test_a_base_parameter_without_effect_is_not_determined_in_every_report(tmp_path) -> None:
+    """`check` said so where the summary had "0 ± 132 -> 0.50 ± 1.00" of values from 0 to 1."""
+    model = replace(MODEL, base={**MODEL.base, 'dead': Parameter(0, 1)})
+    runs = [record('a'), record('b', seed=2)]
+    assert 'base dead: 0.5, cannot be seen' in str(check(model, runs))
+    found = diagnose(model, runs)
+    assert '  dead: not determined -> not determined' in found.summary()
+    assert '  gain: 1.3' in found.summary()
+    found.write_report(tmp_path / 'report.html')
+    assert (tmp_path / 'report.html').read_text().count('>not determined<') == 2
+
+
 def test_the_page_of_a_model_shows_measured_and_simulated_curves_with_units_and_bands(
     tmp_path, monkeypatch,
 ) -> None:

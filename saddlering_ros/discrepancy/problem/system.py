@@ -24,6 +24,12 @@ class DiscrepancyError(SaddleringError):
     """Runs or a simulator that the engine cannot use."""
 
 
+MIN_SENSITIVITY = 12.0**0.5
+"""Change of the residual by the whole range of a parameter, in standard deviations of the noise,
+below which it is not determined: its bounds alone, if all values between them are as likely, have
+as small a standard deviation."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """A fitted number, searched between `low` and `high` on a linear or logarithmic scale.
@@ -90,6 +96,10 @@ class Parameter:
         if self.scale == 'log':
             return self.from_unit(coordinate) * math.log(self.high / self.low)
         return self.high - self.low
+
+    def is_determined(self, value: float, std: float) -> bool:
+        """Whether an estimate says more than the bounds."""
+        return MIN_SENSITIVITY * std < self.slope(self.to_unit(value))
 
     @property
     def first_guess(self) -> float:

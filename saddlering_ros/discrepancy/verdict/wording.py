@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from saddlering_ros import quantities
-from saddlering_ros.discrepancy.problem.system import Estimate
+from saddlering_ros.discrepancy.problem.system import Estimate, Parameter
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual
 from saddlering_ros.discrepancy.verdict import results
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, HeldOutEvidence, Remainder
@@ -84,6 +84,12 @@ def estimate_words(estimate: Estimate) -> str:
     if estimate.std or estimate.unit:
         return quantity(estimate.value, estimate.unit, estimate.std)
     return quantities.compact(estimate.value)
+
+
+def base_words(estimates: Mapping[str, Estimate], parameter: Parameter) -> str:
+    """The estimate of a base parameter, or that it is none."""
+    one = estimates[parameter.name]
+    return estimate_words(one) if parameter.is_determined(one.value, one.std) else 'not determined'
 
 
 def estimates_words(estimates: Mapping[str, Estimate]) -> str:
