@@ -296,9 +296,11 @@ def remaining_life(history: History, limit: float) -> RemainingLife | None:
 
 def histories_of(ring: str, sessions: Sequence[SessionFigures]) -> RingHistory:
     """Histories of every coordinate and cause that enough sessions measured."""
-    hours = np.array([session.service_hours for session in sessions])
-    by_hours = bool(np.isfinite(hours).all()) and len(sessions) > 1 and np.ptp(hours) > 0.0
-    times = hours if by_hours else np.array([session.time for session in sessions]) / YEAR
+    hours, years = np.array([(one.service_hours, one.time / YEAR) for one in sessions]).T
+    dated = np.lexsort((hours, years))[:np.isfinite(years).sum()]
+    by_hours = bool(np.isfinite(hours).all() and np.ptp(hours) > 0.0
+                    and (np.diff(hours[dated]) >= 0.0).all())  # a counter was not set back
+    times = hours if by_hours else years
     readings = {
         name: np.array([(session.value[number], session.covariance[number, number])
                         for session in sessions]) for number, name in enumerate(COORDINATES)}
@@ -324,21 +326,22 @@ def histories_of(ring: str, sessions: Sequence[SessionFigures]) -> RingHistory:
 def significant_drifts(histories: Sequence[RingHistory]) -> tuple[list[Drift], list[Drift]]:
     """Drifts of rings and of rigs, at most the share LEVEL of each falsely found.
 
-    A ring whose drift is no larger than that of its rig is not listed.
+    A ring whose drift is no larger than that of its rig is not listed. Only slopes of one clock
+    are compared: an hour of service is no year.
     """
     candidates = []
-    for bench in sorted({ring.bench for ring in histories} - {''}):
-        its_rings = [ring for ring in histories if ring.bench == bench]
+    for bench, clock in sorted({(ring.bench, ring.clock) for ring in histories if ring.bench}):
+        its_rings = [ring for ring in histories if (ring.bench, ring.clock) == (bench, clock)]
         if len(its_rings) >= MIN_RINGS_OF_RIG:
             slopes, p_value = _common_slopes(its_rings)
             group = ('load_gain',) if scales_alike(slopes) else tuple(slopes)
-            candidates.append(Drift(
-                bench, 'rig', its_rings[0].clock, slopes, p_value, group, RIG_CHECK))
+            candidates.append(Drift(bench, 'rig', clock, slopes, p_value, group, RIG_CHECK))
     rigs = _standing(candidates)
-    common = {drift.owner: drift.slopes for drift in rigs}
+    common = {(drift.owner, drift.clock): drift.slopes for drift in rigs}
     tested = []
     for ring in histories:
-        of_rig, slopes = common.get(ring.bench, {}), dict[str, tuple[float, float]]()
+        of_rig = common.get((ring.bench, ring.clock), {})
+        slopes = dict[str, tuple[float, float]]()
         p_values = []
         for name, history in ring.of.items():
             slope, std, p_value = history.slope, history.slope_std, history.drift_p_value

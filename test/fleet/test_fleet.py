@@ -131,6 +131,16 @@ def test_a_history_without_service_hours_is_drawn_over_calendar_years():
     assert np.nanmin(panel.series[-1].x) == pytest.approx(2026.0)
 
 
+def test_service_hours_that_fall_with_time_are_no_clock():
+    sessions = sessions_of('SR-1', WEAR)
+    set_back = [*sessions[:7], replace(sessions[7], service_hours=350.0)]
+    ring, = judge_fleet(set_back).rings
+    assert ring.history.clock == 'years'
+    assert ring.history.of['stiffness_1'].slope < 0.0
+    same_day = [replace(one, time=sessions[0].time) for one in reversed(sessions)]
+    assert judge_fleet(same_day).rings[0].history.clock == 'service_hours'
+
+
 def test_the_size_of_a_cause_has_a_history_of_its_own():
     sessions = [
         replace(session, causes={'radial_friction': (1e3 + 500.0 * number, 50.0)})
@@ -161,6 +171,14 @@ def test_rings_of_one_rig_that_drift_together_are_the_fault_of_the_rig():
                  for session in sessions_of(f'SR-{number}', STILL, rig='good')]
     fleet = judge_fleet(sessions)
     assert [item.owner for item in fleet.rigs] == ['bad']
+    assert not [item.ring for item in fleet.rings if item.drift is not None]
+
+
+def test_the_drift_of_a_rig_a_year_is_not_that_of_a_ring_an_hour():
+    sessions = [replace(session, service_hours=math.nan) for number in range(5)
+                for session in sessions_of(f'SR-{number}', LOAD_CELL)]
+    fleet = judge_fleet([*sessions, *sessions_of('SR-hours', STILL)])
+    assert [(item.owner, item.clock) for item in fleet.rigs] == [('rig-a', 'years')]
     assert not [item.ring for item in fleet.rings if item.drift is not None]
 
 
