@@ -63,7 +63,7 @@ class Slot:
             if self._stopped:
                 raise CampaignInterruptedError('the campaign was stopped') from None
             return failure('timeout', f'no verdict within {task.limits.seconds:g} s: give a '
-                                      'larger --time-limit')
+                                      'larger --time-limit, and --retry')
         if outcome.kind != DONE:
             return failure('killed', f'{outcome.words}: run the campaign with --retry')
         answer: dict[str, Any] = outcome.answer

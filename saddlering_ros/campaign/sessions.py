@@ -32,6 +32,8 @@ COLUMNS = (
     'maintenance', 'base', 'note', 'sha256',
 )
 YES = ('1', 'true', 'yes')
+CORRECTED = b'corrected'
+"""Key in manifest.parquet of a grouping that a person has made."""
 
 MAX_MANIFEST = 64 << 20
 """Size of the largest manifest that is read [bytes]."""
@@ -175,10 +177,18 @@ def _look_at(path: Path) -> FoundBag:
                 summary = reader.get_summary()
                 if start is None and summary is not None and summary.statistics is not None:
                     start = summary.statistics.message_start_time
-        time = None if start is None else start / 1e9
-        with suppress(ValueError):
-            time = _seconds(metadata.get('date', '').strip())
-        return FoundBag(path, directory.sha256(), time, tuple(sorted(metadata.items())))
+        time, notes = None if start is None else start / 1e9, []
+        date, hours = (metadata.get(key, '').strip() for key in ('date', 'service_hours'))
+        try:
+            time = _seconds(date) if date else time
+        except ValueError:
+            notes.append(f'date is {date!r}, and the first stamp counts: write it as 2026-11-20')
+        try:
+            _hours(hours or '0')
+        except ValueError:
+            notes.append(f'service_hours is {hours!r}, and is left out: give hours as a number')
+        return FoundBag(path, directory.sha256(), time, tuple(sorted(metadata.items())),
+                        note='; '.join(notes))
     except BagError as fault:
         return FoundBag(path, problem=str(fault))
     except OSError as fault:
@@ -234,18 +244,30 @@ def _session(bags: list[FoundBag], hold_out: float | None) -> Session:
     first, hours = bags[0], []
     for bag in bags:
         with suppress(ValueError):
-            hours.append(float(bag.fact('service_hours')))
+            hours.append(_hours(bag.fact('service_hours')))
     return Session(
         f'{first.ring} {_date(first.time)[:10]}'.strip(), first.ring,
         '' if first.problem else first.bench, first.time, tuple(bags), min(hours, default=None),
         any(bag.says('maintenance') for bag in bags), any(bag.says('base') for bag in bags))
 
 
-def write_manifest(folder: Path, sessions: Sequence[Session]) -> None:
-    """manifest.parquet and manifest.csv in `folder`, each whole or not at all."""
+def write_manifest(folder: Path, sessions: Sequence[Session], given: Path | None = None) -> None:
+    """manifest.parquet and manifest.csv in `folder`, each whole or not at all.
+
+    given: the manifest that made these sessions. Without one, CampaignError where manifest.csv
+    holds corrections, which would be lost.
+    """
     import pyarrow
     import pyarrow.parquet
 
+    place = folder / 'manifest.csv'
+    with suppress(OSError, pyarrow.ArrowInvalid):
+        before = pyarrow.parquet.read_table(folder / 'manifest.parquet')
+        text = io.StringIO(place.read_text(encoding='utf-8', errors='replace'), newline='')
+        if given is None and (CORRECTED in (before.schema.metadata or {})
+                              or list(csv.DictReader(text)) != before.to_pylist()):
+            raise CampaignError(f'{place}: holds corrections: give --manifest {place}, or remove '
+                                'the file to group the bags anew')
     rows = [(
         str(bag.path), session.name, session.ring, session.bench, _date(bag.time),
         bag.fact('test'), bag.fact('elevation_deg'), bag.role,
@@ -254,8 +276,9 @@ def write_manifest(folder: Path, sessions: Sequence[Session]) -> None:
         bag.problem or bag.note, bag.sha256) for session in sessions for bag in session.bags]
     columns = dict(zip(COLUMNS, zip(*rows, strict=True) if rows else [()] * len(COLUMNS),
                        strict=True))
-    write_csv(folder / 'manifest.csv', columns, CampaignError)
-    schema = pyarrow.schema([(name, pyarrow.string()) for name in COLUMNS])
+    write_csv(place, columns, CampaignError)
+    schema = pyarrow.schema([(name, pyarrow.string()) for name in COLUMNS],
+                            {} if given is None else {CORRECTED: b'yes'})
     with whole_file(folder / 'manifest.parquet', CampaignError) as temporary:
         pyarrow.parquet.write_table(pyarrow.table(columns, schema=schema), temporary)
 
@@ -267,26 +290,27 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
     """
     by_path = {str(place): bag for bag in bags for place in (bag.path, bag.path.resolve())}
     text = read_regular_text(path, CampaignError, MAX_MANIFEST)
-    reader = csv.DictReader(io.StringIO(text.removeprefix('\ufeff')))
+    delimiter = ';' if ';' in text.partition('\n')[0] else ','  # as some spreadsheets write it
+    reader = csv.DictReader(io.StringIO(text.removeprefix('\ufeff')), delimiter=delimiter)
     missing = [name for name in ('bag', 'session') if name not in (reader.fieldnames or [])]
     if missing:
         raise CampaignError(f'{path}: has no column {missing[0]!r}: its columns are '
                             f'{", ".join(COLUMNS)}')
     groups: dict[str, tuple[list[FoundBag], list[dict[str, str]]]] = {}
     for number, row in enumerate(reader, start=2):
-        line = {name: (row.get(name) or '').strip() for name in COLUMNS}
+        line = {name: (row[name] or '').strip() for name in COLUMNS if name in row}
         where = f'{path}: line {number}'
         bag = by_path.get(line['bag']) or by_path.get(str(Path(line['bag']).resolve()))
         if bag is None:
             raise CampaignError(f'{where}: {line["bag"] or "no bag"} is not under the folder: '
                                 'correct the path or remove the line')
-        role = line['role'] or FIT
+        role = line.get('role') or FIT
         if role not in ROLES:
             raise CampaignError(f'{where}: role is {role!r}: give {", ".join(ROLES)}')
         if not line['session']:
             raise CampaignError(f'{where}: session is empty: give the name of a session')
         used, lines = groups.setdefault(line['session'], ([], []))
-        used.append(replace(bag, role=role, note=line['note']))
+        used.append(replace(bag, role=role, note=line.get('note', bag.note)))
         lines.append(line)
     return [_session_of_lines(path, name, *group) for name, group in groups.items()]
 
@@ -294,31 +318,44 @@ def read_manifest(path: Path, bags: Sequence[FoundBag]) -> list[Session]:
 def _session_of_lines(
     path: Path, name: str, bags: Sequence[FoundBag], lines: Sequence[Mapping[str, str]],
 ) -> Session:
-    first, rings = lines[0], {line['ring'] for line in lines if line['ring']}
-    if len(rings) > 1:
-        raise CampaignError(f'{path}: session {name!r} has bags of the rings '
-                            f'{", ".join(sorted(rings))}: give each ring a session of its own')
+    first, own = lines[0], _session(list(bags), None)  # own: by the metadata
+    for column, words in (('ring', 'give each ring a session of its own'),
+                          ('service_hours', 'give a session one')):
+        stated = sorted({line.get(column, '') for line in lines} - {''})
+        if len(stated) > 1:
+            raise CampaignError(f'{path}: {column} of the session {name!r} is '
+                                f'{" and ".join(stated)}: {words}')
     try:
-        hours = plain_number(first['service_hours']) if first['service_hours'] else None
+        hours = _hours(stated[0]) if stated else None
     except ValueError:
-        raise CampaignError(f'{path}: service_hours is {first["service_hours"]!r}: give hours as '
-                            'a number') from None
+        raise CampaignError(f'{path}: service_hours is {stated[0]!r}: give hours as a number'
+                            ) from None
     times = [bag.time for bag in bags if bag.time is not None]
     try:
-        time = _seconds(first['date']) if first['date'] else min(times, default=None)
+        time = _seconds(first['date']) if first.get('date') else min(times, default=None)
     except ValueError:
         raise CampaignError(f'{path}: date is {first["date"]!r}: give it as 2026-11-20 or '
                             '2026-11-20T08:00:00Z') from None
+    said = {column: any(line[column].lower() in YES for line in lines)
+            for column in ('maintenance', 'base') if column in first}
     return Session(
-        name, first['ring'] or bags[0].ring, first['bench'] or bags[0].bench, time,
-        tuple(bags), hours,
-        *(any(line[name].lower() in YES for line in lines) for name in ('maintenance', 'base')))
+        name, first.get('ring') or bags[0].ring, first.get('bench') or bags[0].bench, time,
+        tuple(bags), hours if 'service_hours' in first else own.service_hours,
+        said.get('maintenance', own.maintenance), said.get('base', own.is_base))
 
 
 def _seconds(text: str) -> float:
     """The time [s since 1970] of an ISO date, in UTC where it states no zone."""
     date = datetime.fromisoformat(text.replace('Z', '+00:00'))
     return date.replace(tzinfo=date.tzinfo or timezone.utc).timestamp()
+
+
+def _hours(text: str) -> float:
+    """Hours of service, 0 or more; ValueError for another text."""
+    hours = plain_number(text)
+    if not 0.0 <= hours < math.inf:
+        raise ValueError(text)
+    return hours
 
 
 def _date(time: float | None) -> str:

@@ -140,7 +140,7 @@ def run(request: dict[str, Any], on_progress: OnProgress) -> dict[str, Any]:
         answer = failure('refused', problem)
     except MemoryError:
         answer = failure('memory', f'{task.name}: needs more than {task.limits.memory >> 20} MB: '
-                                   'give a larger --memory-limit')
+                                   'give a larger --memory-limit, and --retry')
     except Exception as problem:
         answer = failure('failed', f'{type(problem).__name__}: {problem}')
     changed = _changed(task)

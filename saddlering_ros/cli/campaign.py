@@ -72,7 +72,8 @@ def run(args: argparse.Namespace) -> int:
     from saddlering_ros.rig import load_rig
 
     if args.out is None and not args.plan:
-        raise CampaignError('no --out: give the folder for the results')
+        raise CampaignError('no --out: give the folder for the results, or show those of a '
+                            'campaign by: saddlering campaign status STORE')
     if args.store is not None:
         raise CampaignError(f'{args.store}: give one folder of bags only; --out is the folder '
                             'for the results')
@@ -87,6 +88,10 @@ def run(args: argparse.Namespace) -> int:
         grouped = sessions.read_manifest(args.manifest, bags)
     else:
         grouped = sessions.group_sessions(bags, args.gap * 3600.0, args.hold_out)
+        if args.hold_out is not None and not any(
+                one.of_role(sessions.HOLD_OUT) for one in grouped):
+            raise CampaignError(f'--hold-out {args.hold_out:g}: no session has a test at this '
+                                'elevation beside one at another: correct it, or leave it out')
     if args.json != '-':
         show_table(['session', 'ring', 'rig', 'date', 'tests', 'note'], [
             (one.name, one.ring, one.bench, one.date, one.tests, one.problem or '; '.join(
@@ -100,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     store = Store(args.out)
     store.prepare()
-    sessions.write_manifest(store.folder, grouped)
+    sessions.write_manifest(store.folder, grouped, args.manifest)
     limits_of_one = task.SessionLimits(args.time_limit, int(args.memory_limit * 2**30))
     tasks = task.tasks_of(
         grouped, args.rig, limits_of_one,

@@ -40,6 +40,11 @@ def test_the_plan_is_shown_and_nothing_is_written(works, tmp_path, capsys):
     assert not (tmp_path / 'store').exists()
 
 
+def test_an_elevation_that_no_test_has_cannot_be_held_out(works, capsys):
+    assert main(['campaign', str(works), '--plan', '--hold-out', '71']) == 2
+    assert '--hold-out 71: no session has a test at this elevation' in capsys.readouterr().err
+
+
 def test_a_store_holds_tables_fleet_and_report(works, judged, capsys):
     assert main(['campaign', str(works), '--out', str(judged.folder)]) == 0
     assert '0 of them new' in capsys.readouterr().out

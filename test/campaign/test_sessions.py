@@ -100,15 +100,41 @@ def test_an_edited_manifest_overrides_the_grouping(works, tmp_path):
     sessions = {item.name: item for item in read_manifest(path, bags)}
     assert len(sessions['all of SR-1'].bags) == 3
     assert len(sessions) == 3
+    # These corrections are a person's work: no later run drops them.
+    for _ in ('by a spreadsheet', 'by a run with --manifest'):
+        with pytest.raises(CampaignError, match='holds corrections: give --manifest'):
+            write_manifest(tmp_path, group_sessions(bags))
+        write_manifest(tmp_path, read_manifest(path, bags), path)
+    path.unlink()
+    write_manifest(tmp_path, group_sessions(bags))
+    write_manifest(tmp_path, group_sessions(bags, gap=30 * 86400.0))
+
+
+def test_columns_that_a_manifest_lacks_are_those_of_the_bags(tmp_path):
+    write_bag(tmp_path, 'SR-1', 'static_50', service_hours='120', base='yes')
+    bags, path = find_bags(tmp_path), tmp_path / 'm.csv'
+    path.write_text(f'bag;session\n{bags[0].path};A\n')  # as a spreadsheet writes it
+    (session,) = read_manifest(path, bags)
+    assert (session.service_hours, session.is_base, session.maintenance) == (120.0, True, False)
+
+
+def test_a_date_and_hours_that_cannot_be_read_are_noted(tmp_path):
+    write_bag(tmp_path, 'SR-1', 'static_50', date='05.03.2026', service_hours='1.200 h')
+    (session,) = group_sessions(find_bags(tmp_path))
+    assert (session.date, session.service_hours) == ('2026-01-05', None)
+    assert "date is '05.03.2026', and the first stamp counts" in session.bags[0].note
+    assert "service_hours is '1.200 h', and is left out" in session.bags[0].note
 
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('bag\nx\n', "has no column 'session'"),
     ('bag,session\nnowhere,a\n', 'line 2: nowhere is not under the folder'),
+    ('bag,session,service_hours\n{0}/SR-1/static_50,a,100\n{0}/SR-1/dynamic_70,a,900\n',
+     "service_hours of the session 'a' is 100 and 900: give a session one"),
 ])
 def test_a_manifest_that_cannot_be_used_is_one_line(works, tmp_path, text, words):
     path = tmp_path / 'm.csv'
-    path.write_text(text)
+    path.write_text(text.format(works))
     with pytest.raises(CampaignError, match=words):
         read_manifest(path, find_bags(works))
 
