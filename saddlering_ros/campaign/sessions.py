@@ -66,8 +66,11 @@ class FoundBag:
 
     @property
     def ring(self) -> str:
-        """Which ring was tested: `ring` of the metadata, else `rig`, else the folder's name."""
-        return self.fact('ring') or self.fact('rig') or self.path.parent.name
+        """Which ring was tested: `ring` of the metadata, else `rig`, else the folder.
+
+        With its path, because folders of several rings may have the same name, such as a date.
+        """
+        return self.fact('ring') or self.fact('rig') or str(self.path.parent)
 
     @property
     def bench(self) -> str:

@@ -118,6 +118,13 @@ def test_columns_that_a_manifest_lacks_are_those_of_the_bags(tmp_path):
     assert (session.service_hours, session.is_base, session.maintenance) == (120.0, True, False)
 
 
+def test_folders_of_one_name_are_two_rings(tmp_path):
+    for ring in ('ring_7/january', 'ring_8/january'):
+        write_bag(tmp_path, ring, 'static_50', rig='')
+    rings = {session.ring for session in group_sessions(find_bags(tmp_path))}
+    assert rings == {str(tmp_path / 'ring_7/january'), str(tmp_path / 'ring_8/january')}
+
+
 def test_a_date_and_hours_that_cannot_be_read_are_noted(tmp_path):
     write_bag(tmp_path, 'SR-1', 'static_50', date='05.03.2026', service_hours='1.200 h')
     (session,) = group_sessions(find_bags(tmp_path))
