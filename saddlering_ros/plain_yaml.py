@@ -120,7 +120,7 @@ def read_strict_yaml(path: Path | str, error: type[SaddleringError]) -> Any:
     except yaml.YAMLError as problem:
         mark, reason = (getattr(problem, name, None) for name in ('problem_mark', 'problem'))
         line = '' if mark is None else f', line {mark.line + 1}'
-        beside = f' ({reason})' if reason else ''
+        beside = f' ({reason or problem})' if reason or mark is None else ''
         raise error(f'{path}{line}: is not YAML{beside}: correct the file') from problem
 
 

@@ -98,8 +98,9 @@ class Polynomial:
 
     def apply(self, readings: Floats) -> Floats:
         """Readings in SI."""
-        values = np.polynomial.polynomial.polyval(readings, np.array(self.coefficients))
-        return self.unit.to_si(np.asarray(values, dtype=np.float64))
+        with np.errstate(invalid='ignore', over='ignore'):  # of a reading that is infinite
+            values = np.polynomial.polynomial.polyval(readings, np.array(self.coefficients))
+            return self.unit.to_si(np.asarray(values, dtype=np.float64))
 
 
 @dataclass(frozen=True)
@@ -288,7 +289,9 @@ class DatedTime:
                 raise ImportingError(
                     f'the times of column {self.columns[-1]} ({text!r}) have no date: add start: '
                     'to time:, the midnight before them like "2026-11-20T00:00:00Z"')
-            return self.start + (moment.hour * 3600 + moment.minute * 60 + moment.second) * SECOND
+            # The format has no date, so that strptime gives the first of 1900.
+            return self.start + _nanoseconds(moment, timezone.utc) - _nanoseconds(
+                datetime(1900, 1, 1), timezone.utc)
         if moment.tzinfo is None and self.zone is None:
             raise ImportingError(f'the times of column {self.columns[-1]} ({text!r}) have no '
                                  'time zone: add zone: to time:, like UTC or Europe/Berlin')

@@ -114,6 +114,10 @@ def import_files(
     runs: list[ImportedRun] = []
     by_run = [groupby(feed.parts(), key=itemgetter(0)) for feed in feeds]
     for streams in zip_longest(*by_run):
+        if mapping.split is None and None in streams:
+            name = feeds[streams.index(None)].names[0]
+            raise ImportingError(f'{out}: channel {name} has no sample: correct its column or its '
+                                 'calibration, or copy a file that was cut off again')
         if len({stream and stream[0] for stream in streams}) > 1:
             raise ImportingError(f'{out}: the channels do not agree on the runs: their files have '
                                  'gaps, or values of the split column, at different places')
@@ -138,6 +142,11 @@ def import_files(
         runs.append(ImportedRun(path, metadata, courses))
     if not runs:
         raise ImportingError(f'{files[0]}: has no sample with a readable time: correct the map')
+    if mapping.split is not None and mapping.split.by == 'gap' and (
+            len(runs) < len(mapping.split.runs)):
+        sources[0].warn(f'split.runs of the map describes {len(mapping.split.runs)} runs and the '
+                        f'files hold {len(runs)}: check seconds: and the elevation of each, which '
+                        'goes by their order')
     if min(run.start for run in runs) < UNDATED:
         sources[0].warn('stamps count from 1970-01-02, because the time has no date: give start: '
                         'in time:')

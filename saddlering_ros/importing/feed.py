@@ -99,8 +99,9 @@ def feeds_of(sources: Sequence[Source], mapping: ImportMap) -> list[Feed]:
             piece.columns[channel.name] = column
             source.compare_unit(column, channel.unit, f'{where}.unit')
             if channel.rod_pressure:
-                ((_, piece.rod_pressures[channel.name]),) = find_column(
-                    [source], channel.rod_pressure, f'{where}.rod_pressure')
+                ((_, rod),) = find_column([source], channel.rod_pressure, f'{where}.rod_pressure')
+                source.compare_unit(rod, channel.unit, f'{where}.unit, of both pressures')
+                piece.rod_pressures[channel.name] = rod
     # Pieces with the same channels follow each other in time.
     groups: dict[tuple[str, ...], list[Piece]] = {}
     for piece in pieces.values():
@@ -238,6 +239,9 @@ class Feed:
         samples = {}
         for name, column in piece.columns.items():
             if block[column].dtype.kind not in 'fiu':
+                if column in (*piece.time.columns, piece.split_column):
+                    raise ImportingError(f'{piece.source.path}: column {column!r} is that of the '
+                                         'time or of split: too: name another column')
                 raise ImportingError(f'{piece.source.path}: column {column!r} holds text and no '
                                      'numbers: name another column')
             channel, readings = self.channels[name], np.asarray(block[column][rows], np.float64)
@@ -248,7 +252,7 @@ class Feed:
                 values = values * piston
             if name in piece.rod_pressures:
                 other = np.asarray(block[piece.rod_pressures[name]][rows], np.float64)
-                values = values - channel.calibration.apply(other) * rod
+                values = values - channel.calibration.apply(other * channel.polarity) * rod
             usable = np.abs(values) <= LARGEST
             for words, lost in (
                     (f'readings of {name} outside of its calibration table, left out',

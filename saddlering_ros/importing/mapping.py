@@ -51,7 +51,8 @@ class ChannelMap:
 
     delay [s]: the reading lags the quantity by so much, its stamp is that much earlier;
     polarity: -1 turns the reading's sign before anything else; range [m] of a probe, () if not
-    given; rod_pressure: column of the rod side's pressure, with areas [m2] of both sides;
+    given; rod_pressure: column of the rod side's pressure, read as `column` is, with areas [m2] of
+    both sides;
     uncertainty: of the calibration, by the names of UNCERTAINTIES, and its `certificate`.
     """
 

@@ -6,12 +6,14 @@ import json
 from pathlib import Path
 import resource
 import struct
+import warnings
 import zlib
 
 import h5py
 from logger_files import make_record, write_tdms
 from map_documents import convert, document, plain_table, readings, refusal, ROWS, stamps, TIME
 from matplotlib.figure import Figure
+import nptdms
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -19,7 +21,9 @@ from scipy.io import savemat
 from saddlering_ros.cli.main import main
 from saddlering_ros.files import share_directory
 from saddlering_ros.importing.calibration import ImportingError
+from saddlering_ros.importing.convert import import_files
 from saddlering_ros.importing.draft import draft_map
+from saddlering_ros.importing.mapping import read_map
 from saddlering_ros.importing.source import open_sources
 
 DATA = Path(__file__).resolve().parents[2] / 'docs' / 'data'
@@ -264,5 +268,50 @@ def test_a_time_of_day_counts_from_the_midnight_that_is_given(tmp_path: Path) ->
     clock = {'column': 't', 'format': '%H:%M:%S'}
     said = refusal(tmp_path, document(time=clock), table)
     assert 'have no date: add start:' in said
-    convert(tmp_path, table, document(time={**clock, 'start': '2026-11-20T00:00:00Z'}))
-    assert str(np.datetime64(int(stamps(tmp_path)[0]), 'ns'))[:21] == '2026-11-20T08:00:00.5'
+    for times, given in ((table, clock), (table.replace('.5;', ':5;'), {
+            **clock, 'format': '%H:%M:%S:%f'})):
+        convert(tmp_path, times, document(time={**given, 'start': '2026-11-20T00:00:00Z'}),
+                overwrite=True)
+        assert str(np.datetime64(int(stamps(tmp_path)[0]), 'ns'))[:21] == '2026-11-20T08:00:00.5'
+
+
+def test_a_pressure_of_the_rod_in_another_unit_is_said(tmp_path: Path) -> None:
+    columns = {'p [bar]': ['100.0'] * ROWS, 'rod [MPa]': ['0.2'] * ROWS}
+    load = {'column': 'p', 'unit': 'bar', 'piston_area': 0.0123, 'rod_pressure': 'rod',
+            'rod_area': 0.006}
+    result = convert(tmp_path, plain_table(**columns), document(load))
+    assert any("column 'rod [MPa]' is in MPa by the file and in bar by the map "
+               '(channels.hydraulic_load.unit, of both pressures)' in line
+               for line in result.warnings)
+
+
+def test_fewer_runs_than_the_map_describes_are_said(tmp_path: Path) -> None:
+    twice = [f'{0.01 * (i % 25):.2f}' for i in range(ROWS)]
+    runs = [{'elevation_deg': degrees} for degrees in (0, 30, 60)]
+    split = {'by': 'gap', 'seconds': 0.1, 'runs': runs}
+    result = convert(tmp_path, plain_table(t=twice), document(split=split))
+    assert 'describes 3 runs and the files hold 2' in result.warnings[0]
+    split['runs'] = runs[:2]
+    result = convert(tmp_path, plain_table(t=twice), document(split=split), overwrite=True)
+    assert result.warnings == ()
+
+
+def test_a_channel_without_a_sample_and_a_shared_column_are_named(tmp_path: Path) -> None:
+    clock = {'wf_increment': 0.01, 'wf_start_time': np.datetime64('2026-11-20T08:00:00')}
+    with nptdms.TdmsWriter(tmp_path / 'a.tdms') as writer:
+        writer.write_segment([nptdms.ChannelObject('g', name, np.ones(count), properties=clock)
+                              for name, count in (('F', ROWS), ('w', 0))])
+    (tmp_path / 'map.yaml').write_text(json.dumps(document(time={'from': 'file'})))
+    with pytest.raises(ImportingError, match='channel eddy_current_1 has no sample'):
+        import_files([tmp_path / 'a.tdms'], read_map(tmp_path / 'map.yaml'), tmp_path / 'bag')
+    said = refusal(tmp_path, document(split={'by': 'column', 'column': 'F'}))
+    assert "column 'F' is that of the time or of split: too" in said
+
+
+def test_an_infinite_reading_is_left_out_without_a_word_of_numpy(tmp_path: Path) -> None:
+    loads = ['1e999' if i == 7 else f'{i}.5' for i in range(ROWS)]
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        result = convert(tmp_path, plain_table(F=loads), document())
+    assert len(readings(tmp_path)) == ROWS - 1
+    assert 'missing readings of hydraulic_load, left out: 1' in result.warnings[0]

@@ -90,6 +90,7 @@ def test_a_fault_is_told_in_one_line_with_file_entry_and_remedy(
     ('[1, 2]', 'is not a ROS 2 parameter file'),
     ('rig: {}', 'has no ros__parameters'),
     ('/**:\n  ros__parameters: {a: [}', 'line 2: is not YAML'),
+    ('a: 2026-13-40', 'is not YAML (month must be in 1..12)'),
     ('/**:\n  ros__parameters: {a: 1}', 'there is no rig section'),
 ])
 def test_a_file_of_another_shape_is_refused_in_one_line(
