@@ -15,7 +15,8 @@ COMMANDS = (Command(
                default=5.0, metavar='S'),
         arguments.RIG,
         option('--elevation', 'elevation of the barrel, from which the direction of each probe '
-               'follows (default 50)', type=float, default=50.0, metavar='DEG'),
+               'follows (default 50)', type=Within(float, -10.0, 90.0), default=50.0,
+               metavar='DEG'),
         option('--rate', 'required rate of every topic', type=Within(float, 1e-3, 1e6),
                metavar='HZ'),
         *arguments.NETWORK,

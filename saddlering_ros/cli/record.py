@@ -19,8 +19,8 @@ COMMANDS = (Command(
         option('out', 'bag to write', type=arguments.bag_written, metavar='OUT'),
         option('--test', 'kind of test, kept in the bag (with --elevation, the bag can be '
                'identified and diagnosed)', choices=('static', 'dynamic')),
-        option('--elevation', 'elevation of the barrel in degrees, kept in the bag', type=float,
-               metavar='DEG'),
+        option('--elevation', 'elevation of the barrel in degrees, kept in the bag',
+               type=Within(float, -10.0, 90.0), metavar='DEG'),
         option('--rig', 'rig file, whose hash the bag then states (default: that of '
                'SADDLERING_RIG, or the rig of the nodes that run meanwhile)',
                type=arguments.file_read),

@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from saddlering_ros.cli import _arguments as arguments
-from saddlering_ros.cli._arguments import Bar, Command, option, tell_json
+from saddlering_ros.cli._arguments import Bar, Command, option, tell_json, Within
 
 MATERIALITY_PERCENT = 2.0
 """Share of the range from preload to full scale that a residual may have without an alarm [%]."""
@@ -17,10 +17,12 @@ COMMANDS = (Command(
                               'separately'),
         *arguments.READING, *arguments.MODEL,
         option('--materiality', 'residual that is allowed without an alarm, in percent of the '
-               f'range from preload to full scale (default {MATERIALITY_PERCENT:g})', type=float,
-               default=MATERIALITY_PERCENT, metavar='PERCENT'),
+               f'range from preload to full scale (default {MATERIALITY_PERCENT:g})',
+               type=Within(float, 0.0, 100.0, ' percent'), default=MATERIALITY_PERCENT,
+               metavar='PERCENT'),
         option('--false-alarm-hours', 'mean time between false alarms, in hours of testing '
-               '(default 1000)', type=float, default=1000.0, metavar='H'),
+               '(default 1000)', type=Within(float, 1e-3, 1e9, ' hours'), default=1000.0,
+               metavar='H'),
         arguments.json_option('write the result as JSON; - for stdout')), (
         ('saddlering watch bags/dynamic_70 --params params.yaml',
          'whether, when and in which channel a test raises the alarm'),)),)

@@ -21,6 +21,7 @@ from saddlering_ros.effects import catalogue
 from saddlering_ros.errors import plain_number, SaddleringError
 from saddlering_ros.estimation.process import ChannelNoise, TIME_CONSTANTS
 from saddlering_ros.progress import IsCancelled, one_blas_thread, OnProgress, Watch
+from saddlering_ros.record.record import HIGHEST_ELEVATION, LOWEST_ELEVATION
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, Rig, TRUE_TO_SCALE
 from saddlering_ros.rig.parameter_file import PARAMETER_UNITS
 
@@ -98,9 +99,10 @@ def planned_test(text: str) -> PlannedTest:
         elevation = plain_number(degrees)
     except ValueError:
         elevation = math.nan
-    if not -20.0 <= elevation <= 90.0:
+    if not LOWEST_ELEVATION <= elevation <= HIGHEST_ELEVATION:
         fault = f'{degrees} is no elevation' if degrees else 'the elevation is missing'
-        raise PlanError(f'--test {text}: {fault}: give degrees from -20 to 90, such as static:50')
+        raise PlanError(f'--test {text}: {fault}: give degrees from {LOWEST_ELEVATION:g} to '
+                        f'{HIGHEST_ELEVATION:g}, such as static:50')
     return PlannedTest(kind, elevation)
 
 

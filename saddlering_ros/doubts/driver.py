@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from saddlering_ros.doubts.finding import FAULT, Finding
+from saddlering_ros.doubts.on_rig import units_of_preload
 from saddlering_ros.doubts.readings import check_load_unit, check_probe_unit
 from saddlering_ros.doubts.wiring import Floats, MIN_LOAD_SPAN, wiring_findings
 from saddlering_ros.errors import BagError
@@ -250,6 +251,10 @@ def _load(findings: _Findings, rig: Rig, one: HeardTopic) -> None:
                        'positive, and zero the load cell')
     elif high < rig.limits.unit_min and high - low > MOVED * white_noise(values):
         _in_other_unit(findings, rig, LOAD, values)
+    elif units := units_of_preload(rig, least := min(
+            float(part.mean()) for part in np.array_split(values, MIN_SAMPLES))):
+        findings.note(f'the load is {least:.4g} N at least, which is the preload in '
+                      f'{" or ".join(units)} ({rig.preload:.4g} N): publish newtons')
     elif high < rig.limits.unit_min:
         findings.note(f'the load is {low:.4g} to {high:.4g} N: at rest without preload, or not in '
                       f'newtons; sign and unit are known from {rig.preload:.4g} N on')

@@ -202,7 +202,8 @@ def _metadata(
         return TestMetadata(given['test'], plain_number(given['elevation_deg']),
                             given.get('rig', ''), given.get('run', ''), details)
     except BagError as problem:
-        raise ImportingError(f'test of the map: {problem}') from problem
+        words = str(problem).removeprefix('test metadata: ')
+        raise ImportingError(f'test of the map: {words}') from problem
     except ValueError as problem:
         raise ImportingError(f'test.elevation_deg is {given["elevation_deg"]!r}: give degrees'
                              ) from problem

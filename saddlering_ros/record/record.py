@@ -268,9 +268,9 @@ class TestMetadata:
         details = {key: printable(text) for key, text in self.details.items()}
         object.__setattr__(self, 'details', details)
         if self.test is not None:
-            check_kind(self.test, 'facts')
+            check_kind(self.test, 'test metadata')
         if self.elevation_deg is not None:
-            check_elevation(self.elevation_deg, 'facts')
+            check_elevation(self.elevation_deg, 'test metadata')
 
     def as_text(self) -> dict[str, str]:
         """What is stated, in the form of a bag: text to text."""

@@ -37,12 +37,13 @@ def test_a_wrong_model_alarms_and_a_generous_materiality_does_not(parameters, ca
 
 
 def test_a_rate_of_false_alarms_that_cannot_be_is_one_line(parameters, capsys):
-    assert main(['watch', BAG, '--params', parameters, '--false-alarm-hours', '0']) == 2
-    error = capsys.readouterr().err
-    assert 'false_alarm_hours must be above 0' in error
-    assert error.count('\n') == 1
-    assert main(['watch', BAG, '--params', parameters, '--materiality', 'nan']) == 2
-    assert 'materiality is nan %: give 0 or more' in capsys.readouterr().err
+    for option, value, words in (
+            ('--false-alarm-hours', '0', 'is 0: give 0.001 to 1e+09 hours'),
+            ('--false-alarm-hours', 'inf', 'is inf: give 0.001 to 1e+09 hours'),
+            ('--materiality', 'nan', 'is nan: give 0 to 100 percent'),
+            ('--materiality', '200', 'is 200: give 0 to 100 percent')):
+        assert main(['watch', BAG, '--params', parameters, option, value]) == 2
+        assert capsys.readouterr().err == f'saddlering watch: {option} {words}\n'
 
 
 def test_a_load_cell_that_stands_still_is_told_as_such(tmp_path, parameters, capsys):

@@ -47,7 +47,7 @@ def test_kept_readings_are_those_of_the_ring_when_a_point_is_asked_twice():
 
 @pytest.mark.parametrize(('typed', 'said'), [
     ('statik:50', 'there is no kind'), ('static', 'elevation is missing'),
-    ('static:180', '-20 to 90')])
+    ('static:180', '-10 to 90'), ('static:-15', '-10 to 90')])
 def test_a_test_that_cannot_be_planned_is_refused_in_one_line(typed, said):
     with pytest.raises(PlanError, match=said) as refusal:
         planned_test(typed)

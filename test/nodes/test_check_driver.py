@@ -114,6 +114,15 @@ def test_a_wrong_polarity_and_swapped_channels_are_found_once_the_load_has_moved
     assert 'swapped' in findings({**heard_topics, **swapped})[0]
 
 
+@pytest.mark.parametrize(('factor', 'unit'), [(4.4482216, 'lbf'), (10.0, 'kgf or daN')])
+def test_a_load_whose_preload_is_that_of_another_unit_is_noted(
+        heard_topics: Heard, factor: float, unit: str) -> None:
+    load = heard_topics[LOAD_TOPIC]
+    noted = findings(
+        {**heard_topics, LOAD_TOPIC: replace(load, values=load.values / factor)}, NOTE)
+    assert f'which is the preload in {unit} (4903 N): publish newtons' in noted[0]
+
+
 def test_what_cannot_be_checked_at_rest_is_noted(heard_topics: Heard) -> None:
     at_rest = {name: without(350, 5000)(one) for name, one in heard_topics.items()}
     assert findings(at_rest) == []
