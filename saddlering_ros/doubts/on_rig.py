@@ -310,10 +310,16 @@ def _elevation(rig: Rig, run: Record, must_be_sure: bool = False) -> list[Findin
         return []
     if _agrees(rig, run, measured, run.elevation):
         return []
+    within = uncertainty + USUAL_SHIFT
+    if abs(_turned(apparent - run.elevation)) < within:  # it is their size that no ring gives
+        return [Finding(
+            'tilt and axial motion by the load are not those of a ring, although their ratio '
+            'agrees with the elevation that the bag states: the unit of the load or of the '
+            'probes, or the bounds of K1 in the rig file are wrong')]
     return [Finding(
         'tilt and axial motion agree with an elevation of about '
         f'{math.degrees(apparent % math.pi):.0f} deg (within '
-        f'{math.degrees(uncertainty + USUAL_SHIFT):.2g}) and the bag states '
+        f'{math.degrees(within):.2g}) and the bag states '
         f'{math.degrees(run.elevation):g}: the elevation, the trunnion (rig.trunnion), the '
         "probes' span (rig.probes.axial_span) or the pitch radius (rig.axial_rows.pitch_radius) "
         'is wrong, or a fault of the ring turns it (diagnose tells which)')]

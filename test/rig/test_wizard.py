@@ -146,6 +146,16 @@ def test_a_ring_that_moves_too_much_for_a_stiff_one_is_not_taken_for_it(
         assert any('agree with an elevation of' in line for line in found), seed
 
 
+def test_a_load_in_another_unit_is_no_wrong_elevation() -> None:
+    """It was "agree with an elevation of about 50 deg and the bag states 50: ... is wrong"."""
+    bag = BAG.with_name('static_50')
+    run = read_run(bag, rig=RIG)
+    found = [*map(str, check_rig(RIG, read_raw(bag), replace(run, load=run.load / 4.4482216)))]
+    assert any('their ratio agrees with the elevation that the bag states' in line
+               for line in found)
+    assert not any('agree with an elevation of' in line for line in found)
+
+
 def test_other_elevations_with_which_a_test_agrees_are_told(
         made_once: MadeOnce, capsys: pytest.CaptureFixture[str]) -> None:
     bag = static_test(made_once, 70.0, 2)
