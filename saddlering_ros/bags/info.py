@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from saddlering_ros.bags.folder import open_directory
-from saddlering_ros.bags.reader import raw_topic
+from saddlering_ros.bags.reader import raw_topic, with_optional
 from saddlering_ros.bags.scan import OnShare, Scan, scan
 from saddlering_ros.doubts import readings
 from saddlering_ros.doubts.on_rig import findings_on_rig
@@ -101,8 +101,11 @@ def bag_info(
     run, count = None, None
     if not problems:
         read = {**raw, absent: readings.mirrored_topic(rig, raw)} if absent else raw
-        record = RawRecord(scanned.path, read, facts, scanned.notes)
+        record = with_optional(RawRecord(scanned.path, read, facts, scanned.notes), scanned,
+                               tuple(TOPICS))
         try:
+            if elevation is None:
+                readings.check_inclinometer(record, facts)
             run = readings.run_of_record(record, facts, rig)
             notes = [*run.notes, *map(str, findings_on_rig(rig, run, record))]
             if run.test == 'static':

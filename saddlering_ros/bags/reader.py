@@ -11,17 +11,20 @@ from numpy.typing import NDArray
 from saddlering_ros.bags.folder import open_directory
 from saddlering_ros.bags.scan import OnShare, Scan, scan
 from saddlering_ros.doubts.on_rig import findings_on_rig
-from saddlering_ros.doubts.readings import absent_topic, MIN_SAMPLES, mirrored_topic, run_of_record
+from saddlering_ros.doubts.readings import (
+    absent_topic,
+    check_inclinometer,
+    MIN_SAMPLES,
+    mirrored_topic,
+    run_of_record,
+)
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.batches import JITTER_NS
 from saddlering_ros.record.record import RawRecord, RawTopic, Record, TestMetadata
 from saddlering_ros.record.scratch import count_where, extremes, scratch_copy
-from saddlering_ros.record.topics import ELEVATION, PROBE_TOPICS, TOPICS
+from saddlering_ros.record.topics import PROBE_TOPICS, TOPICS
 from saddlering_ros.rig import Rig
 from saddlering_ros.rig.description import OPPOSITE
-
-ELEVATION_TOLERANCE_DEG = 0.5
-"""Difference [degrees] between inclinometer and stated elevation that is a contradiction."""
 
 
 def read_raw(
@@ -51,14 +54,20 @@ def _raw_record(scanned: Scan, wanted: Sequence[str], rig: Rig | None) -> RawRec
             for name in wanted if TOPICS[name].required and name != absent}
     if rig is not None and absent in wanted:
         read[absent] = mirrored_topic(rig, read)
-    notes = list(scanned.notes)
+    return with_optional(RawRecord(scanned.path, read, scanned.facts, scanned.notes), scanned,
+                         wanted)
+
+
+def with_optional(record: RawRecord, scanned: Scan, wanted: Sequence[str]) -> RawRecord:
+    """The record with those optional topics that the bag holds, or a note on a fault of one."""
+    read, notes = dict(record.topics), list(record.notes)
     for name in wanted:
         if name in scanned.topics and not TOPICS[name].required:
             try:
                 read[name] = raw_topic(scanned, name)
             except BagError as fault:
                 notes.append(f'left out: {fault}')
-    return RawRecord(scanned.path, read, scanned.facts, tuple(notes))
+    return replace(record, topics=read, notes=tuple(notes))
 
 
 def read_run(
@@ -74,13 +83,8 @@ def read_run(
     directory = open_directory(path)
     record = _raw_record(scan(directory, TOPICS, on_progress), tuple(TOPICS), rig)
     facts = usable_facts(record.path, record.facts, test, elevation)
-    if elevation is None and ELEVATION.name in record.topics:
-        assert facts.elevation_deg is not None
-        measured = math.degrees(float(np.median(record[ELEVATION.name].values)))
-        if not abs(measured - facts.elevation_deg) <= ELEVATION_TOLERANCE_DEG:
-            raise BagError(
-                f'{record.path}: elevation_deg is {facts.elevation_deg:g} and {ELEVATION.name} '
-                f'measured {measured:.2f} deg: give elevation_deg=DEG')
+    if elevation is None:
+        check_inclinometer(record, facts)
     run = replace(run_of_record(record, facts, rig), sha256=directory.sha256())
     run = run if elevation is None else replace(run, elevation=float(elevation))
     if rig is not None:

@@ -23,7 +23,7 @@ from saddlering_ros.record.guard import limits_of, SampleGuard, sound_samples
 from saddlering_ros.record.quality import filter_lag, rate_share, topic_quality, TopicQuality
 from saddlering_ros.record.record import RawRecord, RawTopic, Record, TestMetadata
 from saddlering_ros.record.scratch import count_where, extremes, spread
-from saddlering_ros.record.topics import LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TOPICS
+from saddlering_ros.record.topics import ELEVATION, LOAD_TOPIC, PROBE_TOPICS, RIG_TOPICS, TOPICS
 from saddlering_ros.rig import load_rig, Rig, TONNE
 from saddlering_ros.rig.geometry import mirrored_gap
 from saddlering_ros.rig.units import LoadLimits
@@ -51,6 +51,9 @@ MAX_APART = 0.05
 MAX_REFUSED_SHARE = 0.05
 """Largest share of refused samples. With more of them the unit, the sensor or the rig file is
 wrong."""
+
+ELEVATION_TOLERANCE_DEG = 0.5
+"""Difference [degrees] between inclinometer and stated elevation that is a contradiction."""
 
 MIN_SECONDS = 0.1
 """Duration of a record below which it is no test: five means of a fit."""
@@ -106,6 +109,24 @@ def check_probe_unit(
             f'{where}: readings around {typical:.4g} m are beyond any eddy-current probe and '
             f'look like {_guess_unit(typical, 0.0, 0.01)}: publish range, min_range and '
             'max_range in metres')
+
+
+def check_inclinometer(record: RawRecord, facts: TestMetadata) -> None:
+    """Raise BagError if the inclinometer of a record contradicts its stated elevation."""
+    assert facts.elevation_deg is not None
+    _, measured, _ = _measured_elevation(record)
+    if abs(measured - facts.elevation_deg) > ELEVATION_TOLERANCE_DEG:
+        raise BagError(
+            f'{record.path}: elevation_deg is {facts.elevation_deg:g} and {ELEVATION.name} '
+            f'measured {measured:.2f} deg: give elevation_deg=DEG')
+
+
+def _measured_elevation(record: RawRecord) -> tuple[float, float, float]:
+    """The median of an inclinometer between the ends of its usual readings [deg]; NaN for none."""
+    values = record[ELEVATION.name].values if ELEVATION.name in record else np.empty(0)
+    values = np.degrees(values[np.isfinite(values)])
+    low, middle, high = np.quantile(values, [0.05, 0.5, 0.95]) if len(values) else [math.nan] * 3
+    return float(low), float(middle), float(high)
 
 
 def check_overlap(
@@ -274,6 +295,11 @@ def run_of_record(record: RawRecord, facts: TestMetadata, rig: Rig | None = None
                 'cannot make in its time (rig.full_scale_time), as when a counter rolls over: '
                 'validity marks what is simulated by them, and identification and diagnosis leave '
                 'it out', raw.topic))
+    lowest, _, highest = _measured_elevation(record)
+    if highest - lowest > ELEVATION_TOLERANCE_DEG:
+        findings.append(Finding(
+            f'the barrel moved from {lowest:.2f} to {highest:.2f} deg, and the test counts as one '
+            'at the stated elevation: repeat it with the barrel at rest', ELEVATION.name))
     for name, quality in qualities.items():
         if name != absent:
             findings += quality_findings(name, quality, 'N' if name == LOAD_TOPIC else 'm')

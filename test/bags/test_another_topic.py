@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saddlering_ros.bags import read_raw, read_run
+from saddlering_ros.bags import bag_info, read_raw, read_run
 from saddlering_ros.bags.wire import decode_samples, encode_samples
 from saddlering_ros.errors import BagError
 from saddlering_ros.record.aligner import Aligner
@@ -83,3 +83,13 @@ def test_an_inclinometer_that_contradicts_the_stated_elevation_is_an_error(
         read_run(tmp_path / 'far')
     assert np.allclose(read_run(tmp_path / 'far', elevation=np.radians(70.0)).elevation,
                        np.radians(70.0))
+    # info said `usable` of it
+    assert '70.00 deg: give elevation_deg=DEG' in bag_info(tmp_path / 'far').problems[0]
+    assert bag_info(tmp_path / 'far', elevation=np.radians(70.0)).usable
+
+
+def test_a_barrel_that_moves_during_a_test_is_noted(tmp_path: Path, recording, stamps) -> None:
+    degrees = np.where(np.arange(len(stamps)) < 0.6 * len(stamps), 50.0, 70.0)
+    recording.write(tmp_path / 'bag', others={ELEVATION.name: (stamps, np.radians(degrees))})
+    for notes in (read_run(tmp_path / 'bag').notes, bag_info(tmp_path / 'bag').notes):
+        assert any('the barrel moved from 50.00 to 70.00 deg' in note for note in notes)
