@@ -69,6 +69,22 @@ def test_a_cause_in_one_channel_does_not_patch_the_law_of_the_main_one(
     assert [cause.effect for cause in answer.causes] == ['leak', 'gauge']
 
 
+def test_a_cause_in_one_channel_that_its_main_cause_cannot_replace_is_no_patch() -> None:
+    """A far end that follows a clock was refused, because a leak there can follow it in part."""
+    def with_clock(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
+        seen, night = simulate(values, run), np.asarray(run.inputs['night'])
+        return {**seen, 'far': seen['far'] + values['clock.size'] * night**3}
+
+    model = replace(MODEL, simulate=with_clock, effects={
+        **MODEL.effects, 'clock': Effect('Clock', {'size': Parameter(-1.0, 1.0)})})
+    runs = [replace(run, outputs={**run.outputs, 'far': run.outputs['far']
+                                  + 0.3 * np.asarray(run.inputs['night']) ** 3})
+            for run in (record(number, 1.0) for number in range(4))]
+    answer = diagnose(model, runs[:3], hold_out=runs[3:])
+    assert answer.verdict == 'named'
+    assert [cause.effect for cause in answer.causes] == ['leak', 'clock']
+
+
 @pytest.mark.parametrize(('wander', 'verdict'), [
     (0.02, 'named'), (0.05, 'named'), (0.11, 'unknown')])
 def test_a_cause_leaves_no_run_much_more_than_the_others(

@@ -91,7 +91,7 @@ def judge_alone(
             wording.remaining_words(share), after.slow.where))
     more, taken = list(published.doubts), published.shares.best
     if space.problem.assumptions.exact_laws and len(ids) > 1:
-        more += wrong_law.unlike_channels_unpatched(space, search, published.main.effect)
+        more += wrong_law.unlike_channels_unpatched(space, search, published)
     if any(space.problem.assumptions.allowed_error or ()):
         if taken < MIN_TAKEN:
             more.append(wording.weak_words(wording.joined(titles), published.shares, MIN_TAKEN))
@@ -220,7 +220,7 @@ def doubts_beside_error(
     narrow = wrong_law.narrow_laws(alone.space, published.plain)
     doubts = [*doubts_of(search, published), *unsteady_sizes(space, fit, published.causes),
               *narrow, *(wrong_law.unlike_channels(alone.space, published.plain)
-                         or wrong_law.unlike_channels_unpatched(alone.space, search, main.effect)),
+                         or wrong_law.unlike_channels_unpatched(alone.space, search, published)),
               *uncertain_law(space, published), *uneven_rest(published.fits)]
     if most_dropped**2 > MAINLY * main.visible**2:
         doubts.append(wording.AS_LARGE)

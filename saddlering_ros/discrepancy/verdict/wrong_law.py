@@ -20,7 +20,7 @@ from saddlering_ros.discrepancy.search.selection import error_process, Search
 from saddlering_ros.discrepancy.search.signatures import orthonormal
 from saddlering_ros.discrepancy.search.space import ModelSpace
 from saddlering_ros.discrepancy.verdict import wording
-from saddlering_ros.discrepancy.verdict.published import plain_fits
+from saddlering_ros.discrepancy.verdict.published import plain_fits, Publication
 from saddlering_ros.quantities import percent
 
 MAX_ALIKE = 0.9
@@ -47,7 +47,7 @@ predicts, and what it changes then over what it changed beyond the base (rms), f
 channels are those of another law. Stand-ins of docs/benchmarks (a leak on the other side) had 0.11
 and 0.42 at least. Right laws had 0.02 and 0.11 at most, beside pipes unlike by 6 % 0.40 and 0.24.
 A cause three times as large as the rest, which is over the limit there, bends by a third at most.
-"""
+A second cause that predicts this share more than such sizes is no patch of the first one's law."""
 
 MAX_SAMPLES = 4000
 """Samples of a run, evenly chosen, in which the change is followed. Chosen for cost."""
@@ -160,12 +160,13 @@ def narrow_laws(space: ModelSpace, fit: Fit) -> list[str]:
     return sentences
 
 
-def unlike_channels(space: ModelSpace, fit: Fit) -> list[str]:
+def unlike_channels(space: ModelSpace, fit: Fit, patched: Fit | None = None) -> list[str]:
     """A sentence for every cause that predicts left-out runs with a size for each channel.
 
     A stand-in acts in the right channels by the wrong shares: a leak on the other side lowers
     every head, but not each by as much. space: without learnt model error; fit: in the metric of
     the gain. Beside an error that was learnt from what the stand-in leaves nothing would show.
+    patched: with more causes, which are real if they predict these runs better than such sizes.
     """
     problem, settled = space.problem, len(space.problem.system.base_parameters)
     ranges = np.ptp(np.hstack([run.channels for run in problem.runs]), axis=1)
@@ -177,39 +178,53 @@ def unlike_channels(space: ModelSpace, fit: Fit) -> list[str]:
         weights[rows] = 1.0 if present is None else present[channel]
         weights[rows] /= max(ranges[channel], 1e-300)
         owners[rows] = run
-    rest = weights * (problem.measured - fit.prediction)
-    alike = weights[:, None] * tangent(space.metric, fit).plain
-    changes = weights[:, None] * space.changes_of(fit)
-    base, sentences = orthonormal(alike[:, :settled]), []
 
-    def fitted(columns: Array, others: Array) -> Array:
+    def fitted(columns: Array, rest: Array, others: Array) -> Array:
         """The rest (n,) as columns (n, k) that are fitted to some samples (n,) predict it."""
         return columns @ np.linalg.lstsq(columns[others], rest[others], rcond=1e-8)[0]
 
+    def missed(columns: Array, rest: Array) -> float:
+        """Misfit that the columns leave of runs held out in turn."""
+        return sum(
+            float(np.sum((rest - fitted(columns, rest, owners != run))[owners == run] ** 2))
+            for run in range(len(problem.runs)))
+
+    def about(one: Fit) -> tuple[Array, Array]:
+        """Sensitivities (n, p) and the rest (n,) of a fit."""
+        return (weights[:, None] * tangent(space.metric, one).plain,
+                weights * (problem.measured - one.prediction))
+
+    alike, rest = about(fit)
+    changes = weights[:, None] * space.changes_of(fit)
+    base, sentences = orthonormal(alike[:, :settled]), []
+    before, beside = missed(alike, rest), missed(*about(patched)) if patched else np.inf
     for name, change in zip(fit.candidate.ids, changes.T, strict=True):
         unlike = np.column_stack([alike, np.zeros((problem.size, ranges.size))])
         for _, channel, rows in problem.slices:
             unlike[rows, alike.shape[1] + channel] = change[rows]
-        missed = [sum(
-            float(np.sum((rest - fitted(columns, owners != run))[owners == run] ** 2))
-            for run in range(len(problem.runs))) for columns in (alike, unlike)]
-        share = 1.0 - missed[1] / max(missed[0], 1e-300)
-        every = np.ones(problem.size, bool)
+        after, every = max(missed(unlike, rest), 1e-300), np.ones(problem.size, bool)
+        share = 1.0 - after / max(before, 1e-300)
         freed, law = (moved - base @ (base.T @ moved) for moved in (
-            fitted(unlike, every) - fitted(alike, every), change))
+            fitted(unlike, rest, every) - fitted(alike, rest, every), change))
         bent = float(np.linalg.norm(freed) / max(float(np.linalg.norm(law)), 1e-300))
-        if share > MIN_UNLIKE and bent > MIN_UNLIKE_BENT:
+        is_real = beside < (1.0 - MIN_UNLIKE) * after
+        if share > MIN_UNLIKE and bent > MIN_UNLIKE_BENT and not is_real:
             sentences.append(wording.UNLIKE_CHANNELS.format(
                 problem.titles[name], percent(share)))
     return sentences
 
 
-def unlike_channels_unpatched(alone: ModelSpace, search: Search, main: str) -> list[str]:
+def unlike_channels_unpatched(
+    alone: ModelSpace, search: Search, published: Publication,
+) -> list[str]:
     """The same of the main cause without those in one channel, which can make up for its law."""
     problem, fit = alone.problem, search.fit
     squares = problem.in_views(search.space.changes_of(fit)) ** 2
     powers = squares.reshape(len(problem.system.views), -1, squares.shape[1]).sum(axis=1)
     for name, power in zip(search.fit.candidate.ids, powers.T, strict=True):
-        if name != main and power.max() > ONE_CHANNEL * power.sum():
+        if name != published.main.effect and power.max() > ONE_CHANNEL * power.sum():
             fit = search.space.without(fit, name)
-    return [] if fit is search.fit else unlike_channels(alone, *plain_fits(problem, [fit]))
+    if fit is search.fit:
+        return []
+    [plain] = plain_fits(problem, [fit])
+    return unlike_channels(alone, plain, published.plain)
