@@ -218,9 +218,8 @@ class RingSystem:
             contacts = self._four_probes(run, [(point.base, touching)])[0]
             grid: LoadGrid = run.payload
             static = run.rate is None or not np.any(run.rate)
-            load = next(iter(run.inputs.values()))
             parts.append(roller_scatter.scatter_columns(
-                self.rig, point.base, grid.elevation, grid.zero_load, load, run.time, contacts,
+                self.rig, point.base, grid.elevation, grid.zero_load, run.time, contacts,
                 static=static)[self.seen])
             known.append(np.stack([
                 *roller_scatter.known_errors(

@@ -238,7 +238,7 @@ def roller_effects(objective: WeightedObjective, contact: Array) -> list[Array]:
         x, y, gamma = np.concatenate([np.zeros((3, 1)), increments[0]], axis=1)
         probes = displacement_to_probes(rig.probes, Displacement(x, y, gamma, 0.0))
         columns = scatter_columns(
-            rig, contact, one.elevation, one.zero_load, np.append(one.zero_load, one.load),
+            rig, contact, one.elevation, one.zero_load,
             np.append(one.time[0] - BEFORE, one.time), probes, static=not one.dynamic)
         since_zero = np.ascontiguousarray((columns[:, 1:] - columns[:, :1]).transpose(0, 2, 1))
         moved = probes_to_displacement(rig.probes, since_zero).channels[:3]

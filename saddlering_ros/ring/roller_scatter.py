@@ -7,6 +7,7 @@ Both are averaged over the scatter, because a roller that is about to touch is p
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,11 +26,8 @@ WEIGHT_UNKNOWN = 0.02
 """Standard deviation of the weight of the carriage, as a share."""
 KNOWN = ('clearance_axial', 'clearance_radial', 'weight')
 """Sources of `stated_errors.CERTIFIED` whose errors are those of `known_rigs`."""
-GRID = 70
-"""Loads at which the columns are computed. The spread of a run is within 0.5 to 5 % (rms) of that
-with 1120. Single columns of a dynamic run, narrow where a roller touches, settle on no grid."""
 SOUND_LOADS = 25
-"""The same for `sound_deviation`, which 200 loads change by 5 %."""
+"""Loads at which `sound_deviation` is computed; 200 change it by 5 %."""
 CURVATURE = 1.5
 """Approximate standard deviation of the square of a standard normal number."""
 COLUMNS = 60
@@ -39,8 +37,8 @@ _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
 
 def scatter_columns(
-    rig: Rig, contact: Floats, elevation: float, zero_load: float, load: Floats, time: Floats,
-    probes: Floats, *, static: bool
+    rig: Rig, contact: Floats, elevation: float, zero_load: float, time: Floats, probes: Floats,
+    *, static: bool
 ) -> Floats:
     """Probe increments (4, N, k) along a run by one standard deviation of the scatter.
 
@@ -48,40 +46,11 @@ def scatter_columns(
     the ring rests. The rollers in contact are those of the simulated motion, which lags behind the
     load. The dampers delay the contribution of the scatter too.
     """
-    low, high = float(load.min()), float(load.max())
-    # A finer grid where contact begins.
-    grid = low + (high - low) * np.linspace(0.0, 1.0, GRID) ** 1.5
-    motion = static_response(rig, contact, elevation, grid)
-    per_load = np.gradient(motion, grid, axis=1)
-    columns, moving, decay = map(np.nan_to_num, _columns_at(rig, contact, motion.T, per_load.T))
-
     zero = static_response(rig, contact, elevation, np.array([zero_load]))[:, 0]
     moved = probes_to_displacement(rig.probes, probes)
-    parts = []
-    for row, seen, rows in ((0, moved.delta_x, slice(0, 1)), (2, moved.gamma, slice(1, 3))):
-        # Loads (N,) under which the ring would rest at its motion: by delta_x, and by gamma.
-        rising = np.maximum.accumulate(motion[row] - zero[row])
-        at_rest = np.interp(np.asarray(seen), rising, grid)
-        rate = np.zeros(time.size) if static else np.gradient(at_rest, time)
-        place = np.clip(np.searchsorted(grid, at_rest) - 1, 0, grid.size - 2)
-        below = grid[place]
-        share = np.clip((at_rest - below) / (grid[place + 1] - below), 0.0, 1.0)[:, None, None]
-        still, by_rate, decays = ((1.0 - share) * at[place] + share * at[place + 1]
-                                  for at in (columns[:, rows], moving[:, rows], decay[:, rows]))
-        parts.append((still + rate[:, None, None] * by_rate, decays))
-    q, decays = (np.concatenate(pair, axis=1) for pair in zip(*parts, strict=True))
-    if not static:
-        # The columns (N, 3, k) lag behind their equilibrium: dq/dt = decay (equilibrium - q). Two
-        # implicit half steps per sample, to the equilibrium at half the step and at its end.
-        late = q.copy()
-        speed = 0.5 * np.diff(time)[:, None, None] * decays[1:]
-        inverse = np.linalg.inv(np.eye(3) + speed)
-        pull = inverse @ speed
-        drawn = inverse @ (pull @ (0.5 * (q[:-1] + q[1:]))) + pull @ q[1:]
-        kept = inverse @ inverse
-        for index in range(time.size - 1):
-            late[index + 1] = kept[index] @ late[index] + drawn[index]
-        q = late
+    motion = zero + np.stack([moved.delta_x, moved.delta_y, moved.gamma], axis=1)
+    rate = np.zeros_like(motion) if static else np.gradient(motion, time, axis=0)
+    q = _columns_at(_linearised(rig, contact, motion, rate), None if static else np.diff(time))
     return displacement_to_probes(rig.probes, Displacement(q[:, 0], q[:, 1], q[:, 2], 0.0))
 
 
@@ -123,8 +92,7 @@ def sound_deviation(
     low, high = float(load.min()), float(load.max())
     grid = np.append(zero_load, np.linspace(low, high, SOUND_LOADS))
     motion = static_response(rig, contact, elevation, grid)
-    columns = _columns_at(rig, contact, motion.T, np.zeros_like(motion.T))[0]
-    changes = [np.nan_to_num(columns)]
+    changes = [_columns_at(_linearised(rig, contact, motion.T, np.zeros_like(motion.T)), None)]
     for above, below in known_rigs(rig):
         sides = [static_response(other, contact, elevation, grid) for other in (above, below)]
         changes.append(np.nan_to_num(0.5 * (sides[0] - sides[1])).T[:, :, None])
@@ -141,14 +109,22 @@ def _half(row: RollerRow) -> tuple[Floats, Floats]:
     return np.cos(2.0 * np.pi * index / row.rollers), twins
 
 
-def _columns_at(rig: Rig, contact: Floats, q: Floats,
-                per_load: Floats) -> tuple[Floats, Floats, Floats]:
-    """Motion (G, 3, k) at q (G, 3) by one standard deviation of every gap and every stiffness.
+@dataclass(frozen=True)
+class _Linearised:
+    """The ring along a motion of N samples, with k columns of one standard deviation."""
 
-    The second result is the part that the dampers add per rate of the load, where q moves by
-    `per_load` (G, 3) [1/N]: a roller that touches early is damped early. The third result is the
-    rate (G, 3, 3) [1/s] at which the dampers let a displacement decay. Mirror twins move the ring
-    equally: one column of sqrt(2) times the height has the covariance of both.
+    force: Floats  # (N, 3, k): that the columns add
+    landed: Floats  # (N, 3, k): impulse of dampers that began to act since the sample before
+    stiffness: Floats  # (N, 3, 3)
+    damping: Floats  # (N, 3, 3)
+    kept: Floats  # (N, 3, 3): damping by rollers that touched at the sample before, too
+
+
+def _linearised(rig: Rig, contact: Floats, q: Floats, rate: Floats) -> _Linearised:
+    """The ring at motion q (N, 3) of this rate, by one deviation of every gap and stiffness.
+
+    Rollers can only push. Mirror twins move the ring equally: one column of sqrt(2) times the
+    height has the covariance of both.
     """
     axial, middle = rig.axial_rows, rig.radial_row
     (first, axial_twins), (second, radial_twins) = _half(axial), _half(middle)
@@ -160,37 +136,62 @@ def _columns_at(rig: Rig, contact: Floats, q: Floats,
     directions = np.hstack([upper, -upper, radial])
     counts = (2 * first.size, second.size)
     half_gap = np.repeat([0.5 * axial.clearance, 0.5 * middle.clearance], counts)
-    stiffness = np.repeat([contact[0], contact[3]], counts)
-    exponent = np.repeat([contact[1], contact[4]], counts)
-    dampers = np.repeat([contact[2], contact[5]], counts)
-    depth = q @ directions - half_gap
-    spread = depth[..., None] + GAP_SCATTER * _NODES
-    touching = np.maximum(spread, 0.0)
-    forces = stiffness[:, None] * touching ** exponent[:, None]
-    tangents = exponent[:, None] * forces / np.maximum(touching, 1e-12)
-    force, tangent = forces @ _WEIGHTS, tangents @ _WEIGHTS
-    plain = stiffness * np.maximum(depth, 0.0) ** exponent
-    touched = (spread > 0.0) @ _WEIGHTS
-    density = np.exp(-0.5 * (depth / GAP_SCATTER) ** 2) / (GAP_SCATTER * np.sqrt(2.0 * np.pi))
-    speed = per_load @ directions
+    stiffness, exponent, dampers = np.repeat(np.reshape(contact, (2, 3)), counts, axis=0).T
+    depth, speed = q @ directions - half_gap, rate @ directions
+
+    def pushing(penetration: Floats) -> tuple[Floats, Floats]:
+        """Elastic forces (N, ...) of rollers that push, and whether they do."""
+        elastic = stiffness * np.maximum(penetration, 0.0) ** exponent
+        pushes = (elastic > 0.0) & (elastic + dampers * speed > 0.0)
+        return np.where(pushes, elastic, 0.0), pushes
+
+    force, tangent, touched = (np.zeros_like(depth) for _ in range(3))
+    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+        penetration = depth + GAP_SCATTER * node
+        elastic, pushes = pushing(penetration)
+        force += weight * elastic
+        tangent += weight * exponent * elastic / np.maximum(penetration, 1e-12)
+        touched += weight * pushes
+    plain, pushes = pushing(depth)
+    before = np.concatenate([touched[:1], touched[:-1]])
 
     def per_roller(amounts: Floats) -> Floats:
         return np.asarray(directions * amounts[:, None, :])
 
-    def together(amounts: Floats) -> Floats:
-        return np.asarray((twins * amounts) @ directions.T)[..., None]
+    def between(amounts: Floats) -> Floats:
+        return np.asarray(per_roller(twins * amounts) @ directions.T)
 
-    system = _held(per_roller(twins * tangent) @ directions.T, 1e-9, axial.pitch_radius)
-    answer = np.linalg.solve(system, np.concatenate([
-        per_roller(spreads * tangent * GAP_SCATTER),
-        -per_roller(spreads * force * STIFFNESS_SCATTER),
-        -together(force - plain)], axis=2))
-    by_gap = per_roller(spreads * dampers * density * speed * GAP_SCATTER)
-    moving = np.linalg.solve(system, np.concatenate([
-        by_gap, np.zeros_like(by_gap),
-        -together(dampers * speed * (touched - (depth > 0.0)))], axis=2))
-    damping = _held(per_roller(twins * dampers * touched) @ directions.T, 1e-6, axial.pitch_radius)
-    return np.asarray(answer), np.asarray(moving), np.asarray(np.linalg.solve(damping, system))
+    mean = twins * (force - plain + dampers * speed * (touched - pushes))
+    landed = per_roller(spreads * dampers * np.maximum(touched - before, 0.0) * GAP_SCATTER)
+    return _Linearised(
+        np.concatenate([
+            per_roller(spreads * tangent * GAP_SCATTER),
+            -per_roller(spreads * force * STIFFNESS_SCATTER), -(mean @ directions.T)[..., None],
+        ], axis=2),
+        np.concatenate([landed, np.zeros_like(landed), np.zeros((*q.shape, 1))], axis=2),
+        _held(between(tangent), 1e-9, axial.pitch_radius), between(dampers * touched),
+        between(dampers * np.minimum(touched, before)))
+
+
+def _columns_at(ring: _Linearised, steps: Floats | None) -> Floats:
+    """Motion (N, 3, k) that the columns add, at rest or in time steps (N - 1,) [s].
+
+    D dq/dt + S q = force. A damper that begins to act leaves the impulse D q of the others as it
+    is, and adds that of its gap. There are two implicit half steps per sample.
+    """
+    if steps is None:
+        return np.nan_to_num(np.linalg.solve(ring.stiffness, ring.force))
+    half = 0.5 * steps[:, None, None]
+    force, damping = ring.force, ring.damping[1:]
+    inverse = np.linalg.inv(damping + half * ring.stiffness[1:])
+    first = inverse @ damping @ inverse
+    drawn = (first @ (half * 0.5 * (force[:-1] + force[1:]) + ring.landed[1:])
+             + inverse @ (half * force[1:]))
+    kept = first @ ring.kept[1:]
+    late = np.linalg.solve(ring.stiffness, force)
+    for index in range(steps.size):
+        late[index + 1] = kept[index] @ late[index] + drawn[index]
+    return np.nan_to_num(late)
 
 
 def _held(matrices: Floats, share: float, radius: float) -> Floats:
