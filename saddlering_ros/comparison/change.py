@@ -207,8 +207,7 @@ def check_sessions(
     for name, records in (('before', before), ('after', after)):
         if not records:
             raise ComparisonError(f'{name}: no bags: give at least one bag of each session')
-    rings = [{record.details.get('ring') or record.rig for record in records} - {''}
-             for records in (before, after)]
+    rings = [{record.ring for record in records} - {''} for records in (before, after)]
     if len(rings[0] | rings[1]) > 1:
         remedy = 'compare sessions of one ring'
         stated = _stated('ring', before, after)

@@ -127,7 +127,16 @@ def _equal(first: Record, rows: Rows, second: Record, others: Rows) -> int:
 
 
 def refuse_repeats(runs: Sequence[Record], held_out: Sequence[Record] = ()) -> None:
-    """BagError (one line) if a recording is given twice, or is both fitted and held out."""
+    """BagError (one line) if a recording is given twice, or is both fitted and held out.
+
+    Runs of several rings, by their names, get a note.
+    """
+    rings = sorted({run.ring for run in (*runs, *held_out)} - {''})
+    note = (f'the bags name the rings {" and ".join(rings)}, and count as tests of one: give '
+            'those of one ring, or correct "ring" (or else "rig") of their metadata')
+    for run in (*runs, *held_out) if len(rings) > 1 else ():
+        if note not in run.notes:
+            run.notes.append(note)
     for (place, first), (later, second) in combinations(enumerate([*runs, *held_out]), 2):
         if not is_same_recording(first, second):
             continue

@@ -25,7 +25,8 @@ _TEST = """\
 test:
   test: TODO            # static or dynamic
   elevation_deg: TODO   # of the barrel, degrees
-  # rig: SR-017          # name of the rig
+  # ring: SR-017         # name of the ring
+  # rig: bench 2         # name of the rig
   # run: 1
   # date: 2026-11-20
   # operator: name

@@ -145,6 +145,11 @@ class Record:
         return self.details.get('rig_hash', '')
 
     @property
+    def ring(self) -> str:
+        """Name of the ring that the bag states, or else of the rig."""
+        return self.details.get('ring') or self.rig
+
+    @property
     def doubtful_lag(self) -> float:
         """Largest delay [s] between load and probes that the readings leave open."""
         if not self.quality:
@@ -239,10 +244,11 @@ METADATA_RECORD = 'saddlering.test'
 """Name under which a file of messages holds the metadata."""
 
 KEYS = ('test', 'elevation_deg', 'rig', 'run')
-DETAILS = ('date', 'service_hours', 'operator', 'slew_deg', 'base', 'rig_hash', 'import_map',
-           'import_sources', 'instruments')
-"""Further texts: on the test, on the place of the ring, whether the session is a base measurement,
-on the description of the rig (Rig.digest), on the files of an import, and on its instruments."""
+DETAILS = ('ring', 'bench', 'date', 'service_hours', 'maintenance', 'operator', 'slew_deg', 'base',
+           'rig_hash', 'import_map', 'import_sources', 'instruments')
+"""Further texts: names of ring and test rig, on the test, whether it follows a service, on the
+place of the ring, whether the session is a base measurement, on the description of the rig
+(Rig.digest), on the files of an import, and on its instruments."""
 
 KINDS = ('static', 'dynamic')
 LOWEST_ELEVATION, HIGHEST_ELEVATION = -10.0, 90.0

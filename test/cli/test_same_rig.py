@@ -15,7 +15,7 @@ import pytest
 from saddlering_ros import read_bag
 from saddlering_ros.bags import write_bag
 from saddlering_ros.cli.main import main
-from saddlering_ros.doubts.comparison import refuse_other_rig
+from saddlering_ros.doubts.comparison import refuse_other_rig, refuse_repeats
 from saddlering_ros.errors import BagError
 from saddlering_ros.files import share_directory
 from saddlering_ros.record import Record, TestMetadata
@@ -59,6 +59,18 @@ def test_a_bag_that_only_names_its_rig_gets_a_note_where_no_file_is_given() -> N
     run = run_of('SR-48')
     refuse_other_rig([run], RIG)
     assert "names the rig 'SR-48', and the shipped rig is simulated" in run.notes[0]
+
+
+def test_tests_of_two_rings_that_are_fitted_together_get_a_note() -> None:
+    runs = [run_of('bench 1'), run_of('bench 1'), run_of()]
+    for number, run in enumerate(runs):
+        run.load[:] += 10.0 * number
+    refuse_repeats(runs[:2], runs[2:])
+    assert not any(run.notes for run in runs)
+    runs = [replace(run, details={'ring': ring}) for run, ring in zip(runs, 'ABB', strict=True)]
+    for _ in range(2):
+        refuse_repeats(runs[:2], runs[2:])
+    assert all(len(run.notes) == 1 and 'name the rings A and B' in run.notes[0] for run in runs)
 
 
 def test_a_forgotten_rig_file_costs_a_line_and_not_minutes(

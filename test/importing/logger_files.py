@@ -152,5 +152,6 @@ def map_text(time: str, **changes: Any) -> str:
         f'{"" if name == CHANNELS[0] else ", range: [0, 0.002]"}}}\n' for name in CHANNELS)
     sections = {'time': time, 'channels': f'\n{channels}',
                 'test': '{test: dynamic, elevation_deg: 50, rig: SR-017, operator: J. Doe, '
-                        'date: 2026-11-20, service_hours: 120, slew_deg: 90}', **changes}
+                        'date: 2026-11-20, service_hours: 120, slew_deg: 90, ring: R 7, '
+                        'bench: 2, maintenance: true}', **changes}
     return '\n'.join(f'{key}: {value}' for key, value in sections.items()) + '\n'

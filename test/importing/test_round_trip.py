@@ -54,7 +54,8 @@ def test_what_the_map_says_of_the_test_and_where_it_came_from_is_in_the_bag(
     stated, certificates = stated_by([found.details['instruments']], 'bag')
     assert (stated.load_gain, certificates) == (0.001, 'K-4711')
     assert (found.test, found.elevation_deg, found.rig) == ('dynamic', 50.0, 'SR-017')
-    assert {'operator': 'J. Doe', 'service_hours': '120', 'slew_deg': '90',
+    assert {'operator': 'J. Doe', 'service_hours': '120', 'slew_deg': '90', 'ring': 'R 7',
+            'bench': '2', 'maintenance': 'True',
             'date': '2026-11-20'}.items() <= found.details.items()
     assert found.details['import_map'].strip() == text.strip()
     assert sha256_of_file(file) in found.details['import_sources']
