@@ -323,10 +323,11 @@ def contact_of_sessions(
 ) -> dict[str, tuple[Estimate, Estimate, Estimate]]:
     """Contact parameters before, after, and their change, each with its standard deviation.
 
-    The law before is that of `identify` (NaN if not determined). The change is one linear step
-    from the fit with the causes, in which each session has a contact law of its own: errors that
-    both sessions share are marginalised, and so is the size of every cause but a change of the
-    contact law itself. The law before and the change count as independent.
+    A standard deviation is NaN if the data do not determine the value. The law before is that of
+    `identify`. The change is one linear step from the fit with the causes, in which each session
+    has a contact law of its own: errors that both sessions share are marginalised, and so is the
+    size of every cause but a change of the contact law itself. The law before and the change
+    count as independent.
     """
     metric, fit, parameters = diagnosis.fits.metric, diagnosis.fits.after, system.base_parameters
     problem, count = metric.problem, len(parameters)
@@ -348,16 +349,19 @@ def contact_of_sessions(
     changed = {QUANTITIES[round(moved['quantity'])]: 1.0 + moved['change']} if moved else {}
     for index, parameter in enumerate(parameters):
         unit, places = float(fit.theta_unit[index]), [index, count + index]
-        ends = np.clip(unit + step[places], 0.0, 1.0).tolist()
-        first, last = map(parameter.from_unit, ends)
+        reached = unit + step[places]
+        ends = np.clip(reached, 0.0, 1.0)
+        first, last = map(parameter.from_unit, ends.tolist())
         last *= changed.get(parameter.name, 1.0)
         both = covariance[np.ix_(places, places)]
-        spread = math.sqrt(both[0, 0] + both[1, 1] - 2.0 * both[0, 1])
+        # A step that leaves the bounds is none of a linear law.
+        spread = math.nan if np.any(reached != ends) else math.sqrt(
+            both[0, 0] + both[1, 1] - 2.0 * both[0, 1])
         before, std = earlier.parameters.contact.to_array()[index], earlier.std[index]
         # A K or D changes by the same factor about the identified law as about the fitted one.
         factor = before / first if parameter.scale == 'log' else 1.0
-        change = Estimate(factor * (last - first), factor * parameter.slope(ends[0]) * spread,
-                          parameter.unit)
+        std_of_change = factor * parameter.slope(float(ends[0])) * spread
+        change = Estimate(factor * (last - first), std_of_change, parameter.unit)
         answers[parameter.name] = (
             Estimate(float(before), float(std), parameter.unit),
             Estimate(float(before + change.value), math.hypot(std, change.std), parameter.unit),

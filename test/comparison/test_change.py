@@ -306,6 +306,21 @@ def test_a_misfit_beyond_noise_widens_the_change_of_the_contact_law(grown, ident
         assert wider[name][2].std == pytest.approx(3.0 * change.std)
 
 
+def test_a_change_that_leaves_the_bounds_is_not_determined(grown, identified):
+    """With a load in pounds after, K1 changed by (3.92 +- 0.10)e9 N/m^n beyond its bound."""
+    system = TwoSessions(RingSystem(RIG), frozenset(record.run.name for record in grown.before))
+    fits = grown.diagnosis.fits
+    runs = [run if system.session_of(run) == EARLIER
+            else replace(run, channels=-2.0 * run.channels) for run in fits.metric.problem.runs]
+    stiff = replace(grown.diagnosis, fits=replace(fits, metric=replace(
+        fits.metric, problem=fits.metric.problem.with_runs(runs))))
+    with one_blas_thread():
+        before, after, change = contact_of_sessions(stiff, system, identified)['K2']
+    assert before.value == grown.contact['K2'][0].value
+    assert math.isnan(after.std)
+    assert math.isnan(change.std)
+
+
 def test_an_instrument_calibrated_between_the_sessions_may_differ_by_both_certificates(
         before, grown):
     def stating(name):
