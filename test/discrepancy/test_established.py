@@ -615,6 +615,9 @@ def test_a_stand_in_that_most_refits_replace_is_not_established(monkeypatch) -> 
     assert answer.stability < 0.5
     assert any('of the refits have the same first cause' in item for item in answer.warnings)
     assert answer.probabilities['wavy'] < 0.5
+    split = [results.Refit('', 'wavy', number < 3) for number in range(6)]
+    assert established.unshared(split)
+    assert not established.unshared(split[:5])
 
 
 @pytest.mark.parametrize(('contains', 'share'), [((), 0.0), (('friction',), 1.0)])

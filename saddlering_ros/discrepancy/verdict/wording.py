@@ -333,7 +333,7 @@ SHARED_DIRECTION = ('{}: {}, of another size or sign, has {} of the power of its
                     'the base, and an effect outside the catalogue could have as much')
 UNSTEADY_SIZE = ('{}: if its size is fitted for each {}, it is {} to {} of the common size, more '
                  'than its interval allows: the true cause has another law')
-UNSHARED = '{} of the refits have the same first cause, and at least {} is required'
+UNSHARED = '{} of the refits have the same first cause, and more than {} is required'
 
 
 def weak_words(title: str, shares: results.Shares, needed: float) -> str:
