@@ -4,6 +4,7 @@ Gap and stiffness of every roller differ a little. To first order a gap change g
 by S^-1 k_i v_i g_i and a stiffness change e_i by -S^-1 F_i v_i e_i, with v_i the roller's
 penetration by (delta_x, delta_y, gamma), k_i its tangent stiffness and S the sum of k_i v_i v_i'.
 Both are averaged over the scatter, because a roller that is about to touch is partly in contact.
+A roller can only push: where the load falls, its damper ends the contact before its gap opens.
 """
 
 from collections.abc import Callable
@@ -50,7 +51,8 @@ def scatter_columns(
     moved = probes_to_displacement(rig.probes, probes)
     motion = zero + np.stack([moved.delta_x, moved.delta_y, moved.gamma], axis=1)
     rate = np.zeros_like(motion) if static else np.gradient(motion, time, axis=0)
-    q = _columns_at(_linearised(rig, contact, motion, rate), None if static else np.diff(time))
+    ring = _linearised(rig, contact, motion, rate)
+    q = _at_rest(ring) if static else _delayed(ring, np.diff(time))
     return displacement_to_probes(rig.probes, Displacement(q[:, 0], q[:, 1], q[:, 2], 0.0))
 
 
@@ -92,7 +94,7 @@ def sound_deviation(
     low, high = float(load.min()), float(load.max())
     grid = np.append(zero_load, np.linspace(low, high, SOUND_LOADS))
     motion = static_response(rig, contact, elevation, grid)
-    changes = [_columns_at(_linearised(rig, contact, motion.T, np.zeros_like(motion.T)), None)]
+    changes = [_at_rest(_linearised(rig, contact, motion.T, np.zeros_like(motion.T)))]
     for above, below in known_rigs(rig):
         sides = [static_response(other, contact, elevation, grid) for other in (above, below)]
         changes.append(np.nan_to_num(0.5 * (sides[0] - sides[1])).T[:, :, None])
@@ -114,7 +116,7 @@ class _Linearised:
     """The ring along a motion of N samples, with k columns of one standard deviation."""
 
     force: Floats  # (N, 3, k): that the columns add
-    landed: Floats  # (N, 3, k): impulse of dampers that began to act since the sample before
+    landed: Floats  # (N, 3, R): impulse of dampers that act anew, by gaps (the first R columns)
     stiffness: Floats  # (N, 3, 3)
     damping: Floats  # (N, 3, 3)
     kept: Floats  # (N, 3, 3): damping by rollers that touched at the sample before, too
@@ -162,42 +164,44 @@ def _linearised(rig: Rig, contact: Floats, q: Floats, rate: Floats) -> _Linearis
         return np.asarray(per_roller(twins * amounts) @ directions.T)
 
     mean = twins * (force - plain + dampers * speed * (touched - pushes))
-    landed = per_roller(spreads * dampers * np.maximum(touched - before, 0.0) * GAP_SCATTER)
     return _Linearised(
         np.concatenate([
             per_roller(spreads * tangent * GAP_SCATTER),
             -per_roller(spreads * force * STIFFNESS_SCATTER), -(mean @ directions.T)[..., None],
         ], axis=2),
-        np.concatenate([landed, np.zeros_like(landed), np.zeros((*q.shape, 1))], axis=2),
-        _held(between(tangent), 1e-9, axial.pitch_radius), between(dampers * touched),
+        per_roller(spreads * dampers * np.maximum(touched - before, 0.0) * GAP_SCATTER),
+        _held(between(tangent), axial.pitch_radius), between(dampers * touched),
         between(dampers * np.minimum(touched, before)))
 
 
-def _columns_at(ring: _Linearised, steps: Floats | None) -> Floats:
-    """Motion (N, 3, k) that the columns add, at rest or in time steps (N - 1,) [s].
+def _at_rest(ring: _Linearised) -> Floats:
+    """Motion (N, 3, k) that the columns add to a ring at rest."""
+    return np.nan_to_num(np.linalg.solve(ring.stiffness, ring.force))
 
-    D dq/dt + S q = force. A damper that begins to act leaves the impulse D q of the others as it
-    is, and adds that of its gap. There are two implicit half steps per sample.
+
+def _delayed(ring: _Linearised, steps: Floats) -> Floats:
+    """Motion (N, 3, k) that the columns add in time steps (N - 1,) [s]: D dq/dt + S q = force.
+
+    A damper that begins to act leaves the impulse D q of the others as it is, and adds that of
+    its gap. There are two implicit half steps per sample.
     """
-    if steps is None:
-        return np.nan_to_num(np.linalg.solve(ring.stiffness, ring.force))
     half = 0.5 * steps[:, None, None]
     force, damping = ring.force, ring.damping[1:]
     inverse = np.linalg.inv(damping + half * ring.stiffness[1:])
     first = inverse @ damping @ inverse
-    drawn = (first @ (half * 0.5 * (force[:-1] + force[1:]) + ring.landed[1:])
-             + inverse @ (half * force[1:]))
+    drawn = first @ (half * 0.5 * (force[:-1] + force[1:])) + inverse @ (half * force[1:])
+    drawn[..., :ring.landed.shape[2]] += first @ ring.landed[1:]
     kept = first @ ring.kept[1:]
-    late = np.linalg.solve(ring.stiffness, force)
+    late = _at_rest(ring)
     for index in range(steps.size):
         late[index + 1] = kept[index] @ late[index] + drawn[index]
     return np.nan_to_num(late)
 
 
-def _held(matrices: Floats, share: float, radius: float) -> Floats:
-    """Matrices (G, 3, 3) plus a share of their trace on the diagonal, so that none is singular."""
+def _held(matrices: Floats, radius: float) -> Floats:
+    """Matrices (N, 3, 3) plus 1e-9 of their trace on the diagonal, so that none is singular."""
     trace = np.trace(matrices, axis1=1, axis2=2)[:, None, None]
-    return np.asarray(matrices + share * trace * np.diag([1.0, 1.0, radius**2]))
+    return np.asarray(matrices + 1e-9 * trace * np.diag([1.0, 1.0, radius**2]))
 
 
 def compressed(columns: Floats) -> Floats:
