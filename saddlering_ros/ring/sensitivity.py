@@ -65,6 +65,10 @@ def static_sensitivities(rig: Rig, contact: ArrayLike, elevation: float,
     return np.ascontiguousarray(out.transpose(2, 1, 0))
 
 
+ROOM = 3
+"""Records for each step of the largest length. Steps are divided where their error is too large:
+a run of dirty rings had 1.8 times as many at most."""
+
 K, N, D = (ring_model.columns(a, a, b) for a, b in (('K1', 'K2'), ('n1', 'n2'), ('D1', 'D2')))
 """Indices of K, n and D of the upper, the lower and the radial row."""
 
@@ -105,7 +109,8 @@ def simulate_path(model: Model, rows: Rows, time: Floats, load: Floats, zero_loa
     """A run of a model (1,) at every step; grows: for tangents by growing damping too."""
     grows = grows or bool(model['damping_penetration_share'][0])
     motion, readings = np.empty((time.size, 3)), np.empty((time.size, 4))
-    room = 2 + int(np.maximum(1.0, np.ceil(np.diff(time) / max_step)).sum())
+    # What is not used costs no memory, but without room the whole run is simulated once more.
+    room = 2 + ROOM * int(np.maximum(1.0, np.ceil(np.diff(time) / max_step)).sum())
     while True:
         record = np.empty((room, LAWS + 5 * (LAW if grows else PLAIN_LAW)))
         integration.run_recorded(model, rows.flat, rows.uniform, time, load, zero_load, max_step,

@@ -17,6 +17,7 @@ from saddlering_ros.rig import (
     TRUE_TO_SCALE,
 )
 from saddlering_ros.ring import probe_batch, static_batch
+from saddlering_ros.ring.kernels import integration
 from saddlering_ros.ring.sensitivity import FollowedMotion, Neighbourhoods, static_sensitivities
 
 RIG, ELEVATION = default_rig(), 0.9
@@ -124,6 +125,14 @@ def test_the_response_itself_is_that_of_a_simulation_in_the_same_steps() -> None
     found = Neighbourhoods(RIG, [((LAW, extension), [(LAW, extension)])]).along(*arguments)[0]
     assert found.centre == pytest.approx(plain, abs=1e-13)
     assert found.neighbours[0] == pytest.approx(plain, abs=1e-13)
+
+
+def test_a_run_with_divided_steps_is_simulated_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    once, calls = integration.run_recorded, []
+    monkeypatch.setattr(integration, 'run_recorded', lambda *run: calls.append(1) or once(*run))
+    path = FollowedMotion(RIG, LAW, ELEVATION, TIME, LOAD, 1.01 * STEP).path
+    assert path.time.size > 1.2 * TIME.size
+    assert len(calls) == 1
 
 
 def test_an_effect_that_is_not_there_yet_has_a_slope() -> None:
