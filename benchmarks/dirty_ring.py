@@ -8,6 +8,7 @@ structure and temperature each have a small error. One cause of the catalogue is
 them, about ten times as large as an error of its kind. A row states the share that it has of the
 power of what all move, because the errors together can move as much. Each effect has one ring, of
 the seeds in turn; --without takes it out of the catalogue. The rows are those of real_faults.py.
+The truth of a row is what has most of this power: the hidden cause, or a small error of the ring.
 """
 
 from __future__ import annotations
@@ -58,6 +59,12 @@ VIEWS = np.array([[0.5, 0.0, -0.5, 0.0], [0.0, 0.5, 0.0, 0.5], [0.0, 0.5, 0.0, -
 
 STEPS = {'K1': 1.02, 'n1': 1.005, 'D1': 1.1, 'K2': 1.02, 'n2': 1.005, 'D2': 1.1}
 """Factors of the contact law that show what it can imitate."""
+
+OWN = {'gain': 'load_gain', 'bend': 'load_nonlinearity', 'offset': 'load_offset',
+       'cylinder': 'cylinder_friction', 'angle': 'elevation_error', 'arm': 'moment_arm',
+       'radial': 'radial_friction', 'tilt': 'tilt_friction', 'gains': 'probe_gain',
+       'bends': 'probe_nonlinearity', 'heights': 'probe_height', 'warms': 'probe_drift'}
+"""Effects of the catalogue that are small errors of the ring."""
 
 Errors = Mapping[str, Array]
 
@@ -142,13 +149,15 @@ def motion_of(ring: Ring, fault: Fault) -> list[Array]:
     return views
 
 
-def share_of(hidden: Hidden, seed: int) -> float:
-    """Share of the hidden cause in the power of what it and the dirt of its ring move.
+def powers_of(effect: str, seed: int) -> tuple[float, dict[str, float]]:
+    """Power of what all small errors of a ring move, and of what each effect does beside the rest.
 
-    What the contact law can imitate does not count. A view counts in units of its range.
+    What the contact law can imitate does not count. A view counts in units of its range. The
+    effects are the hidden one and, if it has less than half of the power, the errors of the ring.
     """
-    ring = draw_ring(seed)[0]
-    sound, dirt = (motion_of(ring, fault) for fault in (Fault(), dirty_fault(NOTHING, seed)))
+    ring, hidden, (errors, phases) = draw_ring(seed)[0], hidden_in(effect, seed), errors_of(seed)
+    sound, dirt, whole = (motion_of(ring, fault) for fault in (
+        Fault(), dirty(Fault(), errors, phases), dirty(hidden.fault, errors, phases)))
     spans = np.max([np.ptp(run, axis=1) for run in sound], axis=0)
     spans[3] = spans[0]  # The parity of a sound ring is zero.
 
@@ -166,8 +175,12 @@ def share_of(hidden: Hidden, seed: int) -> float:
         moved = change(before, after)
         return float(moved @ moved - np.sum((imitated.T @ moved) ** 2))
 
-    main = power(dirt, motion_of(ring, dirty_fault(hidden, seed)))
-    return main / (main + power(sound, dirt))
+    small, parts = power(sound, dirt), {effect: power(dirt, whole)}
+    if effect and parts[effect] < small:
+        for kind, own in OWN.items():
+            less = dirty(hidden.fault, {**errors, kind: 0.0 * errors[kind]}, phases)
+            parts[own] = max(parts.get(own, 0.0), power(motion_of(ring, less), whole))
+    return small, parts
 
 
 def row_of(effect: str, seed: int, folder: Path, *, is_removed: bool) -> dict[str, object]:
@@ -179,11 +192,13 @@ def row_of(effect: str, seed: int, folder: Path, *, is_removed: bool) -> dict[st
     with without(*[effect] * is_removed):
         found = verdict_on(ring, noise, whole, usual_courses(RIG), seed, folder).diagnosis
     kind = 'removed' if is_removed else 'hidden'
+    small, parts = powers_of(effect, seed)
     return {
         'machine': 'dirty ring', 'seed': seed, 'trial': effect or 'none', 'exact': False,
-        'kind': kind if effect else 'sound', 'truth': [effect] if effect else [],
-        'misfit': misfit(found), 'seconds': clock.process_time() - began, **answer_of(found),
-        'share': share_of(hidden, seed),
+        'kind': kind if effect else 'sound', 'misfit': misfit(found),
+        'truth': [max(parts, key=lambda name: parts[name])] if effect else [],
+        'seconds': clock.process_time() - began, **answer_of(found),
+        'share': parts[effect] / (parts[effect] + small),
     }
 
 
