@@ -17,6 +17,7 @@ from unittest import mock
 from browser import browser_page
 from few_effects import few_effects
 import pytest
+from shared_pictures import DRAWN, drawn_once
 
 from benchmarks.examiner import draw_truth, DrawSettings, RecordSettings, write_campaign
 from saddlering_ros.cli.main import main
@@ -87,8 +88,9 @@ def test_the_demo_finds_a_cause_live_and_halves_the_misfit_of_the_runs_kept_back
     settings = DrawSettings(('radial_friction',), fixed={'radial_friction': {'force': 8000.0}})
     write_campaign(draw_truth(4, 'single', settings), bags,
                    ('static_50', 'dynamic_50_fast', 'dynamic_70'), SHORTER)
-    with mock.patch.dict(os.environ, ROS_LOG_DIR=str(tmp_path)), few_effects(
-            'radial_friction', 'tilt_friction', 'cylinder_friction', 'film_creep', 'settling'):
+    with (mock.patch.dict(os.environ, ROS_LOG_DIR=str(tmp_path)), mock.patch(DRAWN, drawn_once()),
+          few_effects('radial_friction', 'tilt_friction', 'cylinder_friction', 'film_creep',
+                      'settling')):
         status = main(['demo', '--bags', str(bags), '--out', str(tmp_path / 'out')])
     assert status == 0, capsys.readouterr()
     assert 'verdict: ' in capsys.readouterr().out
