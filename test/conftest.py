@@ -118,6 +118,13 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(DRAWN, lambda chart: b'undrawn')
 
 
+@pytest.fixture
+def no_next_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let diagnoses propose no further test: simulated ones are a fifth of a ring's diagnosis."""
+    monkeypatch.setattr('saddlering_ros.discrepancy.engine.next_test_of',
+                        lambda *_, **__: ((), ()))
+
+
 @pytest.fixture(scope='session')
 def node_server() -> Iterator[NodeServer]:
     """Forks the nodes of this process's tests; see its module."""

@@ -17,7 +17,7 @@ import pytest
 from benchmarks.examiner import open_seal, score, SEALED
 from saddlering_ros import diagnose
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('no_next_test')]
 
 EXAMINER = str(Path(__file__).parents[2] / 'benchmarks' / 'examiner.py')
 TWO, THREE = 'static_50,dynamic_50', 'static_50,dynamic_50,static_70'
