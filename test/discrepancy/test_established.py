@@ -121,9 +121,10 @@ def test_a_sound_machine_with_an_honest_model_error_is_sound_and_a_small_one_is_
     def declared(share: float) -> Diagnosis:
         return found(0.0, 0.05, replace(MODEL, channels={'seen': Channel(model_error=share)}))
 
-    assert declared(0.0).verdict == 'unknown'
-    assert declared(0.0).headline.startswith('Something is wrong')
-    assert '. ' not in declared(0.0).headline
+    undeclared = declared(0.0)
+    assert undeclared.verdict == 'unknown'
+    assert undeclared.headline.startswith('Something is wrong')
+    assert '. ' not in undeclared.headline
     small = declared(0.002)
     assert small.verdict == 'unknown'
     assert any('more than the declared model error of 0.2' in item for item in small.warnings)

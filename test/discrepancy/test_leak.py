@@ -44,8 +44,9 @@ def test_a_law_with_another_share_in_each_channel_is_not_established(
     assert (answer.verdict, answer.causes[0].effect) == (verdict, 'leak')
     refused = [words for words in answer.warnings if 'with a size for each channel' in words]
     assert bool(refused) is (verdict == 'unknown')
-    monkeypatch.setattr(wrong_law, 'unlike_channels', lambda *_: [])
-    assert diagnose(MODEL, runs[:3], hold_out=runs[3:]).verdict == 'named'
+    if refused:
+        monkeypatch.setattr(wrong_law, 'unlike_channels', lambda *_: [])
+        assert diagnose(MODEL, runs[:3], hold_out=runs[3:]).verdict == 'named'
 
 
 def simulate_with_gauge(values: dict[str, float], run: Run) -> dict[str, np.ndarray]:
@@ -94,5 +95,6 @@ def test_a_cause_leaves_no_run_much_more_than_the_others(
     answer = diagnose(MODEL, runs[:3], hold_out=runs[3:])
     assert (answer.verdict, answer.causes[0].effect) == (verdict, 'leak')
     assert any('run 1 keeps' in words for words in answer.warnings) is (verdict == 'unknown')
-    monkeypatch.setattr(established, 'uneven_rest', lambda _: [])
-    assert diagnose(MODEL, runs[:3], hold_out=runs[3:]).verdict == 'named'
+    if verdict == 'unknown':
+        monkeypatch.setattr(established, 'uneven_rest', lambda _: [])
+        assert diagnose(MODEL, runs[:3], hold_out=runs[3:]).verdict == 'named'
