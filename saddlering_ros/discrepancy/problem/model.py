@@ -6,6 +6,7 @@ Every channel is divided by its range over the fitted runs, so that results do n
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import islice
 from typing import Any, Literal
 
@@ -221,7 +222,7 @@ class ModelSystem:
         self._first: dict[str, _First] = {}
         self._neutral = model.neutral()
 
-    @property
+    @cached_property
     def views(self) -> Mapping[str, Array]:
         """Each channel by itself."""
         return dict(zip(self.channel_names, np.eye(len(self.channel_names)), strict=True))
