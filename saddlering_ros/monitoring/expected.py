@@ -1,8 +1,4 @@
-"""The motion that the model expects at a load, and the noise that a displacement has.
-
-Both give followers of the topics a covariance: of the model by that of its parameters, of the
-measurement by its readings at the zero.
-"""
+"""The motion that the model expects at a load, with its covariance by that of the parameters."""
 
 from dataclasses import dataclass
 
@@ -18,10 +14,6 @@ Array = NDArray[np.float64]
 
 LOADS = 41
 """Loads from preload to full scale between which the motion is interpolated."""
-
-MIN_ROWS = 32  # variance to 25 %
-MAX_ROWS = 256
-"""Rows after a zero from which its noise is read."""
 
 NO_ZERO, OUTSIDE, NO_COVARIANCE, WITHOUT_EFFECTS, NO_EQUILIBRIUM = 1, 2, 4, 8, 16
 """Bits of validity, as in RingExpected.msg."""
@@ -72,34 +64,3 @@ class ExpectedMotion:
         low = min(int(place), LOADS - 2)
         share = place - low
         return np.asarray((1.0 - share) * curves[..., low] + share * curves[..., low + 1])
-
-
-class ZeroNoise:
-    """Covariance (4, 4) of the noise of delta_x, delta_y, gamma, parity, read after each zero.
-
-    Second differences of white noise have six times its variance; a moving load hardly adds to
-    them. 0 where a channel is not known.
-    """
-
-    def __init__(self) -> None:
-        self.covariance = np.zeros((4, 4))
-        self._zero = 0
-        self._rows: list[Array] = []
-        self._count = 0
-
-    def push(self, zero_stamps: NDArray[np.int64], channels: Array) -> None:
-        """Take displacements: stamps of their zeros (N,) [ns], channels (4, N)."""
-        if not len(zero_stamps):
-            return
-        if int(zero_stamps[-1]) != self._zero:
-            self._zero, self._rows, self._count = int(zero_stamps[-1]), [], 0
-        if self._count >= MAX_ROWS:
-            return
-        self._rows.append(channels[:, zero_stamps == self._zero])
-        self._count += self._rows[-1].shape[1]
-        if self._count < MIN_ROWS:
-            return
-        rows = np.concatenate(self._rows, axis=1)
-        is_known = np.isfinite(rows).all(axis=1, keepdims=True)
-        curves = np.diff(np.where(is_known, rows, 0.0), n=2, axis=1)
-        self.covariance = curves @ curves.T / (6.0 * curves.shape[1])

@@ -12,9 +12,8 @@ from std_srvs.srv import Trigger
 from saddlering_interfaces.msg import RingDisplacement, ZeroRequest
 from saddlering_ros.bags.wire import encode_displacements
 from saddlering_ros.doubts.driver import skew_findings
-from saddlering_ros.monitoring.expected import ZeroNoise
 from saddlering_ros.record.batches import Displacements
-from saddlering_ros.record.displacement import DisplacementStream
+from saddlering_ros.record.displacement import DisplacementStream, ZeroNoise
 from saddlering_ros.record.topics import LOAD, PROBES
 from saddlering_ros.rig.geometry import displaced_frame
 from saddlering_ros.ros import diagnostics, streaming_node

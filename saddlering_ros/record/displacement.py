@@ -28,6 +28,10 @@ interrupted between two probes: the stamps of one are then far ahead of those of
 LONGEST_LOOK = 0.05
 """Longest time [s] between two batches that counts: the node itself may have had no processor."""
 
+MIN_ROWS = 32  # variance to 25 %
+MAX_ROWS = 256
+"""Rows after a zero from which its noise is read."""
+
 
 @dataclass(frozen=True)
 class Zero:
@@ -320,3 +324,34 @@ class DisplacementStream:
         self.zero = Zero(reading, *waiting.stamps[[first, stop - 1, stop]].tolist())
         return AlignedRows.join([waiting.pick(slice(first, stop)),
                                  rows.pick(rows.stamps >= self.zero.closed)])
+
+
+class ZeroNoise:
+    """Covariance (4, 4) of the noise of delta_x, delta_y, gamma, parity, read after each zero.
+
+    Second differences of white noise have six times its variance; a moving load hardly adds to
+    them. 0 where a channel is not known.
+    """
+
+    def __init__(self) -> None:
+        self.covariance = np.zeros((4, 4))
+        self._zero = 0
+        self._rows: list[Floats] = []
+        self._count = 0
+
+    def push(self, zero_stamps: batches.Stamps, channels: Floats) -> None:
+        """Take displacements: stamps of their zeros (N,) [ns], channels (4, N)."""
+        if not len(zero_stamps):
+            return
+        if int(zero_stamps[-1]) != self._zero:
+            self._zero, self._rows, self._count = int(zero_stamps[-1]), [], 0
+        if self._count >= MAX_ROWS:
+            return
+        self._rows.append(channels[:, zero_stamps == self._zero])
+        self._count += self._rows[-1].shape[1]
+        if self._count < MIN_ROWS:
+            return
+        rows = np.concatenate(self._rows, axis=1)
+        is_known = np.isfinite(rows).all(axis=1, keepdims=True)
+        curves = np.diff(np.where(is_known, rows, 0.0), n=2, axis=1)
+        self.covariance = curves @ curves.T / (6.0 * curves.shape[1])

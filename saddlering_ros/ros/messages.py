@@ -1,23 +1,27 @@
 """Messages of the suite made from values, and read: parameters, causes, alarm, progress, time."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 import math
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 import numpy as np
 
 from saddlering_interfaces import msg
 from saddlering_ros.errors import did_you_mean
-from saddlering_ros.monitoring.expected import Expected
-from saddlering_ros.monitoring.monitor import Monitor
 from saddlering_ros.record.batches import SECOND
 from saddlering_ros.rig import ContactParameters, PARAMETER_NAMES, ParameterSet, ParameterSource
 from saddlering_ros.rig.parameter_file import Effects
 from saddlering_ros.ros import names
 from saddlering_ros.ros.names import LIVE_PAGE, NodeError
 from saddlering_ros.ros.raw_topics import RawPublisher, RawSubscription
+
+if TYPE_CHECKING:  # Their modules import SciPy and Numba, which half of the nodes do not need.
+    from saddlering_ros.monitoring.expected import Expected
+    from saddlering_ros.monitoring.monitor import Monitor
 
 FIELDS = ('k1', 'n1', 'd1', 'k2', 'n2', 'd2')
 """Fields of RingParameters in the order of ContactParameters."""

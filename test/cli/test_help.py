@@ -12,6 +12,7 @@ import pytest
 
 from saddlering_ros.cli import main as command
 from saddlering_ros.errors import did_you_mean
+from saddlering_ros.ros.names import ACTION, names, REPLAY, TIME
 
 ROOT = Path(__file__).resolve().parents[2]
 PARSER, DECLARED = command.build_parser()
@@ -133,13 +134,18 @@ def test_forces_and_lengths_are_printed_as_they_are_read_with_si_beside(capsys):
     assert ' µm ' in shown
 
 
+LIGHT = (*names(TIME, REPLAY, ACTION), 'ring_displacement')
+"""Nodes that neither simulate nor judge: with SciPy and Numba, their start took twice as long."""
+
+
 def test_help_info_and_campaigns_do_not_import_what_they_do_not_need():
     """A worker of a campaign imported matplotlib, which took two thirds of its start."""
     heavy = ('scipy', 'rosbags', 'matplotlib', 'numba', 'pyarrow')
     for statement, unwanted in (
             ("main(['--help'])", ('numpy', 'rich', 'importlib.metadata', 'rclpy', *heavy, 'mcap')),
             ("main(['info', 'bags/static_50'])", heavy),
-            ('import saddlering_ros.campaign.task', heavy)):
+            ('import saddlering_ros.campaign.task', heavy),
+            (f'import {", ".join(f"saddlering_ros.nodes.{name}" for name in LIGHT)}', heavy)):
         program = ('import sys\nfrom saddlering_ros.cli.main import main\n'
                    f'try:\n    {statement}\nexcept SystemExit:\n    pass\n'
                    f'print([name for name in {unwanted!r} if name in sys.modules])')

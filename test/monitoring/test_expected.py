@@ -11,8 +11,8 @@ from saddlering_ros.monitoring.expected import (
     NO_ZERO,
     OUTSIDE,
     WITHOUT_EFFECTS,
-    ZeroNoise,
 )
+from saddlering_ros.record.displacement import ZeroNoise
 from saddlering_ros.rig import default_rig, ParameterSet, ParameterSource, TRUE_TO_SCALE
 from saddlering_ros.ring.simulator import static_response
 
