@@ -3,9 +3,11 @@
 import json
 from pathlib import Path
 import sys
+from unittest import mock
 
 import numpy as np
 import pytest
+from shared_pictures import DRAWN, drawn_once
 
 sys.path.append(str(Path(__file__).parent.parent / 'identification'))
 from identification_records import dynamic_run, RIG, static_run
@@ -38,7 +40,8 @@ def bags(tmp_path_factory):
 def parameter_file(bags, tmp_path_factory):
     path = tmp_path_factory.mktemp('found') / 'params.yaml'
     page = path.with_name('page.html')
-    assert main(['identify', *bags, '--out', str(path), '--report', str(page), *QUICK]) == 0
+    with mock.patch(DRAWN, drawn_once()):
+        assert main(['identify', *bags, '--out', str(path), '--report', str(page), *QUICK]) == 0
     return path
 
 

@@ -240,7 +240,7 @@ def test_limits_that_cannot_be_used_are_one_line():
             limits_from_text([text])
 
 
-def test_document_and_page_name_who_needs_a_person():
+def test_document_and_page_name_who_needs_a_person(no_pictures):
     fleet = fleet_of({**{f'SR-{number}': STILL for number in range(5)}, 'SR-worn': WEAR},
                      limits={'K1': 1e7})
     document = json.loads(json.dumps(fleet_document(fleet), allow_nan=False))
