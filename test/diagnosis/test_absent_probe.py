@@ -39,8 +39,7 @@ def test_the_model_of_three_probes_is_that_of_four_without_the_third(campaign):
     assert 'parity' not in less.views
 
 
-def test_an_effect_is_named_without_probe_3_and_no_figure_of_the_parity_is_given(
-        campaign, no_next_test):
+def test_an_effect_is_named_without_probe_3_and_no_figure_of_the_parity_is_given(campaign):
     bags = campaign('moment_arm', 0.06, 'offset', runs=('static_50', 'static_70'))
     with few_effects('moment_arm', 'elevation_error', 'load_gain', 'load_offset', 'probe_gain',
                      'tilt_compliance', 'probe_bracket'):
