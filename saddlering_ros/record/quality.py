@@ -59,6 +59,10 @@ MIN_QUIET_SAMPLES = 100
 """With so many readings (at 125 Hz) noise below 5 Hz shows (CHANCE_ERRORS), little above
 MIN_BANDWIDTH; fewer would show nothing."""
 
+MAINS = (50.0, 60.0)
+"""Frequencies [Hz] of mains pickup, which belongs to no noise: its changes grow with the lag, as
+those of a low-pass do."""
+
 MIN_BANDWIDTH = 3.0
 """Frequency [Hz] below which noise at the beginning of a record is a movement."""
 
@@ -286,7 +290,10 @@ def _bandwidth(values: Floats, rate: float, resolution: float) -> float:
     quiet = values[:int(QUIET_SECONDS * rate)]
     if quiet.size < MIN_QUIET_SAMPLES:
         return math.nan
-    quiet = quiet - np.polyval(np.polyfit(np.arange(quiet.size), quiet, 1), np.arange(quiet.size))
+    time = np.arange(quiet.size) / rate
+    turns = 2.0 * math.pi * np.outer(time, MAINS)
+    known = np.column_stack([np.ones_like(time), time, np.cos(turns), np.sin(turns)])
+    quiet = quiet - known @ np.linalg.lstsq(known, quiet, rcond=None)[0]
     lags = [lag for lag in (1, 2, 5, 10, 20, 40) if lag < quiet.size // 4]
     seen = [float(np.mean((quiet[lag:] - quiet[:-lag]) ** 2)) for lag in lags]
     if lags[-1] == 40 and seen[-1] > MAX_GROWTH * seen[lags.index(10)]:

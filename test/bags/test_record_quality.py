@@ -84,6 +84,16 @@ def test_a_load_of_twenty_hertz_beside_probes_of_five_hundred_lags():
     assert clock_findings(topic_quality(stamps, values), probes, 8.0) == []
 
 
+def test_mains_pickup_is_no_low_pass():
+    stamps, values = record()
+    probes = []
+    for seed in range(1, 5):
+        seen, noise = record(seed=seed)
+        probes.append(topic_quality(seen, noise + 4.0 * np.std(noise[:800]) * np.cos(
+            2.0 * np.pi * 49.97e-9 * (seen - seen[0]))))
+    assert clock_findings(topic_quality(stamps, values), probes, 8.0) == []
+
+
 @pytest.mark.parametrize(('drift', 'words'), [(1e-3, '0.0999 %'), (-1e-3, '0.1 %')])
 def test_a_clock_that_drifts_by_a_thousandth_is_named_and_another_rate_is_not(drift, words):
     load = topic_quality(*record())
