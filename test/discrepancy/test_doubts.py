@@ -381,7 +381,7 @@ def test_a_small_cause_whose_interval_includes_its_absence_is_not_said_to_explai
     (0.60, 0.7, '60 % of the power of the misfit beyond noise is explained by a, and at least')])
 def test_a_cause_that_one_run_alone_shows_is_not_said_to_explain_nothing(
         fitted, predicted, words) -> None:
-    shares = Shares({'y': fitted}, {'y': predicted}, 0.0, ('y', 0.0), ('y', 0.0), None)
+    shares = Shares({'y': fitted}, {'y': predicted}, ('slow', 0.0), ('y', 0.0), ('y', 0.0), None)
     assert weak_words('a', shares, 0.85).startswith(words)
 
 

@@ -254,7 +254,7 @@ def test_a_cause_of_a_ring_leaves_a_small_part_of_what_it_takes_along_one_coordi
         titles_of=lambda fit: ['bracket'])
     fit = SimpleNamespace(misfit=500.0, candidate=SimpleNamespace(ids=('bracket',)))
     shape = ShapeTest('gamma', 'load', chance, excess + 12.0, 12, visible)
-    shares = results.Shares({}, {}, 0.9, ('gamma', 0.99), ('gamma', 0.99), (0.8, 0.9))
+    shares = results.Shares({}, {}, ('slow', 0.9), ('gamma', 0.99), ('gamma', 0.99), (0.8, 0.9))
     doubts = established.left_by_ring(space, fit, SimpleNamespace(shapes=(shape,)), shares)
     assert bool(doubts) is is_doubted
 
@@ -290,7 +290,8 @@ def test_a_cause_of_a_ring_leaves_a_small_part_of_each_view_that_it_mainly_moves
         problem=SimpleNamespace(assumptions=SimpleNamespace(exact_laws=exact)), base=fit,
         titles_of=lambda fit: ['bracket'])
     shares = results.Shares(
-        {'tilt': 1.0 - left, 'y': 1.0}, {}, 0.9, ('tilt', 0.5), ('tilt', 1.0 - left), (0.8, 0.9))
+        {'tilt': 1.0 - left, 'y': 1.0}, {}, ('slow', 0.9), ('tilt', 0.5),
+        ('tilt', 1.0 - left), (0.8, 0.9))
     doubts = established.left_by_ring(space, fit, SimpleNamespace(shapes=()), shares)
     assert bool(doubts) is is_doubted
     assert all('3.6 % of the misfit in tilt is left' in doubt for doubt in doubts)
@@ -525,6 +526,17 @@ def test_a_cause_that_predicts_most_is_there_whatever_the_interval_of_its_size(
     cause = Cause('law', law, 0, ('law',), sizes, 0.0, 0.0, 0.1, Gain(
         0.9, 0.88, 'held out', (least, 0.9)))
     assert bool(established.uncertainties_of(cause, 'law')) == is_told
+
+
+@pytest.mark.parametrize(('tilt', 'is_absent'), [(5.9, False), (0.5, True)])
+def test_a_cause_with_one_sure_amplitude_is_there(tilt: float, is_absent: bool) -> None:
+    """Settling of 5.9 +- 0.5 in the tilt might "not be there" for that in x of 0 +- 0.5."""
+    sizes = {'x': Parameter(-9, 9, neutral=0.0), 'tilt': Parameter(-9, 9, neutral=0.0)}
+    cause = Cause('settling', Effect('settling', sizes), 0, ('settling',), {
+        'x': system.Estimate(0.1, 0.5, ''), 'tilt': system.Estimate(tilt, 0.5, '')},
+        0.0, 0.0, 0.1, Gain(0.1, 0.1, 'held out', (-0.1, 0.3)), partial=True)
+    assert cause.entry().get('may_be_absent', False) is is_absent
+    assert bool(established.uncertainties_of(cause, 'settling')) is is_absent
 
 
 def test_a_small_second_cause_is_not_told_to_be_as_likely_as_the_first() -> None:
@@ -776,11 +788,13 @@ def test_a_refit_may_end_in_any_model_that_was_fitted(monkeypatch: pytest.Monkey
 
 def test_a_fitted_run_that_gets_worse_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(established, 'other_laws', lambda *_: [])
-    space, fit = SimpleNamespace(problem=None, settings=None), SimpleNamespace(
-        candidate=SimpleNamespace(ids=(), effects=()))
-    for worst, doubts in ((0.1, []), (-0.1, [wording.WORSE_RUN])):
+    space: Any = SimpleNamespace(problem=None, settings=None, titles_of=lambda _: ['friction'])
+    fit = SimpleNamespace(candidate=SimpleNamespace(ids=(), effects=()))
+    words = 'in the fitted run slow the misfit is larger with friction than without'
+    for worst, doubts in ((0.1, []), (-0.1, [words])):
         shares = results.Shares(
-            {'seen': 1.0}, {'seen': 1.0}, worst, ('seen', 0.9), ('seen', 0.9), (0.8, 0.9))
+            {'seen': 1.0}, {'seen': 1.0}, ('slow', worst), ('seen', 0.9), ('seen', 0.9),
+            (0.8, 0.9))
         search = SimpleNamespace(space=space, fit=fit, alternatives={})
         numbers = SimpleNamespace(shares=shares, member_shares={})
         assert established.doubts_of(search, numbers) == doubts

@@ -196,7 +196,8 @@ def uncertainties_of(cause: Cause, title: str) -> list[str]:
         interval = cause.parameters[parameter.name].interval
         limit = cause.definition.neutral if parameter is size else parameter.limiting_case
         if interval is None or limit is None or not interval[0] <= limit <= interval[1] or (
-                parameter is size and is_present):
+                parameter is size and (is_present or not (
+                    cause.definition.contains or cause.may_be_absent))):
             continue
         name, at_limit = ('size', 'the size at which the effect does nothing')
         if parameter is not size:
@@ -244,7 +245,7 @@ def doubts_of(search: Search, published: Publication) -> list[str]:
             doubts.append(wording.weak_words(title, shares, required))
     view, least = together.worst_view
     doubts += [*([] if least >= 0.0 else [wording.WORSE_VIEW.format(view)]),
-               *_unlike_in_runs(together)]
+               *_unlike_in_runs(together, wording.joined(space.titles_of(fit)))]
     members = [Comparison(space, space.without(fit, name), fit) for name in fit.candidate.ids]
     if not all(member.is_real for member in members):
         doubts.append(wording.BY_CHANCE)
@@ -275,9 +276,13 @@ def main_among(among: Among, published: Publication) -> tuple[str, list[str]]:
 
 
 def _min_times(published: Publication, name: str) -> float:
-    """Size over the spread from which an effect stands out by what it takes."""
+    """Size over the spread from which an effect stands out by what it takes.
+
+    Beside a view of which it takes nearly all, it can leave much of another one that it moves.
+    """
     taken = published.member_shares.get(name, published.shares)
-    return MIN_TIMES_NEARLY_ALL if taken and taken.best >= MIN_TAKEN else MIN_TIMES
+    takes_all = taken and taken.best >= MIN_TAKEN and taken.worst_fitted[1] >= MIN_TAKEN
+    return MIN_TIMES_NEARLY_ALL if takes_all else MIN_TIMES
 
 
 def small_secondary_causes(published: Publication, main: str) -> list[str]:
@@ -298,7 +303,7 @@ def doubts_among(
     title = among.space.problem.titles[name]
     assert taken is not None
     # A view with little misfit can be worse by the size of the small errors.
-    doubts = [*_unlike_in_runs(taken), *(
+    doubts = [*_unlike_in_runs(taken, title), *(
         wording.WORSE_VIEW.format(view) for view, share in taken.fitted.items()
         if min(share, taken.predicted.get(view, share)) < -MAX_LEFT_OVER)]
     doubts += [wording.worse_prediction_words(title, -cause.gain.held_out, cause.gain.how)
@@ -337,10 +342,11 @@ def _is_as_large(among: Among, published: Publication, other: str, main: str) ->
     return ratio > MAINLY and published.member_shares[other].best > 1.0 - MIN_TAKEN
 
 
-def _unlike_in_runs(shares: Shares) -> list[str]:
+def _unlike_in_runs(shares: Shares, titles: str) -> list[str]:
     """Sentences on runs, predicted or fitted, in which the misfit falls by too little."""
     doubts = [wording.ONE_RUN] if shares.interval is None else _uncertain_gain(shares)
-    return doubts if shares.worst_run >= 0.0 else [*doubts, wording.WORSE_RUN]
+    run, least = shares.worst_run
+    return doubts if least >= 0.0 else [*doubts, wording.WORSE_RUN.format(run, titles)]
 
 
 def _uncertain_gain(shares: Shares) -> list[str]:

@@ -309,7 +309,8 @@ def shares_of(metric: Metric, less: _Model, more: _Model) -> Shares:
     # What a cause may leave of the worst view is a small misfit in another one.
     counted = fitted.taken(1.0 - MIN_TAKEN)
     return Shares(
-        counted, taken, 1.0 - float(by_run.max()), _worst_of(touched),
+        counted, taken, _worst_of([(run.name, 1.0 - float(left)) for run, left in
+                                   zip(problem.runs, by_run, strict=True)]), _worst_of(touched),
         _worst_of([view for view in moved if view[0] in counted]), interval, held_out)
 
 

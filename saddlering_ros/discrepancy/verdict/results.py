@@ -94,6 +94,16 @@ class Cause:
     partial: bool = False
     elsewhere: tuple[Mapping[str, float], ...] = ()
 
+    @property
+    def may_be_absent(self) -> bool:
+        """Whether the 95 % intervals of its size and its other amplitudes hold neutral values."""
+        size, *others = self.definition.ordered
+        low, high = self.parameters[size.name].interval or (np.inf, np.inf)
+        return low <= self.definition.neutral <= high and all(
+            one.neutral is None or one.name not in self.parameters
+            or (interval := self.parameters[one.name].interval) is None
+            or interval[0] <= one.neutral <= interval[1] for one in others)
+
     def entry(self) -> CauseEntry:
         """The cause as JSON has it."""
         parameters: dict[str, SizeEntry] = {
@@ -108,9 +118,8 @@ class Cause:
             'share_of_range': self.visible, 'title': self.definition.title}
         if self.partial:
             entry['partial'] = True
-            low, high = self.parameters[self.definition.size.name].interval or (np.inf, np.inf)
             # A size that shapes replace has a wide interval, whatever the cause explains.
-            if self.gain.fit < PARTED and low <= self.definition.neutral <= high:
+            if self.gain.fit < PARTED and self.may_be_absent:
                 entry['may_be_absent'] = True
         if self.elsewhere:
             entry['elsewhere'] = [dict(values) for values in self.elsewhere]
@@ -266,16 +275,16 @@ class Separation:
 class Shares:
     """Shares of the misfit's power beyond noise that a model takes beside another, by view.
 
-    fitted: of views with no small misfit beside that of the worst; worst_run: share of all
-    misfit in the run with the least; worst_view: view and share of the least where the model
-    moves more than half of the misfit, worst_fitted of those of `fitted`; interval: 95 % of the
-    reduction on predicted runs, held out and, among small errors, held out in turn; held_out: of
-    the former alone.
+    fitted: of views with no small misfit beside that of the worst; worst_run: the run in which it
+    takes least, and its share of all misfit there; worst_view: view and share of the least where
+    the model moves more than half of the misfit, worst_fitted of those of `fitted`; interval: 95 %
+    of the reduction on predicted runs, held out and, among small errors, held out in turn;
+    held_out: of the former alone.
     """
 
     fitted: Mapping[str, float]
     predicted: Mapping[str, float]
-    worst_run: float
+    worst_run: tuple[str, float]
     worst_view: tuple[str, float]
     worst_fitted: tuple[str, float]
     interval: tuple[float, float] | None

@@ -284,7 +284,7 @@ def remaining_words(explained: float) -> str:
 # Warnings: why causes have no name.
 
 ONE_RUN = 'there is one run only, so that no prediction of another run supports the causes'
-WORSE_RUN = 'in one of the fitted runs the misfit is larger with the causes'
+WORSE_RUN = 'in the fitted run {} the misfit is larger with {} than without'
 ODD_RUN = ('the runs fit together without {}: it alone shows a cause, as a test at another load '
            'or elevation can, or something was different in it, such as the zero of a sensor: '
            'repeat this test')
