@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import csv
 from dataclasses import asdict, dataclass, replace
 from io import StringIO
+from itertools import islice
 from pathlib import Path
 import re
 from typing import Any
@@ -62,6 +63,8 @@ def shape_of(path: Path, given: Mapping[str, Any]) -> tuple[CsvShape, list[list[
     refuse_unknown_keys(given, tuple(asdict(CsvShape())), 'csv', str(path), ImportingError)
     with path.open('rb') as file:
         data = file.read(SNIFFED_BYTES)
+        if _lines_above(given) > SNIFFED_LINES:  # then data may begin beyond these bytes
+            data += b''.join(islice(file, _lines_above(given) + SNIFFED_LINES))
         is_whole = not file.read(1)
     encoding = str(given.get('encoding') or _encoding(data))
     try:
@@ -86,7 +89,7 @@ def shape_of(path: Path, given: Mapping[str, Any]) -> tuple[CsvShape, list[list[
     if shape.thousands and (shape.thousands == shape.decimal or shape.thousands not in _MARKS):
         raise ImportingError(f'{path}: csv.thousands is {shape.thousands!r}: give the mark that '
                              'groups digits, and that is not csv.decimal')
-    return shape, _rows(lines, shape.delimiter)
+    return shape, _rows(lines, shape.delimiter, given)
 
 
 def _encoding(data: bytes) -> str:
@@ -101,8 +104,15 @@ def _encoding(data: bytes) -> str:
     return 'utf-8'
 
 
-def _rows(lines: Sequence[str], delimiter: str) -> list[list[str]]:
-    return [next(csv.reader([line], delimiter=delimiter), []) for line in lines[:SNIFFED_LINES]]
+def _lines_above(given: Mapping[str, Any]) -> int:
+    """Lines above the data, where the map states it; else 0."""
+    first = given.get('first_line')
+    return max(first - 1, 0) if isinstance(first, int) else 0
+
+
+def _rows(lines: Sequence[str], delimiter: str, given: Mapping[str, Any]) -> list[list[str]]:
+    some = lines[:_lines_above(given) + SNIFFED_LINES]
+    return [next(csv.reader([line], delimiter=delimiter), []) for line in some]
 
 
 def _sniffed(path: Path, lines: Sequence[str], given: Mapping[str, Any]) -> CsvShape:
@@ -112,8 +122,8 @@ def _sniffed(path: Path, lines: Sequence[str], given: Mapping[str, Any]) -> CsvS
     is_quoted = any('"' in line for line in lines[-20:])
     lines = [line.replace(thousands, '') for line in lines] if thousands else lines
     for delimiter in [given['delimiter']] if 'delimiter' in given else DELIMITERS:
-        rows = _rows(lines, delimiter)
-        later = rows[len(rows) // 2:]
+        rows = _rows(lines, delimiter, given)
+        later = rows[max(len(rows) // 2, _lines_above(given)):]
         counts = [len(row) for row in later if row]
         width = max(set(counts), key=counts.count) if counts else 0
         if width < 2:
@@ -133,7 +143,7 @@ def _sniffed(path: Path, lines: Sequence[str], given: Mapping[str, Any]) -> CsvS
                              'decimal, header_line, first_line} in the map')
     for delimiter in () if 'first_line' in given else DELIMITERS.keys() - {shape.delimiter}:
         if sum(len(row) == columns and 2 * sum(is_number(cell, shape.decimal) for cell in row)
-               > columns for row in _rows(lines[:shape.first_line - 1], delimiter)) > 2:
+               > columns for row in _rows(lines[:shape.first_line - 1], delimiter, given)) > 2:
             raise ImportingError(
                 f'{path}: the delimiter changes in line {shape.first_line} from '
                 f'{DELIMITERS[delimiter]} to {DELIMITERS.get(shape.delimiter, shape.delimiter)}: '

@@ -166,6 +166,15 @@ def test_lines_before_the_headings_units_below_and_equal_names_are_seen(tmp_path
     assert "2 columns are named 'Weg'" in source.warnings[0]
 
 
+@pytest.mark.parametrize('above', ['x;y', 'x' * 2000], ids=['lines', 'bytes'])
+def test_data_may_begin_below_a_long_preamble(tmp_path: Path, above: str) -> None:
+    path = tmp_path / 'a.csv'
+    rows = ''.join(f'{i / 100};{i}.5\n' for i in range(30))
+    path.write_text((above + '\n') * 499 + 'Zeit [s];Kraft [kN]\n' + rows)
+    (source,) = open_sources([path], {'header_line': 500, 'first_line': 501})
+    assert [column.name for column in source.columns] == ['Zeit [s]', 'Kraft [kN]']
+
+
 def test_a_draft_keeps_what_it_knows_and_is_refused_until_completed(tmp_path: Path) -> None:
     path = tmp_path / 'a.csv'
     head = 'Zeit [s];Kraft [kN];Weg1 [V];Weg2 [V];Weg3 [V];Weg4 [V]\n'
