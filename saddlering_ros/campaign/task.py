@@ -137,7 +137,9 @@ def run(request: dict[str, Any], on_progress: OnProgress) -> dict[str, Any]:
         resource.setrlimit(resource.RLIMIT_AS, (mapped + task.limits.memory, hard))
         answer = {'status': 'done', **compute(task)}
     except SaddleringError as problem:
-        answer = failure('refused', problem)
+        # The remedy is that of a campaign, which has no argument to trust another rig.
+        answer = failure('refused', str(problem).replace('rig=FILE', '--rig FILE').replace(
+            ', or trust_rig=True to continue with this rig', ''))
     except MemoryError:
         answer = failure('memory', f'{task.name}: needs more than {task.limits.memory >> 20} MB: '
                                    'give a larger --memory-limit, and --retry')

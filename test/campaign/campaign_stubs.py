@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import json
 import os
 from pathlib import Path
@@ -13,7 +14,9 @@ import yaml
 
 from saddlering_ros.campaign.sessions import find_bags, group_sessions
 from saddlering_ros.campaign.task import SessionLimits, SessionTask, tasks_of
+from saddlering_ros.doubts.comparison import refuse_parameters_of_other_rig
 from saddlering_ros.errors import SaddleringError
+from saddlering_ros.rig import default_rig, ParameterSet, TRUE_TO_SCALE
 
 START = 1_767_600_000
 
@@ -55,6 +58,14 @@ def answer(task: SessionTask) -> dict[str, Any]:
     covariance = [[(0.01 * VALUES[row]) ** 2 if row == column else 0.0 for column in range(6)]
                   for row in range(6)]
     return {'verdict': verdict_document(verdict), 'covariance': covariance, 'report': ''}
+
+
+def on_another_rig(task: SessionTask) -> dict[str, Any]:
+    """Refuses its rig, as a diagnosis does."""
+    law = ParameterSet(TRUE_TO_SCALE)
+    refuse_parameters_of_other_rig(
+        replace(law, source=replace(law.source, rig_hash='0' * 64)), default_rig())
+    return {}
 
 
 def slowly(task: SessionTask) -> dict[str, Any]:

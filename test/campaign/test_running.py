@@ -79,6 +79,14 @@ def test_a_session_beyond_its_limits_is_a_result_with_its_reason(
     assert words in found['reason']
 
 
+def test_a_refusal_of_the_rig_names_the_option_of_the_campaign(tmp_path):
+    write_bag(tmp_path / 'works', 'SR-1', 'static_50')
+    store = Store(tmp_path / 'store')
+    run(tmp_path / 'works', store, 'on_another_rig')
+    task, = tasks(tmp_path / 'works', 'on_another_rig')
+    assert store.read_result(task.key)['reason'].endswith(': give --rig FILE of that rig')
+
+
 def test_a_refused_bag_is_no_failure_of_ours_and_retry_repeats_the_failures_alone(tmp_path):
     works, store = tmp_path / 'works', Store(tmp_path / 'store')
     for ring in ('refused', 'broken', 'SR-1'):
