@@ -70,7 +70,8 @@ MIN_LINE_SAMPLES, LINE_REACH = 200, 12
 """Samples that show a line of the spectrum, and lines on either side with which it is compared."""
 
 MIN_PEAK = 0.5
-"""Share of the full scale that the highest load of a test reaches."""
+"""Share of the full scale that the highest load of a test reaches: a plan's tests reach all of it,
+and below a tenth (`wiring.MIN_LOAD_SPAN`) not even the wiring can be seen."""
 
 MAX_PEAK = 1.05
 """Share of the full scale that the highest load of a test does not exceed."""
@@ -251,6 +252,11 @@ def _unit_of_load(rig: Rig, time: Floats, load: Floats) -> list[Finding]:
             f'the load reaches {rig.force_words(peak)} and the full scale is '
             f'{rig.force_words(full)}: the unit or the gain of the load, or full_scale_load of '
             'the rig file, is wrong')]
+    if peak < MIN_PEAK * full:
+        return [Finding(
+            f'the load reaches {rig.force_words(peak, 2)} at most and the full scale is '
+            f'{rig.force_words(full)}: load the ring further; or the unit or the gain of the '
+            'load, or full_scale_load of the rig file, is wrong')]
     preload = rig.force_words(rig.preload)
     if not zero.near_preload and abs(start - rig.preload) <= OFF_PRELOAD * full:
         return [Finding(
