@@ -66,11 +66,11 @@ class EffectParameter:
     one_sided: physics fixes the sign. amplitude: the effect vanishes if this parameter is
     `neutral`; the other parameters only shape it. The first parameter of an effect is an
     amplitude. logarithmic: searched on a log scale (low > 0), for instance time constants.
-    limiting_case: the value of a shape at which the effect is another one: a cause whose interval
-    includes this value is not established. whole: the bound of a size that nature sets, such as a
-    share of 1: a cause of this size can be established. adds_to: the extension parameter to which
-    it is added, if that is all that it does; the name of one that effects share, or one of its
-    own.
+    limiting_case: values of a shape at which the effect is another one or none: a cause whose
+    interval includes such a value is not established. whole: the bound of a size that nature sets,
+    such as a share of 1: a cause of this size can be established. adds_to: the extension parameter
+    to which it is added, if that is all that it does; the name of one that effects share, or one
+    of its own.
     """
 
     name: str
@@ -84,7 +84,7 @@ class EffectParameter:
     one_sided: bool = False
     neutral: float = 0.0
     logarithmic: bool = False
-    limiting_case: float | None = None
+    limiting_case: tuple[float, ...] = ()
     whole: float | None = None
     adds_to: str | OwnParameter = ''
 
@@ -96,7 +96,7 @@ class EffectParameter:
         return replace(
             self, low=factor * self.low, high=factor * self.high, scale=factor * self.scale,
             start=factor * self.start, neutral=factor * self.neutral,
-            limiting_case=self.limiting_case and factor * self.limiting_case)
+            limiting_case=tuple(factor * value for value in self.limiting_case))
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,8 @@ roller."""
 WHOLE_ROW = 1.5
 """Half width [rad] of an arc that is, with its mirror image, nearly the whole row. On independent
 and dirty rings the 95 % intervals of right arcs ended at 1.15 rad or below, and four arcs that
-stood in for unequal rows could be this wide."""
+stood in for unequal rows could be this wide. One that stood in for a clearance of the whole row
+could have no width."""
 
 STARTS = (
     {'centre': 0.15, 'half_width': 0.4}, {'centre': 0.8, 'half_width': 0.4},
@@ -142,7 +143,7 @@ def arc_parameters(centre: float) -> tuple[EffectParameter, ...]:
         EffectParameter(
             'half_width', 'rad', 0.15, WHOLE_ROW, 0.5, 0.6,
             'half the length of the arc, to the middle of its ends', one_sided=True,
-            limiting_case=WHOLE_ROW),
+            limiting_case=(0.0, WHOLE_ROW)),
         EffectParameter(
             'edge', 'rad', 0.02, 0.8, 0.2, SOFT,
             'width of the ends of the arc: most of the change lies within twice this',

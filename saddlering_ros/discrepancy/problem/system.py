@@ -37,9 +37,9 @@ class Parameter:
     start: first guess (default: the middle); neutral: the value at which an effect of this
     size does nothing (default: 0), or the natural end of a shape; step: share of the range by
     which sensitivities are differenced; periodic: `high` equals `low`, as for an angle;
-    limiting_case: the value of a shape at which the effect is another one; whole: the bound of a
-    size that nature sets, such as a share of 1, where a size at any other bound is no name. The
-    name comes from the mapping that holds the parameter.
+    limiting_case: values of a shape at which the effect is another one, or none; whole: the bound
+    of a size that nature sets, such as a share of 1, where a size at any other bound is no name.
+    The name comes from the mapping that holds the parameter.
     """
 
     low: float
@@ -50,7 +50,7 @@ class Parameter:
     neutral: float | None = None
     step: float = 2e-3
     periodic: bool = False
-    limiting_case: float | None = None
+    limiting_case: float | tuple[float, ...] | None = None
     whole: float | None = None
     name: str = ''
 

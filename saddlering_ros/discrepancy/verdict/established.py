@@ -194,14 +194,15 @@ def uncertainties_of(cause: Cause, title: str) -> list[str]:
         not cause.definition.contains)
     for parameter in cause.definition.ordered:
         interval = cause.parameters[parameter.name].interval
-        limit = cause.definition.neutral if parameter is size else parameter.limiting_case
-        if interval is None or limit is None or not interval[0] <= limit <= interval[1] or (
-                parameter is size and (is_present or not (
-                    cause.definition.contains or cause.may_be_absent))):
+        cases = cause.definition.neutral if parameter is size else parameter.limiting_case
+        limits = [] if cases is None or interval is None else [
+            case for case in np.atleast_1d(cases) if interval[0] <= case <= interval[1]]
+        if interval is None or not limits or (parameter is size and is_present):
             continue
         name, at_limit = ('size', 'the size at which the effect does nothing')
         if parameter is not size:
-            name, at_limit = parameter.name, f'{limit:g}, at which the effect is another one'
+            name, at_limit = parameter.name, (
+                f'{limits[0]:g}, at which the effect is another one or none')
         sentences.append(wording.UNCERTAIN.format(
             title, name, span(*interval, parameter.unit), at_limit))
     return sentences
