@@ -19,6 +19,8 @@ from saddlering_ros.discrepancy import (
     Problem,
     RunBlocks,
 )
+from saddlering_ros.discrepancy.problem.system import Estimate
+from saddlering_ros.discrepancy.verdict.published import with_form_error
 
 sys.path.insert(0, str(Path(__file__).parents[2] / 'examples'))
 
@@ -62,6 +64,16 @@ def test_an_idealised_law_widens_the_interval_of_its_size() -> None:
     found = diagnose_system(Problem(Idealised(), runs(3, friction={'force': 2.0})))
     force = found.causes[0].parameters['force']
     assert 0.1 < force.std / force.value < 0.15
+
+
+def test_the_form_error_counts_in_every_amplitude() -> None:
+    """Friction of two coordinates had a force of 2.128 +- 0.014 kN where 2.049 kN were true."""
+    law = Effect('friction', {
+        'moment': Parameter(0, 9), 'force': Parameter(0, 9, neutral=0.0),
+        'sharpness': Parameter(0, 1)}, form=0.1)
+    told = with_form_error(law, {name: Estimate(2.0, 0.01, '') for name in law.parameters})
+    assert {name: round(size.std, 2) for name, size in told.items()} == {
+        'moment': 0.2, 'force': 0.2, 'sharpness': 0.01}
 
 
 class Imitated(System):

@@ -22,7 +22,7 @@ from saddlering_ros.discrepancy.problem import fits as fitting
 from saddlering_ros.discrepancy.problem.fits import Fit, Gain, PRIOR
 from saddlering_ros.discrepancy.problem.metric import Metric
 from saddlering_ros.discrepancy.problem.problem import Problem
-from saddlering_ros.discrepancy.problem.system import Array, Estimate, Parameter, RunBlocks
+from saddlering_ros.discrepancy.problem.system import Array, Effect, Estimate, Parameter, RunBlocks
 from saddlering_ros.discrepancy.search.evidence import Comparison, stopped_base
 from saddlering_ros.discrepancy.search.selection import Search, stopped_sizes
 from saddlering_ros.discrepancy.search.space import ModelSpace, refit_full_jacobian
@@ -194,10 +194,8 @@ def _publication(
         evidence = Comparison(space, less[effect.id], fit).evidence()
         others_named = {other for alternative in search.alternatives.get(effect.id, ())
                         for other in alternative.candidate.ids} - {*model.candidate.ids}
-        sizes = _estimates(effect.ordered, model.theta_unit[indices], covariance[indices, indices])
-        size = sizes[effect.size.name]
-        sizes[effect.size.name] = replace(
-            size, std=float(np.hypot(size.std, effect.form * (size.value - effect.neutral))))
+        sizes = with_form_error(effect, _estimates(
+            effect.ordered, model.theta_unit[indices], covariance[indices, indices]))
         sizes.update({key: Estimate(float(value), 0.0, '')
                       for key, value in effect.variants[variant].items()})
         causes.append(Cause(
@@ -233,6 +231,17 @@ def _publication(
             name: taken[other.candidate.key] for name, other in less.items()},
         doubts=(*sizes_at_bounds(problem, model), *failed[:1]), plain=chosen.plain,
         converged=all(each.fit.converged and each.plain.converged for each in models))
+
+
+def with_form_error(effect: Effect, sizes: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """Parameters of an effect, with its form error in the deviation of every amplitude."""
+    sizes, nothing = dict(sizes), {one.name: one.neutral for one in effect.ordered}
+    nothing[effect.size.name] = effect.neutral
+    for name, neutral in nothing.items():
+        if neutral is not None:
+            error = effect.form * (sizes[name].value - neutral)
+            sizes[name] = replace(sizes[name], std=float(np.hypot(sizes[name].std, error)))
+    return sizes
 
 
 def sizes_at_bounds(problem: Problem, fit: Fit) -> list[str]:
