@@ -10,7 +10,7 @@ RUN := tools/run.sh
 help:
 	@echo 'make setup        .venv with ROS 2 Jazzy, our messages and this package'
 	@echo 'make demo         from a recorded bag to identified parameters and a report in out/'
-	@echo 'make test         the tests that a change must pass, in five minutes on two cores'
+	@echo 'make test         the tests that a change must pass, in some five minutes on two cores'
 	@echo 'make coverage     the same, and how much of the package it runs'
 	@echo 'make bench        speed, loss and faults in minutes; BENCH_ARGS="--full NAME" for a campaign'
 	@echo 'make bench-blind  300 fresh blind draws, and whether the promised rates are kept'
