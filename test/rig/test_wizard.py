@@ -103,7 +103,7 @@ def test_a_wrong_elevation_and_another_hash_are_found_and_a_right_rig_is_not(
 def test_a_static_test_of_a_sound_rig_is_not_called_wrong(
         elevation: float, made_once: MadeOnce) -> None:
     """Of 24 at 70 deg, 17 were: the clearance is taken up only above half the load there."""
-    for seed in (2, 7, 13):
+    for seed in (2, 4, 7, 13):
         bag = static_test(made_once, elevation, seed)
         found = check_rig(RIG, read_raw(bag, rig=RIG), read_run(bag, rig=RIG))
         assert found == [], seed
@@ -129,7 +129,7 @@ def test_a_sound_rig_that_hardly_takes_up_its_clearance_is_not_called_wrong(
 @pytest.mark.parametrize(('true', 'stated'), [(30.0, 50.0), (50.0, 30.0), (50.0, 70.0)])
 def test_an_elevation_that_is_wrong_by_20_deg_is_found(
         true: float, stated: float, made_once: MadeOnce) -> None:
-    for seed in (2, 7):
+    for seed in (2, 4, 7):
         bag = static_test(made_once, true, seed)
         run = read_run(bag, rig=RIG, elevation=math.radians(stated))
         found = [*map(str, check_rig(RIG, read_raw(bag, rig=RIG), run))]
@@ -172,7 +172,7 @@ def test_other_elevations_with_which_a_test_agrees_are_told(
     (70.0, 30.0, False)])  # the clearance is not taken up
 def test_info_doubts_an_elevation_only_where_the_data_can_tell_it(
         true: float, stated: float, is_doubtful: bool, made_once: MadeOnce) -> None:
-    for seed in (2, 7):
+    for seed in (2, 4, 7):
         notes = bag_info(static_test(made_once, true, seed), elevation=math.radians(stated)).notes
         found = [note for note in notes if 'tilt and axial motion agree with an elevation' in note]
         assert len(found) == is_doubtful, (seed, notes)
