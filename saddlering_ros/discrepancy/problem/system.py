@@ -106,6 +106,12 @@ class Parameter:
         """Bound-scaled coordinate of the start (default: the middle)."""
         return 0.5 if self.start is None else self.to_unit(self.start)
 
+    @property
+    def limiting_cases(self) -> tuple[float, ...]:
+        """Values of a shape at which the effect is another one, or none."""
+        one = self.limiting_case
+        return () if one is None else one if isinstance(one, tuple) else (one,)
+
 
 @dataclass(frozen=True)
 class Estimate:

@@ -194,15 +194,16 @@ def uncertainties_of(cause: Cause, title: str) -> list[str]:
         not cause.definition.contains)
     for parameter in cause.definition.ordered:
         interval = cause.parameters[parameter.name].interval
-        cases = cause.definition.neutral if parameter is size else parameter.limiting_case
-        limits = [] if cases is None or interval is None else [
-            case for case in np.atleast_1d(cases) if interval[0] <= case <= interval[1]]
-        if interval is None or not limits or (parameter is size and is_present):
+        if interval is None or (parameter is size and is_present):
+            continue
+        cases = (cause.definition.neutral,) if parameter is size else parameter.limiting_cases
+        limit = next((case for case in cases if interval[0] <= case <= interval[1]), None)
+        if limit is None:
             continue
         name, at_limit = ('size', 'the size at which the effect does nothing')
         if parameter is not size:
             name, at_limit = parameter.name, (
-                f'{limits[0]:g}, at which the effect is another one or none')
+                f'{limit:g}, at which the effect is another one or none')
         sentences.append(wording.UNCERTAIN.format(
             title, name, span(*interval, parameter.unit), at_limit))
     return sentences
