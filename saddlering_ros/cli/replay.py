@@ -65,8 +65,11 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def play(args: argparse.Namespace) -> dict[str, Any]:
-    """Replay a bag to nodes of its own; what was replayed and recorded, as plain data."""
+def play(args: argparse.Namespace, *, keeps: bool = True) -> dict[str, Any]:
+    """Replay a bag to nodes of its own; what was replayed and recorded, as plain data.
+
+    keeps: whether the user gets a recording that is cut off.
+    """
     from saddlering_ros.bags import read_raw
     from saddlering_ros.bags.reader import usable_facts
     from saddlering_ros.doubts.comparison import refuse_other_hash
@@ -133,7 +136,7 @@ def play(args: argparse.Namespace) -> dict[str, Any]:
                     raise NodeError(f'the recording is incomplete ({missing}): repeat the replay')
                 time.sleep(0.02)
         except BaseException:
-            if recorder is not None:
+            if recorder is not None and keeps:
                 place = recorder.keep_as_incomplete()
                 print(f'note: the recording until then is in {place}', file=sys.stderr)
             raise

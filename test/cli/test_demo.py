@@ -73,7 +73,8 @@ def test_an_interrupted_demo_leaves_no_process_and_no_file(tmp_path):
     nodes = children_of(demo.pid)
     assert len(nodes) >= 6
     demo.send_signal(signal.SIGTERM)
-    demo.communicate(timeout=60.0)
+    said, _ = demo.communicate(timeout=60.0)
+    assert 'saddlering_demo_run_' not in said  # its scratch, which is gone
     assert demo.returncode == 128 + signal.SIGTERM
     assert not [pid for pid in nodes if Path(f'/proc/{pid}').exists()]
     assert list(tmp_path.iterdir()) == []
