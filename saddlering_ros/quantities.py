@@ -3,7 +3,7 @@
 Console, report, live page and messages print their numbers with these functions.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
@@ -212,3 +212,13 @@ def is_left(p_value: float | None, share_of_range: float | None) -> bool:
 def lowered(title: str) -> str:
     """A title in the form for the middle of a sentence."""
     return title[:1].lower() + title[1:] if title[1:2].islower() else title
+
+
+MAX_REASONS = 3
+"""Reasons that one line states: more of them are not read."""
+
+
+def first_of(reasons: Sequence[str], separator: str = '; ') -> str:
+    """The first reasons joined, and how many more there are."""
+    more = len(reasons) - MAX_REASONS
+    return separator.join(reasons[:MAX_REASONS]) + (f'{separator}and {more} more' * (more > 0))

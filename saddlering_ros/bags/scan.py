@@ -15,6 +15,7 @@ from saddlering_ros.bags.folder import BagDirectory
 from saddlering_ros.bags.mcap_read import CutOffError, MAX_CHUNK, McapBlock, McapFile, MESSAGE_HEAD
 from saddlering_ros.bags.wire import CdrError, McapChannel, Messages
 from saddlering_ros.errors import BagError
+from saddlering_ros.quantities import first_of
 from saddlering_ros.record.record import KEYS, METADATA_RECORD, same_text, TestMetadata
 from saddlering_ros.record.scratch import extremes, GrowingArray
 from saddlering_ros.record.topics import RIG_TOPICS, RigTopic, TOPICS, VECTOR_TYPE, WRENCH_TYPE
@@ -85,9 +86,8 @@ class Scan:
             notes.append(f'metadata.yaml counts {said} messages and the files hold '
                          f'{self.message_count}: "ros2 bag reindex" corrects the count')
         if names:
-            more = f' and {len(names) - 3} more' if len(names) > 3 else ''
             notes.append(f'not read, because metadata.yaml does not list them: '
-                         f'{", ".join(names[:3])}{more}; "ros2 bag reindex" lists every file, if '
+                         f'{first_of(names, ", ")}; "ros2 bag reindex" lists every file, if '
                          'they belong to this test')
         return tuple(notes)
 

@@ -311,7 +311,7 @@ def _among_small_errors(strict: Search) -> tuple[Answer | None, list[str]]:
                *established.wrong_inputs(space, search.fit),
                *established.uncertain_law(space, published)]
     if doubts:
-        return None, [wording.SUSPECT.format(space.problem.titles[main], '; '.join(doubts))]
+        return None, [wording.suspect_words(space.problem.titles[main], doubts)]
     # What the small errors could take of the main cause is left.
     return _answer_beside(alone, _residual_of(alone, alone.base), search, published, [
         wording.OUTLIER.format(space.problem.titles[name], among.times(name))

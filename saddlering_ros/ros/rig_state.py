@@ -15,6 +15,7 @@ from rclpy.node import Node
 from saddlering_interfaces.msg import Elevation as ElevationMessage
 from saddlering_interfaces.msg import ReplayState, RigIdentity
 from saddlering_ros.doubts.on_rig import units_of_preload
+from saddlering_ros.quantities import first_of
 from saddlering_ros.record.batches import ANY_TIME
 from saddlering_ros.record.record import HIGHEST_ELEVATION, LOWEST_ELEVATION
 from saddlering_ros.record.topics import ELEVATION
@@ -149,8 +150,6 @@ EVENTS_COUNT = 10.0
 """A sample refused, lost or late keeps a rig from being ready for so long [s]."""
 
 EVENTS_TASK = 'events'
-SHOWN = 3
-"""Reasons in the words of the status; the figures hold all."""
 
 
 class Readiness:
@@ -198,7 +197,5 @@ class Readiness:
         reasons = self.reasons(time.monotonic())
         if not reasons:
             return TaskStatus(OK, 'ready to test')
-        more = len(reasons) - SHOWN
-        words = '; '.join(reasons[:SHOWN]) + (f'; and {more} more' if more > 0 else '')
-        return TaskStatus(WARN, f'not ready: {words}',
+        return TaskStatus(WARN, f'not ready: {first_of(reasons)}',
                           {f'reason {number}': reason for number, reason in enumerate(reasons, 1)})

@@ -22,7 +22,7 @@ from saddlering_ros.discrepancy import (
 )
 from saddlering_ros.discrepancy.verdict.published import ratio
 from saddlering_ros.discrepancy.verdict.results import Cause, Gain, Shares
-from saddlering_ros.discrepancy.verdict.wording import standing, weak_words
+from saddlering_ros.discrepancy.verdict.wording import standing, suspect_words, weak_words
 from saddlering_ros.pages import html
 from saddlering_ros.pages.charts import Chart
 
@@ -423,3 +423,9 @@ def test_no_part_of_a_recording_is_both_fitted_and_held_out(part: slice, words: 
                 coordinates={'drive': DRIVE[part]})
     with pytest.raises(DiscrepancyError, match=words):
         diagnose(MODEL, [run], hold_out=[later])
+
+
+def test_of_many_doubts_about_the_best_explanation_the_first_ones_are_stated() -> None:
+    doubts = [f'doubt {number}' for number in range(1, 11)]
+    assert suspect_words('a bend', doubts).endswith(': doubt 1; doubt 2; doubt 3; and 7 more')
+    assert suspect_words('a bend', doubts[:3]).endswith(': doubt 1; doubt 2; doubt 3')

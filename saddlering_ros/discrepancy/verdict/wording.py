@@ -8,7 +8,7 @@ from saddlering_ros.discrepancy.problem.system import Estimate, Parameter
 from saddlering_ros.discrepancy.search.lack_of_fit import FastResidual
 from saddlering_ros.discrepancy.verdict import results
 from saddlering_ros.discrepancy.verdict.results import Diagnosis, HeldOutEvidence, Remainder
-from saddlering_ros.quantities import percent, quantity
+from saddlering_ros.quantities import first_of, percent, quantity
 
 PARTIAL, OPEN = 'explains only a part of the misfit', 'is not established'
 ABSENT = 'may not be there: the 95 % interval of its size includes its absence'
@@ -323,8 +323,6 @@ OUTLIER = ('{} has {:.0f} times the effect of the small errors of all other entr
            'catalogue; these errors explain the remainder')
 NO_OUTLIER = ('{} has {:.0f} times the effect of the small errors beside it, and at least {:.0f} '
               'times is required')
-SUSPECT = ('if the remainder is model error, the best explanation is {}, which is not '
-           'established: {}')
 NARROW_LAW = ('{}: a law of another shape over {} predicts {} of the misfit that this law leaves '
               'in other runs')
 UNLIKE_CHANNELS = ('{}: with a size for each channel it predicts {} of the misfit that it leaves '
@@ -334,6 +332,11 @@ SHARED_DIRECTION = ('{}: {}, of another size or sign, has {} of the power of its
 UNSTEADY_SIZE = ('{}: if its size is fitted for each {}, it is {} to {} of the common size, more '
                  'than its interval allows: the true cause has another law')
 UNSHARED = '{} of the refits have the same first cause, and more than {} is required'
+
+
+def suspect_words(title: str, doubts: Sequence[str]) -> str:
+    return (f'if the remainder is model error, the best explanation is {title}, which is not '
+            f'established: {first_of(doubts)}')
 
 
 def weak_words(title: str, shares: results.Shares, needed: float) -> str:
