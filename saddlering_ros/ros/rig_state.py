@@ -14,7 +14,7 @@ from rclpy.node import Node
 
 from saddlering_interfaces.msg import Elevation as ElevationMessage
 from saddlering_interfaces.msg import ReplayState, RigIdentity
-from saddlering_ros.doubts.on_rig import units_of_preload
+from saddlering_ros.doubts.on_rig import below_preload, units_of_preload
 from saddlering_ros.quantities import first_of
 from saddlering_ros.record.batches import ANY_TIME
 from saddlering_ros.record.record import HIGHEST_ELEVATION, LOWEST_ELEVATION
@@ -129,11 +129,14 @@ def zero_status(
 ) -> TaskStatus:
     """Whether the zero is taken, by stamps [ns] (0: none) and the load [N] of a waiting node."""
     if zero is not None:
-        units = units_of_preload(rig, zero.load)
-        return TaskStatus(WARN if units else OK, f'zero at {zero.load:.4g} N, which looks like '
-                          f'{" or ".join(units)}: publish newtons' if units else
-                          f'zero at {rig.force_words(zero.load, 3)}',
-                          {'zero stamp': str(zero_stamp), 'zero load [N]': f'{zero.load:.1f}'})
+        words, level = f'zero at {rig.force_words(zero.load, 3)}', OK
+        if units := units_of_preload(rig, zero.load):
+            words, level = (f'zero at {zero.load:.4g} N, which looks like {" or ".join(units)}: '
+                            'publish newtons'), WARN
+        elif low := below_preload(rig, zero.load):
+            words, level = f'{words} {low}: go to preload, then call ~/zero', WARN
+        return TaskStatus(level, words, {
+            'zero stamp': str(zero_stamp), 'zero load [N]': f'{zero.load:.1f}'})
     if not newest_stamp:
         return TaskStatus(OK, 'waiting for samples')
     words = f'(load is {rig.force_words(load, 2)})'
