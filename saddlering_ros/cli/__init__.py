@@ -5,3 +5,10 @@ Commands that do the same to other curves share one. A subcommand's module has C
 that its user can correct. The type of each argument that names a path (`_arguments.Role`) declares
 whether it is read or written, that of a number (`Within`) its range.
 """
+
+import signal
+import sys
+
+if ((sys.argv[0].endswith('saddlering') or f'{__name__}.main' in sys.orig_argv)
+        and signal.getsignal(signal.SIGINT) is signal.default_int_handler):
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # while it imports, nothing is open

@@ -41,10 +41,11 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RETRY = 0.01
 """Seconds after which a signal that came at a bad moment is taken up again."""
 
-CALLED_BACK = frozenset({'_numba_unpickle', 'typeof_pyval', '__del__'})
+CALLED_BACK = frozenset({'_numba_unpickle', 'typeof_pyval', '_raw_object_cache_notify',
+                         '_raw_object_cache_getbuffer', '__del__'})
 ENDS_OF_OBJECTS = frozenset({('weakref', 'remove'), ('_weakrefset', '_remove')})
-"""Functions, the latter with their modules, that compiled code calls: those of numba, and those
-that end an object, in which Python drops an exception."""
+"""Functions, the latter with their modules, that compiled code calls: those of numba and of LLVM,
+and those that end an object, in which Python drops an exception."""
 
 LONGEST_CLOSING = 5.0
 """A signal that is repeated within this time [s] waits: what is open is being closed."""
@@ -174,7 +175,7 @@ def leave_by_exception() -> None:
     """
     for number in ENDING[1:]:
         signal.signal(number, _leave)
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    if signal.getsignal(signal.SIGINT) in (signal.default_int_handler, signal.SIG_DFL):
         signal.signal(signal.SIGINT, _leave)
 
 

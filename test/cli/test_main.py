@@ -162,17 +162,27 @@ def ended(code):
                           cwd=ROOT, timeout=60, check=False)
 
 
-@pytest.mark.parametrize(('number', 'status'), [('SIGINT', -2), ('SIGTERM', 143)])
-def test_a_signal_waits_until_compiled_code_has_its_answer(number, status):
+@pytest.mark.parametrize(('name', 'number', 'status'), [
+    ('_numba_unpickle', 'SIGINT', -2), ('_numba_unpickle', 'SIGTERM', 143),
+    ('_raw_object_cache_notify', 'SIGTERM', 143)])
+def test_a_signal_waits_until_compiled_code_has_its_answer(name, number, status):
     done = ended(
-        'source = "def _numba_unpickle(os, number):\\n'
+        f'source = "def {name}(os, number):\\n'
         ' os.kill(os.getpid(), number)\\n os.write(1, b\'7\')"\n'
         'found = {}\n'
         'exec(compile(source, "/lib/numba/core/serialize.py", "exec"), found)\n'
         'leave_by_exception()\n'
-        f'found["_numba_unpickle"](os, signal.{number})\n'
+        f'found["{name}"](os, signal.{number})\n'
         'time.sleep(30)\n')
     assert (done.stdout, done.returncode) == ('7', status)
+
+
+def test_an_interrupt_while_the_command_imports_prints_nothing():
+    code = ('import signal, sys\nsys.argv = ["/bin/saddlering"]\nimport saddlering_ros.cli\n'
+            'signal.raise_signal(signal.SIGINT)\n')
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, cwd=ROOT,
+                          timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, '')
 
 
 def test_a_function_of_a_name_that_compiled_code_calls_is_left_at_once():
