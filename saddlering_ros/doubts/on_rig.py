@@ -19,7 +19,7 @@ from saddlering_ros.record.plateaus import find_holds
 from saddlering_ros.record.record import RawRecord, Record
 from saddlering_ros.record.scratch import complete_rows, count_where, extremes
 from saddlering_ros.record.topics import PROBE_TOPICS
-from saddlering_ros.rig import ParameterSet, Rig, short_digest, TRUE_TO_SCALE
+from saddlering_ros.rig import Rig, short_digest, TRUE_TO_SCALE
 from saddlering_ros.rig.geometry import (
     gap_increment,
     measured_displacement,
@@ -88,7 +88,7 @@ MAX_TURN = math.radians(10.0)
 beside what the curvature of the two adds. 19 sound rings of another simulator stay within it."""
 
 EXPECTED_LOADS, MAX_ROWS = 200, 20_000
-"""Loads at which the ring is simulated: a slow rise; and rows of a record that are enough."""
+"""Loads at which the ring is simulated, at rest; and rows of a record that are enough."""
 
 STEP = 20
 """Steps [deg] of other elevations with which a test is compared."""
@@ -369,15 +369,13 @@ def _agrees(rig: Rig, run: Record, measured: Floats, elevation: float) -> bool:
     for the elevation that gives the angles over both parts of the load and is not much too stiff.
     """
     # `info` of a bag without a doubt needs no simulator, whose import takes a second.
-    from saddlering_ros.ring import simulate
+    from saddlering_ros.ring import static_batch
 
     load = np.linspace(rig.preload, float(np.nanmax(run.load)), EXPECTED_LOADS)
-    time = np.arange(len(load)) * 0.1
-    for stiffness in np.geomspace(*rig.bounds['K1'], STIFFNESSES):
-        contact = replace(TRUE_TO_SCALE, K1=float(stiffness))
-        ring = simulate(rig, ParameterSet(contact), elevation, time, load).displacement
-        expected = _apparent_elevations(
-            rig, load, np.asarray(ring.delta_y), np.asarray(ring.gamma))
+    contacts = [replace(TRUE_TO_SCALE, K1=float(stiffness)).to_array()
+                for stiffness in np.geomspace(*rig.bounds['K1'], STIFFNESSES)]
+    for _, delta_y, gamma in static_batch(rig, contacts, elevation, load):
+        expected = _apparent_elevations(rig, load, delta_y, gamma)
         if not (measured.size and expected.size):
             return True
         (angles, motion), (simulated, least) = measured.T, expected.T
