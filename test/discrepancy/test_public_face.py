@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sources import imported
 
 import saddlering_ros
 from saddlering_ros import discrepancy
@@ -27,17 +27,6 @@ from saddlering_ros.discrepancy import (
 
 PACKAGE = Path(saddlering_ros.__file__).parent
 NAME = 'saddlering_ros.discrepancy'
-
-
-def imports(path: Path) -> list[tuple[str, str]]:
-    """Modules that a file imports from, with each name."""
-    found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-        if isinstance(node, ast.ImportFrom) and node.module:
-            found += [(node.module, item.name) for item in node.names]
-        if isinstance(node, ast.Import):
-            found += [(item.name, '') for item in node.names]
-    return found
 
 
 WAVE = Effect('A wave', {'size': Parameter(0, 3)})
@@ -73,7 +62,7 @@ def test_nothing_outside_the_engine_imports_what_it_does_not_export() -> None:
     wrong = [
         f'{path.relative_to(PACKAGE.parent)}: {module}.{name}'
         for path in users
-        for module, name in imports(path)
+        for module, name in imported(path)
         if module.startswith(f'{NAME}.') or (module == NAME and name not in discrepancy.__all__)
     ]
     assert len(users) > 100
@@ -85,7 +74,7 @@ def test_the_engine_imports_no_ring() -> None:
     wrong = [
         f'{path.name}: {module}'
         for path in (PACKAGE / 'discrepancy').rglob('*.py')
-        for module, _ in imports(path)
+        for module, _ in imported(path)
         if module.split('.')[:1] == ['saddlering_ros'] and module.split('.')[1:2]
         and module.split('.')[1] in rooms
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 import re
 import subprocess
@@ -34,23 +35,24 @@ REPLACED = {
 }
 """Old word: a pattern that finds it, and what to say."""
 
-def files() -> list[str]:
-    """Code and pages; not the record of what was changed and measured."""
+
+@cache
+def texts() -> dict[str, str]:
+    """Code and pages by name; not the record of what was changed and measured."""
     listed = subprocess.run(['git', 'ls-files', '*.py', '*.md'], cwd=ROOT, capture_output=True,
                             text=True, check=False)
     if listed.returncode:
         pytest.skip('this is no git clone')
     own = Path(__file__).relative_to(ROOT).as_posix()
-    return [name for name in listed.stdout.split()
+    return {name: (ROOT / name).read_text(encoding='utf-8') for name in listed.stdout.split()
             if name not in ('CHANGELOG.md', own) and not name.startswith('docs/benchmarks/')
-            and (ROOT / name).is_file()]
+            and (ROOT / name).is_file()}
 
 
 @pytest.mark.parametrize('old', REPLACED)
 def test_an_old_word_stands_nowhere(old: str) -> None:
     pattern, say = re.compile(REPLACED[old][0]), REPLACED[old][1]
-    found = [name for name in files()
-             if pattern.search((ROOT / name).read_text(encoding='utf-8'))]
+    found = [name for name, text in texts().items() if pattern.search(text)]
     assert not found, f'say {say} for {old}'
 
 

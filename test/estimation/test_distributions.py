@@ -1,11 +1,11 @@
 """Claims on the tails of distributions: those of scipy.stats, which takes a second to import."""
 
-import ast
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
+from sources import imported
 
 from saddlering_ros.estimation.statistics import fisher_chance, fisher_limit, fisher_share_below
 from saddlering_ros.quantities import WIDTH_95
@@ -32,13 +32,5 @@ def test_an_interval_of_95_percent_is_as_wide_as_that_of_scipy():
 def test_no_command_waits_for_the_import_of_all_distributions(layer):
     dear = {'scipy.stats', 'scipy.signal'}
     found = {f'{path.name}: {name}' for path in (ROOT / layer).rglob('*.py')
-             for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
-             for name in imported_by(node) if name in dear}
+             for module, name in imported(path) if dear & {module, f'{module}.{name}'}}
     assert not found
-
-
-def imported_by(node):
-    """Modules, and names that may be modules, that a statement imports."""
-    if isinstance(node, ast.ImportFrom):
-        return [node.module, *(f'{node.module}.{alias.name}' for alias in node.names)]
-    return [alias.name for alias in node.names] if isinstance(node, ast.Import) else []

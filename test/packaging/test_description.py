@@ -13,6 +13,7 @@ import types
 import xml.etree.ElementTree as ElementTree
 
 import pytest
+from sources import imported
 import yaml
 
 import saddlering_ros
@@ -109,22 +110,10 @@ def test_what_the_package_imports_is_declared(arguments):
     modules = {'yaml': 'pyyaml', 'llvmlite': 'numba', 'PIL': 'pillow'}
     optional = {'exudyn', 'ament_index_python', 'pandas', 'polars'}
     from_ros = {depend.text for depend in manifest().iter('exec_depend')}
-    imported = {name for path in (ROOT / 'saddlering_ros').rglob('*.py')
-                for name in top_level_imports(path)}
-    unknown = {name for name in imported if modules.get(name, name) not in declared | from_ros}
+    found = {module.partition('.')[0] for path in (ROOT / 'saddlering_ros').rglob('*.py')
+             for module, _ in imported(path)} - set(sys.stdlib_module_names)
+    unknown = {name for name in found if modules.get(name, name) not in declared | from_ros}
     assert unknown - optional <= {'saddlering_ros'}
-
-
-def top_level_imports(path: Path) -> set[str]:
-    """Names of the third-party packages that a module imports, anywhere in it."""
-    names: set[str] = set()
-    for item in ast.walk(ast.parse(path.read_text())):
-        if isinstance(item, ast.Import):
-            names |= {alias.name for alias in item.names}
-        elif isinstance(item, ast.ImportFrom) and not item.level and item.module:
-            names.add(item.module)
-    tops = {name.split('.')[0] for name in names}
-    return tops - set(sys.stdlib_module_names)
 
 
 @pytest.mark.parametrize('python', ['3.10', '3.11', '3.12', '3.13'])
