@@ -9,9 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import lru_cache
+import sys
 import time as clock
+from typing import TYPE_CHECKING
 
 from saddlering_ros.errors import Cancelled
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +137,13 @@ def one_blas_thread() -> Iterator[None]:
     The matrices of a fit are small: more threads wait for each other, and they take processors
     from the simulator, which uses all of them by itself.
     """
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1, user_api='blas'):
+    with _libraries(len(sys.modules)).limit(limits=1, user_api='blas'):
         yield
+
+
+@lru_cache(maxsize=1)
+def _libraries(modules: int) -> ThreadpoolController:
+    """Those that have threads; the search takes up to 10 ms. Another module may load another."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
