@@ -7,6 +7,7 @@ of an answer ask the same of the same bags; those of the engine ask for themselv
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 import hashlib
 from pathlib import Path
 import pickle
@@ -23,7 +24,10 @@ PLACE = 'saddlering_ros.diagnosis.diagnose_ring'
 
 
 def shared_diagnose(made: MadeOnce) -> Callable[..., Verdict]:
-    """The diagnosis of a ring, which computes once for each runs, rig, start and seed."""
+    """The diagnosis of a ring, which computes once for each runs, rig, start and seed.
+
+    The shipped rig is the same rig where a page reads it from its file.
+    """
     compute = diagnosis.diagnose_ring
 
     def diagnose(runs: Sequence[Record], hold_out: Sequence[Record] = (), *, rig: Any,
@@ -32,7 +36,7 @@ def shared_diagnose(made: MadeOnce) -> Callable[..., Verdict]:
             found = compute(runs, hold_out, rig=rig, parameters=parameters, seed=seed, **more)
             (folder / 'verdict').write_bytes(pickle.dumps(found))
 
-        asked = _digest(runs, hold_out, (rig, parameters, seed))
+        asked = _digest(runs, hold_out, (replace(rig, source=''), parameters, seed))
         found = pickle.loads((made.folder(f'verdicts/{asked}', make) / 'verdict').read_bytes())
         assert isinstance(found, Verdict)
         return found
