@@ -163,11 +163,11 @@ def bounded_step(
     """Damped Gauss-Newton step inside the box."""
     gram = columns.T @ columns
     slope = columns.T @ residual
-    gram[np.diag_indices_from(gram)] += rule.prior**2
     slope = slope + rule.prior**2 * np.where(rule.periodic, 0.0, point - 0.5)
-    gram[np.diag_indices_from(gram)] *= 1.0 + damping
+    diagonal = np.einsum('ii->i', gram)  # a view
+    diagonal += rule.prior**2
+    diagonal *= 1.0 + damping
     # The coordinates are scaled by the diagonal, because K and n of a contact are almost parallel.
-    diagonal = np.diag(gram)
     scale = 1.0 / np.sqrt(np.maximum(diagonal, 1e-12 * diagonal.max()))
     scaled = gram * np.outer(scale, scale)
     free = -np.linalg.solve(scaled, slope * scale) * scale
