@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from functools import cache
 import os
 from pathlib import Path
 import shutil
@@ -19,6 +20,7 @@ SHIPPED = share_directory() / 'bags' / 'dynamic_50_fast'
 WORDS_OF_PATHS = ('FILE', 'DIR', 'FOLDER', 'OUT', 'BAG')
 
 
+@cache
 def commands() -> dict[str, OneLineParser]:
     parser, _ = build_parser()
     choices = next(action.choices for action in parser._actions
